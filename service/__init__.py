@@ -1,0 +1,6 @@
+"""Everything that runs when a photo arrives: command line, pipeline and the numpy core under it.
+
+Never imports torch.
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,37 @@
+"""What the fit hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A head model placed in a photo.
+
+    Attributes:
+        camera: pose and focal length.
+        identity: (k,) float64 standard deviations.
+        expression: (E,) float64 in [0, 1].
+        vertices: (V, 3) float32 metres, head space, the photo's expression.
+        neutral: (V, 3) float32 metres, head space, no expression.
+        light: (9, 3) float64 spherical-harmonic irradiance over pi, linear RGB, camera frame, or None if not estimated.
+        landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.
+        inter_ocular_px: distance of the eye centres in the photo plane, scaled up to a frontal view.
+        warnings: stable codes; ``low-confidence`` means the fit is not to be trusted.
+    """
+
+    camera: Camera
+    identity: npt.NDArray[np.float64]
+    expression: npt.NDArray[np.float64]
+    vertices: npt.NDArray[np.float32]
+    neutral: npt.NDArray[np.float32]
+    light: npt.NDArray[np.float64] | None
+    landmark_rms_px: float
+    inter_ocular_px: float
+    warnings: tuple[str, ...] = field(default=())

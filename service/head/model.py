@@ -1,0 +1,84 @@
+"""The parametric head: mean, identity and expression bases, parts, chart coordinates, landmark embedding.
+
+The file format (``.npz`` without pickle) is described in ``docs/head-model.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Int = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class HeadModel:
+    """A linear head model in metres, +Y up, +Z out of the face, +X to the subject's left.
+
+    ``vertices(a, e) = mean + sum_k a_k identity[k] + sum_j e_j expression[j]``; identity coefficients are in standard
+    deviations, expression coefficients (ARKit units) in [0, 1].
+
+    Attributes:
+        name, licence: for the manifest.
+        mean: (V, 3) float32 metres, neutral, origin midway between the eyeball centres.
+        identity: (K, V, 3) float32 metres per standard deviation, ordered by variance.
+        expression: (E, V, 3) float32 metres at full activation.
+        expression_names: E names; ARKit's camelCase where the unit is one of the 52.
+        polygons: (Q, 4) int32 vertex indices, counter-clockwise from outside; -1 in the last column marks a triangle.
+        polygon_uv: (Q, 4) int32 indices into uv, -1 as in polygons.
+        polygon_part: (Q,) uint8 index into part_names.
+        part_names: "skin" first, then "eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue", "lashes".
+        uv: (U, 2) float32 in [0, 1], origin bottom left, one 3:2 chart shared by all parts.
+        mirror: (V,) int32 index of each vertex's mirror partner (itself on the midline).
+        triangles, triangle_uv: (T, 3) int32, the polygons split into triangles; triangle_part: (T,) uint8.
+        landmark_triangle: (L,) int32 triangle of each landmark (L = 468 for the MediaPipe mesh).
+        landmark_barycentric: (L, 3) float32.
+        landmark_spread: (L,) float32 metres, scatter of the detector around the embedded point, measured by rendering.
+        contour_landmarks: (C,) int32 landmarks that slide over the surface with the pose (face outline).
+        contour_yaw_deg: (B,) float32 bin centres; contour_triangle: (B, C) int32; contour_barycentric: (B, C, 3) float32.
+        region_names: names of soft vertex masks ("face", "lips", "ear_left", "neck", "scalp", ...).
+        regions: (R, V) float32 in [0, 1].
+    """
+
+    name: str
+    licence: str
+    mean: Float
+    identity: Float
+    expression: Float
+    expression_names: tuple[str, ...]
+    polygons: Int
+    polygon_uv: Int
+    polygon_part: npt.NDArray[np.uint8]
+    part_names: tuple[str, ...]
+    uv: Float
+    mirror: Int
+    triangles: Int
+    triangle_uv: Int
+    triangle_part: npt.NDArray[np.uint8]
+    landmark_triangle: Int
+    landmark_barycentric: Float
+    landmark_spread: Float
+    contour_landmarks: Int
+    contour_yaw_deg: Float
+    contour_triangle: Int
+    contour_barycentric: Float
+    region_names: tuple[str, ...]
+    regions: Float
+
+    def shape(
+        self, identity: npt.NDArray[np.floating], expression: npt.NDArray[np.floating] | None = None
+    ) -> npt.NDArray[np.float32]:
+        """(V, 3) float32 vertices in metres for (k,) identity, k <= K, and (E,) expression coefficients."""
+        vertices = self.mean + np.tensordot(np.asarray(identity, np.float32), self.identity[: len(identity)], 1)
+        if expression is not None:
+            vertices = vertices + np.tensordot(np.asarray(expression, np.float32), self.expression, 1)
+        return np.asarray(vertices, np.float32)
+
+    def region(self, name: str) -> Float:
+        """(V,) float32 soft mask; KeyError names the regions that exist."""
+        if name not in self.region_names:
+            raise KeyError(f"no region {name!r}; the head has {', '.join(self.region_names)}")
+        return self.regions[self.region_names.index(name)]
