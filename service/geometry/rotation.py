@@ -1,0 +1,37 @@
+"""Rotations by their exponential map."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+SMALL_ANGLE = 1e-4
+"""Radians below which sin(a)/a and (1-cos(a))/a^2 are taken from their Taylor series."""
+
+
+def skew(w: Array) -> Array:
+    """(..., 3) vectors -> (..., 3, 3) matrices with ``skew(w) @ v == cross(w, v)``."""
+    zero = np.zeros_like(w[..., 0])
+    x, y, z = w[..., 0], w[..., 1], w[..., 2]
+    rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]
+    return np.stack(rows, -2)
+
+
+def exp_rotation(w: Array) -> Array:
+    """(3,) rotation vector in radians -> (3, 3) rotation (Rodrigues; Taylor series near zero)."""
+    angle = float(np.linalg.norm(w))
+    k = skew(np.asarray(w, np.float64))
+    if angle < SMALL_ANGLE:
+        a, b = 1.0 - angle**2 / 6.0, 0.5 - angle**2 / 24.0
+    else:
+        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    return np.asarray(np.eye(3) + a * k + b * k @ k)
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation (det +1) nearest to a (3, 3) matrix in the Frobenius norm; the identity for a zero matrix."""
+    u, _, vt = np.linalg.svd(matrix)
+    d = np.sign(np.linalg.det(u @ vt))
+    return np.asarray(u @ np.diag([1.0, 1.0, d if d else 1.0]) @ vt)
