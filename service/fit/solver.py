@@ -6,19 +6,16 @@ Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004, secti
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from service.fit.state import State
+from service.fit.terms import Term, energy, linearise
+
 Array = npt.NDArray[np.float64]
-
-Linearise = Callable[[Array], tuple[Array, Array, float]]
-"""x (n,) -> (J^T J (n, n), J^T r (n,), 0.5 |r|^2)."""
-
-Cost = Callable[[Array], float]
-
 
 @dataclass
 class Damping:
@@ -63,9 +60,8 @@ def solve_step(hessian: Array, gradient: Array, mu: float, free: npt.NDArray[np.
 
 
 def minimise(
-    x: Array,
-    linearise: Linearise,
-    cost: Cost,
+    state: State,
+    terms: Sequence[Term],
     *,
     lower: Array,
     upper: Array,
@@ -73,38 +69,39 @@ def minimise(
     steps: int,
     active: npt.NDArray[np.bool_],
     tolerance: float = 1e-6,
-) -> Array:
-    """Take up to ``steps`` damped steps from x; the cost never rises.
+) -> State:
+    """Take up to ``steps`` damped steps; the energy never rises.
 
     Args:
-        x: (n,) start, finite, inside the bounds.
-        linearise, cost: see the type aliases; cost must agree with linearise's third value.
-        lower, upper: (n,) bounds, infinite where there are none.
+        state: start, finite, inside the bounds.
+        terms: addends of the energy.
+        lower, upper: (n,) bounds of the unknowns, infinite where there are none.
         damping: updated in place.
-        steps: how many linearisations at most.
-        active: (n,) variables that may move.
-        tolerance: stop when no variable moves by more.
+        steps: how many steps to try at most.
+        active: (n,) unknowns that may move.
+        tolerance: stop when no unknown moves by more.
 
     Returns:
-        (n,) the best x seen.
+        The best state seen.
     """
-    hessian, gradient, value = linearise(x)
+    value = energy(terms, state)
+    hessian, gradient = linearise(terms, state)
     for _ in range(steps):
+        x = state.unknowns()
         stuck = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
-        step = solve_step(hessian, gradient, damping.mu, active & ~stuck)
-        candidate = np.clip(x + step, lower, upper)
-        step = candidate - x
+        step = np.clip(x + solve_step(hessian, gradient, damping.mu, active & ~stuck), lower, upper) - x
         if not np.abs(step).max(initial=0.0) > tolerance:
             break
-        new_value = cost(candidate)
+        candidate = state.stepped(step)
+        new_value = energy(terms, candidate)
         expected = -float(step @ gradient) - 0.5 * float(step @ hessian @ step)
-        gain = (value - new_value) / expected if expected > 0 else -1.0
         if np.isfinite(new_value) and new_value < value:
-            x = candidate
+            gain = min((value - new_value) / expected, 1.0) if expected > 0 else 0.0
             damping.mu = max(damping.mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
             damping.nu = 2.0
-            hessian, gradient, value = linearise(x)
+            state, value = candidate, new_value
+            hessian, gradient = linearise(terms, state)
         else:
             damping.mu = min(damping.mu * damping.nu, 1e12)
-            damping.nu *= 2.0
-    return x
+            damping.nu = min(2.0 * damping.nu, 1e6)
+    return state

@@ -81,4 +81,4 @@ class HeadModel:
         """(V,) float32 soft mask; KeyError names the regions that exist."""
         if name not in self.region_names:
             raise KeyError(f"no region {name!r}; the head has {', '.join(self.region_names)}")
-        return self.regions[self.region_names.index(name)]
+        return np.asarray(self.regions[self.region_names.index(name)])

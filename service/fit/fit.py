@@ -1,0 +1,96 @@
+"""Photo and landmarks in, fitted head out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.errors import FitFailed
+from service.faces.face import Face
+from service.fit.basis import LandmarkModel
+from service.fit.landmarks import LandmarkFit, fit_landmarks
+from service.fit.result import Fit
+from service.fit.settings import FitSettings
+from service.fit.terms import Prior
+from service.head.model import HeadModel
+from service.photo.photo import Photo
+
+FILM_DIAGONAL_MM = 43.27
+"""Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers."""
+DISTRUST_RMS = 0.06
+"""Landmark rms over the inter-ocular distance above which a fit is reported as not to be trusted."""
+FAIL_RMS = 0.25
+"""... and above which there is no fit at all."""
+WIDE_YAW_DEG = 60.0
+
+
+def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
+    """What is known before looking: portrait distance, EXIF focal length, population of heads."""
+    focal, focal_sigma, distance_sigma = 1.2 * max(photo.size), 1.0, 0.35
+    if photo.focal_35mm:
+        # Crops and digital zoom change the true value, so it is believed to about 10 %.
+        focal = photo.focal_35mm * float(np.hypot(*photo.size)) / FILM_DIAGONAL_MM
+        focal_sigma, distance_sigma = 0.1, 0.8
+    precision = np.full(model.shape_count, settings.identity_prior)
+    precision[model.identity_count :] = settings.expression_prior**-2
+    return Prior(float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision)
+
+
+def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | None = None) -> Fit:
+    """Place the head model in the photo.
+
+    Args:
+        face: landmarks in photo pixels.
+        photo: the photo they were found in.
+        head: any head model with the 468-landmark embedding.
+        settings: how hard to try.
+
+    Returns:
+        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted.
+
+    Raises:
+        FitFailed: fewer than 30 finite landmarks, or no head comes anywhere near them.
+    """
+    settings = settings or FitSettings()
+    finite = int(np.isfinite(face.landmarks).all(1).sum())
+    if finite < 30:
+        raise FitFailed(f"only {finite} of {len(face.landmarks)} landmarks are finite; at least 30 are needed")
+    width, height = photo.size
+    middle = np.array([width / 2, height / 2])
+    model = LandmarkModel(head, settings.identity_components)
+    stage = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
+    return _result(face, photo, head, model, stage)
+
+
+def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, stage: LandmarkFit) -> Fit:
+    state, basis, belief = stage.state, stage.basis, stage.belief
+    camera = state.camera(*photo.size)
+    identity, expression = np.split(state.coefficients, [model.identity_count])
+    vertices, neutral = head.shape(identity, expression), head.shape(identity)
+    inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
+    distance = np.linalg.norm(camera.project(basis.points(state.coefficients)) - face.landmarks[:, :2], axis=1)
+    seen = (belief > 0) & np.isfinite(distance)
+    share = belief[seen] > 0.05
+    trusted = distance[seen][share] if share.any() else distance[np.isfinite(distance)]
+    rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else float("inf")
+    if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
+        raise FitFailed(
+            f"the head does not fit the landmarks: rms {rms:.1f} px at an inter-ocular distance of {inter_ocular:.1f} px"
+        )
+    warnings = []
+    yaw = abs(camera.yaw_pitch_roll_deg()[0])
+    if yaw > WIDE_YAW_DEG:
+        warnings.append("extreme-pose")
+    if rms > DISTRUST_RMS * inter_ocular or float((belief > 0.05).mean()) < 0.3 or yaw > 75:
+        warnings.append("low-confidence")
+    return Fit(camera, identity, expression, vertices, neutral, None, rms, float(inter_ocular), tuple(warnings))
+
+
+def _inter_ocular_m(head: HeadModel, vertices: np.ndarray) -> float:
+    """Distance of the eyeball centres in metres; 63 mm where the head has no eyeballs."""
+    centres = []
+    for name in ("eye_left", "eye_right"):
+        if name in head.part_names:
+            corners = head.triangles[head.triangle_part == head.part_names.index(name)]
+            if len(corners):
+                centres.append(vertices[np.unique(corners)].mean(0))
+    return float(np.linalg.norm(centres[0] - centres[1])) if len(centres) == 2 else 0.063

@@ -1,0 +1,122 @@
+"""The unknowns of the fit and how they move points in the photo.
+
+The unknowns are
+
+    w (3) rotation step, tx, ty (2) metres, log scale, log distance, identity (K), expression (E)
+
+with scale = focal / distance in pixels per metre: focal length and distance are nearly degenerate for a face, scale
+and distance are nearly independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.camera import NEAREST_M, Camera
+from service.geometry.rotation import exp_rotation, nearest_rotation, skew
+
+Array = npt.NDArray[np.float64]
+
+POSE = 7
+"""How many unknowns stand before the shape coefficients."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A pose with shape coefficients.
+
+    Attributes:
+        rotation: (3, 3) head to camera.
+        translation_xy: (2,) metres.
+        log_scale: log of focal / distance in pixels per metre.
+        log_distance: log of the distance of the head's origin in metres.
+        coefficients: (K + E,) identity, then expression.
+    """
+
+    rotation: Array
+    translation_xy: Array
+    log_scale: float
+    log_distance: float
+    coefficients: Array
+
+    def stepped(self, step: Array) -> State:
+        """The state after a step in the unknowns: the rotation is multiplied from the left, the rest is added."""
+        x = self.unknowns() + step
+        rotation = nearest_rotation(exp_rotation(step[:3]) @ self.rotation)
+        return State(rotation, x[3:5], float(x[5]), float(x[6]), x[POSE:])
+
+    def unknowns(self) -> Array:
+        """(7 + K + E,); the rotation counts as zero, since steps start from it."""
+        pose = [np.zeros(3), self.translation_xy, [self.log_scale, self.log_distance]]
+        return np.concatenate([*pose, self.coefficients])
+
+    @property
+    def scale(self) -> float:
+        """Pixels per metre at the head's origin."""
+        return float(np.exp(self.log_scale))
+
+    @property
+    def translation(self) -> Array:
+        """(3,) metres."""
+        return np.array([*self.translation_xy, np.exp(self.log_distance)])
+
+    @property
+    def yaw_deg(self) -> float:
+        """As :meth:`Camera.yaw_pitch_roll_deg` has it."""
+        return float(np.degrees(np.arctan2(self.rotation[0, 2], -self.rotation[2, 2])))
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The pinhole camera of this pose, principal point in the middle of the photo."""
+        focal = float(np.exp(self.log_scale + self.log_distance))
+        middle = np.array([width / 2, height / 2], np.float64)
+        return Camera(width, height, focal, middle, self.rotation, self.translation)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points seen by a state.
+
+    Attributes:
+        turned: (N, 3) metres, rotated into camera axes, not translated.
+        position: (N, 3) metres, camera space, depth clamped to NEAREST_M.
+        uv: (N, 2) pixels relative to the principal point.
+    """
+
+    turned: Array
+    position: Array
+    uv: Array
+
+
+def project(state: State, points: Array) -> Projection:
+    """Project (N, 3) head-space metres."""
+    turned = points @ state.rotation.T
+    position = turned + state.translation
+    position[:, 2] = np.maximum(position[:, 2], NEAREST_M)
+    focal = np.exp(state.log_scale + state.log_distance)
+    return Projection(turned, position, focal * position[:, :2] / position[:, 2:])
+
+
+def motion(state: State, projection: Projection, modes: Array) -> Array:
+    """(N, 3, 7 + M) derivative of camera-space positions by the unknowns, for (M, N, 3) shape modes."""
+    count, shapes = len(projection.uv), len(modes)
+    dy = np.zeros((count, 3, POSE + shapes))
+    dy[:, :, :3] = -skew(projection.turned)
+    dy[:, 0, 3] = dy[:, 1, 4] = 1.0
+    dy[:, 2, 6] = np.exp(state.log_distance)
+    dy[:, :, POSE:] = np.moveaxis(modes @ state.rotation.T, 0, 2)
+    return dy
+
+
+def pixel_jacobian(state: State, projection: Projection, dy: Array) -> Array:
+    """(N, 2, 7 + M) derivative of uv by the unknowns, from :func:`motion`'s dy."""
+    focal = np.exp(state.log_scale + state.log_distance)
+    z = projection.position[:, 2, None, None]
+    uv = projection.uv[:, :, None]
+    jacobian = (focal * dy[:, :2] - uv * dy[:, 2:]) / z
+    # The focal length itself moves with both logarithms.
+    jacobian[:, :, 5] += projection.uv
+    jacobian[:, :, 6] += projection.uv
+    return np.asarray(jacobian)
