@@ -1,0 +1,58 @@
+"""Unit vectors: normalising, face normals and vertex normals."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+SMALLEST_LENGTH = 1e-20
+"""Vectors shorter than this have no direction (a micrometre-sized triangle's normal is about 1e-12 m^2 long)."""
+
+
+def normalise(
+    vectors: npt.NDArray[np.floating], fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)
+) -> npt.NDArray[np.float64]:
+    """Unit vectors (..., 3) float64; ``fallback`` where a vector is shorter than ``SMALLEST_LENGTH`` or not finite."""
+    v = np.asarray(vectors, np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt(np.einsum("...i,...i->...", v, v))
+        sound = np.isfinite(length) & (length > SMALLEST_LENGTH)
+        unit = v / np.where(sound, length, 1.0)[..., None]
+    return np.where(sound[..., None], unit, np.asarray(fallback, np.float64))
+
+
+def face_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+    """(T, 3) float64 normals of (V, 3) vertices, outward for counter-clockwise corners, length twice the area."""
+    v = np.asarray(vertices, np.float64)
+    a, b, c = v[triangles[:, 0]], v[triangles[:, 1]], v[triangles[:, 2]]
+    return np.asarray(np.cross(b - a, c - a))
+
+
+def corner_angles(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+    """(T, 3) float64 angle at each corner in radians; 0 at a corner with an edge of no length."""
+    p = np.asarray(vertices, np.float64)[triangles]
+    to_next = normalise(np.roll(p, -1, 1) - p, (0.0, 0.0, 0.0))
+    to_last = normalise(np.roll(p, 1, 1) - p, (0.0, 0.0, 0.0))
+    cosine = np.einsum("tki,tki->tk", to_next, to_last)
+    sound = to_next.any(2) & to_last.any(2)
+    return np.where(sound, np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
+
+
+def vertex_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+    """(V, 3) float64 unit normals: face normals weighted by the corner's angle (Thuermer and Wuethrich 1998).
+
+    Angle weights make the result independent of how a surface is cut into triangles. Triangles without area or with a
+    corner that is not finite add nothing; a vertex of none but such triangles gets (0, 0, 1).
+
+    Args:
+        vertices: (V, 3) in any unit.
+        triangles: (T, 3) vertex indices, counter-clockwise from outside.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        normal = normalise(face_normals(vertices, triangles), (0.0, 0.0, 0.0))
+        weighted = corner_angles(vertices, triangles)[:, :, None] * normal[:, None]
+    index = np.asarray(triangles).ravel()
+    total = [np.bincount(index, weighted[..., i].ravel(), len(vertices)) for i in range(3)]
+    return normalise(np.stack(total, 1))

@@ -1,0 +1,269 @@
+"""A z-buffer for triangles in numpy.
+
+Every triangle is cut into pixel rows and every row into one span of pixel centres, so that only pixels which are really
+covered are ever looked at. Two triangles that share an edge compute its crossing with a row from the same two points in
+the same order, hence to the same bits, and spans are half open: no pixel between neighbours is missed or drawn twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.camera import NEAREST_M
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+CHUNK = 1 << 20
+"""Rows or pixels that are expanded at once; bounds the memory to some tens of megabytes."""
+
+_EMPTY = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+@dataclass(frozen=True)
+class Raster:
+    """What each pixel sees.
+
+    Attributes:
+        triangle: (H, W) int32 index of the nearest triangle, -1 where there is none.
+        barycentric: (H, W, 3) float32 weights of the triangle's corners, in [0, 1], sum 1; 0 where there is none.
+        depth: (H, W) float32 in the unit of the input, inf where there is none.
+    """
+
+    triangle: npt.NDArray[np.int32]
+    barycentric: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, True where a triangle covers the pixel centre."""
+        return self.triangle >= 0
+
+
+def rasterise(
+    points_2d: npt.NDArray[np.floating],
+    depth: npt.NDArray[np.floating],
+    triangles: npt.NDArray[np.integer],
+    width: int,
+    height: int,
+    *,
+    cull: bool = False,
+    perspective: bool = False,
+    first_row: int = 0,
+) -> Raster:
+    """Nearest triangle, barycentric coordinates and depth at every pixel centre.
+
+    Of two triangles at the same float32 depth the one with the lower index wins. A pixel centre that lies exactly on an
+    edge belongs to the triangle on its right or, for a level edge, below (top-left rule). Triangles without area, with
+    a corner that is not finite, wholly outside the image or, with ``perspective``, with a corner nearer than
+    ``NEAREST_M`` are left out.
+
+    Args:
+        points_2d: (V, 2) pixels, x right, y down, centre of the top left pixel at (0.5, 0.5).
+        depth: (V,) smaller is nearer; metres along the optical axis when ``perspective``.
+        triangles: (T, 3) vertex indices.
+        width: columns of the result.
+        height: rows of the result.
+        cull: leave out triangles that run clockwise as seen in the image (backs of outward faces).
+        perspective: interpolate as for points projected by division by ``depth``; otherwise linearly in the image.
+        first_row: image row of the result's row 0, to draw an image in bands (bit-identical to drawing it whole).
+    """
+    points = np.asarray(points_2d, np.float64)
+    z = np.asarray(depth, np.float64)
+    faces = np.asarray(triangles, np.int64).reshape(-1, 3)
+    keep = _usable(points, z, faces, cull, perspective)
+    keep = keep[_touches(points, faces[keep], width, height, first_row)]
+    faces = faces[keep]
+    planes = _Planes.through(points[faces], 1.0 / z[faces] if perspective else z[faces])
+
+    buffer = np.full(width * height, _EMPTY, np.uint64)
+    for rows in _spans(planes.corners, width, height, first_row):
+        _draw(buffer, rows, planes, width, first_row, perspective)
+    return _resolve(buffer, planes, keep, width, height, first_row, perspective)
+
+
+def signed_area(points_2d: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+    """(T,) float64 twice the area in px^2, negative where the corners run counter-clockwise as seen (y is down)."""
+    a, b, c = (np.asarray(points_2d, np.float64)[triangles[:, i]] for i in range(3))
+    return np.asarray((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
+
+
+def _usable(points: FloatArray, z: FloatArray, faces: IntArray, cull: bool, perspective: bool) -> IntArray:
+    """Indices of the triangles that may be drawn."""
+    finite = np.isfinite(points).all(1) & np.isfinite(z)
+    if perspective:
+        finite &= z >= NEAREST_M
+    with np.errstate(invalid="ignore", over="ignore"):
+        area = signed_area(points, faces)
+    sound = finite[faces[:, 0]] & finite[faces[:, 1]] & finite[faces[:, 2]] & np.isfinite(area)
+    return np.flatnonzero(sound & (area < 0 if cull else area != 0))
+
+
+def _touches(points: FloatArray, faces: IntArray, width: int, height: int, first_row: int) -> npt.NDArray[np.bool_]:
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    across = (high[:, 0] > 0) & (low[:, 0] < width)
+    return np.asarray(across & (high[:, 1] > first_row) & (low[:, 1] < first_row + height))
+
+
+@dataclass(frozen=True)
+class _Planes:
+    """Linear functions over triangles: corners (T, 3, 2), the interpolated value (T, 3) and gradients per pixel (T, 2).
+
+    ``second`` and ``third`` are the gradients of the barycentric weights of corners 1 and 2, ``slope`` the value's.
+    """
+
+    corners: FloatArray
+    value: FloatArray
+    second: FloatArray
+    third: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def through(cls, corners: FloatArray, value: FloatArray) -> _Planes:
+        d1, d2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
+        # The area of a sliver may be so small that its gradients overflow; it then counts as flat.
+        with np.errstate(over="ignore", invalid="ignore"):
+            second = np.stack([d2[:, 1], -d2[:, 0]], 1) / area
+            third = np.stack([-d1[:, 1], d1[:, 0]], 1) / area
+            slope = second * (value[:, 1] - value[:, 0])[:, None] + third * (value[:, 2] - value[:, 0])[:, None]
+            sound = np.isfinite(second + third + slope).all(1)[:, None]
+        return cls(corners, value, *(np.where(sound, g, 0.0) for g in (second, third, slope)))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """One entry per triangle and pixel row: triangle, row (in the image), first and one past the last column."""
+
+    triangle: IntArray
+    y: IntArray
+    start: IntArray
+    stop: IntArray
+
+
+def _spans(corners: FloatArray, width: int, height: int, first_row: int) -> Iterator[_Rows]:
+    """All spans, in parts of at most about ``CHUNK`` rows and ``CHUNK`` pixels."""
+    order = np.argsort(corners[:, :, 1], 1, kind="stable")
+    ordered = np.take_along_axis(corners, order[:, :, None], 1)
+    top = _first_centre(ordered[:, 0, 1], first_row, first_row + height)
+    bottom = _first_centre(ordered[:, 2, 1], first_row, first_row + height)
+    for part in _pieces(bottom - top):
+        rows = _cut(ordered[part], top[part], (bottom - top)[part], width)
+        for piece in _pieces(rows.stop - rows.start):
+            yield _Rows(rows.triangle[piece] + part.start, rows.y[piece], rows.start[piece], rows.stop[piece])
+
+
+def _first_centre(edge: FloatArray, low: int, high: int) -> IntArray:
+    """First pixel whose centre is at or beyond ``edge``, within [low, high]."""
+    return np.ceil(np.clip(edge - 0.5, low, high)).astype(np.int64)
+
+
+def _pieces(counts: IntArray) -> Iterator[slice]:
+    """Consecutive slices of ``counts`` whose sums are at most ``CHUNK`` (or one entry, if that is larger)."""
+    total = np.cumsum(counts)
+    begin = 0
+    while begin < len(counts):
+        before = int(total[begin - 1]) if begin else 0
+        end = max(int(np.searchsorted(total, before + CHUNK, "right")), begin + 1)
+        yield slice(begin, end)
+        begin = end
+
+
+def _cut(ordered: FloatArray, top: IntArray, count: IntArray, width: int) -> _Rows:
+    """Spans of triangles whose corners are ordered by y and that cover ``count`` rows from ``top``."""
+    run = ordered[:, [2, 1, 2]] - ordered[:, [0, 0, 1]]  # edges 0-2, 0-1, 1-2
+    with np.errstate(over="ignore"):
+        slopes = np.divide(run[..., 0], run[..., 1], out=np.zeros(run.shape[:2]), where=run[..., 1] > 0)
+    slopes[~np.isfinite(slopes)] = 0.0  # so nearly level that no row but the corner's own can cross it
+    triangle, step = _expand(count)
+    y = top[triangle] + step
+    centre = (y + 0.5).astype(np.float64)
+    upper = centre < ordered[:, 1, 1][triangle]
+    short_edge = np.where(upper, triangle, triangle + len(ordered))
+    x_long = _crossing(ordered[:, 0], slopes[:, 0], triangle, centre)
+    x_short = _crossing(ordered[:, :2].swapaxes(0, 1).reshape(-1, 2), slopes[:, 1:].T.ravel(), short_edge, centre)
+    start = _first_centre(np.minimum(x_long, x_short), 0, width)
+    stop = _first_centre(np.maximum(x_long, x_short), 0, width)
+    filled = stop > start
+    return _Rows(triangle[filled], y[filled], start[filled], stop[filled])
+
+
+def _crossing(origin: FloatArray, slope: FloatArray, edge: IntArray, y: FloatArray) -> FloatArray:
+    """Abscissae of the edges at height y."""
+    return np.asarray(origin[:, 0][edge] + (y - origin[:, 1][edge]) * slope[edge])
+
+
+def _expand(counts: IntArray) -> tuple[IntArray, IntArray]:
+    """For counts (n0, n1, ...): index of the owner and position within it, both of length sum(counts)."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _draw(
+    buffer: npt.NDArray[np.uint64], rows: _Rows, planes: _Planes, width: int, first_row: int, perspective: bool
+) -> None:
+    """Lower ``buffer`` to the (depth, triangle) keys of the spans."""
+    corner, slope, value = planes.corners[:, 0], planes.slope, planes.value
+    t = rows.triangle
+    at_start = value[:, 0][t] + slope[:, 0][t] * (rows.start + 0.5 - corner[:, 0][t])
+    at_start += slope[:, 1][t] * (rows.y + 0.5 - corner[:, 1][t])
+    span, step = _expand(rows.stop - rows.start)
+    interpolated = at_start[span] + slope[:, 0][t][span] * step
+    # Slivers have huge gradients: a pixel never leaves the range of its corners.
+    low = np.minimum(np.minimum(value[:, 0], value[:, 1]), value[:, 2])
+    high = np.maximum(np.maximum(value[:, 0], value[:, 1]), value[:, 2])
+    interpolated = np.clip(interpolated, low[t][span], high[t][span])
+    depth = (1.0 / interpolated if perspective else interpolated).astype(np.float32)
+    key = (_to_sortable(depth).astype(np.uint64) << np.uint64(32)) | t.astype(np.uint64)[span]
+    np.minimum.at(buffer, ((rows.y - first_row) * width + rows.start)[span] + step, key)
+
+
+def _to_sortable(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
+    """Unsigned integers in the same order as the floats."""
+    bits = (depth + np.float32(0)).view(np.uint32)  # adding 0 makes -0 and +0 the same
+    return np.where(bits >> np.uint32(31), ~bits, bits | np.uint32(0x80000000))
+
+
+def _from_sortable(bits: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+    return np.where(bits >> np.uint32(31), bits & np.uint32(0x7FFFFFFF), ~bits).view(np.float32)
+
+
+def _resolve(
+    buffer: npt.NDArray[np.uint64],
+    planes: _Planes,
+    names: IntArray,
+    width: int,
+    height: int,
+    first_row: int,
+    perspective: bool,
+) -> Raster:
+    hit = np.flatnonzero(buffer != _EMPTY)
+    key = buffer[hit]
+    local = (key & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    triangle = np.full(width * height, -1, np.int32)
+    nearest = np.full(width * height, np.inf, np.float32)
+    weights = np.zeros((width * height, 3), np.float32)
+    triangle[hit] = names[local]
+    nearest[hit] = _from_sortable((key >> np.uint64(32)).astype(np.uint32))
+    row, column = np.divmod(hit, width)
+    x, y = (column + 0.5).astype(np.float64), (row + (first_row + 0.5)).astype(np.float64)
+    weights[hit] = _barycentric(planes, local, x, y, perspective)
+    return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
+
+
+def _barycentric(planes: _Planes, t: IntArray, x: FloatArray, y: FloatArray, perspective: bool) -> FloatArray:
+    """(N, 3) weights of the corners of triangles ``t`` at (x, y), corrected for perspective if the value is 1/depth."""
+    dx, dy = x - planes.corners[:, 0, 0][t], y - planes.corners[:, 0, 1][t]
+    # Rounding can put a centre that lies on an edge just outside.
+    second = np.clip(planes.second[:, 0][t] * dx + planes.second[:, 1][t] * dy, 0.0, 1.0)
+    third = np.clip(planes.third[:, 0][t] * dx + planes.third[:, 1][t] * dy, 0.0, 1.0 - second)
+    weights = np.stack([1.0 - second - third, second, third], 1)
+    if perspective:
+        weights *= planes.value[t]
+        weights /= (weights[:, 0] + weights[:, 1] + weights[:, 2])[:, None]
+    return np.asarray(weights)

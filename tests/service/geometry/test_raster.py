@@ -1,0 +1,201 @@
+"""The z-buffer against closed forms and an independent point-in-triangle test."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from service.geometry.raster import CHUNK, rasterise, signed_area
+
+
+def _square(x0: float, y0: float, x1: float, y1: float) -> tuple[np.ndarray, np.ndarray]:
+    points = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    return points, np.array([[0, 2, 1], [0, 3, 2]])
+
+
+def _random_soup(seed: int, count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-10, 60, (count * 3, 2))
+    return points, rng.uniform(1, 5, count * 3), np.arange(count * 3).reshape(-1, 3)
+
+
+def _reference(points: np.ndarray, depth: np.ndarray, triangles: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Depth by brute force: every triangle's edge functions at every pixel."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    nearest = np.full((height, width), np.inf)
+    for t in triangles:
+        matrix = np.vstack([points[t].T, np.ones(3)])
+        weights = np.linalg.solve(matrix, np.stack([x.ravel(), y.ravel(), np.ones(x.size)])).reshape(3, height, width)
+        inside = (weights >= 0).all(0)
+        z = np.einsum("k,khw->hw", depth[t], weights)
+        nearest = np.where(inside & (z < nearest), z, nearest)
+    return nearest
+
+
+def test_agrees_with_brute_force() -> None:
+    points, depth, triangles = _random_soup(1)
+    raster = rasterise(points, depth, triangles, 50, 40)
+    expected = _reference(points, depth, triangles, 50, 40)
+    assert np.array_equal(np.isfinite(raster.depth), np.isfinite(expected))
+    assert np.allclose(raster.depth[raster.mask], expected[raster.mask], atol=1e-5)
+
+
+def test_barycentric_gives_back_the_pixel_centre() -> None:
+    points, depth, triangles = _random_soup(2)
+    raster = rasterise(points, depth, triangles, 50, 40)
+    corners = points[triangles[raster.triangle[raster.mask]]]
+    at = np.einsum("nk,nki->ni", raster.barycentric[raster.mask], corners)
+    row, column = np.nonzero(raster.mask)
+    assert np.allclose(at, np.stack([column, row], 1) + 0.5, atol=1e-4)
+
+
+def test_integer_square_covers_its_pixels_exactly() -> None:
+    points, triangles = _square(3, 2, 11, 7)
+    raster = rasterise(points, np.ones(4), triangles, 20, 10)
+    expected = np.zeros((10, 20), bool)
+    expected[2:7, 3:11] = True
+    assert np.array_equal(raster.mask, expected)
+
+
+def test_pixel_centre_on_an_edge_goes_right_and_below() -> None:
+    points, triangles = _square(2.5, 1.5, 6.5, 4.5)
+    mask = rasterise(points, np.ones(4), triangles, 10, 10).mask
+    assert mask[1, 2]
+    assert not mask[:, 6].any()
+    assert not mask[4].any()
+    assert mask.sum() == 12
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_neighbours_leave_no_hole_and_share_no_pixel(seed: int) -> None:
+    """A jittered fan over a square: every pixel is covered, and by one triangle of the fan only."""
+    rng = np.random.default_rng(seed)
+    rim = np.array([[0, 0], [16, 0], [32, 0], [32, 16], [32, 32], [16, 32], [0, 32], [0, 16]], float)
+    points = np.vstack([rim, rng.uniform(4, 28, (1, 2))])
+    fan = np.array([[i, (i + 1) % 8, 8] for i in range(8)])
+    assert rasterise(points, np.ones(9), fan, 32, 32).mask.all()
+    counts = np.sum([rasterise(points, np.ones(9), fan[i : i + 1], 32, 32).mask for i in range(8)], 0)
+    assert np.all(counts == 1)
+
+
+def test_nearer_triangle_hides_and_tie_goes_to_the_lower_index() -> None:
+    points, quad = _square(0, 0, 8, 8)
+    both, triangles = np.vstack([points, points]), np.vstack([quad, quad + 4])
+    depth = np.r_[np.full(4, 2.0), np.full(4, 1.0)]
+    assert (rasterise(both, depth, triangles, 8, 8).triangle >= 2).all()
+    assert (rasterise(both, np.ones(8), triangles, 8, 8).triangle < 2).all()
+
+
+def test_negative_depths_sort_too() -> None:
+    points, quad = _square(0, 0, 8, 8)
+    both, triangles = np.vstack([points, points]), np.vstack([quad, quad + 4])
+    raster = rasterise(both, np.r_[np.full(4, -2.0), np.full(4, -1.0)], triangles, 8, 8)
+    assert (raster.triangle < 2).all()
+    assert np.all(raster.depth == -2)
+
+
+def test_perspective_interpolation_is_linear_in_space() -> None:
+    """A floor that runs away from the camera: depth along it is f * h / y, which a linear depth would miss by far."""
+    focal, drop = 100.0, 1.0
+    corners = np.array([[-8.0, drop, 2.0], [8.0, drop, 2.0], [8.0, drop, 20.0], [-8.0, drop, 20.0]])
+    points = focal * corners[:, :2] / corners[:, 2:] + [32.0, 0.0]
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    raster = rasterise(points, corners[:, 2], triangles, 64, 50, perspective=True)
+    row, _ = np.nonzero(raster.mask)
+    assert np.allclose(raster.depth[raster.mask], focal * drop / (row + 0.5), rtol=1e-5)
+    z = np.einsum("nk,nk->n", raster.barycentric[raster.mask], corners[:, 2][triangles[raster.triangle[raster.mask]]])
+    assert np.allclose(z, focal * drop / (row + 0.5), rtol=1e-4)
+
+
+def test_cull_keeps_what_runs_counter_clockwise_as_seen() -> None:
+    points, quad = _square(0, 0, 8, 8)
+    assert (signed_area(points, quad) < 0).all()
+    assert rasterise(points, np.ones(4), quad, 8, 8, cull=True).mask.all()
+    assert not rasterise(points, np.ones(4), quad[:, ::-1], 8, 8, cull=True).mask.any()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        [[1, 1], [5, 5], [5, 5]],
+        [[1, 1], [3, 3], [6, 6]],
+        [[np.nan, 1], [5, 5], [1, 5]],
+        [[np.inf, 1], [5, 5], [1, 5]],
+        [[1e300, 1], [-1e300, 5], [1, 1e300]],
+        [[100, 100], [120, 100], [100, 120]],
+        [[-1, -1], [-9, -1], [-1, -9]],
+    ],
+    ids=["zero edge", "on a line", "nan", "inf", "overflow", "off right", "off left"],
+)
+def test_useless_triangles_draw_nothing_and_harm_nothing(bad: list[list[float]]) -> None:
+    """Any of these, divided by its area or cast to a pixel, would give NaN or a wild index."""
+    points, quad = _square(0, 0, 8, 8)
+    with_bad = np.vstack([points, np.array(bad, float)])
+    triangles = np.vstack([[[4, 5, 6]], quad])
+    depth = np.r_[np.ones(4), np.full(3, 0.5)]
+    raster = rasterise(with_bad, depth, triangles, 8, 8)
+    assert (raster.triangle >= 1).all()
+    assert np.isfinite(raster.barycentric).all()
+
+
+def test_sliver_that_is_almost_a_line_keeps_weights_and_depth_in_range() -> None:
+    points = np.array(
+        [[0.0, 0.5], [20.0, 0.5 + 1e-13], [20.0, 0.5 - 1e-13], [0.0, 3.0], [20.0, 3.0 + 1e-310], [9.0, 3.5]]
+    )
+    raster = rasterise(points, np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0]), np.array([[0, 1, 2], [3, 4, 5]]), 20, 4)
+    assert np.isfinite(raster.barycentric).all()
+    assert (raster.barycentric >= 0).all()
+    assert ((raster.depth[raster.mask] >= 1) & (raster.depth[raster.mask] <= 3)).all()
+
+
+def test_nan_depth_and_points_behind_the_camera_are_left_out() -> None:
+    points, quad = _square(0, 0, 8, 8)
+    assert not rasterise(points, np.full(4, np.nan), quad, 8, 8).mask.any()
+    assert not rasterise(points, np.array([-1.0, 1.0, 1.0, -1.0]), quad, 8, 8, perspective=True).mask.any()
+    assert not rasterise(points, np.zeros(4), quad, 8, 8, perspective=True).mask.any()
+
+
+def test_no_triangles_is_an_empty_picture() -> None:
+    raster = rasterise(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3), int), 5, 4)
+    assert raster.triangle.shape == (4, 5)
+    assert not raster.mask.any()
+    assert np.isinf(raster.depth).all()
+
+
+def test_bands_are_the_whole_to_the_bit() -> None:
+    points, depth, triangles = _random_soup(3)
+    whole = rasterise(points, depth, triangles, 50, 40)
+    for first in range(0, 40, 8):
+        band = rasterise(points, depth, triangles, 50, 8, first_row=first)
+        for name in ("triangle", "barycentric", "depth"):
+            assert np.array_equal(getattr(band, name), getattr(whole, name)[first : first + 8])
+
+
+def test_more_pixels_than_a_chunk() -> None:
+    side = 640
+    points, quad = _square(0, 0, side, side)
+    layers = 1 + CHUNK // (side * side) + 2
+    many = np.vstack([quad + 4 * i for i in range(layers)])
+    depth = np.repeat(np.arange(layers, 0, -1.0), 4)
+    raster = rasterise(np.tile(points, (layers, 1)), depth, many, side, side)
+    assert (raster.depth == 1).all()
+    assert (raster.triangle >= 2 * (layers - 1)).all()
+
+
+@pytest.mark.slow
+def test_twenty_thousand_triangles_take_less_than_a_few_tenths_of_a_second() -> None:
+    n = 101
+    y, x = np.mgrid[:n, :n] * (760.0 / n) + 4
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    triangles = np.vstack(
+        [np.stack([corner, corner + n, corner + 1], 1), np.stack([corner + 1, corner + n, corner + n + 1], 1)]
+    )
+    points = np.stack([x.ravel(), y.ravel()], 1)
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        rasterise(points, x.ravel(), triangles, 768, 768)
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.45  # measured 0.1 s on one core; three times that on a busy machine
