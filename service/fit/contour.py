@@ -123,10 +123,10 @@ def outline_term(
     offset = np.linspace(-1.0, 1.0, SAMPLES) * reach_m * state.scale
     where = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + middle - 0.5
     height, width = photo.shape[:2]
-    lines = cv2.remap(
-        photo, where[..., 0].astype(np.float32), where[..., 1].astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    outside = ((where < 0) | (where > np.array([width - 1, height - 1]))).any(-1)
+    x, y = np.moveaxis(where.astype(np.float32), -1, 0)
+    lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    beyond: npt.NDArray[np.bool_] = (where < 0) | (where > np.array([width - 1, height - 1]))
+    outside = np.asarray(beyond.any(-1))
     step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
     step[outside[:, 1:-1]] = 0.0
     inner = offset[1:-1]

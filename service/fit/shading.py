@@ -1,0 +1,118 @@
+"""What the shading of the skin says about its slope.
+
+The skin's colour is taken as one albedo times spherical-harmonic light; where it differs, the normals of the head are
+asked to turn. Albedo varies too, so only low frequencies can be believed, and brows, lips, eyes and beard are left
+out. The derivative runs through the normals alone: correspondences are the landmarks' business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.fit.basis import LandmarkModel
+from service.fit.landmarks import facing
+from service.fit.light import estimate_light, sh_basis
+from service.fit.state import POSE, State, project
+from service.geometry.normals import vertex_normals
+from service.head.model import HeadModel
+
+Array = npt.NDArray[np.float64]
+
+SIGMA = 0.10
+"""Expected deviation of log-like relative intensity from one-albedo shading."""
+SHARE = 0.02
+"""Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
+LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
+STEP = 0.5
+"""Standard deviations for the difference quotient of the normals."""
+
+
+@dataclass(frozen=True)
+class ShadingTerm:
+    """Linearised shading residual r0 + J (x - x0) over the identity coefficients.
+
+    Attributes:
+        residual: (N,) at the start, weighted.
+        jacobian: (N, K) weighted.
+        start: (K,) coefficients of the linearisation.
+    """
+
+    residual: Array
+    jacobian: Array
+    start: Array
+
+    def _at(self, state: State) -> Array:
+        return np.asarray(self.residual + self.jacobian @ (state.coefficients[: len(self.start)] - self.start))
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        r = self._at(state)
+        return 0.5 * float(r @ r)
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+        block = slice(POSE, POSE + len(self.start))
+        hessian[block, block] += self.jacobian.T @ self.jacobian
+        gradient[block] += self.jacobian.T @ self._at(state)
+
+
+def skin_weight(head: HeadModel) -> Array:
+    """(V,) in [0, 1]: face skin without brows, lips, lids and beard."""
+    weight = head.region("face").astype(np.float64)
+    for name in LEFT_OUT:
+        if name in head.region_names:
+            weight = weight * (1.0 - head.region(name))
+    return np.asarray(weight)
+
+
+def shading_term(
+    head: HeadModel,
+    model: LandmarkModel,
+    linear: npt.NDArray[np.float32],
+    middle: Array,
+    state: State,
+    vertices: Array,
+) -> ShadingTerm | None:
+    """Shading term at a state.
+
+    Args:
+        head, model: the head and how many of its components are fitted.
+        linear: (H, W, 3) float32 linear RGB.
+        middle: (2,) principal point in pixels.
+        state: current pose and shape.
+        vertices: (V, 3) metres at that state.
+
+    Returns:
+        The term, or None where no light can be estimated.
+    """
+    height, width = linear.shape[:2]
+    projection = project(state, vertices)
+    normals = vertex_normals(vertices, head.triangles).astype(np.float64)
+    where = np.floor(projection.uv + middle).astype(int)
+    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
+    weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
+    # Steep skin is seen badly and is where the outline term speaks.
+    view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
+    weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
+    used = np.flatnonzero(weight > 0.05)
+    if len(used) < 30:
+        return None
+    colour = linear[where[used, 1], where[used, 0]].astype(np.float64)
+    light = estimate_light(normals[used], colour, weight[used])
+    if light is None:
+        return None
+    grey = light @ np.array([0.2126, 0.7152, 0.0722])
+    seen = colour @ np.array([0.2126, 0.7152, 0.0722])
+    shaded = np.maximum(sh_basis(normals[used]) @ grey, 0.05)
+    albedo = float(np.median(seen / shaded))
+    residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
+    robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
+    root = np.sqrt(SHARE * weight[used] * robust) / SIGMA
+    jacobian = np.zeros((len(used), model.identity_count))
+    for k in range(model.identity_count):
+        moved = vertex_normals(vertices + STEP * head.identity[k], head.triangles)[used]
+        jacobian[:, k] = (np.log(np.maximum(sh_basis(moved.astype(np.float64)) @ grey, 0.05)) - np.log(shaded)) / STEP
+    return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

@@ -1,0 +1,98 @@
+"""From the bytes of a photo to an avatar: the whole program on one page.
+
+::
+
+    bytes --gate--> Photo --find--> Face --fit--> Fit --unwrap, complete--> Texture --compare--> Similarity
+
+It runs one way; each stage takes what it names and returns new things.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+from service.archive.avatar import Avatar
+from service.archive.cards import model_cards
+from service.faces.finder import FaceFinder, choose_face
+from service.faces.likeness import likeness
+from service.fit.fit import fit_face
+from service.geometry.chart import Chart
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.options import Options
+from service.photo.gate import read_photo
+from service.texture.make import make_texture
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and the share of the work that is done, in [0, 1]."""
+
+STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare": 0.85}
+"""Stages in their order, with the share of the work done after each; the rest is writing."""
+
+
+def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage, done: None) -> Avatar:
+    """Make an avatar from the bytes of an image file.
+
+    Args:
+        data: a JPEG, PNG or WebP file.
+        options: what to make.
+        progress: told when a stage begins.
+
+    Raises:
+        AvatarError: any of its subclasses; see ``service.errors``.
+    """
+    timings: dict[str, float] = {}
+
+    @contextmanager
+    def stage(name: str) -> Iterator[None]:
+        order = list(STAGES)
+        progress(name, STAGES[order[order.index(name) - 1]] if name != order[0] else 0.0)
+        begin = time.perf_counter()
+        yield
+        timings[name] = time.perf_counter() - begin
+
+    # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
+    with ThreadPoolExecutor(2) as pool:
+        finder_job = pool.submit(FaceFinder)
+        head_job = pool.submit(_head_and_chart, options)
+        with stage("decode"):
+            photo = read_photo(data)
+        with stage("detect"):
+            faces = finder_job.result().find(photo.pixels)
+            face = choose_face(faces, options.face, photo.size)
+        with stage("fit"):
+            head, chart = head_job.result()
+            fit = fit_face(face, photo, head, options.fit_settings())
+    with stage("texture"):
+        texture = make_texture(photo, head, fit, chart)
+    with stage("compare"):
+        similarity = likeness(photo, face, head, fit, texture.texture)
+    return Avatar(
+        photo=photo,
+        face=face,
+        head=head,
+        fit=fit,
+        texture=texture,
+        options=options.to_json(),
+        seed=options.seed,
+        models=model_cards(head),
+        similarity=similarity,
+        timings_s=timings,
+        peak_rss_mb=_peak_rss_mb(),
+    )
+
+
+def _head_and_chart(options: Options) -> tuple[HeadModel, Chart]:
+    head = load_head()
+    return head, Chart.build(head, *options.size)
+
+
+def _peak_rss_mb() -> float:
+    """Largest resident memory of this process so far."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
