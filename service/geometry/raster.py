@@ -132,7 +132,8 @@ class _Planes:
             second = np.stack([d2[:, 1], -d2[:, 0]], 1) / area
             third = np.stack([-d1[:, 1], d1[:, 0]], 1) / area
             slope = second * (value[:, 1] - value[:, 0])[:, None] + third * (value[:, 2] - value[:, 0])[:, None]
-            sound = np.isfinite(second + third + slope).all(1)[:, None]
+            total = second + third + slope
+            sound = np.isfinite(total[:, :1] + total[:, 1:])
         return cls(corners, value, *(np.where(sound, g, 0.0) for g in (second, third, slope)))
 
 
