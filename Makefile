@@ -1,0 +1,81 @@
+# `make run` and `make test` work on a fresh machine with Python 3.11 or newer: each sets up what it needs first.
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+
+VENV := .venv
+BIN := $(VENV)/bin
+SERVING := $(VENV)/.serving-installed
+DEVELOPMENT := $(VENV)/.development-installed
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c requirements.lock
+
+PHOTO ?= service/data/sample/astronaut.png
+OUT ?=
+ARGS ?=
+
+.PHONY: help setup run doctor test test-slow test-train lint format lock checksums clean
+
+help: ## Show this list.
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
+
+setup: $(DEVELOPMENT) ## Make .venv with everything for running, testing and linting.
+
+run: $(SERVING) ## Make an avatar: make run PHOTO=me.jpg [OUT=me.zip] [ARGS="--size 1152x768"].
+	@photo="$(PHOTO)"; out="$(OUT)"; name="$${photo##*/}"; out="$${out:-out/$${name%.*}.zip}"; \
+	mkdir -p "$$(dirname "$$out")"; $(BIN)/avatarme make "$$photo" -o "$$out" $(ARGS)
+
+doctor: $(SERVING) ## Say what is installed and try it out.
+	@$(BIN)/avatarme doctor
+
+test: $(DEVELOPMENT) ## Run the tests (make test ARGS="-k cli").
+	$(BIN)/python -m pytest $(ARGS)
+
+test-slow: $(DEVELOPMENT) ## Run the slow tests too.
+	$(BIN)/python -m pytest -m "not train" $(ARGS)
+
+test-train: $(DEVELOPMENT) ## Install torch and run the tests of training and building too.
+	$(PIP) -e '.[dev,train,export]'
+	$(BIN)/python -m pytest -m "train or not slow" $(ARGS)
+
+lint: $(DEVELOPMENT) ## Check style and types.
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: $(DEVELOPMENT) ## Sort imports and apply the safe fixes.
+	$(BIN)/ruff check --fix .
+
+lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lock.
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
+		--upgrade --no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
+		--quiet --output-file requirements.lock
+
+checksums: ## Rewrite service/data/SHA256SUMS after a data file changed.
+	@cd service/data && find . -type f ! -name SHA256SUMS -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum > SHA256SUMS
+
+clean: ## Remove .venv, caches and out/.
+	rm -rf $(VENV) out build dist ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+# Debian splits venv from Python; where that package is missing, the system's pip fills a bare environment.
+$(BIN)/python:
+	@for python in $(PYTHON) python3.11 python3.12 python3.13 python3.14 python3; do \
+		"$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || continue; \
+		echo "Making $(VENV) with $$($$python --version)"; \
+		"$$python" -m venv $(VENV) >/dev/null 2>&1 && exit 0; \
+		rm -rf $(VENV); \
+		if "$$python" -m venv --without-pip $(VENV) 2>/dev/null && "$$python" -m pip --python $(VENV) install --quiet pip 2>/dev/null; \
+			then exit 0; fi; \
+		rm -rf $(VENV); \
+		echo "$$python has neither venv nor pip: apt-get install python3-venv (or $$python-venv)" >&2; exit 1; \
+	done; echo "Python 3.11 or newer is needed; name one with make PYTHON=/path/to/python3" >&2; exit 1
+
+$(SERVING): pyproject.toml requirements.lock | $(BIN)/python
+	@echo "Installing what serving needs"
+	@$(PIP) -e .
+	@touch $@
+
+$(DEVELOPMENT): $(SERVING)
+	@echo "Installing what development needs"
+	@$(PIP) -e '.[dev]'
+	@touch $@

@@ -1,0 +1,90 @@
+"""The command ``avatarme``: what it offers. Each command lives in a module of its own that is imported when it runs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from service import __version__
+from service.cli.failures import reported
+
+app = typer.Typer(
+    name="avatarme",
+    help="One photo of a face in, a renderable head out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for machines.")]
+
+
+def main() -> None:
+    """Entry point of the console script; always ends in SystemExit with the status of ``service.cli.failures``."""
+    app(prog_name="avatarme")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"avatarme {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def avatarme(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """One photo of a face in, a renderable head out."""
+
+
+@app.command()
+def make(
+    photo: Annotated[str, typer.Argument(help="JPEG, PNG or WebP file, or - for standard input.")],
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
+    ] = None,
+    maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
+    size: Annotated[str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: 576x384]")] = None,
+    face: Annotated[
+        str | None, typer.Option(help="Which face to take where there are several: an index, or 'largest'.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
+    fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
+    identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
+    iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Make an avatar from a photo.
+
+    Prints the path of the archive. Exit status: 0 done, 2 usage, 3 no usable face, 4 unreadable input, 1 anything else.
+    """
+    with reported(as_json=as_json):
+        from service.cli.make import make as run
+        from service.options import Options, parse_face, parse_maps, parse_size
+
+        asked = {
+            "maps": None if maps is None else parse_maps(maps),
+            "size": None if size is None else parse_size(size),
+            "face": None if face is None else parse_face(face),
+            "seed": seed,
+            "fit": fit,
+            "identity_components": identity_components,
+            "iterations": iterations,
+        }
+        options = Options(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
+        run(photo, output, options, as_json=as_json)
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Say what is installed, check the data files and try the pipeline out.
+
+    Exit status: 0 all is well, 1 something is not.
+    """
+    with reported(as_json=as_json):
+        from service.cli.doctor import doctor as run
+
+        run(as_json=as_json)

@@ -1,0 +1,97 @@
+"""``avatarme doctor``: is this installation well, and what is it made of?"""
+
+from __future__ import annotations
+
+import io
+import json
+import platform
+import time
+from typing import Any
+
+import typer
+
+from service import __version__, diagnosis
+from service.errors import AvatarError
+from service.options import Options
+
+
+def doctor(*, as_json: bool) -> None:
+    """Print the findings; raises ``typer.Exit(1)`` where something is not well."""
+    findings = examine()
+    typer.echo(json.dumps(findings) if as_json else as_text(findings))
+    if findings["faults"]:
+        raise typer.Exit(1)
+
+
+def examine() -> dict[str, Any]:
+    """Facts of the machine and the installation, and ``faults``: a sentence for each thing that is not well."""
+    libraries = diagnosis.library_versions()
+    faults = [f"{name} is not installed" for name in diagnosis.REQUIRED if libraries[name] is None]
+    files: list[str] = []
+    try:
+        files = [file.path for file in diagnosis.shipped_files()]
+        faults += diagnosis.data_faults()
+    except AvatarError as error:
+        faults.append(error.message)
+    trial, trouble = self_test()
+    return {
+        "avatarme": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpu": diagnosis.cpu(),
+        "memory_mb": diagnosis.memory_mb(),
+        "libraries": libraries,
+        "runtimes": diagnosis.runtimes(),
+        "data_files": files,
+        "self_test": trial,
+        "faults": faults + trouble,
+    }
+
+
+def self_test() -> tuple[dict[str, Any], list[str]]:
+    """Run the pipeline on the sample photo, imports included.
+
+    Returns:
+        Facts (``seconds``, ``archive_bytes``, ``landmark_rms_px``, ``warnings``; empty if it failed), and the faults.
+    """
+    begin = time.perf_counter()
+    try:
+        from service.archive.pack import write_archive
+        from service.pipeline import make_avatar
+
+        stream = io.BytesIO()
+        avatar = make_avatar(diagnosis.SAMPLE.read_bytes(), Options())
+        write_archive(avatar, stream)
+    except Exception as error:  # a doctor reports whatever is wrong, bugs included
+        return {}, [f"self-test failed: {type(error).__name__}: {error}"]
+    return {
+        "seconds": round(time.perf_counter() - begin, 3),
+        "archive_bytes": stream.tell(),
+        "landmark_rms_px": avatar.fit.landmark_rms_px,
+        "warnings": list(avatar.all_warnings()),
+    }, []
+
+
+def as_text(findings: dict[str, Any]) -> str:
+    """The findings for people, one line each; faults last."""
+    cpu, memory, trial = findings["cpu"], findings["memory_mb"], findings["self_test"]
+    versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in findings["libraries"].items())
+    lines = [
+        f"avatarme   {findings['avatarme']}, Python {findings['python']}, {findings['platform']}",
+        f"processor  {cpu['model']}, {cpu['cores']} cores, {' '.join(cpu['features']) or 'no vector features known'}",
+        f"memory     {_mb(memory['total'])} MiB, {_mb(memory['available'])} available",
+        f"libraries  {versions}",
+        f"runtimes   {', '.join(findings['runtimes']) or 'none'}",
+        f"data       {len(findings['data_files'])} files listed",
+    ]
+    if trial:
+        lines.append(
+            f"self-test  {trial['seconds']:.2f} s, {trial['archive_bytes']} bytes, "
+            f"landmarks {trial['landmark_rms_px']:.2f} px, warnings: {', '.join(trial['warnings']) or 'none'}"
+        )
+    lines += [f"FAULT      {fault}" for fault in findings["faults"]] or ["all is well"]
+    return "\n".join(lines)
+
+
+def _mb(value: int | None) -> str:
+    return "unknown" if value is None else str(value)

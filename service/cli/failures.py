@@ -1,0 +1,54 @@
+"""How a fault leaves the command line: the one place that maps errors to exit statuses and to words."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+from service.errors import AvatarError
+
+INTERRUPTED = 130
+"""128 + SIGINT, as shells expect of a program that Ctrl-C ended."""
+
+UNEXPECTED = 1
+
+
+def exit_status(error: BaseException) -> int:
+    """Exit status for a fault: that of its class in ``service.errors``, 130 for Ctrl-C, 1 for anything else."""
+    if isinstance(error, AvatarError):
+        return error.exit_status
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else UNEXPECTED
+
+
+def describe(error: BaseException) -> dict[str, Any]:
+    """``{"error": {"code", "message", ...}}`` with the machine-readable facts that the fault carries."""
+    if isinstance(error, AvatarError):
+        return {"error": {**error.extra, "code": error.code, "message": error.message}}
+    if isinstance(error, KeyboardInterrupt):
+        return {"error": {"code": "interrupted", "message": "interrupted"}}
+    return {"error": {"code": "internal", "message": f"{type(error).__name__}: {error}"}}
+
+
+@contextmanager
+def reported(*, as_json: bool) -> Iterator[None]:
+    """Turn any fault of the body into words on stderr, a JSON object on stdout if asked for, and ``typer.Exit``.
+
+    A fault that is not ours is a bug, so its traceback goes to stderr for the bug report.
+    """
+    try:
+        yield
+    except typer.Exit:
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        description = describe(error)
+        if not isinstance(error, AvatarError | KeyboardInterrupt):
+            typer.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+        typer.echo(f"avatarme: {description['error']['message']}", err=True)
+        if as_json:
+            typer.echo(json.dumps(description, default=str))
+        raise typer.Exit(exit_status(error)) from error

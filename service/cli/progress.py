@@ -1,0 +1,26 @@
+"""The progress bar, on stderr and only where a person can see it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Progress = Callable[[str, float], None]
+"""Called with the name of the stage that begins and the share of the whole that is done, in [0, 1]."""
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A bar while stderr is a terminal, else nothing. Colour obeys NO_COLOR."""
+    if not sys.stderr.isatty():
+        yield lambda stage, share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("start", total=1.0)
+        yield lambda stage, share: bar.update(task, description=stage, completed=min(max(share, 0.0), 1.0))

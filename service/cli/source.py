@@ -1,0 +1,60 @@
+"""Where the photo comes from and where the archive goes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from service.errors import EmptyFile, TooManyBytes, UnreadableInput, UsageError
+from service.photo.limits import Limits
+
+PIPE = "-"
+
+
+def read_photo(source: str) -> bytes:
+    """All bytes of a file, or of standard input for ``-``.
+
+    Raises:
+        UsageError: there is no such file, or it is a folder.
+        UnreadableInput: the system refuses to read it.
+        EmptyFile: zero bytes.
+        TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be endless.
+    """
+    limit = Limits().max_bytes
+    name = "standard input" if source == PIPE else source
+    try:
+        if source == PIPE:
+            data = sys.stdin.buffer.read(limit + 1)
+        else:
+            with Path(source).open("rb") as stream:
+                data = stream.read(limit + 1)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise UsageError(f"there is no file {name}; name a JPEG, PNG or WebP file, or - for standard input") from error
+    except IsADirectoryError as error:
+        raise UsageError(f"{name} is a folder; name one photo in it") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise UnreadableInput(f"cannot read {name}: {getattr(error, 'strerror', None) or error}") from error
+    if not data:
+        raise EmptyFile(f"{name} is empty (0 bytes); a JPEG, PNG or WebP photo is needed")
+    if len(data) > limit:
+        raise TooManyBytes(f"{name} has more than {limit} bytes, which is the most that is accepted", limit=limit)
+    return data
+
+
+def destination(source: str, output: str | None, *, as_json: bool) -> str:
+    """The path of the archive, or ``-``: what was asked for, else beside the photo, else standard output for a pipe.
+
+    Raises:
+        UsageError: the archive would overwrite the photo, share standard output with the JSON, or fill a terminal.
+    """
+    if output is None:
+        output = PIPE if source == PIPE else str(Path(source).with_suffix(".zip"))
+    if output == PIPE:
+        if as_json:
+            raise UsageError("--json and the archive cannot both go to standard output; name a file with -o OUT.zip")
+        if sys.stdout.isatty():
+            raise UsageError("standard output is a terminal; name a file with -o OUT.zip, or redirect it")
+    elif source != PIPE and os.path.exists(output) and os.path.samefile(source, output):
+        raise UsageError(f"{output} is the photo itself; name another file with -o OUT.zip")
+    return output

@@ -1,0 +1,116 @@
+"""What this machine and this installation are like, and whether the data files are those that were shipped."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from service.errors import ModelFault
+
+DATA = Path(__file__).parent / "data"
+SUMS = "SHA256SUMS"
+SAMPLE = DATA / "sample" / "astronaut.png"
+
+REQUIRED = ("numpy", "scipy", "opencv-contrib-python-headless", "onnxruntime", "pillow", "trimesh", "pydantic", "typer")
+OPTIONAL = ("openvino", "pillow-heif")
+
+_X86_FEATURES = "avx avx2 f16c fma avx512f avx512_vnni avx512_bf16 amx_tile amx_bf16 amx_int8".split()
+_ARM_FEATURES = "asimd asimdhp asimddp bf16 i8mm sve".split()
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A line of ``SHA256SUMS``: path relative to the data folder, hex digest."""
+
+    path: str
+    sha256: str
+
+
+def library_versions() -> dict[str, str | None]:
+    """Installed version of each library that serving uses, None where it is missing."""
+    return {name: _version(name) for name in REQUIRED + OPTIONAL}
+
+
+def cpu() -> dict[str, object]:
+    """``model``, ``cores`` that this process may use, and the vector ``features`` that the runtimes care about."""
+    fields = _fields(Path("/proc/cpuinfo"))
+    flags = set((fields.get("flags") or fields.get("Features") or "").split())
+    return {
+        "model": fields.get("model name") or platform.processor() or platform.machine(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "features": [name for name in _X86_FEATURES + _ARM_FEATURES if name in flags],
+    }
+
+
+def memory_mb() -> dict[str, int | None]:
+    """``total`` and ``available`` memory in MiB, None where the system does not say."""
+    fields = _fields(Path("/proc/meminfo"))
+    return {key: _mib(fields.get(name)) for key, name in (("total", "MemTotal"), ("available", "MemAvailable"))}
+
+
+def runtimes() -> list[str]:
+    """Inference runtimes that are here, with their versions, for example ``onnxruntime 1.31.1``."""
+    return [f"{name} {version}" for name in ("onnxruntime", "openvino") if (version := _version(name))]
+
+
+def shipped_files(folder: Path = DATA) -> list[DataFile]:
+    """The data files that belong to this version.
+
+    Raises:
+        ModelFault: the list itself is missing or a line of it is not ``<sha256>  <path>``.
+    """
+    try:
+        lines = (folder / SUMS).read_text("utf-8").splitlines()
+    except OSError as error:
+        raise ModelFault(f"{folder / SUMS} cannot be read ({error.strerror}); install the package again") from error
+    files = []
+    for line in lines:
+        digest, gap, path = line.partition("  ")
+        if not gap or len(digest) != 64 or not path:
+            raise ModelFault(f"{folder / SUMS} has the line {line!r}; it has to be a sha256, two spaces and a path")
+        files.append(DataFile(path, digest))
+    return files
+
+
+def data_faults(folder: Path = DATA) -> list[str]:
+    """One sentence for each data file that is missing or not the one that was shipped; empty when all is well.
+
+    Raises:
+        ModelFault: as :func:`shipped_files`.
+    """
+    faults = []
+    for file in shipped_files(folder):
+        try:
+            with (folder / file.path).open("rb") as stream:
+                digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as error:
+            faults.append(f"{file.path} cannot be read: {error.strerror}")
+            continue
+        if digest != file.sha256:
+            faults.append(f"{file.path} has sha256 {digest}; shipped was {file.sha256}")
+    return faults
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _fields(path: Path) -> dict[str, str]:
+    """``key : value`` lines of a /proc file, the first of each key; empty where the system has no such file."""
+    fields: dict[str, str] = {}
+    if path.exists():
+        for line in path.read_text("utf-8", "replace").splitlines():
+            key, _, value = line.partition(":")
+            fields.setdefault(key.strip(), value.strip())
+    return fields
+
+
+def _mib(field: str | None) -> int | None:
+    return int(field.split()[0]) // 1024 if field else None

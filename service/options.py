@@ -1,0 +1,139 @@
+"""What a caller may ask for, checked before any work starts."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from service.errors import UsageError
+from service.fit.settings import FitSettings
+
+MAP_NAMES = ("texture", "confidence", "shape_normal")
+"""Maps that can be asked for, in the order of the archive."""
+
+DEFAULT_SIZE = (576, 384)
+"""Texture size of the method (AvatarMe, section 4.1): the 3:2 chart at the resolution of the fitted texture."""
+
+SMALLEST_WIDTH = 96
+LARGEST_WIDTH = 6144
+LARGEST_SEED = 2**32 - 1
+
+_FIT = FitSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """One request.
+
+    Attributes:
+        maps: names out of ``MAP_NAMES``, each once, at least one; kept in the order of ``MAP_NAMES``.
+        size: (width, height) of the chart in texels, width : height = 3 : 2, width in [96, 6144].
+        face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
+            refuses a photo with several faces.
+        seed: of every random choice, in [0, 2**32 - 1].
+        fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
+        identity_components: identity components to fit, >= 0; more than the head has means all.
+        iterations: least-squares steps of the landmark stage, >= 1.
+
+    Raises:
+        UsageError: a value is out of range; the message has the value and what would be right.
+    """
+
+    maps: tuple[str, ...] = MAP_NAMES
+    size: tuple[int, int] = DEFAULT_SIZE
+    face: int | Literal["largest"] | None = None
+    seed: int = 0
+    fit: Literal["landmarks", "pixels"] = _FIT.refine
+    identity_components: int = _FIT.identity_components
+    iterations: int = _FIT.iterations
+
+    def __post_init__(self) -> None:
+        _check_maps(self.maps)
+        _check_size(self.size)
+        _check_face(self.face)
+        if not _whole(self.seed) or not 0 <= self.seed <= LARGEST_SEED:
+            raise UsageError(f"seed is {self.seed!r}; it has to be a number from 0 to {LARGEST_SEED}", field="seed")
+        for name in ("identity_components", "iterations"):
+            if not _whole(getattr(self, name)):
+                raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be a whole number", field=name)
+        self.fit_settings()  # checks the ranges of the fit's knobs
+        object.__setattr__(self, "maps", tuple(name for name in MAP_NAMES if name in self.maps))
+
+    def fit_settings(self) -> FitSettings:
+        """The knobs of the fit; those that callers cannot turn keep their defaults."""
+        return FitSettings(refine=self.fit, identity_components=self.identity_components, iterations=self.iterations)
+
+    def to_json(self) -> dict[str, Any]:
+        """The request as JSON values, for the manifest."""
+        return {**asdict(self), "maps": list(self.maps), "size": list(self.size)}
+
+
+def parse_maps(text: str) -> tuple[str, ...]:
+    """``"texture,confidence"`` -> names; they are checked by :class:`Options`."""
+    return tuple(name.strip().replace("-", "_") for name in text.split(","))
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``"576x384"`` -> (576, 384).
+
+    Raises:
+        UsageError: the text is not two whole numbers with an x between.
+    """
+    width, cross, height = text.strip().lower().partition("x")
+    if not cross or not _digits(width) or not _digits(height):
+        raise UsageError(f"size is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field="size")
+    return int(width), int(height)
+
+
+def parse_face(text: str) -> int | Literal["largest"]:
+    """``"largest"`` or an index.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    if text.strip().lower() == "largest":
+        return "largest"
+    if not _digits(text.strip()):
+        raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
+    return int(text)
+
+
+def _check_maps(maps: tuple[str, ...]) -> None:
+    unknown = [name for name in maps if name not in MAP_NAMES]
+    if unknown:
+        raise UsageError(f"no map is called {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
+    if not maps or len(set(maps)) != len(maps):
+        raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
+
+
+def _check_size(size: tuple[int, int]) -> None:
+    if len(size) != 2 or not all(_whole(side) for side in size):
+        raise UsageError(f"size is {size!r}; it has to be two whole numbers, for example (576, 384)", field="size")
+    width, height = size
+    nearest = _nearest_size(width)
+    if size != nearest:
+        raise UsageError(
+            f"size is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
+            f"for example {nearest[0]}x{nearest[1]}",
+            field="size",
+        )
+
+
+def _nearest_size(width: int) -> tuple[int, int]:
+    """The permitted size whose width is nearest."""
+    thirds = round(min(max(width, SMALLEST_WIDTH), LARGEST_WIDTH) / 3)
+    return 3 * thirds, 2 * thirds
+
+
+def _check_face(face: object) -> None:
+    if face is None or face == "largest" or (_whole(face) and isinstance(face, int) and face >= 0):
+        return
+    raise UsageError(f"face is {face!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _digits(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= 10
