@@ -1,0 +1,1 @@
+"""Conversion of the published face networks to ONNX, each behind a parity gate."""

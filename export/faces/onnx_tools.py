@@ -1,0 +1,103 @@
+"""Small edits of ONNX graphs, and the gate that every converted file has to pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Arrays = dict[str, npt.NDArray[np.float32]]
+
+
+class ParityError(RuntimeError):
+    """A converted network does not compute what its source computes; no file was written."""
+
+
+def rename(model: Any, names: dict[str, str]) -> Any:
+    """A copy of the ONNX model with the tensors in ``names`` (old -> new) renamed everywhere."""
+    copy = type(model)()
+    copy.CopyFrom(model)
+    graph = copy.graph
+    for node in graph.node:
+        node.input[:] = [names.get(n, n) for n in node.input]
+        node.output[:] = [names.get(n, n) for n in node.output]
+    for value in (*graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        value.name = names.get(value.name, value.name)
+    return copy
+
+
+def store_half(model: Any, smallest: int = 256) -> Any:
+    """A copy whose larger float32 initialisers are stored as float16 with a Cast behind them, where that loses nothing.
+
+    Networks that were published in half precision come out of the converter widened to float32. The runtime folds the
+    casts when it loads the graph, so arithmetic stays float32 and the values exact; only the file shrinks.
+    """
+    from onnx import TensorProto, helper, numpy_helper
+
+    copy = type(model)()
+    copy.CopyFrom(model)
+    kept, casts = [], []
+    for tensor in copy.graph.initializer:
+        values = numpy_helper.to_array(tensor)
+        with np.errstate(over="ignore"):
+            half = values.astype(np.float16)
+        if values.dtype != np.float32 or values.size < smallest or not np.array_equal(half.astype(np.float32), values):
+            kept.append(tensor)
+            continue
+        kept.append(numpy_helper.from_array(half, tensor.name + "_f16"))
+        casts.append(helper.make_node("Cast", [tensor.name + "_f16"], [tensor.name], to=TensorProto.FLOAT))
+    nodes = [*casts, *copy.graph.node]
+    del copy.graph.initializer[:], copy.graph.node[:]
+    copy.graph.initializer.extend(kept)
+    copy.graph.node.extend(nodes)
+    return copy
+
+
+def run_onnx(model_bytes: bytes, image: npt.NDArray[np.float32]) -> Arrays:
+    """Outputs by name of a serialised model with the single input ``image``."""
+    import onnxruntime as ort
+
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 2
+    session = ort.InferenceSession(model_bytes, options, providers=["CPUExecutionProvider"])
+    names = [o.name for o in session.get_outputs()]
+    return dict(zip(names, session.run(names, {"image": image}), strict=True))
+
+
+def worst_difference(reference: Arrays, candidate: Arrays) -> float:
+    """Largest difference over all outputs; ParityError when names, sizes or finiteness differ.
+
+    Absolute up to magnitudes of 256 (a crop's width in pixels), relative to the largest value / 256 beyond: on flat
+    black the short-range detector answers in the tens of thousands, where float32 itself is coarser than the bounds.
+    """
+    if set(reference) != set(candidate):
+        raise ParityError(f"outputs {sorted(candidate)} instead of {sorted(reference)}")
+    worst = 0.0
+    for name, expected in reference.items():
+        got = candidate[name]
+        if got.size != expected.size or not np.isfinite(got).all():
+            raise ParityError(f"output {name}: {got.shape} instead of {expected.shape}, or not finite")
+        unit = max(1.0, float(np.abs(expected).max()) / 256)
+        worst = max(worst, float(np.abs(got.ravel() - expected.ravel()).max()) / unit)
+    return worst
+
+
+def write_gated(
+    model: Any, path: Path, references: list[tuple[npt.NDArray[np.float32], Arrays]], bound: float
+) -> float:
+    """Check the ONNX model against (input, reference outputs) pairs, then write it; returns the worst difference.
+
+    Raises ParityError, leaving ``path`` untouched, when any output is off by more than ``bound``.
+    """
+    import onnx
+
+    onnx.checker.check_model(model)
+    data = model.SerializeToString(deterministic=True)
+    worst = max(worst_difference(expected, run_onnx(data, image)) for image, expected in references)
+    if not worst <= bound:
+        raise ParityError(f"{path.name}: off by {worst:.3g}, at most {bound:.3g} is allowed; nothing written")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return worst

@@ -1,0 +1,33 @@
+"""Inputs on which converted networks are compared: seeded noise at several coarsenesses, and a real face."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+ASTRONAUT_FACE = (150, 30, 310, 190)
+"""x0, y0, x1, y1 of a square around the face in ``skimage.data.astronaut()`` (public domain)."""
+
+
+def noise(size: int, cells: int, seed: int) -> npt.NDArray[np.float32]:
+    """(size, size, 3) float32 in [0, 1]: uniform noise of ``cells`` x ``cells`` blocks, linearly interpolated."""
+    import cv2
+
+    coarse = np.random.default_rng(seed).random((cells, cells, 3), np.float32)
+    return np.asarray(cv2.resize(coarse, (size, size), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def face(size: int) -> npt.NDArray[np.float32]:
+    """(size, size, 3) float32 sRGB in [0, 1]: the astronaut's face, enlarged or reduced to a square."""
+    import cv2
+    from skimage.data import astronaut
+
+    x0, y0, x1, y1 = ASTRONAUT_FACE
+    crop = astronaut()[y0:y1, x0:x1].astype(np.float32) / 255
+    return np.asarray(cv2.resize(crop, (size, size), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def probes(size: int) -> list[npt.NDArray[np.float32]]:
+    """Six (size, size, 3) float32 images in [0, 1]: black, white, three noises, one real face."""
+    flat = [np.full((size, size, 3), value, np.float32) for value in (0.0, 1.0)]
+    return [*flat, *(noise(size, cells, cells) for cells in (4, 16, size)), face(size)]

@@ -1,0 +1,75 @@
+"""Square, turned regions of a photo: the maths of cutting them out and of carrying points back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Region:
+    """A square in photo pixels (pixel centres at +0.5), turned clockwise as seen on screen.
+
+    Attributes:
+        x, y: centre.
+        side: edge length, > 0.
+        angle: radians from the photo's x axis to the square's x axis, towards +y.
+    """
+
+    x: float
+    y: float
+    side: float
+    angle: float = 0.0
+
+    def matrix(self, size: int) -> Float:
+        """(2, 3) affine map from a (size, size) crop's pixel coordinates to photo coordinates."""
+        step = self.side / size
+        cos, sin = np.cos(self.angle) * step, np.sin(self.angle) * step
+        half = size / 2
+        return np.array([[cos, -sin, self.x - (cos - sin) * half], [sin, cos, self.y - (sin + cos) * half]], np.float64)
+
+    def to_photo(self, points: npt.NDArray[np.floating], size: int) -> Float:
+        """(N, 2 or 3) crop pixels -> the same in photo pixels; a third column (depth) is only scaled."""
+        points = np.asarray(points, np.float64)
+        matrix = self.matrix(size)
+        moved = points[:, :2] @ matrix[:, :2].T + matrix[:, 2]
+        return np.concatenate([moved, points[:, 2:] * (self.side / size)], 1)
+
+    def to_crop(self, points: npt.NDArray[np.floating], size: int) -> Float:
+        """(N, 2 or 3) photo pixels -> crop pixels; the inverse of ``to_photo``."""
+        points = np.asarray(points, np.float64)
+        matrix = self.matrix(size)
+        moved = (points[:, :2] - matrix[:, 2]) @ np.linalg.inv(matrix[:, :2]).T
+        return np.concatenate([moved, points[:, 2:] * (size / self.side)], 1)
+
+    def cut(self, pixels: npt.NDArray[np.uint8], size: int) -> npt.NDArray[np.uint8]:
+        """(size, size, 3) uint8 crop of an (H, W, 3) photo; black outside. Shrinking averages, it does not alias."""
+        height, width = pixels.shape[:2]
+        reach = self.side * 0.7072 + 2
+        x0, x1 = (int(np.clip(self.x + s * reach, 0, width)) for s in (-1, 1))
+        y0, y1 = (int(np.clip(self.y + s * reach, 0, height)) for s in (-1, 1))
+        if x1 - x0 < 1 or y1 - y0 < 1:
+            return np.zeros((size, size, 3), np.uint8)
+        patch = pixels[y0:y1, x0:x1]
+        shrink = max(1.0, self.side / size)
+        if shrink > 1.5:
+            small = (max(1, round((x1 - x0) / shrink)), max(1, round((y1 - y0) / shrink)))
+            patch = np.asarray(cv2.resize(patch, small, interpolation=cv2.INTER_AREA), np.uint8)
+        scale = np.array([patch.shape[1] / (x1 - x0), patch.shape[0] / (y1 - y0)])
+        matrix = self.matrix(size)
+        linear = matrix[:, :2] * scale[:, None]
+        shift = (matrix[:, 2] - [x0, y0]) * scale + linear @ [0.5, 0.5] - 0.5  # cv2 puts pixel centres at integers
+        warp = np.concatenate([linear, shift[:, None]], 1)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
+
+
+def eye_line_angle(left: npt.NDArray[np.floating], right: npt.NDArray[np.floating]) -> float:
+    """Radians of the line from the image-left to the image-right eye; 0 where the two coincide."""
+    dx, dy = (float(v) for v in np.asarray(right[:2]) - np.asarray(left[:2]))
+    return float(np.arctan2(dy, dx)) if np.hypot(dx, dy) > 1e-6 else 0.0

@@ -1,0 +1,127 @@
+"""Networks at run time: the only file that touches onnxruntime.
+
+Every model file is listed in ``data/models/models.json`` with its sha256; a file that is missing or changed is refused
+before the runtime sees it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault, NumericFault
+
+MODELS = Path(str(files("service"))) / "data" / "models"
+TABLE = "models.json"
+
+log = logging.getLogger(__name__)
+
+
+class Session:
+    """One loaded network.
+
+    Attributes:
+        name: the entry in models.json.
+        outputs: output names in the order in which ``run`` returns them.
+    """
+
+    def __init__(self, name: str, native: Any) -> None:
+        self.name = name
+        self._native = native
+        self.outputs: tuple[str, ...] = tuple(o.name for o in native.get_outputs())
+
+    def run(self, inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
+        """Outputs in the order of ``outputs``.
+
+        Raises:
+            ModelFault: the runtime refused the inputs or failed; the cause is kept.
+            NumericFault: an input or output holds NaN or Inf.
+        """
+        _require_finite(self.name, "input", inputs)
+        try:
+            results = self._native.run(list(self.outputs), inputs)
+        except Exception as error:  # the runtime's own exception types are not public
+            shapes = {key: tuple(value.shape) for key, value in inputs.items()}
+            raise ModelFault(f"network {self.name} failed on inputs {shapes}: {error}") from error
+        _require_finite(self.name, "output", dict(zip(self.outputs, results, strict=True)))
+        return list(results)
+
+
+def _require_finite(name: str, side: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
+    for key, value in arrays.items():
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            bad = int(value.size - np.isfinite(value).sum())
+            raise NumericFault(f"network {name}: {side} {key} has {bad} of {value.size} values that are NaN or Inf")
+
+
+def model_table(folder: Path = MODELS) -> dict[str, dict[str, Any]]:
+    """Entries of models.json by name: file, sha256, bytes, licence, source, opset, inputs, outputs.
+
+    Raises:
+        ModelFault: the table is missing or not what it should be.
+    """
+    try:
+        content = json.loads((folder / TABLE).read_text(encoding="utf-8"))
+        return {str(entry["name"]): dict(entry) for entry in content["models"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ModelFault(f"{folder / TABLE}: the table of models cannot be read ({error})") from error
+
+
+def checked_bytes(name: str, folder: Path = MODELS) -> bytes:
+    """Content of a model file after its size and sha256 were found to be those of models.json.
+
+    Raises:
+        ModelFault: unknown name, missing file, or another content; names the file and both hashes.
+    """
+    table = model_table(folder)
+    if name not in table:
+        raise ModelFault(f"no model {name!r} in {folder / TABLE}; it lists {', '.join(sorted(table))}")
+    path = folder / str(table[name]["file"])
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelFault(f"{path}: the model file cannot be read ({error})") from error
+    found, expected = hashlib.sha256(data).hexdigest(), str(table[name]["sha256"])
+    if found != expected:
+        raise ModelFault(f"{path}: sha256 is {found}, models.json says {expected}; reinstall the program's data files")
+    return data
+
+
+def load_session(name: str, threads: int = 2, folder: Path = MODELS) -> Session:
+    """Check a model file and load it, with ``threads`` compute threads and no memory arena.
+
+    Raises:
+        ModelFault: as ``checked_bytes``, or the runtime cannot load the graph.
+        ValueError: threads < 1.
+    """
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    data = checked_bytes(name, folder)
+    ort = _runtime()
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = False
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        native = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # the runtime's own exception types are not public
+        raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
+    return Session(name, native)
+
+
+@lru_cache(maxsize=1)
+def _runtime() -> Any:
+    """onnxruntime, imported at first use (0.1 s)."""
+    import onnxruntime
+
+    return onnxruntime
