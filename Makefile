@@ -8,6 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SERVING := $(VENV)/.serving-installed
 DEVELOPMENT := $(VENV)/.development-installed
+VALIDATOR := $(VENV)/.validator-installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c requirements.lock
 
 PHOTO ?= service/data/sample/astronaut.png
@@ -19,7 +20,7 @@ ARGS ?=
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
 
-setup: $(DEVELOPMENT) ## Make .venv with everything for running, testing and linting.
+setup: $(DEVELOPMENT) $(VALIDATOR) ## Make .venv with everything for running, testing and linting.
 
 run: $(SERVING) ## Make an avatar: make run PHOTO=me.jpg [OUT=me.zip] [ARGS="--size 1152x768"].
 	@photo="$(PHOTO)"; out="$(OUT)"; name="$${photo##*/}"; out="$${out:-out/$${name%.*}.zip}"; \
@@ -28,13 +29,13 @@ run: $(SERVING) ## Make an avatar: make run PHOTO=me.jpg [OUT=me.zip] [ARGS="--s
 doctor: $(SERVING) ## Say what is installed and try it out.
 	@$(BIN)/avatarme doctor
 
-test: $(DEVELOPMENT) ## Run the tests (make test ARGS="-k cli").
+test: $(DEVELOPMENT) $(VALIDATOR) ## Run the tests (make test ARGS="-k cli").
 	$(BIN)/python -m pytest $(ARGS)
 
-test-slow: $(DEVELOPMENT) ## Run the slow tests too.
+test-slow: $(DEVELOPMENT) $(VALIDATOR) ## Run the slow tests too.
 	$(BIN)/python -m pytest -m "not train" $(ARGS)
 
-test-train: $(DEVELOPMENT) ## Install torch and run the tests of training and building too.
+test-train: $(DEVELOPMENT) $(VALIDATOR) ## Install torch and run the tests of training and building too.
 	$(PIP) -e '.[dev,train,export]'
 	$(BIN)/python -m pytest -m "train or not slow" $(ARGS)
 
@@ -79,3 +80,8 @@ $(DEVELOPMENT): $(SERVING)
 	@echo "Installing what development needs"
 	@$(PIP) -e '.[dev]'
 	@touch $@
+
+# The Khronos validator of GLB files is an npm package; without npm the tests that need it are skipped, and say so.
+$(VALIDATOR): tests/tools/package-lock.json | $(BIN)/python
+	@if command -v npm >/dev/null; then npm ci --silent --no-audit --no-fund --prefix tests/tools; touch $@; \
+	else echo "npm is not installed (apt-get install npm): the glTF validator is left out" >&2; fi

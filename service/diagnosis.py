@@ -18,8 +18,8 @@ SAMPLE = DATA / "sample" / "astronaut.png"
 REQUIRED = ("numpy", "scipy", "opencv-contrib-python-headless", "onnxruntime", "pillow", "trimesh", "pydantic", "typer")
 OPTIONAL = ("openvino", "pillow-heif")
 
-_X86_FEATURES = "avx avx2 f16c fma avx512f avx512_vnni avx512_bf16 amx_tile amx_bf16 amx_int8".split()
-_ARM_FEATURES = "asimd asimdhp asimddp bf16 i8mm sve".split()
+_X86_FEATURES = ("avx", "avx2", "f16c", "fma", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8")
+_ARM_FEATURES = ("asimd", "asimdhp", "asimddp", "bf16", "i8mm", "sve")
 
 
 @dataclass(frozen=True)

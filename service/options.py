@@ -56,6 +56,8 @@ class Options:
         for name in ("identity_components", "iterations"):
             if not _whole(getattr(self, name)):
                 raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be a whole number", field=name)
+        if self.fit not in ("landmarks", "pixels"):
+            raise UsageError(f"fit is {self.fit!r}; it has to be 'landmarks' or 'pixels'", field="fit")
         self.fit_settings()  # checks the ranges of the fit's knobs
         object.__setattr__(self, "maps", tuple(name for name in MAP_NAMES if name in self.maps))
 
@@ -101,7 +103,7 @@ def parse_face(text: str) -> int | Literal["largest"]:
 def _check_maps(maps: tuple[str, ...]) -> None:
     unknown = [name for name in maps if name not in MAP_NAMES]
     if unknown:
-        raise UsageError(f"no map is called {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
+        raise UsageError(f"maps has {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
     if not maps or len(set(maps)) != len(maps):
         raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
 

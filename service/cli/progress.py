@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-Progress = Callable[[str, float], None]
-"""Called with the name of the stage that begins and the share of the whole that is done, in [0, 1]."""
+if TYPE_CHECKING:
+    from service.pipeline import Progress
 
 
 @contextmanager

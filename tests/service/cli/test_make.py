@@ -1,0 +1,217 @@
+"""The command itself, with a pipeline that answers at once where only the plumbing matters, and with the real one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from service import diagnosis, errors
+from service.cli.app import app
+from service.cli.progress import progress_bar
+from service.errors import AvatarError, MultipleFaces
+from service.options import Options
+
+ROOT = Path(__file__).parents[3]
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command in this process -> (exit status, stdout, stderr)."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as leaving:
+            app(list(arguments), prog_name="avatarme")
+        out, err = capsys.readouterr()
+        return int(leaving.value.code or 0), out, err
+
+    return call
+
+
+def child(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run([sys.executable, "-m", "service", *arguments], cwd=ROOT, capture_output=True, **kwargs)
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    (tmp_path / "me.jpg").write_bytes(b"the bytes of a photo")
+    return tmp_path / "me.jpg"
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bytes, Options]]:
+    """Put a pipeline in place that only notes what it was asked for."""
+    calls: list[tuple[bytes, Options]] = []
+    camera = SimpleNamespace(focal_px=1.0, yaw_pitch_roll_deg=lambda: (1.0, 2.0, 3.0))
+
+    def make_avatar(data: bytes, options: Options, progress: Any) -> SimpleNamespace:
+        calls.append((data, options))
+        progress("fit", 0.5)
+        return SimpleNamespace(
+            options=options.to_json(),
+            fit=SimpleNamespace(landmark_rms_px=0.5, inter_ocular_px=60.0, camera=camera),
+            all_warnings=lambda: ("no-colour",),
+            timings_s={"fit": 0.1},
+            peak_rss_mb=100.0,
+        )
+
+    def write_archive(avatar: object, target: Any) -> None:
+        target.write_bytes(b"PK") if isinstance(target, Path) else target.write(b"PK")
+
+    replace(monkeypatch, make_avatar, write_archive)
+    return calls
+
+
+def replace(
+    monkeypatch: pytest.MonkeyPatch, make_avatar: Callable[..., Any], write_archive: Callable[..., Any]
+) -> None:
+    for name, attribute, function in (
+        ("service.pipeline", "make_avatar", make_avatar),
+        ("service.archive.pack", "write_archive", write_archive),
+    ):
+        module = ModuleType(name)
+        setattr(module, attribute, function)
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def test_the_path_of_the_archive_is_all_of_stdout(run: Run, photo: Path, asked: list[tuple[bytes, Options]]) -> None:
+    status, out, err = run("make", str(photo))
+    assert (status, out) == (0, f"{photo.with_suffix('.zip')}\n")
+    assert err == "avatarme: warning: no-colour\n"
+    assert asked == [(b"the bytes of a photo", Options())]
+    assert photo.with_suffix(".zip").read_bytes() == b"PK"
+
+
+def test_options_reach_the_pipeline(run: Run, photo: Path, asked: list[tuple[bytes, Options]]) -> None:
+    words = "--maps texture --size 1152x768 --face 1 --seed 5 --fit pixels --identity-components 9 --iterations 4"
+    assert run("make", str(photo), *words.split())[0] == 0
+    (_, options), *_ = asked
+    assert options == Options(
+        maps=("texture",), size=(1152, 768), face=1, seed=5, fit="pixels", identity_components=9, iterations=4
+    )
+
+
+def test_json_is_one_object_with_what_a_machine_needs(run: Run, photo: Path, asked: list[Any]) -> None:
+    status, out, _ = run("make", str(photo), "--json", "-o", str(photo.with_name("out.zip")))
+    facts = json.loads(out)
+    assert status == 0
+    assert facts["archive"] == str(photo.with_name("out.zip"))
+    assert facts["bytes"] == 2
+    assert facts["fit"]["landmark_rms_px"] == 0.5
+    assert facts["warnings"] == ["no-colour"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["make"],
+        ["make", "no-such-file.jpg"],
+        ["make", "a.jpg", "b.jpg"],
+        ["make", "a.jpg", "--no-such-option"],
+        ["make", "a.jpg", "--size", "5x5"],
+        ["make", "a.jpg", "--maps", "albedo"],
+        ["make", "a.jpg", "--seed", "1.5"],
+        ["make", "a.jpg", "--face", "-1"],
+        ["make", "a.jpg", "--fit", "magic"],
+        ["no-such-command"],
+    ],
+)
+def test_usage_errors_end_with_two_and_say_nothing_on_stdout(run: Run, words: list[str]) -> None:
+    status, out, err = run(*words)
+    assert (status, out) == (2, "")
+    assert err
+
+
+@pytest.mark.parametrize("kind", [errors.NoFace, errors.CorruptImage, errors.NumericFault, errors.UsageError])
+def test_a_fault_of_a_stage_sets_the_status_and_leaves_no_archive(
+    run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch, kind: type[AvatarError]
+) -> None:
+    def make_avatar(*_: object) -> None:
+        raise kind("what was wrong")
+
+    replace(monkeypatch, make_avatar, lambda avatar, target: target.write_bytes(b""))
+    status, out, err = run("make", str(photo))
+    assert (status, out, err) == (kind.exit_status, "", "avatarme: what was wrong\n")
+    assert not photo.with_suffix(".zip").exists()
+
+
+def test_several_faces_come_with_their_boxes(run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def make_avatar(*_: object) -> None:
+        raise MultipleFaces("two faces", boxes=[[0, 0, 1, 1], [2, 2, 3, 3]])
+
+    replace(monkeypatch, make_avatar, lambda *_: None)
+    status, out, _ = run("make", str(photo), "--json")
+    assert status == 3
+    assert json.loads(out)["error"]["boxes"] == [[0, 0, 1, 1], [2, 2, 3, 3]]
+
+
+def test_no_bar_where_stderr_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar() as progress:
+        progress("fit", 0.5)
+    assert capsys.readouterr() == ("", "")
+
+
+def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    with progress_bar() as progress:
+        progress("fit", -1.0)
+        progress("texture", 2.0)
+    out, err = capsys.readouterr()
+    assert out == "", "progress belongs to stderr only"
+    return err
+
+
+def test_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    drawn = terminal(monkeypatch, capsys)
+    assert "texture" in drawn
+    assert "\x1b[38" in drawn
+
+
+def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    drawn = terminal(monkeypatch, capsys)
+    assert "texture" in drawn
+    assert "\x1b[3" not in drawn
+
+
+def test_the_sample_becomes_an_archive_twice_the_same(tmp_path: Path) -> None:
+    """The whole program as a user starts it; the pipe must give the bytes that the file has."""
+    target = tmp_path / "out.zip"
+    made = child("make", str(diagnosis.SAMPLE), "-o", str(target))
+    assert (made.returncode, made.stdout.decode()) == (0, f"{target}\n"), made.stderr.decode()
+    piped = child("make", "-", input=diagnosis.SAMPLE.read_bytes())
+    assert piped.returncode == 0, piped.stderr.decode()
+    assert hashlib.sha256(piped.stdout).digest() == hashlib.sha256(target.read_bytes()).digest()
+    with zipfile.ZipFile(target) as archive:
+        assert archive.testzip() is None
+        assert {"manifest.json", "mesh/head.obj", "mesh/head.glb", "maps/texture.png"} <= set(archive.namelist())
+    assert [path.name for path in tmp_path.iterdir()] == ["out.zip"], "temporary files were left behind"
+
+
+def test_bytes_that_are_no_photo_end_with_four(tmp_path: Path) -> None:
+    (tmp_path / "text.jpg").write_text("hello")
+    refused = child("make", str(tmp_path / "text.jpg"), "--json")
+    assert refused.returncode == 4, refused.stderr.decode()
+    assert json.loads(refused.stdout)["error"]["code"] == "unsupported-format"
+
+
+def test_control_c_ends_with_130_and_no_archive(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "slow.jpg")
+    process = subprocess.Popen([sys.executable, "-m", "service", "make", str(tmp_path / "slow.jpg")], cwd=ROOT)
+    with (tmp_path / "slow.jpg").open("wb"):  # opens when the program does; it then waits for bytes that never come
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
+    assert not (tmp_path / "slow.zip").exists()

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from service.errors import UsageError
+from service.options import LARGEST_SEED, MAP_NAMES, Options, parse_face, parse_maps, parse_size
+
+BAD = [
+    ("maps", ()),
+    ("maps", ("texture", "texture")),
+    ("maps", ("../texture",)),
+    ("size", (576, 383)),
+    ("size", (0, 0)),
+    ("size", (-576, -384)),
+    ("size", (95, 63)),
+    ("size", (6147, 4098)),
+    ("size", (576.0, 384.0)),
+    ("size", (576,)),
+    ("size", (10**30, 10**30)),
+    ("face", -1),
+    ("face", "smallest"),
+    ("face", True),
+    ("face", 1.0),
+    ("seed", -1),
+    ("seed", LARGEST_SEED + 1),
+    ("seed", float("nan")),
+    ("seed", True),
+    ("fit", "magic"),
+    ("identity_components", -1),
+    ("identity_components", 2.5),
+    ("iterations", 0),
+    ("iterations", float("inf")),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), BAD)
+def test_a_value_out_of_range_is_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(UsageError, match=name):
+        Options(**{name: value})
+
+
+def test_the_message_offers_a_size_that_is_accepted() -> None:
+    for size in ((1000, 1000), (1, 1), (10**9, 1)):
+        with pytest.raises(UsageError) as refusal:
+            Options(size=size)
+        offered = parse_size(refusal.value.message.rpartition(" ")[2])
+        assert Options(size=offered).size == offered
+
+
+def test_the_defaults_are_the_method_s() -> None:
+    assert Options().size == (576, 384)
+    assert Options().maps == MAP_NAMES
+    assert Options().face is None
+
+
+def test_maps_keep_the_order_of_the_archive_so_that_equal_requests_give_equal_bytes() -> None:
+    assert Options(maps=MAP_NAMES[::-1]) == Options()
+
+
+def test_the_request_survives_json() -> None:
+    options = Options(maps=("confidence",), size=(1152, 768), face="largest", seed=7)
+    assert json.loads(json.dumps(options.to_json())) == options.to_json()
+    assert options.to_json()["face"] == "largest"
+
+
+def test_the_knobs_reach_the_fit() -> None:
+    settings = Options(fit="pixels", identity_components=12, iterations=3).fit_settings()
+    assert (settings.refine, settings.identity_components, settings.iterations) == ("pixels", 12, 3)
+
+
+@given(st.text(max_size=20))
+def test_any_text_is_parsed_or_refused(text: str) -> None:
+    """No other exception, and no number that Python alone would read (``1_0``, Arabic digits, a sign)."""
+    for parse in (parse_size, parse_face):
+        try:
+            parsed = parse(text)
+        except UsageError:
+            continue
+        assert text.isascii()
+        assert "_" not in text
+        assert parsed == "largest" or all(number >= 0 for number in ([parsed] if isinstance(parsed, int) else parsed))
+
+
+def test_what_people_type_is_understood() -> None:
+    assert parse_size("1152x768") == parse_size(" 1152X768") == (1152, 768)
+    assert parse_face("2") == 2
+    assert parse_face("Largest") == "largest"
+    assert parse_maps("texture, shape-normal") == ("texture", "shape_normal")
+
+
+@pytest.mark.parametrize("text", ["", "576", "x", "576x", "x384", "576x384x1", "1e3x1e3", "-3x-2", "9" * 5000 + "x1"])
+def test_a_size_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="size"):
+        parse_size(text)
