@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 SERVING := $(VENV)/.serving-installed
 DEVELOPMENT := $(VENV)/.development-installed
 VALIDATOR := $(VENV)/.validator-installed
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c requirements.lock
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c requirements.lock
 
 PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
@@ -68,8 +68,8 @@ $(BIN)/python:
 		if "$$python" -m venv --without-pip $(VENV) 2>/dev/null && "$$python" -m pip --python $(VENV) install --quiet pip 2>/dev/null; \
 			then exit 0; fi; \
 		rm -rf $(VENV); \
-		echo "$$python has neither venv nor pip: apt-get install python3-venv (or $$python-venv)" >&2; exit 1; \
-	done; echo "Python 3.11 or newer is needed; name one with make PYTHON=/path/to/python3" >&2; exit 1
+		echo "$$python has neither venv nor pip: apt-get install python3-venv (or $$python-venv)" >&2; \
+	done; echo "No usable Python 3.11 or newer; name one with make PYTHON=/path/to/python3" >&2; exit 1
 
 $(SERVING): pyproject.toml requirements.lock | $(BIN)/python
 	@echo "Installing what serving needs"
