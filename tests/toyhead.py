@@ -36,7 +36,9 @@ def _ball(centre: Array, radius: float, rings: int, segments: int, box: tuple[fl
 
     u = box[0] + (box[2] - box[0]) * np.arange(segments + 1) / segments
     v = box[1] + (box[3] - box[1]) * np.arange(rings + 1) / rings
-    uv = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)  # ring-major, segments + 1 per ring
+    grid = np.stack(np.meshgrid(u, v), -1)  # ring-major, segments + 1 per ring
+    grid[[0, -1], :, 0] += 0.5 * (u[1] - u[0])  # each triangle at a pole has its tip in its middle
+    uv = grid.reshape(-1, 2)
     quads, quads_uv = [], []
     for ring in range(rings):
         for s in range(segments):

@@ -1,0 +1,229 @@
+"""The UV chart as an image: which point of the surface each texel shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.normals import normalise, vertex_normals
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+NO_PART = 255
+"""Part id of texels outside all islands."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Right-handed unit axes at each texel, each (H, W, 3) float32 in head space: u to the right, v up, normal out."""
+
+    tangent: Float
+    bitangent: Float
+    normal: Float
+
+
+@dataclass(frozen=True)
+class Chart:
+    """The chart of a head rasterised once; serves every head of the same topology.
+
+    Texel (row r, column c) has its centre at u = (c + 0.5) / width, v = 1 - (r + 0.5) / height.
+
+    Attributes:
+        head: the model (only its topology and chart are used).
+        width, height: size of the whole chart in texels.
+        first_row: chart row of this object's row 0; not 0 where the chart is worked on in bands.
+        triangle: (H, W) int32 triangle of each texel, -1 outside the islands.
+        barycentric: (H, W, 3) float32 weights of its corners.
+        part: (H, W) uint8 index into ``head.part_names``, ``NO_PART`` outside.
+        texels: (N,) int64 flat indices of the texels inside.
+    """
+
+    head: HeadModel
+    width: int
+    height: int
+    first_row: int
+    triangle: npt.NDArray[np.int32]
+    barycentric: Float
+    part: npt.NDArray[np.uint8]
+    texels: npt.NDArray[np.int64]
+
+    @classmethod
+    def build(cls, head: HeadModel, width: int, height: int, rows: tuple[int, int] | None = None) -> Chart:
+        """Rasterise the chart, or its rows ``rows[0]`` to ``rows[1] - 1`` only (bit-identical to the whole)."""
+        first, last = rows if rows is not None else (0, height)
+        points = chart_points(head, width, height)
+        raster = rasterise(points, np.zeros(len(points)), head.triangle_uv, width, last - first, first_row=first)
+        part = np.full(raster.triangle.shape, NO_PART, np.uint8)
+        part[raster.mask] = head.triangle_part[raster.triangle[raster.mask]]
+        texels = np.flatnonzero(raster.mask)
+        return cls(head, width, height, first, raster.triangle, raster.barycentric, part, texels)
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, True inside the islands."""
+        return self.triangle >= 0
+
+    def interpolate(self, values: npt.NDArray[np.floating]) -> Float:
+        """(H, W, C) float32 of per-vertex values (V, C) or (V,); 0 outside the islands."""
+        return self.spread(self.inside(values))
+
+    def inside(self, values: npt.NDArray[np.floating], *, on_chart: bool = False) -> Float:
+        """(N, C) float32 at the inner ``texels`` of values per vertex (V, C) or (V,).
+
+        With ``on_chart`` the values belong to chart vertices (U, C), which may differ across a cut.
+        """
+        v = np.asarray(values, np.float32)
+        v = v[:, None] if v.ndim == 1 else v
+        corners = (self.head.triangle_uv if on_chart else self.head.triangles)[self.triangle.ravel()[self.texels]]
+        weights = self.barycentric.reshape(-1, 3)[self.texels]
+        result = weights[:, :1] * v[corners[:, 0]]
+        result += weights[:, 1:2] * v[corners[:, 1]]
+        result += weights[:, 2:] * v[corners[:, 2]]
+        return np.asarray(result)
+
+    def spread(self, values: npt.NDArray[np.floating], outside: tuple[float, ...] | float = 0.0) -> Float:
+        """(H, W, C) float32 image of values (N, C) at the inner ``texels``; ``outside`` elsewhere."""
+        result = np.full((self.triangle.size, values.shape[1]), outside, np.float32)
+        result[self.texels] = values
+        return result.reshape(*self.triangle.shape, -1)
+
+    def gather(self, per_triangle: npt.NDArray[np.floating]) -> Float:
+        """(H, W, ...) float32 of values per triangle (T, ...); 0 outside the islands."""
+        values = np.asarray(per_triangle, np.float32)
+        flat = values.reshape(len(values), -1)[self.triangle.ravel()[self.texels]]
+        return self.spread(flat).reshape(*self.triangle.shape, *values.shape[1:])
+
+    def normals(self, vertices: npt.NDArray[np.floating]) -> Float:
+        """(H, W, 3) float32 unit normals in the frame of ``vertices`` (V, 3); (0, 0, 1) outside the islands."""
+        return self.spread(_unit(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
+
+    def frame(self, vertices: npt.NDArray[np.floating], vertex_normal: npt.NDArray[np.floating] | None = None) -> Frame:
+        """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
+
+        A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
+        Where the surface has no direction of +u the tangent is any; outside the islands the axes are x, y, z.
+
+        Args:
+            vertices: (V, 3) positions.
+            vertex_normal: (V, 3) unit normals to build on; those of ``vertices`` where left out.
+        """
+        n = vertex_normals(vertices, self.head.triangles) if vertex_normal is None else vertex_normal
+        normal = _unit(self.inside(n), _Z)
+        along = self.inside(tangents(self.head, vertices), on_chart=True)
+        along -= normal * _dot(along, normal)
+        lost = _dot(along, along)[:, 0] < 1e-12
+        if lost.any():
+            along[lost] = _any_orthogonal(normal[lost])
+        tangent = _unit(along, _X)
+        bitangent = np.cross(normal, tangent)
+        return Frame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
+
+    def metric(self, vertices: npt.NDArray[np.floating]) -> Float:
+        """(H, W, 3) float32 first fundamental form E, F, G in mm^2 per texel^2 of ``vertices`` in metres; 0 outside.
+
+        E = |X_u|^2, F = X_u . X_v, G = |X_v|^2; X_u, X_v are the change of position per texel to the right and up.
+        """
+        du, dv = _derivatives(self.head, vertices)
+        du, dv = du * (1000.0 / self.width), dv * (1000.0 / self.height)
+        pairs = ((du, du), (du, dv), (dv, dv))
+        return self.gather(np.stack([np.einsum("ti,ti->t", a, b) for a, b in pairs], 1))
+
+    def fill_outside(self, image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        """Copy of (H, W) or (H, W, C) in which every texel outside the islands has the value of the nearest inside."""
+        return fill_from(image, self.mask)
+
+
+def chart_points(head: HeadModel, width: int, height: int) -> npt.NDArray[np.float64]:
+    """(U, 2) float64 positions of the chart vertices in texels, x right, y down, texel centres at +0.5."""
+    return head.uv.astype(np.float64) * [width, -height] + [0.0, height]
+
+
+def mirrored(image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """The same map with left and right of the head swapped (u <-> 1 - u); valid because charts are mirror-symmetric."""
+    return np.flip(image, 1)
+
+
+def fill_from(image: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.generic]:
+    """Copy of ``image`` (H, W) or (H, W, C) with each texel outside ``mask`` set to the nearest one inside.
+
+    An empty mask has nothing to copy from: the image comes back as it is.
+    """
+    import cv2
+
+    filled = np.array(image)
+    if mask.all() or not mask.any():
+        return filled
+    _, label = cv2.distanceTransformWithLabels((~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    label = np.asarray(label)
+    row, column = np.nonzero(mask)
+    source = np.zeros(int(label.max()) + 1, np.int64)
+    source[label[row, column]] = row * mask.shape[1] + column
+    flat = filled.reshape(mask.size, -1)
+    outside = np.flatnonzero(~mask.ravel())
+    flat[outside] = flat[source[label.ravel()[outside]]]
+    return filled
+
+
+def _dot(a: Float, b: Float) -> Float:
+    """(N, 1) dot products."""
+    return np.asarray(a[:, :1] * b[:, :1] + a[:, 1:2] * b[:, 1:2] + a[:, 2:] * b[:, 2:])
+
+
+def _unit(vectors: Float, fallback: tuple[float, float, float]) -> Float:
+    """Unit vectors (N, 3) in float32, for vectors that began as unit ones and were averaged."""
+    length = np.sqrt(_dot(vectors, vectors))
+    sound = length > 1e-6
+    return np.where(sound, vectors / np.where(sound, length, 1), np.asarray(fallback, np.float32))
+
+
+def _any_orthogonal(normal: Float) -> Float:
+    """(N, 3) vectors of length at least 0.5 orthogonal to unit normals."""
+    axis = np.where(np.abs(normal[:, :1]) < 0.7, np.asarray(_X, np.float32), np.asarray(_Y, np.float32))
+    return np.asarray(axis - normal * _dot(axis, normal))
+
+
+def tangents(head: HeadModel, vertices: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """(U, 3) float64 unit direction of growing u at each chart vertex, mean of its triangles by area; 0 where none."""
+    du, _ = _derivatives(head, vertices)
+    weight = np.abs(_chart_area(head))
+    index = head.triangle_uv.ravel()
+    weighted = np.repeat(du * weight[:, None], 3, 0)
+    total = np.stack([np.bincount(index, weighted[:, i], len(head.uv)) for i in range(3)], 1).astype(np.float64)
+    return normalise(total, (0.0, 0.0, 0.0))
+
+
+def _chart_area(head: HeadModel) -> npt.NDArray[np.float64]:
+    """(T,) twice the signed area on the unit chart, positive for triangles that are not flipped."""
+    uv = head.uv.astype(np.float64)[head.triangle_uv]
+    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return np.asarray(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])
+
+
+def _derivatives(
+    head: HeadModel, vertices: npt.NDArray[np.floating]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(T, 3) change of position per unit of u and of v, constant on a triangle; 0 where the chart has no area."""
+    return solve_affine(head.uv[head.triangle_uv].astype(np.float64), np.asarray(vertices, np.float64)[head.triangles])
+
+
+def solve_affine(
+    source: npt.NDArray[np.floating], target: npt.NDArray[np.floating]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Derivatives of the affine maps that take source triangles (T, 3, 2) to target triangles (T, 3, C).
+
+    Returns:
+        Two (T, C) float64: d target / d source x and d target / d source y; 0 where the source has no area.
+    """
+    s, t = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    s1, s2 = s[:, 1] - s[:, 0], s[:, 2] - s[:, 0]
+    t1, t2 = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
+    area = s1[:, 0] * s2[:, 1] - s1[:, 1] * s2[:, 0]
+    sound = np.abs(area) > 1e-18
+    inverse = np.where(sound, 1.0 / np.where(sound, area, 1.0), 0.0)[:, None]
+    return (t1 * s2[:, 1:] - t2 * s1[:, 1:]) * inverse, (t2 * s1[:, :1] - t1 * s2[:, :1]) * inverse

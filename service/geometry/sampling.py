@@ -1,0 +1,112 @@
+"""Reading an image at points between pixels, averaged over the area that each point stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+
+_COLUMNS = 1024
+_ROWS = 16384
+"""Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
+
+MOST_SAMPLES = 4
+"""Supersamples per side of a footprint; what is wider is left to the pyramid."""
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """An image and its halves.
+
+    Attributes:
+        levels: level i is (about H / 2^i, about W / 2^i, C) float32, each pixel the mean of 2 x 2 of the level below
+            (Williams 1983). Values keep the range of the image; average linear light, not coded values.
+        scales: (w, h) of each level's pixel in pixels of level 0 (not quite powers of two for odd sizes).
+    """
+
+    levels: tuple[Float, ...]
+    scales: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def build(cls, image: npt.NDArray[np.floating]) -> Pyramid:
+        """From (H, W, C) or (H, W), both sides at least 1 and at most 32767."""
+        import cv2
+
+        base = np.ascontiguousarray(image, np.float32)
+        base = base[..., None] if base.ndim == 2 else base
+        levels = [base]
+        while max(levels[-1].shape[:2]) > 1:
+            height, width = levels[-1].shape[:2]
+            size = (max(1, width // 2), max(1, height // 2))
+            smaller = cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA)
+            levels.append(np.asarray(smaller, np.float32).reshape(size[1], size[0], -1))
+        h, w = base.shape[:2]
+        return cls(tuple(levels), tuple((w / a.shape[1], h / a.shape[0]) for a in levels))
+
+    def sample(self, points: npt.NDArray[np.floating], footprint: npt.NDArray[np.floating] | float = 1.0) -> Float:
+        """(..., C) means around points (..., 2), interpolated between pixels and between levels.
+
+        Args:
+            points: pixels, x right, y down, pixel centres at +0.5. Outside the image the border is repeated; points
+                that are not finite read the top left corner.
+            footprint: (...) diameter of the area in pixels; below 1 counts as 1.
+        """
+        at = np.nan_to_num(np.asarray(points, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        shape = at.shape[:-1]
+        at = at.reshape(-1, 2)
+        diameter = np.nan_to_num(np.broadcast_to(footprint, shape).reshape(-1), nan=1.0)
+        level = np.clip(np.log2(np.maximum(diameter, 1.0)), 0, len(self.levels) - 1)
+        result = np.zeros((len(at), self.levels[0].shape[2]), np.float32)
+        lower = np.floor(level).astype(int)
+        for i in np.unique(lower):
+            chosen = np.flatnonzero(lower == i)
+            value = self._read(i, at[chosen])
+            share = (level[chosen] - i).astype(np.float32)[:, None]
+            if share.any():
+                value += share * (self._read(i + 1, at[chosen]) - value)
+            result[chosen] = value
+        return result.reshape(*shape, result.shape[1])
+
+    def _read(self, level: int, points: npt.NDArray[np.float64]) -> Float:
+        import cv2
+
+        image, scale = self.levels[level], self.scales[level]
+        count = len(points)
+        padded = -(-count // _COLUMNS) * _COLUMNS
+        flat = np.zeros((2, padded), np.float32)
+        for axis in range(2):
+            limit = image.shape[1 - axis]
+            flat[axis, :count] = np.clip(points[:, axis] / scale[axis] - 0.5, -1.0, limit)
+        maps = flat.reshape(2, -1, _COLUMNS)
+        value = np.zeros((padded // _COLUMNS, _COLUMNS, image.shape[2]), np.float32)
+        for row in range(0, value.shape[0], _ROWS):
+            part = slice(row, row + _ROWS)
+            read = cv2.remap(image, maps[0, part], maps[1, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            value[part] = np.asarray(read).reshape(value[part].shape)
+        return value.reshape(padded, -1)[:count]
+
+
+def sample_area(pyramid: Pyramid, points: npt.NDArray[np.floating], jacobian: npt.NDArray[np.floating]) -> Float:
+    """(..., C) means over the parallelograms that unit squares become, by regular supersampling.
+
+    A texel seen at a slant is long and narrow in the photo; several samples along it keep what a single round footprint
+    would blur or let alias.
+
+    Args:
+        pyramid: of the image.
+        points: (..., 2) centres in pixels (centres of pixels at +0.5).
+        jacobian: (..., 2, 2) d(pixel x, y) / d(texel x, y).
+    """
+    j = np.nan_to_num(np.asarray(jacobian, np.float32))
+    longest = np.sqrt(np.maximum(j[..., 0, 0] ** 2 + j[..., 1, 0] ** 2, j[..., 0, 1] ** 2 + j[..., 1, 1] ** 2))
+    side = int(np.clip(np.ceil(np.percentile(longest, 90)), 1, MOST_SAMPLES)) if longest.size else 1
+    offsets = (np.arange(side) + 0.5) / side - 0.5
+    total = np.zeros((*longest.shape, pyramid.levels[0].shape[2]), np.float32)
+    for dx in offsets:
+        for dy in offsets:
+            at = np.asarray(points, np.float64) + dx * j[..., 0] + dy * j[..., 1]
+            total += pyramid.sample(at, longest / side)
+    return np.asarray(total / np.float32(side * side))
