@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -131,6 +132,15 @@ def test_usage_errors_end_with_two_and_say_nothing_on_stdout(run: Run, words: li
     status, out, err = run(*words)
     assert (status, out) == (2, "")
     assert err
+
+
+def test_the_readme_explains_every_option(run: Run) -> None:
+    status, out, _ = run("make", "--help")
+    options = set(re.findall(r"^ +(?:-\w, )?(--[a-z-]+)", out, re.MULTILINE)) - {"--help", "--output"}
+    assert status == 0
+    assert len(options) >= 8
+    readme = (ROOT / "README.md").read_text("utf-8")
+    assert not {option for option in options if f"`{option}" not in readme}
 
 
 @pytest.mark.parametrize("kind", [errors.NoFace, errors.CorruptImage, errors.NumericFault, errors.UsageError])
