@@ -1,0 +1,202 @@
+"""Image file to upright 8-bit sRGB; runs in the decoding process only.
+
+The format classes of Pillow are called directly: no plugin search, so no format but the one that the gate named can
+be reached, and no helper program (Pillow runs Ghostscript for PostScript).
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+import zlib
+from collections.abc import Callable
+from importlib import import_module
+from io import BytesIO
+from typing import NamedTuple
+
+from PIL import Image, ImageFile
+
+from service.photo.container import Codec
+from service.photo.wire import Note
+
+BACKGROUND = 128
+"""Grey that shows through transparent pixels; sRGB value."""
+
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+# All that Pillow's readers raise for bytes that they cannot decode. MemoryError is not among them.
+_DECODER_FAULTS = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    LookupError,
+    EOFError,
+    ArithmeticError,
+    RuntimeError,
+    Warning,
+    struct.error,
+    zlib.error,
+    Image.DecompressionBombError,
+)
+
+Opener = Callable[[bytes], ImageFile.ImageFile]
+
+
+class DecoderFault(Exception):
+    """The bytes could not be decoded."""
+
+
+class Animated(Exception):
+    """The file holds a sequence; ``args[0]`` is the number of frames."""
+
+
+class BadSize(Exception):
+    """The size is over its limits; ``args`` are width and height."""
+
+
+class Decoded(NamedTuple):
+    """An upright RGB image in sRGB, with what was noticed and, for HEIC, its EXIF bytes."""
+
+    image: Image.Image
+    notes: Note
+    exif: bytes = b""
+
+
+def prepare(codec: int, *, colour: bool) -> Opener:
+    """Import the reader of one format and, with ``colour``, the colour engine.
+
+    The process gives up its right to open files before it looks at a photo, so nothing can be imported later.
+    """
+    if colour or codec == Codec.HEIC:
+        import_module("service.photo.colour_profile")
+    if codec == Codec.JPEG:
+        from PIL.JpegImagePlugin import JpegImageFile
+
+        return lambda data: JpegImageFile(BytesIO(data))
+    if codec == Codec.PNG:
+        from PIL.PngImagePlugin import PngImageFile
+
+        import_module("service.photo.png16")
+        return lambda data: PngImageFile(BytesIO(data))
+    if codec == Codec.WEBP:
+        from PIL.WebPImagePlugin import WebPImageFile
+
+        return lambda data: WebPImageFile(BytesIO(data))
+    if codec == Codec.HEIC:
+        from pillow_heif import HeifImageFile, options
+
+        # Each thread would take address space for its stack and its heap.
+        options.DECODE_THREADS = 1
+        options.THUMBNAILS = options.DEPTH_IMAGES = options.AUX_IMAGES = False
+        reader: Callable[[BytesIO], ImageFile.ImageFile] = HeifImageFile
+        return lambda data: reader(BytesIO(data))
+    raise ValueError(f"no such codec: {codec}")
+
+
+def decode(
+    open_image: Opener, payload: bytes, icc: bytes, gamma: float, orientation: int, max_side: int, max_pixels: int
+) -> Decoded:
+    """Decode one file.
+
+    Args:
+        open_image: from ``prepare``.
+        payload: the image file.
+        icc: colour profile; where empty, the one that the decoder finds is used (HEIC).
+        gamma: exponent of the encoding, or 0 for sRGB.
+        orientation: EXIF turn to undo, 1 to 8.
+        max_side: longest side, in pixels.
+        max_pixels: width times height.
+
+    Raises:
+        DecoderFault: damaged, or a mode that no photo has.
+        Animated: more than one frame.
+        BadSize: over the limits.
+        MemoryError: more memory than the process may have.
+    """
+    image, exif = _load(open_image, payload, max_side, max_pixels)
+    icc = icc or image.info.get("icc_profile") or b""
+    notes = Note(0)
+    if getattr(image, "n_frames", 1) > 1:
+        notes |= Note.EXTRA_IMAGES
+    turn = _TURNS.get(orientation)
+    if turn is not None:
+        image = image.transpose(turn)
+    image, alpha = _split_alpha(image)
+    image, icc_note = _to_srgb(image, icc, gamma)
+    notes |= icc_note
+    if alpha is not None and alpha.getextrema()[0] != 255:
+        notes |= Note.TRANSPARENT
+        background = Image.new("RGB", image.size, (BACKGROUND,) * 3)
+        background.paste(image, mask=alpha)
+        image = background
+    return Decoded(image, notes, exif)
+
+
+def _load(open_image: Opener, payload: bytes, max_side: int, max_pixels: int) -> tuple[Image.Image, bytes]:
+    """Open, check the size once more, decode; returns the image and its EXIF where the decoder found it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            image = open_image(payload)
+            width, height = image.size
+            if max(width, height) > max_side or width * height > max_pixels:
+                raise BadSize(width, height)
+            frames = getattr(image, "n_frames", 1)
+            if frames > 1 and image.format != "HEIF":
+                raise Animated(frames)
+            exif = image.info.get("exif", b"")
+            return _load_pixels(image, payload), exif if isinstance(exif, bytes) else b""
+        except _DECODER_FAULTS as fault:
+            raise DecoderFault(type(fault).__name__) from fault
+
+
+def _load_pixels(image: ImageFile.ImageFile, payload: bytes) -> Image.Image:
+    depth = payload[24] if image.format == "PNG" else 8
+    if depth == 16:
+        from service.photo.png16 import decode_png16
+
+        return decode_png16(image, payload)
+    image.load()
+    key = image.info.get("transparency")
+    if depth < 8 and image.mode == "L" and isinstance(key, int):
+        # The key is stated at the depth of the file; Pillow has spread the samples to 8 bits.
+        image.info["transparency"] = key * 255 // (2**depth - 1)
+    return image
+
+
+def _split_alpha(image: Image.Image) -> tuple[Image.Image, Image.Image | None]:
+    """Colour in mode L, RGB or CMYK, and alpha in mode L where there is any."""
+    if "transparency" in image.info or image.mode in ("PA", "RGBa", "La"):
+        image = image.convert("RGBA")
+    if image.mode in ("RGBA", "LA"):
+        *bands, alpha = image.split()
+        return (bands[0] if len(bands) == 1 else Image.merge("RGB", bands)), alpha
+    if image.mode == "1":
+        return image.convert("L"), None
+    if image.mode in ("L", "RGB", "CMYK"):
+        return image, None
+    return image.convert("RGB"), None
+
+
+def _to_srgb(image: Image.Image, icc: bytes, gamma: float) -> tuple[Image.Image, Note]:
+    note = Note(0)
+    if icc:
+        from service.photo.colour_profile import profile_to_srgb
+
+        converted = profile_to_srgb(image, icc)
+        if converted is not None:
+            return converted, note
+        note = Note.ICC_IGNORED
+    elif gamma:
+        from service.photo.colour_profile import gamma_to_srgb
+
+        image = gamma_to_srgb(image, gamma)
+    return (image if image.mode == "RGB" else image.convert("RGB")), note

@@ -1,0 +1,142 @@
+"""The only way in for a photo: any bytes go in, a clean upright sRGB image comes out, or an error that says why not.
+
+::
+
+    bytes -> length -> magic -> container walk -> size -> decoding process -> checked pixels -> Photo
+
+Everything up to the size is plain Python over bounded slices and refuses most bad input within a millisecond; native
+decoders run only in the process that ``sandbox`` starts. No name, address or metadata of the input goes further.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from typing import BinaryIO
+
+import numpy as np
+
+from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
+from service.photo.container import Codec, Container
+from service.photo.exif import ExifFacts, read_exif
+from service.photo.jpeg import walk_jpeg
+from service.photo.limits import Limits, check_bytes, check_size
+from service.photo.no_colour import lacks_colour
+from service.photo.photo import Photo
+from service.photo.png import walk_png
+from service.photo.sandbox import run_decoder
+from service.photo.sniff import is_heic_sequence, sniff
+from service.photo.webp import walk_webp
+from service.photo.wire import Note, Reply, Request, Status
+
+_NOTES = {
+    Note.TRANSPARENT: "transparent",
+    Note.ICC_IGNORED: "icc-ignored",
+    Note.EXTRA_IMAGES: "extra-images-ignored",
+    Note.FOCAL_IGNORED: "focal-ignored",
+}
+
+
+def read_stream(stream: BinaryIO, limits: Limits = Limits()) -> bytes:  # noqa: B008 - frozen
+    """Read a file or a pipe, but no more than one byte over the limit.
+
+    Raises:
+        TooManyBytes: there is more than ``limits.max_bytes``.
+    """
+    data = stream.read(limits.max_bytes + 1)
+    check_bytes(len(data), limits)
+    return data
+
+
+def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) -> Photo:  # noqa: B008 - frozen
+    """Turn the bytes of an image file into a photo.
+
+    Args:
+        data: the whole file: JPEG, PNG or WebP.
+        limits: what is accepted, and what decoding may cost.
+        heic: accept HEIC as well; needs the extra ``heic``.
+
+    Returns:
+        (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length. ``warnings`` may hold
+        ``no-colour`` (grey or of one tint), ``transparent`` (was put before grey), ``icc-ignored`` (its colour
+        profile is broken, so sRGB was assumed), ``extra-images-ignored`` (only the first image was read),
+        ``focal-ignored`` (the file states the focal length of another frame) and ``decoder-not-limited`` (this
+        system cannot limit the memory of the decoding process).
+
+    Raises:
+        UnreadableInput: one of its subclasses, for whatever is wrong with the bytes.
+        AvatarError: the installation is broken; never raised for what the bytes are.
+    """
+    if not data:
+        raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
+    check_bytes(len(data), limits)
+    container = open_container(data, limits, heic=heic)
+    facts = read_exif(container.exif, container.size or (0, 0))
+    reply, raw = run_decoder(_request(container, facts, limits), limits)
+    _check(reply, container, limits)
+    pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
+    warnings = list(container.warnings)
+    warnings += [text for note, text in _NOTES.items() if note in reply.notes]
+    if facts.cropped:
+        warnings.append("focal-ignored")
+    if lacks_colour(pixels):
+        warnings.append("no-colour")
+    if sys.platform != "linux":
+        warnings.append("decoder-not-limited")
+    focal = facts.focal_35mm or reply.focal_35mm or None
+    return Photo(pixels, focal, hashlib.sha256(data).hexdigest(), tuple(dict.fromkeys(warnings)))
+
+
+def open_container(data: bytes, limits: Limits, *, heic: bool = False) -> Container:
+    """Everything that is done before decoding: the format, its container and the size that it states.
+
+    Raises:
+        UnreadableInput: one of its subclasses, as for ``read_photo``.
+    """
+    codec = sniff(data, heic=heic)
+    if codec == Codec.HEIC:
+        if is_heic_sequence(data):
+            raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")
+        return Container(codec, None, data)
+    if codec == Codec.JPEG:
+        container = walk_jpeg(data, limits)
+    elif codec == Codec.PNG:
+        container = walk_png(data)
+    else:
+        container = walk_webp(data)
+    if container.size is not None:
+        check_size(*container.size, limits)
+    return container
+
+
+def _request(container: Container, facts: ExifFacts, limits: Limits) -> Request:
+    return Request(
+        container.codec,
+        facts.orientation,
+        container.gamma,
+        limits.max_side,
+        limits.max_pixels,
+        limits.memory_bytes,
+        limits.cpu_seconds,
+        limits.wall_seconds,
+        container.icc,
+        container.payload,
+    )
+
+
+def _check(reply: Reply, container: Container, limits: Limits) -> None:
+    """Translate a refusal, and hold the size of the pixels against the size that was read here."""
+    name = container.codec.name
+    if reply.status == Status.CORRUPT:
+        raise CorruptImage(f"the {name} image is damaged: its pixels could not be decoded")
+    if reply.status == Status.TOO_COMPLEX:
+        raise TooComplex(f"decoding takes more than {limits.memory_bytes // 1024**2} MiB of memory")
+    if reply.status == Status.ANIMATED:
+        raise AnimatedImage(f"the file holds {reply.width} frames; one is accepted", frames=reply.width)
+    check_size(reply.width, reply.height, limits)
+    if reply.status != Status.DONE:
+        raise CorruptImage(f"the decoder found {reply.width} x {reply.height} pixels and refused them")
+    if container.size is not None and sorted(container.size) != sorted((reply.width, reply.height)):
+        raise AvatarError(
+            f"the decoder returned {reply.width} x {reply.height} pixels of an image of {container.size} pixels"
+        )

@@ -1,0 +1,98 @@
+"""What the decode gate accepts, and how much it may spend on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from service.errors import BadAspect, CorruptImage, TooManyBytes, TooManyPixels, TooSmallImage, UsageError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on one input image and on the process that decodes it.
+
+    Attributes:
+        max_bytes: largest file, in bytes.
+        min_side: shortest side, in pixels. Below it no face could be fitted; whether the face in a larger photo
+            is large enough is decided later, by the face detector.
+        max_side: longest side, in pixels.
+        max_pixels: width times height.
+        max_aspect: longest side over shortest side.
+        max_scans: scans of one JPEG. A decoder runs over the whole image once per scan, so a small file with
+            hundreds of them costs many seconds.
+        memory_bytes: address space of the decoding process.
+        cpu_seconds: processor time of the decoding process, whole seconds.
+        wall_seconds: time from its start to its last byte.
+
+    Raises:
+        UsageError: a bound is not positive, or the bounds on a side exclude each other.
+    """
+
+    max_bytes: int = 25_000_000
+    min_side: int = 64
+    max_side: int = 12_000
+    max_pixels: int = 64_000_000
+    max_aspect: float = 6.0
+    max_scans: int = 100
+    memory_bytes: int = 2 * 1024**3
+    cpu_seconds: int = 10
+    wall_seconds: float = 15.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0 < value < 2**63:
+                raise UsageError(f"limit {field.name} is {value}; it must be positive and finite")
+        if self.max_aspect < 1 or self.min_side > self.max_side or self.min_side**2 > self.max_pixels:
+            raise UsageError(
+                f"the limits accept no image: sides {self.min_side} to {self.max_side}, "
+                f"{self.max_pixels} pixels, aspect {self.max_aspect}"
+            )
+
+
+def check_bytes(count: int, limits: Limits) -> None:
+    """Refuse a file of ``count`` bytes that is over the limit.
+
+    Raises:
+        TooManyBytes: ``count`` is over ``limits.max_bytes``.
+    """
+    if count > limits.max_bytes:
+        raise TooManyBytes(
+            f"the file has {count} bytes; at most {limits.max_bytes} are accepted", bytes=count, limit=limits.max_bytes
+        )
+
+
+def check_size(width: int, height: int, limits: Limits) -> None:
+    """Refuse an image by the size that its header states, before anything is decoded.
+
+    Args:
+        width: columns, in pixels.
+        height: rows, in pixels.
+        limits: the bounds.
+
+    Raises:
+        CorruptImage: a side is zero or negative.
+        BadAspect: one side is too many times the other.
+        TooSmallImage: a side is below ``limits.min_side``.
+        TooManyPixels: a side or the area is over its bound.
+    """
+    facts = {"width": width, "height": height}
+    if width <= 0 or height <= 0:
+        raise CorruptImage(f"the header states a size of {width} x {height} pixels", **facts)
+    short, long = sorted((width, height))
+    if long > limits.max_aspect * short:
+        raise BadAspect(
+            f"the image is {width} x {height} pixels; the longer side may be at most "
+            f"{limits.max_aspect:g} times the shorter",
+            **facts,
+        )
+    if short < limits.min_side:
+        raise TooSmallImage(
+            f"the image is {width} x {height} pixels; each side must have at least {limits.min_side}", **facts
+        )
+    if long > limits.max_side or width * height > limits.max_pixels:
+        raise TooManyPixels(
+            f"the image is {width} x {height} pixels; at most {limits.max_side} a side "
+            f"and {limits.max_pixels} in all are accepted",
+            **facts,
+        )

@@ -1,0 +1,124 @@
+"""Colours come out right; the expected ones are computed here from the standards, not by a colour engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+from service.photo.gate import read_photo
+from tests.service.photo import badimages as bad
+
+COLOURS = np.array([[200, 120, 90], [128, 128, 128], [60, 90, 160], [230, 200, 180], [20, 30, 15], [255, 255, 255]])
+
+
+def expected_srgb(
+    colours: npt.NDArray[np.int64], xy: Sequence[Sequence[float]], gamma: float | None
+) -> npt.NDArray[np.float64]:
+    encoded = colours / 255
+    if gamma is None:
+        linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    else:
+        linear = encoded**gamma
+    to_srgb = np.linalg.inv(bad.primaries_to_xyz(bad.SRGB_PRIMARIES)) @ bad.primaries_to_xyz(xy)
+    light = np.clip(linear @ to_srgb.T, 0, 1)
+    return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
+
+
+@pytest.mark.parametrize(
+    ("xy", "gamma"), [(bad.P3_PRIMARIES, None), (bad.ADOBE_PRIMARIES, 563 / 256), (bad.SRGB_PRIMARIES, None)]
+)
+@pytest.mark.parametrize("alpha", [False, True])
+def test_profile_to_srgb(xy: Sequence[Sequence[float]], gamma: float | None, alpha: bool) -> None:
+    profile = bad.matrix_profile(xy, bad.SRGB_CURVE if gamma is None else gamma)
+    stripes = np.repeat(np.repeat(COLOURS[None], 80, axis=0), 16, axis=1).astype(np.uint8)
+    image = Image.fromarray(np.dstack([stripes, np.full(stripes.shape[:2], 255, np.uint8)]) if alpha else stripes)
+    expected = expected_srgb(COLOURS, xy, gamma)
+    if xy != bad.SRGB_PRIMARIES:
+        assert np.abs(expected - COLOURS).max() > 8, "a profile that changes nothing would prove nothing"
+    for kind in ("PNG", "WEBP"):
+        photo = read_photo(bad.save(image, kind, icc_profile=profile, lossless=True))
+        assert np.abs(photo.pixels[40, 8::16] - expected).max() <= 1.5
+        assert photo.warnings == ()
+
+
+def test_profile_in_many_jpeg_segments_and_out_of_order() -> None:
+    profile = bad.matrix_profile(bad.P3_PRIMARIES, bad.SRGB_CURVE)
+    flat = np.full((80, 96, 3), COLOURS[0], np.uint8)
+    data = bad.save(flat, "JPEG", quality=100, subsampling=0)
+    halves = [
+        bad.segment(0xE2, b"ICC_PROFILE\0" + bytes((i + 1, 2)) + part)
+        for i, part in enumerate((profile[:200], profile[200:]))
+    ]
+    photo = read_photo(bad.insert(data, halves[1], halves[0]))
+    assert np.abs(photo.pixels[40, 48] - expected_srgb(COLOURS[:1], bad.P3_PRIMARIES, None)[0]).max() <= 2.5
+    assert "icc-ignored" not in photo.warnings
+
+
+@pytest.mark.parametrize("ycck", [False, True])
+@pytest.mark.parametrize("ink", [(0, 0, 0, 0), (30, 110, 140, 20), (200, 40, 10, 60), (0, 0, 0, 255)])
+def test_four_inks(ink: tuple[int, int, int, int], ycck: bool) -> None:
+    photo = read_photo(bad.cmyk_jpeg(ink, ycck=ycck))
+    c, m, y, k = (value / 255 for value in ink)
+    expected = 255 * np.array([(1 - c) * (1 - k), (1 - m) * (1 - k), (1 - y) * (1 - k)])
+    assert np.abs(photo.pixels.reshape(-1, 3) - expected).max() <= 3
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1 / 1.8])
+def test_png_that_states_another_gamma(gamma: float) -> None:
+    grey = (np.arange(96 * 80).reshape(80, 96, 1) % 256).repeat(3, axis=-1)
+    gama = bad.chunk(b"gAMA", round(gamma * 100_000).to_bytes(4, "big"))
+    light = (grey / 255) ** (1 / gamma)
+    expected = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    assert np.abs(read_photo(bad.png(grey, 2, before=gama)).pixels - expected).max() <= 0.51
+    assert np.array_equal(read_photo(bad.png(grey, 2, before=bad.chunk(b"sRGB", b"\0") + gama)).pixels, grey)
+
+
+@pytest.mark.parametrize("stated", [0, 45_455, 2**32 - 1])
+def test_gamma_of_srgb_or_nonsense_changes_nothing(stated: int) -> None:
+    picture = bad.picture()
+    gama = bad.chunk(b"gAMA", stated.to_bytes(4, "big"))
+    assert np.array_equal(read_photo(bad.png(picture, 2, before=gama)).pixels, picture)
+
+
+# 16 bits a sample
+
+
+@pytest.mark.parametrize("interlaced", [False, True])
+@pytest.mark.parametrize(("colour_type", "channels"), [(0, 1), (2, 3)])
+def test_16_bits_are_rounded_not_clipped_and_not_chopped(colour_type: int, channels: int, interlaced: bool) -> None:
+    rng = np.random.default_rng(3)
+    samples = rng.integers(0, 65_536, (80, 96, channels))
+    samples[0] = np.arange(96)[:, None] * 257 + rng.integers(-130, 131, (96, channels))
+    samples = samples.clip(0, 65_535)
+    photo = read_photo(bad.png(samples, colour_type, 16, interlaced=interlaced))
+    expected = np.broadcast_to(np.floor(samples / 257 + 0.5), (80, 96, 3))
+    assert np.array_equal(photo.pixels, expected)
+
+
+@pytest.mark.parametrize(("colour_type", "channels"), [(4, 2), (6, 4)])
+def test_16_bits_with_alpha(colour_type: int, channels: int) -> None:
+    samples = np.random.default_rng(4).integers(0, 65_536, (80, 96, channels))
+    photo = read_photo(bad.png(samples, colour_type, 16))
+    alpha = samples[..., -1:] / 65_535
+    expected = samples[..., :-1] / 257 * alpha + 128 * (1 - alpha)
+    assert np.abs(photo.pixels - expected).max() <= 1.5  # samples, alpha and result are each rounded
+    assert "transparent" in photo.warnings
+
+
+@pytest.mark.parametrize(("colour_type", "channels"), [(0, 1), (2, 3)])
+def test_16_bit_colour_key_is_compared_at_16_bits(colour_type: int, channels: int) -> None:
+    samples = np.full((80, 96, channels), 0x1234)
+    samples[:40] = 0x1235
+    key = bad.chunk(b"tRNS", b"\x12\x34" * channels)
+    photo = read_photo(bad.png(samples, colour_type, 16, before=key))
+    assert (photo.pixels[40:] == 128).all()
+    assert (photo.pixels[:40] == 0x12).all()
+
+
+def test_every_8_bit_sample_survives_as_16_bits() -> None:
+    ramp = (np.arange(96 * 80).reshape(80, 96, 1) % 256).repeat(3, axis=-1)
+    assert np.array_equal(read_photo(bad.png(ramp * 257, 2, 16)).pixels, ramp)

@@ -1,0 +1,430 @@
+"""Every bad input that concerns bytes gets its own answer, and every odd good one its photo."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+import io
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.errors import (
+    AnimatedImage,
+    BadAspect,
+    CorruptImage,
+    EmptyFile,
+    TooComplex,
+    TooManyBytes,
+    TooManyPixels,
+    TooSmallImage,
+    UnreadableInput,
+    UnsupportedFormat,
+)
+from service.photo import gate
+from service.photo.gate import read_photo, read_stream
+from service.photo.limits import Limits
+from service.photo.photo import Photo
+from tests.service.photo import badimages as bad
+
+PICTURE = bad.picture()
+
+
+def test_lossless_photo_comes_back_unchanged() -> None:
+    data = bad.save(PICTURE, "PNG")
+    photo = read_photo(data)
+    assert np.array_equal(photo.pixels, PICTURE)
+    assert photo.pixels.dtype == np.uint8
+    assert photo.size == (96, 80)
+    assert photo.sha256 == hashlib.sha256(data).hexdigest()
+    assert photo.warnings == ()
+    assert photo.focal_35mm is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("JPEG", {"quality": 95, "subsampling": 0}),
+        ("JPEG", {"quality": 95, "progressive": True}),
+        ("WEBP", {"quality": 95}),
+        ("WEBP", {"lossless": True}),
+        ("PNG", {"compress_level": 0}),
+    ],
+)
+def test_each_format_is_read(kind: str, options: dict[str, object]) -> None:
+    photo = read_photo(bad.save(PICTURE, kind, **options))
+    assert np.abs(photo.pixels.astype(int) - PICTURE).mean() < 4
+    assert photo.warnings == ()
+
+
+# Row 2
+
+
+def test_empty_file() -> None:
+    with pytest.raises(EmptyFile):
+        read_photo(b"")
+
+
+# Rows 3, 4 and 5, and GIF of row 27
+
+
+@pytest.mark.parametrize("name", bad.NOT_IMAGES)
+def test_other_formats_are_named_and_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "run_decoder", _must_not_run)
+    with pytest.raises(UnsupportedFormat, match=r"JPEG, PNG or WebP is accepted") as caught:
+        read_photo(bad.NOT_IMAGES[name])
+    assert caught.value.extra["looks_like"]
+
+
+def test_refusal_says_what_the_file_is() -> None:
+    with pytest.raises(UnsupportedFormat, match="a PDF document"):
+        read_photo(bad.NOT_IMAGES["pdf"])
+    with pytest.raises(UnsupportedFormat, match="a GIF image"):
+        read_photo(bad.NOT_IMAGES["gif"])
+
+
+# Rows 6 and 34
+
+
+def test_names_and_content_types_cannot_even_be_passed() -> None:
+    assert list(inspect.signature(read_photo).parameters) == ["data", "limits", "heic"]
+
+
+# Rows 10 and 11
+
+
+def test_too_many_bytes() -> None:
+    with pytest.raises(TooManyBytes, match="1001 bytes; at most 1000"):
+        read_photo(bytes(1001), Limits(max_bytes=1000))
+
+
+def test_a_stream_is_read_no_further_than_the_limit() -> None:
+    stream = io.BytesIO(bytes(10_000))
+    with pytest.raises(TooManyBytes):
+        read_stream(stream, Limits(max_bytes=1000))
+    assert stream.tell() == 1001
+    assert read_stream(io.BytesIO(b"abc"), Limits(max_bytes=3)) == b"abc"
+
+
+# Row 15
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("JPEG", {}),
+        ("JPEG", {"progressive": True}),
+        ("JPEG", {"restart_marker_rows": 1}),
+        ("PNG", {}),
+        ("WEBP", {}),
+        ("WEBP", {"lossless": True}),
+    ],
+)
+def test_cut_at_every_percent(kind: str, options: dict[str, object]) -> None:
+    data = bad.save(PICTURE, kind, **options)
+    for percent in range(1, 100):
+        with pytest.raises((CorruptImage, UnsupportedFormat)):
+            read_photo(data[: len(data) * percent // 100])
+    with pytest.raises(CorruptImage):
+        read_photo(data[:-1])
+
+
+def test_pixels_cut_off_inside_a_sound_container() -> None:
+    """The container walk passes these; only the decoder can notice."""
+    whole = bad.png(PICTURE, 2)
+    start = whole.index(b"IDAT") + 4
+    body = whole[start : whole.index(b"IEND") - 8]
+    cut = whole[: start - 8] + bad.chunk(b"IDAT", body[: len(body) // 2]) + bad.chunk(b"IEND", b"")
+    with pytest.raises(CorruptImage, match="pixels could not be decoded"):
+        read_photo(cut)
+
+
+# Rows 17, 18 and 21
+
+
+@pytest.mark.parametrize("data", [bad.png_header(65_500, 65_500), bad.jpeg_header(65_500, 65_500), bad.png_bomb()])
+def test_header_of_a_giant(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "run_decoder", _must_not_run)
+    assert len(data) < 250_000
+    start = time.perf_counter()
+    with pytest.raises(TooManyPixels, match=r"65500|30000"):
+        read_photo(data)
+    assert time.perf_counter() - start < 0.1
+
+
+@pytest.mark.parametrize(
+    ("size", "error"),
+    [((1, 1), TooSmallImage), ((32, 32), TooSmallImage), ((63, 200), TooSmallImage), ((20_000, 10), BadAspect)],
+)
+@pytest.mark.parametrize("header", [bad.png_header, bad.jpeg_header])
+def test_sizes_out_of_range(size: tuple[int, int], error: type[Exception], header: object) -> None:
+    assert callable(header)
+    with pytest.raises(error, match=f"{size[0]} x {size[1]}"):
+        read_photo(header(*size))
+
+
+def test_zero_size() -> None:
+    with pytest.raises(CorruptImage, match="0 x 10"):
+        read_photo(bad.png_header(0, 10))
+
+
+def test_smallest_side_is_accepted() -> None:
+    assert read_photo(bad.save(bad.picture(64, 64), "JPEG")).size == (64, 64)
+
+
+# Row 19
+
+
+@pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"iCCP"])
+def test_packed_metadata_bombs(kind: bytes) -> None:
+    with pytest.raises(CorruptImage, match="unpacks to more than"):
+        read_photo(bad.text_bomb(kind))
+
+
+# Row 20
+
+
+def test_hundreds_of_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "run_decoder", _must_not_run)
+    with pytest.raises(TooComplex, match="more than 100 scans"):
+        read_photo(bad.many_scans(600))
+
+
+def test_a_few_scans_are_a_photo() -> None:
+    assert read_photo(bad.many_scans(40)).size == (96, 80)
+
+
+# Row 24
+
+
+def test_palette() -> None:
+    palette = Image.fromarray(PICTURE).quantize(64)
+    expected = np.asarray(palette.convert("RGB"))
+    assert np.array_equal(read_photo(bad.save(palette, "PNG")).pixels, expected)
+
+
+def test_palette_with_transparency() -> None:
+    index = np.arange(96 * 80).reshape(80, 96, 1) % 3
+    colours = bad.chunk(b"PLTE", bytes((255, 0, 0, 0, 255, 0, 0, 0, 255)))
+    photo = read_photo(bad.png(index, 3, before=colours + bad.chunk(b"tRNS", bytes((0, 255, 255)))))
+    expected = np.array([[128, 128, 128], [0, 255, 0], [0, 0, 255]])[index[..., 0]]
+    assert np.array_equal(photo.pixels, expected)
+    assert "transparent" in photo.warnings
+
+
+@pytest.mark.parametrize("depth", [1, 2, 4, 8])
+def test_grey_of_few_bits_with_a_colour_key(depth: int) -> None:
+    levels = 2**depth
+    grey = np.arange(96 * 80).reshape(80, 96, 1) % levels
+    photo = read_photo(bad.png(grey, 0, depth, before=bad.chunk(b"tRNS", b"\0\1")))
+    expected = np.where(grey == 1, 128, grey * 255 // (levels - 1))
+    assert np.array_equal(photo.pixels, np.repeat(expected, 3, axis=-1))
+    assert set(photo.warnings) == {"transparent", "no-colour"}
+
+
+def test_grey_with_alpha() -> None:
+    rng = np.random.default_rng(0)
+    samples = rng.integers(0, 256, (80, 96, 2))
+    grey, alpha = samples[..., 0], samples[..., 1] / 255
+    photo = read_photo(bad.png(samples, 4))
+    expected = grey * alpha + 128 * (1 - alpha)
+    assert np.abs(photo.pixels[..., 0] - expected).max() <= 1
+    assert "transparent" in photo.warnings
+
+
+# Row 25
+
+
+def test_transparent_pixels_show_one_grey() -> None:
+    rgba = np.dstack([PICTURE, np.full(PICTURE.shape[:2], 255, np.uint8)])
+    rgba[:40, :, 3] = 0
+    for kind in ("PNG", "WEBP"):
+        photo = read_photo(bad.save(Image.fromarray(rgba), kind, lossless=True))
+        assert (photo.pixels[:40] == 128).all()
+        assert np.array_equal(photo.pixels[40:], PICTURE[40:])
+        assert photo.warnings == ("transparent",)
+
+
+def test_alpha_that_hides_nothing_is_not_worth_a_warning() -> None:
+    rgba = np.dstack([PICTURE, np.full(PICTURE.shape[:2], 255, np.uint8)])
+    photo = read_photo(bad.save(Image.fromarray(rgba), "PNG"))
+    assert np.array_equal(photo.pixels, PICTURE)
+    assert photo.warnings == ()
+
+
+# Row 26
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_grey_photo_keeps_its_pixels_and_says_so(kind: str) -> None:
+    photo = read_photo(bad.save(Image.fromarray(PICTURE).convert("L"), kind))
+    assert photo.pixels.shape == (80, 96, 3)
+    assert (photo.pixels == photo.pixels[..., :1]).all()
+    assert photo.warnings == ("no-colour",)
+
+
+# Row 27
+
+
+@pytest.mark.parametrize("data", [bad.apng(3), bad.webp_animation()])
+def test_animation_is_never_silently_its_first_frame(data: bytes) -> None:
+    with pytest.raises(AnimatedImage, match="3 frames"):
+        read_photo(data)
+
+
+def test_png_that_calls_one_frame_an_animation() -> None:
+    data = bad.png(PICTURE, 2, before=bad.chunk(b"acTL", bytes((0, 0, 0, 1, 0, 0, 0, 0))))
+    assert np.array_equal(read_photo(data).pixels, PICTURE)
+
+
+# Row 28
+
+
+def test_first_of_several_images_in_one_file() -> None:
+    first, second = Image.fromarray(PICTURE), Image.fromarray(255 - PICTURE)
+    mpo = bad.save(first, "MPO", save_all=True, append_images=[second])
+    alone = read_photo(bad.save(first, "JPEG"))
+    photo = read_photo(mpo)
+    assert np.array_equal(photo.pixels, alone.pixels)
+    assert photo.warnings == ("extra-images-ignored",)
+    tail = read_photo(bad.save(first, "JPEG") + bad.save(second, "JPEG"))
+    assert np.array_equal(tail.pixels, alone.pixels)
+    assert tail.warnings == ("extra-images-ignored",)
+
+
+# Rows 29 and 30
+
+
+def stored_as(upright: bad.Pixels, orientation: int) -> bad.Pixels:
+    """How a camera stores the upright image for each EXIF orientation (Exif 3.0, tag 0x0112)."""
+    turned = {
+        1: upright,
+        2: upright[:, ::-1],
+        3: upright[::-1, ::-1],
+        4: upright[::-1],
+        5: upright.swapaxes(0, 1),
+        6: upright.swapaxes(0, 1)[::-1],
+        7: upright[::-1, ::-1].swapaxes(0, 1),
+        8: upright.swapaxes(0, 1)[:, ::-1],
+    }
+    return np.ascontiguousarray(turned[orientation])
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("order", [">", "<"])
+def test_orientation_is_undone(orientation: int, order: str) -> None:
+    stored, tiff = stored_as(PICTURE, orientation), bad.exif(order, orientation, focal=35)
+    kind = "PNG" if order == ">" else "WEBP"
+    photo = read_photo(bad.save(stored, kind, lossless=True, exif=tiff))
+    assert np.array_equal(photo.pixels, PICTURE)
+    assert photo.focal_35mm == 35
+    assert photo.warnings == ()
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_orientation_of_jpeg_is_undone(orientation: int) -> None:
+    data = bad.save(stored_as(PICTURE, orientation), "JPEG", quality=98, subsampling=0)
+    photo = read_photo(bad.with_exif(data, bad.exif("<", orientation)))
+    assert np.abs(photo.pixels.astype(int) - PICTURE).mean() < 2
+
+
+@pytest.mark.parametrize(
+    "tiff",
+    [
+        bad.exif(orientation=99),
+        bad.exif(orientation=0),
+        b"II*\0",
+        b"II*\0\xff\xff\xff\x7f",
+        b"MM\0*\0\0\0\x08\xff\xff",
+        b"\0" * 100,
+        bad.exif()[:20],
+    ],
+)
+def test_broken_exif_is_ignored(tiff: bytes) -> None:
+    data = bad.save(PICTURE, "JPEG")
+    photo = read_photo(bad.with_exif(data, tiff))
+    assert np.array_equal(photo.pixels, read_photo(data).pixels)
+    assert photo.warnings == ()
+
+
+def test_metadata_goes_no_further() -> None:
+    data = bad.save(PICTURE, "JPEG")
+    marked = bad.insert(
+        data,
+        bad.segment(0xE1, b"Exif\0\0" + bad.exif() + b"GPS 52.5200 13.4050"),
+        bad.segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + b"x" * 64_000),
+        bad.segment(0xED, b"Photoshop 3.0\0" + b"8BIM\xff\xff\xff" * 50),
+        bad.segment(0xFE, b"secret comment"),
+    )
+    photo = read_photo(marked)
+    assert np.array_equal(photo.pixels, read_photo(data).pixels)
+    assert [field.name for field in dataclasses.fields(Photo)] == ["pixels", "focal_35mm", "sha256", "warnings"]
+    payload = gate.open_container(marked, Limits()).payload
+    for secret in (b"GPS", b"xap", b"8BIM", b"secret"):
+        assert secret not in payload, "the decoder must not even see metadata"
+
+
+# Row 32
+
+
+@pytest.mark.parametrize("profile", [b"", b"x" * 10, bytes(500), bad.matrix_profile(bad.P3_PRIMARIES, 2.2)[:300]])
+def test_broken_profile_is_ignored_with_a_warning(profile: bytes) -> None:
+    data = bad.save(PICTURE, "JPEG")
+    broken = bad.with_icc(data, profile) if profile else bad.insert(data, bad.segment(0xE2, b"ICC_PROFILE\0\2\5abc"))
+    photo = read_photo(broken)
+    assert np.array_equal(photo.pixels, read_photo(data).pixels)
+    assert photo.warnings == ("icc-ignored",)
+
+
+def test_huge_profile_is_ignored_with_a_warning() -> None:
+    profile = bad.matrix_profile(bad.P3_PRIMARIES, 2.2) + bytes(5_000_000)
+    assert read_photo(bad.with_icc(bad.save(PICTURE, "JPEG"), profile)).warnings == ("icc-ignored",)
+
+
+def test_profile_of_another_kind_of_image_is_ignored_with_a_warning() -> None:
+    profile = bytearray(bad.matrix_profile(bad.P3_PRIMARIES, 2.2))
+    profile[16:20] = b"CMYK"
+    assert read_photo(bad.with_icc(bad.save(PICTURE, "JPEG"), bytes(profile))).warnings == ("icc-ignored",)
+
+
+# Row 33
+
+
+@pytest.mark.parametrize(
+    "polyglot",
+    [
+        lambda data: data + b"PK\x03\x04" + bytes(200) + b"PK\x05\x06" + bytes(18),
+        lambda data: bad.insert(data, bad.segment(0xFE, b"*/alert(1);/*")),
+        lambda data: bad.insert(data, bad.segment(0xFE, b"<?php system($_GET['c']); ?>")),
+        lambda data: data + b"<script>alert(1)</script>",
+    ],
+)
+def test_polyglots_are_only_images(polyglot: object) -> None:
+    assert callable(polyglot)
+    data = bad.save(PICTURE, "JPEG")
+    assert np.array_equal(read_photo(polyglot(data)).pixels, read_photo(data).pixels)
+    payload = gate.open_container(polyglot(data), Limits()).payload
+    for foreign in (b"PK", b"alert", b"php", b"script"):
+        assert foreign not in payload
+
+
+def test_every_refusal_is_an_error_of_unreadable_input_with_its_own_code() -> None:
+    codes = [kind.code for kind in UnreadableInput.__subclasses__()]
+    assert len(set(codes)) == len(codes)
+    assert all(kind.exit_status == 4 for kind in UnreadableInput.__subclasses__())
+
+
+def test_bad_input_is_refused_at_the_rate_of_a_flood() -> None:
+    cases = [*bad.NOT_IMAGES.values(), bad.png_header(65_500, 65_500), bad.save(PICTURE, "JPEG")[:-10]]
+    start = time.perf_counter()
+    for data in cases:
+        with pytest.raises(UnreadableInput):
+            read_photo(data)
+    assert len(cases) / (time.perf_counter() - start) > 200
+
+
+def _must_not_run(*_: object) -> None:
+    raise AssertionError("a decoder was started for bytes that the header alone condemns")
