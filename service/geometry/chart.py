@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,8 @@ from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -134,7 +137,7 @@ class Chart:
         pairs = ((du, du), (du, dv), (dv, dv))
         return self.gather(np.stack([np.einsum("ti,ti->t", a, b) for a, b in pairs], 1))
 
-    def fill_outside(self, image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def fill_outside(self, image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
         """Copy of (H, W) or (H, W, C) in which every texel outside the islands has the value of the nearest inside."""
         return fill_from(image, self.mask)
 
@@ -144,12 +147,12 @@ def chart_points(head: HeadModel, width: int, height: int) -> npt.NDArray[np.flo
     return head.uv.astype(np.float64) * [width, -height] + [0.0, height]
 
 
-def mirrored(image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def mirrored(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     """The same map with left and right of the head swapped (u <-> 1 - u); valid because charts are mirror-symmetric."""
     return np.flip(image, 1)
 
 
-def fill_from(image: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.generic]:
+def fill_from(image: npt.NDArray[Scalar], mask: npt.NDArray[np.bool_]) -> npt.NDArray[Scalar]:
     """Copy of ``image`` (H, W) or (H, W, C) with each texel outside ``mask`` set to the nearest one inside.
 
     An empty mask has nothing to copy from: the image comes back as it is.

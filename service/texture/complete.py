@@ -1,0 +1,159 @@
+"""Filling in the skin that the photo does not show.
+
+A smooth base colour is solved for on the mesh: it follows what was seen, takes the mirrored side where only that was
+seen (after matching its light), and ends in the person's own skin or hair colour. What the photo has beyond the base
+(brows, lips, wrinkles, spots) is added where it was seen, then mirrored; elsewhere a faint grain of the same strength.
+The base meets the photo by construction, so whatever is added can fade out at any border without a seam.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import Chart, mirrored
+from service.texture.mesh_field import Graph, smooth_fit, splat
+from service.texture.zones import vertex_mask
+
+Float = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
+
+OPAQUE = (0.03, 0.25)
+"""Weight from which the photo begins to show, and from which on it shows alone."""
+
+SMOOTHNESS = 0.25
+"""Of the base colour, against a texel's trust of 1; the photo's detail comes back on top."""
+
+LIGHT_SMOOTHNESS = 2.0
+LIGHT_PRIOR = 0.01
+"""Colour difference of the halves: smooth, and fading within some ten vertices where only one half is known."""
+
+MIRROR_TRUST = 0.4
+PRIOR_TRUST = 0.02
+GRAIN = 0.6
+"""Strength of made-up grain over that of the photo's own detail nearby."""
+
+MOST_GRAIN = 0.03
+
+
+@dataclass(frozen=True)
+class Completed:
+    """Skin colours at the inner texels (N,), whatever their part.
+
+    Attributes:
+        colour: (N, 3) float32 sRGB.
+        seen: (N,) float32 share of the photo in it, in [0, 1]; ``from_mirror`` the mirrored side's share.
+        from_mirror: (N,) float32, ``seen + from_mirror <= 1``.
+    """
+
+    colour: Float
+    seen: Float
+    from_mirror: Float
+
+
+def opacity(weight: npt.NDArray[np.floating]) -> Float:
+    """How much of a texel (N,) the photo alone decides, in [0, 1], of its weight."""
+    t = np.clip((np.asarray(weight, np.float32) - OPAQUE[0]) / (OPAQUE[1] - OPAQUE[0]), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
+
+
+def complete_skin(
+    chart: Chart, colour: Float, seen: Float, trust: Float, skin: Float, scalp: Float | None, seed: int = 0
+) -> Completed:
+    """Base, detail, mirror image and grain in one.
+
+    Args:
+        chart: of the head.
+        colour: (N, 3) sRGB of the photo, read where ``seen`` > 0.
+        seen: (N,) opacity of the photo.
+        trust: (N,) <= ``seen``: how far colours may be continued and mirrored from here.
+        skin: (3,) sRGB, the person's skin, for what is far from everything seen.
+        scalp: (3,) sRGB of the hair (or bald head), or None where the photo does not show it.
+        seed: of the grain.
+    """
+    own = chart.part.ravel()[chart.texels] == chart.head.part_names.index("skin")
+    seen, trust = seen * own, np.minimum(trust, seen) * own
+    base = chart.inside(_base(chart, colour, trust, skin, scalp))
+    detail = np.where(seen[:, None] > 0, colour - base, 0.0).astype(np.float32)
+    seen = _feather(chart, seen)
+
+    other = _flip(chart, np.concatenate([detail, (trust * own)[:, None]], 1))
+    reflected = _feather(chart, other[:, 3]) * (1 - seen)
+    made_up = (1 - seen - reflected)[:, None]
+    result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
+    result += made_up * _grain(chart, detail, trust, seed)
+    return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
+
+
+def _base(chart: Chart, colour: Float, trust: Float, skin: Float, scalp: Float | None) -> Array:
+    """(V, 3) smooth sRGB over the whole mesh."""
+    head = chart.head
+    count = len(head.mean)
+    triangles, weights = _corners(chart)
+    hair = vertex_mask(head, "scalp").astype(np.float64)
+    graph = Graph.of(head.triangles[head.triangle_part == head.part_names.index("skin")], count, hair)
+
+    known, k = splat(triangles, weights, colour, trust, count)
+    reflected, k_reflected = known[head.mirror], k[head.mirror]
+    both = np.minimum(k, k_reflected)
+    light = smooth_fit(graph, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(3), LIGHT_PRIOR)
+    share = MIRROR_TRUST * np.maximum(1 - k, 0) * k_reflected
+    total = k + share
+    blend = np.where(total > 0, share / np.where(total > 0, total, 1), 0)[:, None]
+    values = known + blend * (reflected + light - known)
+
+    far = np.broadcast_to(skin.astype(np.float64), (count, 3))
+    if scalp is not None:
+        far = far + hair[:, None] * (scalp.astype(np.float64) - far)
+    return np.clip(smooth_fit(graph, values, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
+
+
+def _corners(chart: Chart) -> tuple[npt.NDArray[np.int32], Float]:
+    """Vertices (N, 3) and weights (N, 3) of the inner texels."""
+    triangle = chart.triangle.ravel()[chart.texels]
+    return chart.head.triangles[triangle], chart.barycentric.reshape(-1, 3)[chart.texels]
+
+
+def _flip(chart: Chart, values: Float) -> Float:
+    """Values (N, C) of the texels on the other side; border texels without a partner read the nearest one."""
+    flipped = mirrored(chart.fill_outside(chart.spread(values))).reshape(-1, values.shape[1])
+    return flipped[chart.texels]
+
+
+def _feather(chart: Chart, share: Float) -> Float:
+    """(N,) shares eroded and blurred by some texels, so that borders inside the seen area fade instead of ending."""
+    import cv2
+
+    image = chart.fill_outside(chart.spread(share[:, None])[..., 0])
+    sigma = max(chart.width / 576 * 2.0, 0.5)
+    reach = 2 * round(sigma) + 1
+    soft = cv2.GaussianBlur(np.asarray(cv2.erode(image, np.ones((reach, reach), np.uint8))), (0, 0), sigma)
+    return np.asarray(np.minimum(share, np.asarray(soft, np.float32).ravel()[chart.texels]))
+
+
+def _grain(chart: Chart, detail: Float, trust: Float, seed: int) -> Float:
+    """(N, 1) mirror-symmetric noise, as strong as the photo's own fine detail nearby.
+
+    Symmetric, because then left and right end of the chart, which meet at the back of the head, are alike.
+    """
+    import cv2
+
+    head = chart.head
+    triangles, weights = _corners(chart)
+    fine = chart.spread(detail.mean(1, keepdims=True))[..., 0]
+    fine = fine - np.asarray(cv2.GaussianBlur(fine, (0, 0), max(chart.width / 192, 0.5)))
+    energy = np.minimum(np.abs(fine.ravel()[chart.texels]), 3 * MOST_GRAIN)[:, None]
+    count = len(head.mean)
+    known, k = splat(triangles, weights, energy, trust, count)
+    skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
+    typical = float((known[:, 0] * k).sum() / k.sum()) if k.sum() > 0 else 0.0
+    strength = smooth_fit(Graph.of(skin, count), known, k, 1.0, np.array([typical]), PRIOR_TRUST)
+    noise = np.random.default_rng(seed).standard_normal(chart.triangle.shape).astype(np.float32)
+    band = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.8)) - np.asarray(cv2.GaussianBlur(noise, (0, 0), 2.5))
+    band = band + mirrored(band)
+    spread = float(np.abs(band).mean())
+    band = band / np.float32(spread if spread > 0 else 1.0)
+    amount = np.clip(chart.inside(strength), 0, MOST_GRAIN) * GRAIN
+    return np.asarray(band.ravel()[chart.texels, None] * amount, np.float32)

@@ -1,0 +1,175 @@
+"""The texture stage: one fitted photo becomes the maps of a whole head."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
+from service.errors import NumericFault
+from service.fit.result import Fit
+from service.geometry.chart import Chart
+from service.head.model import HeadModel
+from service.photo.photo import Photo
+from service.texture import parts
+from service.texture.complete import Completed, complete_skin, opacity
+from service.texture.plausible import Skin, learn_skin, plausibility
+from service.texture.result import MIRRORED, SEEN, Texture
+from service.texture.shape import depth_map, shape_normals
+from service.texture.unwrap import Unwrapped, unwrap
+from service.texture.zones import Zones
+
+Float = npt.NDArray[np.float32]
+
+DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
+"""Skin of a photo that shows none, sRGB."""
+
+LEAST_SCALP_TEXELS = 60
+LITTLE_SEEN = 0.25
+
+
+def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Texture:
+    """Unwrap the photo on the fitted head and fill in the rest.
+
+    Args:
+        photo: the upright photo that was fitted.
+        head: the model, the one that ``chart`` was built from.
+        fit: camera and vertices.
+        chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
+
+    Raises:
+        NumericFault: vertices or camera are not finite, or a map would not be.
+    """
+    _require_finite(fit)
+    unwrapped = unwrap(photo, fit, chart)
+    zones = Zones.of(chart)
+    trust, seen, skin = _judge(chart, unwrapped, zones)
+    hair = _scalp_colour(unwrapped, zones)
+    fallback = DEFAULT_SKIN if skin is None else skin.colour
+    completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
+    colour, confidence = _paint_parts(chart, unwrapped, zones, completed, skin)
+
+    exact, tangent = shape_normals(chart, fit.vertices)
+    texture = np.asarray(chart.fill_outside(chart.spread(colour)), np.float32)
+    depth = depth_map(chart, fit.vertices)
+    for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
+        if not np.isfinite(values).all():
+            raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
+    fraction = visible_fraction(chart, fit, unwrapped, zones)
+    code = np.asarray(chart.fill_outside(chart.spread(confidence[:, None])[..., 0])).astype(np.uint8)
+    warnings = ("little-seen",) if fraction < LITTLE_SEEN else ()
+    return Texture(to_bytes(texture), code, exact, tangent, depth, chart.mask, fraction, warnings)
+
+
+def _require_finite(fit: Fit) -> None:
+    camera = fit.camera
+    numbers = {
+        "vertices": fit.vertices,
+        "focal length": np.array([camera.focal_px]),
+        "rotation": camera.rotation,
+        "translation": camera.translation,
+        "principal point": camera.principal_point,
+    }
+    for name, values in numbers.items():
+        if not np.isfinite(values).all():
+            raise NumericFault(f"the fit's {name} is not finite: {int((~np.isfinite(values)).sum())} bad values")
+
+
+def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Float, Skin | None]:
+    """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
+    seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
+    skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
+    if skin is None:
+        return seen, seen, None
+    likely = _calm(chart, plausibility(skin, unwrapped.colour, unwrapped.normal), seen)
+    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
+    excused = np.maximum(zones.features, zones.scalp)
+    likely = excused + (1 - excused) * likely
+    kept = np.maximum(np.maximum(zones.face, zones.scalp), zones.features)
+    return np.asarray(seen * likely, np.float32), np.asarray(seen * (kept + (1 - kept) * likely), np.float32), skin
+
+
+def _calm(chart: Chart, likely: Float, seen: Float) -> Float:
+    """Plausibility (N,) without specks: moles and pores do not count, and what is judged foreign grows a little."""
+    import cv2
+
+    sigma = max(chart.width / 576 * 2.5, 0.5)
+    stacked = chart.spread(np.stack([likely * seen, seen], 1))
+    soft = np.asarray(cv2.GaussianBlur(stacked, (0, 0), sigma)).reshape(-1, 2)[chart.texels]
+    mean = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
+    t = np.clip((mean - 0.5) / 0.3, 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
+
+
+def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
+    """(3,) sRGB median of the scalp where the photo shows it well."""
+    chosen = (zones.scalp > 0.7) & zones.skin & (unwrapped.weight > 0.15)
+    if chosen.sum() < LEAST_SCALP_TEXELS:
+        return None
+    return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
+
+
+def _paint_parts(
+    chart: Chart, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
+) -> tuple[Float, Float]:
+    """Colours (N, 3) and confidence codes (N,) of all parts, the skin's taken from ``completed``."""
+    seen_weight = opacity(unwrapped.weight)
+    tone = parts.measure_eyes(chart, unwrapped.colour, unwrapped.weight)
+    face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25)
+    light = parts.judge_light(tone.sclera, None if skin is None else skin.colour, unwrapped.colour[face])
+    colour, code = completed.colour.copy(), _confidence(completed)
+
+    inside = (zones.mouth * zones.skin)[:, None]
+    colour += inside * (light.on(parts.MOUTH) - colour)
+    part = chart.part.ravel()[chart.texels]
+    for index, name in enumerate(chart.head.part_names):
+        own = np.flatnonzero(part == index)
+        if name == "skin" or not len(own):
+            continue
+        painted, shows = _paint_part(chart, index, name, own, light, tone)
+        share = shows * seen_weight[own]
+        if name.startswith("teeth"):
+            share = share * _toothlike(unwrapped.colour[own], completed, zones)
+        colour[own] = painted + share[:, None] * (unwrapped.colour[own] - painted)
+        code[own] = np.where(share > 0, np.rint(SEEN + (255 - SEEN) * share), 0)
+    return colour, code
+
+
+def _paint_part(
+    chart: Chart, index: int, name: str, own: npt.NDArray[np.int64], light: parts.Light, tone: parts.EyeTone
+) -> tuple[Float, float]:
+    """Colours (n, 3) of a part's texels, and how far the photo may show through them."""
+    if name.startswith("eye"):
+        angle, limbus, pupil = parts.eye_angles(chart, index)
+        sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
+        iris = light.on(parts.IRIS) if tone.iris is None else tone.iris
+        return parts.paint_eye(angle[own], limbus, pupil, sclera, iris, light.on(parts.SOCKET)), 1.0
+    plain = {"teeth": (parts.TEETH, 1.0), "tongue": (parts.TONGUE, 0.0), "lashes": (parts.LASHES, 0.0)}
+    colour, shows = plain[name.split("_")[0]]
+    return np.broadcast_to(light.on(colour), (len(own), 3)).astype(np.float32), shows
+
+
+def _toothlike(colour: Float, completed: Completed, zones: Zones) -> Float:
+    """(n,) 1 where a colour is paler than the face's skin: lips that the fit took for teeth are not."""
+    face = (zones.face > 0.5) & zones.skin
+    skin = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
+    limit = 0.75 * float(skin[0] - skin[1:].mean())
+    redness = colour[:, 0] - colour[:, 1:].mean(1)
+    return np.asarray(np.clip((limit - redness) / 0.04 + 1, 0, 1), np.float32)
+
+
+def _confidence(completed: Completed) -> Float:
+    """(N,) code of each texel, see ``service.texture.result``."""
+    seen = np.rint(SEEN + (255 - SEEN) * completed.seen)
+    reflected = np.rint(MIRRORED + (SEEN - 1 - MIRRORED) * completed.from_mirror)
+    made_up = 1 - completed.seen - completed.from_mirror
+    code = np.where(completed.from_mirror > np.maximum(made_up, completed.seen), reflected, 0)
+    return np.asarray(np.where(completed.seen >= np.maximum(completed.from_mirror, made_up), seen, code), np.float32)
+
+
+def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:
+    """Share of the face region's area that the photo shows, facing the camera and not hidden, in [0, 1]."""
+    e, f, g = chart.metric(fit.vertices).reshape(-1, 3)[chart.texels].astype(np.float64).T
+    area = np.sqrt(np.maximum(e * g - f * f, 0)) * zones.face * zones.skin
+    total = float(area.sum())
+    return float(area[unwrapped.visible].sum() / total) if total > 0 else 0.0

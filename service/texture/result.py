@@ -1,0 +1,45 @@
+"""What the texture stage hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+SEEN = 128
+"""Confidence of a texel of which the photo shows just a little; 255 where it shows it squarely and alone."""
+
+MIRRORED = 1
+"""Lowest confidence of a texel taken from the other side of the head; ``SEEN - 1`` where that side is seen squarely.
+
+0 means made up: continued from the surroundings, or painted by the program.
+"""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Maps of the fitted head on its chart, (H, W) texels, row 0 = top (v = 1). All texels are filled, also outside.
+
+    Attributes:
+        texture: (H, W, 3) uint8 sRGB, the photo's light baked in.
+        confidence: (H, W) uint8: 255 to ``SEEN`` seen in the photo, by weight; below that to ``MIRRORED`` mirrored from
+            the other side; 0 made up.
+        shape_normal_object: (H, W, 3) float32 unit normals of the head with the photo's expression, in head space.
+        shape_normal_tangent: (H, W, 3) float32 unit, z > 0, +Y up: the same normals in the frame of the smoothed head
+            (``service.texture.shape``), so they show noses and lips but not the ball of the head.
+        depth: (H, W) float32 metres: head-space z of the surface, the distance along the axis of an orthographic camera
+            in front of the face, growing towards it.
+        mask: (H, W) bool, True inside the islands.
+        visible_fraction: share of the face region's area that the photo shows, in [0, 1].
+        warnings: stable codes: ``little-seen`` when under a quarter of the face shows.
+    """
+
+    texture: npt.NDArray[np.uint8]
+    confidence: npt.NDArray[np.uint8]
+    shape_normal_object: npt.NDArray[np.float32]
+    shape_normal_tangent: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    mask: npt.NDArray[np.bool_]
+    visible_fraction: float
+    warnings: tuple[str, ...] = field(default=())

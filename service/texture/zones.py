@@ -1,0 +1,56 @@
+"""Which texels are treated how: the head's soft region masks brought to the chart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import Chart
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Zones:
+    """Masks at the inner texels (N,) in the order of ``chart.texels``; the soft ones are float32 in [0, 1].
+
+    Attributes:
+        skin: bool, texel of the part "skin".
+        face: the face proper, where hair, glasses and make-up are part of the likeness.
+        features: lips and lids, which are not skin-coloured by right.
+        scalp: where hair is expected.
+        mouth: the inside of the mouth.
+        hidden: inside of the mouth and of the eye sockets.
+    """
+
+    skin: npt.NDArray[np.bool_]
+    face: Float
+    features: Float
+    scalp: Float
+    mouth: Float
+    hidden: Float
+
+    @classmethod
+    def of(cls, chart: Chart) -> Zones:
+        """Bring the head's regions to the chart."""
+        head = chart.head
+        lids = vertex_mask(head, "eyelid_left", "eyelid_right")
+        brows = vertex_mask(head, "brow_left", "brow_right")
+        rows = [
+            vertex_mask(head, "face"),
+            np.maximum(np.maximum(vertex_mask(head, "lips"), brows), lids),
+            vertex_mask(head, "scalp"),
+            vertex_mask(head, "mouth_inner"),
+            vertex_mask(head, "mouth_inner", "eye_socket"),
+        ]
+        skin = chart.part.ravel()[chart.texels] == head.part_names.index("skin")
+        return cls(skin, *np.ascontiguousarray(chart.inside(np.stack(rows, 1)).T))
+
+
+def vertex_mask(head: HeadModel, *names: str) -> Float:
+    """(V,) float32 largest of the named soft regions; 0 where the head has none of them (imported heads have fewer)."""
+    found = [head.region(name) for name in names if name in head.region_names]
+    return np.asarray(np.max(found, 0) if found else np.zeros(len(head.mean)), np.float32)
