@@ -52,8 +52,11 @@ lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lo
 		--upgrade --no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
 		--quiet --output-file requirements.lock
 
-checksums: ## Rewrite service/data/SHA256SUMS after a data file changed.
+checksums: ## Rewrite the checksums in service/data/SHA256SUMS and THIRD_PARTY.md after a data file changed.
 	@cd service/data && find . -type f ! -name SHA256SUMS -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum > SHA256SUMS
+	@while read -r digest path; do \
+		sed -i -E "s#^(\| .service/data/$$path. .*\| .)[0-9a-f]{64}(. \|)#\1$$digest\2#" THIRD_PARTY.md; \
+	done < service/data/SHA256SUMS
 
 clean: ## Remove .venv, caches and out/.
 	rm -rf $(VENV) out build dist ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
