@@ -1,0 +1,164 @@
+"""``mesh/head.glb``: the neutral head with its blendshapes as morph targets.
+
+trimesh writes no morph targets, so the file is put together in ``gltf.py``. glTF wants metres, +Y up, the face to +Z, and v growing downwards, so only v changes. Every part is a mesh of its own with the same
+list of targets (names in ``mesh.extras.targetNames``), so one set of weights drives all of them. Tangents are left out:
+loaders make MikkTSpace ones, and approximate ones would be worse than none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.gltf import GltfWriter
+from service.archive.materials import Material, material_of
+from service.archive.surface import Part, split_parts, vertex_normals
+from service.errors import NumericFault
+from service.head.model import HeadModel
+
+Object = dict[str, Any]
+
+MOVES_M = 1e-6
+"""A target leaves vertices alone that it moves by less than a micrometre."""
+TURNS = 0.01
+"""And normals that it turns by less than about half a degree."""
+
+_LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An encoded texture: ``data`` in format ``mime`` ("image/png" or "image/jpeg")."""
+
+    data: bytes
+    mime: str
+
+
+def glb_bytes(
+    head: HeadModel,
+    neutral: npt.NDArray[np.floating],
+    texture: Picture,
+    *,
+    generator: str,
+    copyright_notice: str,
+    expression: Mapping[str, float],
+    extras: Mapping[str, Any],
+) -> bytes:
+    """Binary glTF of a head.
+
+    Args:
+        head: topology, chart and blendshapes.
+        neutral: (V, 3) metres without expression; the pose of the file, as all morph weights are zero.
+        texture: colours of the chart.
+        generator: for ``asset.generator``.
+        copyright_notice: for ``asset.copyright``.
+        expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
+        extras: more facts for ``asset.extras``, JSON values.
+
+    Raises:
+        NumericFault: a vertex or blendshape is not finite (glTF cannot say NaN).
+    """
+    if not (np.isfinite(neutral).all() and np.isfinite(head.expression).all()):
+        raise NumericFault("the head or one of its blendshapes is not finite")
+    writer = GltfWriter()
+    base = np.asarray(neutral, np.float32)
+    morphs = _Morphs.of(head, base)
+    parts = split_parts(head)
+    materials = list(dict.fromkeys(material_of(part.name) for part in parts))
+    meshes = [_mesh(writer, head, part, base, morphs, materials.index(material_of(part.name))) for part in parts]
+    nodes: list[Object] = [{"name": part.name, "mesh": index} for index, part in enumerate(parts)]
+    weights = {name: round(float(expression.get(name, 0.0)), 6) for name in head.expression_names}
+    nodes.append({"name": "head", "children": list(range(len(parts))), "extras": {"expressionWeights": weights}})
+    document: Object = {
+        "asset": {"version": "2.0", "generator": generator, "copyright": copyright_notice, "extras": dict(extras)},
+        "scene": 0,
+        "scenes": [{"name": "avatar", "nodes": [len(parts)]}],
+        "nodes": nodes,
+        "meshes": meshes,
+        "materials": [_material(material) for material in materials],
+        "textures": [{"name": "texture", "source": 0, "sampler": 0}],
+        "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPS, "wrapS": _CLAMP, "wrapT": _CLAMP}],
+        "images": [{"name": "texture", "mimeType": texture.mime, "bufferView": writer.add_raw(texture.data)}],
+    }
+    return writer.finish(document)
+
+
+@dataclass(frozen=True)
+class _Morphs:
+    """Offsets of every blendshape, (E, V, 3) float32, zero where they are too small to matter."""
+
+    names: tuple[str, ...]
+    position: npt.NDArray[np.float32]
+    normal: npt.NDArray[np.float32]
+    base_normal: npt.NDArray[np.float32]
+
+    @classmethod
+    def of(cls, head: HeadModel, neutral: npt.NDArray[np.float32]) -> _Morphs:
+        base = vertex_normals(neutral, head.triangles)
+        if not len(head.expression):
+            empty = np.zeros((0, len(neutral), 3), np.float32)
+            return cls(head.expression_names, empty, empty, base)
+        turned = vertex_normals(neutral + head.expression, head.triangles) - base
+        return cls(head.expression_names, _cut(head.expression, MOVES_M), _cut(turned, TURNS), base)
+
+
+def _cut(offsets: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.float32]:
+    """Offsets with rows shorter than ``least`` set to zero."""
+    small = np.einsum("evc,evc->ev", offsets, offsets) < least * least
+    return np.where(small[..., None], np.float32(0), offsets)
+
+
+def _mesh(
+    writer: GltfWriter,
+    head: HeadModel,
+    part: Part,
+    neutral: npt.NDArray[np.float32],
+    morphs: _Morphs,
+    material: int,
+) -> Object:
+    flipped = head.uv[part.uv] * np.float32([1, -1]) + np.float32([0, 1])
+    primitive: Object = {
+        "attributes": {
+            "POSITION": writer.add_vertices(neutral[part.vertex], bounds=True),
+            "NORMAL": writer.add_vertices(morphs.base_normal[part.vertex]),
+            "TEXCOORD_0": writer.add_vertices(flipped),
+        },
+        "indices": writer.add_indices(part.triangles, len(part.vertex)),
+        "material": material,
+        "mode": 4,
+    }
+    mesh: Object = {"name": part.name, "primitives": [primitive]}
+    if morphs.names:
+        primitive["targets"] = [
+            {
+                "POSITION": writer.add_offsets(morphs.position[index, part.vertex], bounds=True),
+                "NORMAL": writer.add_offsets(morphs.normal[index, part.vertex]),
+            }
+            for index in range(len(morphs.names))
+        ]
+        mesh["weights"] = [0.0] * len(morphs.names)
+        mesh["extras"] = {"targetNames": list(morphs.names)}
+    return mesh
+
+
+def _material(material: Material) -> Object:
+    surface: Object = {"metallicFactor": 0.0, "roughnessFactor": material.roughness}
+    if material.textured:
+        surface["baseColorTexture"] = {"index": 0}
+    if material.colour != (1.0, 1.0, 1.0) or material.opacity < 1:
+        surface["baseColorFactor"] = [*material.colour, material.opacity]
+    written: Object = {"name": material.name, "pbrMetallicRoughness": surface}
+    if material.opacity < 1:
+        written["alphaMode"] = "BLEND"
+    if material.double_sided:
+        written["doubleSided"] = True
+    return written
+
+
+def weights_by_name(names: Sequence[str], values: npt.NDArray[np.floating]) -> dict[str, float]:
+    """Blendshape weights of a fit by name, those that are not zero."""
+    return {name: float(value) for name, value in zip(names, values, strict=True) if value != 0}

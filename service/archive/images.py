@@ -1,0 +1,77 @@
+"""Maps and previews as PNG and JPEG bytes, the same bytes every time."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import NumericFault
+
+NORMAL_ZERO = 128
+NORMAL_SCALE = 127
+"""8-bit normals code n as 128 + 127 n: zero has a code of its own, which ``n * 0.5 + 0.5`` over 255 has not.
+Without it, integrating a flat map gives a ramp."""
+
+_AFTER_IHDR = 8 + 25
+_SRGB_PERCEPTUAL = 0
+
+
+def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) uint8 codes; flat (0, 0, 1) becomes (128, 128, 255).
+
+    Raises:
+        NumericFault: where a component is NaN, infinite or outside [-1, 1] by more than rounding.
+    """
+    values = np.asarray(normals, np.float32)
+    bad = ~(np.abs(values) <= 1.0 + 1e-3)  # NaN compares false, so it counts as bad
+    if bad.any():
+        y, x, channel = (int(index[0]) for index in np.nonzero(bad))
+        raise NumericFault(
+            f"{int(bad.sum())} normal components are not in [-1, 1]; the first is {values[y, x, channel]!r} "
+            f"at row {y}, column {x}, channel {channel}"
+        )
+    codes = np.rint(np.clip(values, -1.0, 1.0) * NORMAL_SCALE) + NORMAL_ZERO
+    return codes.astype(np.uint8)
+
+
+def decode_normals8(codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Inverse of :func:`encode_normals8` to within 1/254 per component; not normalised again."""
+    return (codes.astype(np.float32) - NORMAL_ZERO) / NORMAL_SCALE
+
+
+def encode_png(image: npt.NDArray[np.uint8], *, srgb: bool, level: int = 3) -> bytes:
+    """(h, w) grey or (h, w, 3) RGB uint8 -> PNG bytes, with an sRGB chunk when the values are sRGB colours.
+
+    Data maps (normals, confidence) get no colour chunk, so that no reader converts them. ``level`` is zlib's.
+    """
+    import cv2
+
+    planes = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    done, buffer = cv2.imencode(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, level])
+    if not done:
+        raise NumericFault(f"the PNG encoder refused an image of shape {image.shape} and type {image.dtype}")
+    data = buffer.tobytes()
+    if not srgb:
+        return data
+    return data[:_AFTER_IHDR] + _chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
+
+
+def encode_jpeg(image: npt.NDArray[np.uint8], quality: int = 90) -> bytes:
+    """(h, w, 3) RGB uint8 sRGB -> baseline JPEG bytes without metadata, 4:4:4."""
+    import cv2
+
+    settings = [
+        cv2.IMWRITE_JPEG_QUALITY, quality,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]  # fmt: skip
+    done, buffer = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), settings)
+    if not done:
+        raise NumericFault(f"the JPEG encoder refused an image of shape {image.shape} and type {image.dtype}")
+    return buffer.tobytes()
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))

@@ -1,0 +1,251 @@
+"""``manifest.json``: what is in an archive and how it came about.
+
+The classes are plain dataclasses, so writing a manifest costs no import of pydantic (0.15 to 0.3 s, a tenth of a whole
+run); pydantic reads the same classes where a manifest has to be checked, and makes the published JSON Schema
+(``docs/manifest.schema.json``) from them.
+
+``timings_s`` and ``peak_rss_mb`` differ from run to run while the archive of the same photo, options and seed is
+promised to be the same bytes. So both keys are always there, and are null unless the caller asks to have them written.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Gt, Interval, Len, MinLen
+
+from service.errors import NumericFault, UnreadableInput
+
+SCHEMA_VERSION = "1.0"
+"""Major: a key changed its meaning or went; minor: a key came."""
+
+Fraction = Annotated[float, Interval(ge=0, le=1)]
+Sha256 = Annotated[str, Len(64, 64)]
+Triple = Annotated[list[float], Len(3, 3)]
+JsonValue = str | int | float | bool | None | list[Any] | dict[str, Any]
+
+
+class _Strict:
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012 - pydantic's protocol
+
+
+@dataclasses.dataclass(frozen=True)
+class Generator(_Strict):
+    name: str
+    version: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Input(_Strict):
+    sha256: str
+    """Hex digest of the photo's bytes as they came in; empty where the pixels did not come from a file."""
+    width: Annotated[int, Gt(0)]
+    """Pixels of the upright photo."""
+    height: Annotated[int, Gt(0)]
+    face_box: Annotated[list[float], Len(4, 4)]
+    """Detector box of the fitted face: x0, y0, x1, y1 in photo pixels."""
+    face_score: Fraction
+
+
+@dataclasses.dataclass(frozen=True)
+class Camera(_Strict):
+    """A vertex X of mesh/head.obj lands on focal_px * (x/z, y/z) + principal_point, (x, y, z) = rotation X + translation;
+    x right, y down, z forward, centre of the top left pixel at (0.5, 0.5), in the upright photo."""
+
+    width: Annotated[int, Gt(0)]
+    height: Annotated[int, Gt(0)]
+    focal_px: Annotated[float, Gt(0)]
+    principal_point: Annotated[list[float], Len(2, 2)]
+    rotation: Annotated[list[Triple], Len(3, 3)]
+    """Rows of the rotation matrix."""
+    translation: Triple
+    """Metres."""
+    yaw_pitch_roll_deg: Triple
+    """The head's turn in degrees: yaw > 0 towards the image right, pitch > 0 looking up, roll > 0 clockwise."""
+
+
+@dataclasses.dataclass(frozen=True)
+class File(_Strict):
+    path: str
+    role: str
+    media_type: str
+    size: Annotated[int, Gt(0)]
+    """Bytes."""
+    sha256: Sha256
+
+
+@dataclasses.dataclass(frozen=True)
+class Coding(_Strict):
+    """value = (code - zero) / scale."""
+
+    zero: float
+    scale: Annotated[float, Gt(0)]
+    meaning: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Map(_Strict):
+    path: str
+    role: str
+    colour_space: Literal["srgb", "linear", "data"]
+    """srgb: colours; linear: quantities that may be averaged as they are; data: vectors or codes."""
+    bits: Literal[8, 16]
+    channels: Literal[1, 3, 4]
+    width: Annotated[int, Gt(0)]
+    height: Annotated[int, Gt(0)]
+    size: Annotated[int, Gt(0)]
+    """Bytes of the file."""
+    sha256: Sha256
+    frame: Literal["object", "tangent"] | None
+    """For normals: object is head space (+Y up, +Z out of the face), tangent is +Y (OpenGL)."""
+    coding: Coding
+
+
+@dataclasses.dataclass(frozen=True)
+class Displacement(_Strict):
+    scale_mm: Annotated[float, Gt(0)]
+    """Millimetres per code: height_mm = (code - mid) * scale_mm."""
+    mid: Annotated[int, Ge(0)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Head(_Strict):
+    name: str
+    licence: str
+    vertices: Annotated[int, Gt(0)]
+    """Vertices of mesh/head.obj, in its order in every archive made with this head model."""
+    polygons: Annotated[int, Gt(0)]
+    parts: Annotated[list[str], MinLen(1)]
+    blendshapes: list[str]
+    """Morph targets of mesh/head.glb in order; ARKit's names where the unit is one of the 52."""
+    uv_origin: Literal["bottom-left"]
+    """Of OBJ and USD; GLB has v flipped, as glTF wants."""
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentitySimilarity(_Strict):
+    """How alike the rendered head and the photo are to an identity network; only meaningful beside ``impostor``."""
+
+    distance: Annotated[float, Ge(0)]
+    centred_cosine: Annotated[float, Interval(ge=-1, le=1)]
+    impostor: dict[str, float]
+    """The same numbers between different people."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Light(_Strict):
+    """Spherical-harmonic irradiance over pi, linear RGB, in the camera frame (x right, y down, z forward)."""
+
+    basis: Literal["sh9"]
+    frame: Literal["camera"]
+    coefficients: Annotated[list[Triple], Len(9, 9)]
+
+
+@dataclasses.dataclass(frozen=True)
+class FitReport(_Strict):
+    landmark_rms_px: Annotated[float, Ge(0)]
+    landmark_rms_iod: Annotated[float, Ge(0)] | None
+    """The same as a share of the inter-ocular distance; null where that distance is not known."""
+    visible_fraction: Fraction
+    """Share of the face that the photo shows."""
+    identity_similarity: IdentitySimilarity | None
+    light: Light | None
+    identity: list[float]
+    """Coefficients of the head model in standard deviations."""
+    expression: dict[str, float]
+    """Activation of each blendshape in the photo, those that are not zero."""
+    warnings: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Model(_Strict):
+    name: str
+    sha256: str
+    licence: str
+    role: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Manifest(_Strict):
+    """Contents of an avatar archive."""
+
+    schema_version: Literal["1.0"]
+    generator: Generator
+    options: dict[str, JsonValue]
+    """What the caller asked for."""
+    seed: int
+    input: Input
+    camera: Camera
+    units: Literal["m"]
+    up: Literal["+Y"]
+    forward: Literal["+Z"]
+    head: Head
+    maps: list[Map]
+    files: list[File]
+    """Every file of the archive except this one."""
+    displacement: Displacement | None
+    fit: FitReport
+    effects: list[str]
+    """Effects that the previews simulate."""
+    timings_s: dict[str, float] | None
+    """Seconds per stage; null unless asked for, because they differ from run to run."""
+    peak_rss_mb: float | None
+    """Largest resident memory in MiB; null unless asked for."""
+    models: list[Model]
+    warnings: list[str]
+    """Stable codes of every stage."""
+
+
+def to_json(manifest: Manifest) -> bytes:
+    """UTF-8 JSON, indented, keys in the order of the classes, newline at the end.
+
+    Raises:
+        NumericFault: a number is NaN or infinite; the message names where.
+    """
+    content = dataclasses.asdict(manifest)
+    try:
+        return (json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    except ValueError as error:
+        raise NumericFault(f"the manifest would hold a number that is not finite at {_not_finite(content)}") from error
+
+
+def from_json(data: bytes) -> Manifest:
+    """Read and check a manifest.
+
+    Raises:
+        UnreadableInput: not a manifest of this schema; the message lists the first faults.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(Manifest).validate_json(data)
+    except ValidationError as error:
+        faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()[:3]]
+        raise UnreadableInput(f"not a manifest of schema {SCHEMA_VERSION}: {'; '.join(faults)}") from error
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of ``manifest.json``."""
+    from pydantic import TypeAdapter
+
+    schema = TypeAdapter(Manifest).json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def schema_text() -> str:
+    """The published form of :func:`json_schema`."""
+    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def _not_finite(value: object, path: str = "$") -> str:
+    """Path of the first number that JSON cannot hold."""
+    if isinstance(value, dict):
+        items = [(f"{path}.{key}", item) for key, item in value.items()]
+    elif isinstance(value, list | tuple):
+        items = [(f"{path}[{index}]", item) for index, item in enumerate(value)]
+    else:
+        broken = isinstance(value, float) and value - value != 0
+        return path if broken else ""
+    return next((found for name, item in items if (found := _not_finite(item, name))), "")

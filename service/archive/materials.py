@@ -1,0 +1,41 @@
+"""How each part of the head looks, said once for OBJ, glTF and USD."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Material:
+    """Surface of a part.
+
+    Attributes:
+        name: of the material in every format.
+        colour: linear RGB in [0, 1]; multiplies the texture where there is one.
+        roughness: GGX alpha's square root, in [0, 1].
+        textured: takes its colour from the chart.
+        opacity: 1 is opaque.
+        double_sided: drawn from behind as well.
+    """
+
+    name: str
+    colour: tuple[float, float, float]
+    roughness: float
+    textured: bool = False
+    opacity: float = 1.0
+    double_sided: bool = False
+
+
+_SKIN = Material("skin", (1.0, 1.0, 1.0), 0.55, textured=True)
+_BY_PREFIX = {
+    "skin": _SKIN,
+    "eye": Material("eye", (1.0, 1.0, 1.0), 0.1, textured=True),
+    "teeth": Material("teeth", (1.0, 1.0, 1.0), 0.25, textured=True),
+    "tongue": Material("tongue", (1.0, 1.0, 1.0), 0.35, textured=True),
+    "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.85, double_sided=True),
+}
+
+
+def material_of(part: str) -> Material:
+    """Material of a part by the first word of its name; unknown parts (an imported head) look like skin."""
+    return _BY_PREFIX.get(part.split("_")[0], _SKIN)
