@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from service.errors import FitFailed
@@ -58,6 +60,10 @@ def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | 
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
     stage = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
+    if settings.refine == "pixels":
+        from service.fit.pixels import PixelStage
+
+        stage = replace(stage, state=PixelStage(head, model).refine(stage, photo.pixels, middle))
     return _result(face, photo, head, model, stage)
 
 

@@ -66,7 +66,7 @@ class State:
     @property
     def yaw_deg(self) -> float:
         """As :meth:`Camera.yaw_pitch_roll_deg` has it."""
-        return float(np.degrees(np.arctan2(self.rotation[0, 2], -self.rotation[2, 2])))
+        return float(np.degrees(np.arctan2(self.rotation[2, 0], -self.rotation[2, 2])))
 
     def camera(self, width: int, height: int) -> Camera:
         """The pinhole camera of this pose, principal point in the middle of the photo."""

@@ -50,12 +50,13 @@ class Camera:
         return -self.rotation.T @ self.translation
 
     def yaw_pitch_roll_deg(self) -> tuple[float, float, float]:
-        """Head angles in degrees: yaw > 0 when the subject turns towards the image right, pitch > 0 looking up, roll > 0 clockwise."""
-        flip = np.diag([1.0, -1.0, -1.0])
-        r = flip @ self.rotation  # head axes in (right, up, towards camera)
-        forward = r[:, 2]
-        yaw = np.degrees(np.arctan2(forward[0], forward[2]))
-        pitch = np.degrees(np.arcsin(np.clip(forward[1], -1.0, 1.0)))
-        up = r[:, 1]
-        roll = np.degrees(np.arctan2(up[0], up[1]))
+        """Head angles in degrees: yaw > 0 turned towards the image right, pitch > 0 looking up, roll > 0 clockwise.
+
+        Yaw and pitch are those of the direction from which the camera sees the head, so turning the photo in its plane
+        changes the roll alone.
+        """
+        r = self.rotation
+        yaw = np.degrees(np.arctan2(r[2, 0], -r[2, 2]))
+        pitch = np.degrees(np.arcsin(np.clip(r[2, 1], -1.0, 1.0)))
+        roll = np.degrees(np.arctan2(r[0, 1], -r[1, 1]))
         return float(yaw), float(pitch), float(roll)

@@ -1,0 +1,28 @@
+"""Which data files made an avatar, for the manifest."""
+
+from __future__ import annotations
+
+from service.archive.avatar import ModelCard
+from service.head.files import DEFAULT_HEAD
+from service.head.model import HeadModel
+from service.runtime.sessions import model_table
+
+ROLES = {
+    "face_detector": "finds faces",
+    "face_mesh": "468 landmarks",
+    "face_identity": "compares the result with the photo",
+}
+"""Networks of the pipeline; those of models.json that no stage loads have no card."""
+
+
+def model_cards(head: HeadModel) -> tuple[ModelCard, ...]:
+    """Cards of the head model and of the networks that ran; ModelFault when the table of networks is broken."""
+    from hashlib import sha256
+
+    table = model_table()
+    digest = sha256(DEFAULT_HEAD.read_bytes()).hexdigest()
+    cards = [ModelCard(head.name, digest, head.licence, "head model")]
+    for name, role in ROLES.items():
+        if name in table:
+            cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
+    return tuple(cards)
