@@ -72,7 +72,7 @@ def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) ->
     check_bytes(len(data), limits)
     container = open_container(data, limits, heic=heic)
     facts = read_exif(container.exif, container.size or (0, 0))
-    reply, raw = run_decoder(_request(container, facts, limits), limits)
+    reply, raw = run_decoder(decoding_request(container, facts, limits), limits)
     _check(reply, container, limits)
     pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
     warnings = list(container.warnings)
@@ -109,7 +109,8 @@ def open_container(data: bytes, limits: Limits, *, heic: bool = False) -> Contai
     return container
 
 
-def _request(container: Container, facts: ExifFacts, limits: Limits) -> Request:
+def decoding_request(container: Container, facts: ExifFacts, limits: Limits) -> Request:
+    """What the decoding process is to do with a container."""
     return Request(
         container.codec,
         facts.orientation,

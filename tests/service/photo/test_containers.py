@@ -68,20 +68,20 @@ def test_jpeg_of_12_bits_or_lossless(frame: bytes) -> None:
 
 def test_jpeg_of_endless_segments_is_refused_in_time() -> None:
     data = bad.insert(JPEG, bad.segment(0xFE, b"") * (MAX_SEGMENTS + 1))
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(TooComplex, match="segments"):
         walk_jpeg(data, Limits())
-    assert time.perf_counter() - start < 0.5
+    assert time.process_time() - start < 0.5
 
 
 @pytest.mark.parametrize("filler", [b"\xff", b"\xff\0", b"\xff\xd0", b"\0"])
 def test_jpeg_walk_is_linear(filler: bytes) -> None:
     """25 MB of each filler that a marker search could stumble over."""
     data = JPEG[:-2] + filler * (25_000_000 // len(filler))
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(CorruptImage, match="cut off"):
         walk_jpeg(data, Limits())
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
 
 
 def test_fill_bytes_and_padding_between_segments_are_allowed() -> None:
@@ -119,10 +119,10 @@ def test_png_whose_chunks_do_not_fit(data: bytes, fault: str) -> None:
 
 def test_png_of_endless_chunks_is_refused_in_time() -> None:
     data = PNG[:33] + bad.chunk(b"tEXt", b"") * (MAX_CHUNKS + 1) + PNG[33:]
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(TooComplex, match="chunks"):
         walk_png(data)
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
 
 
 def test_png_with_a_damaged_profile_chunk_is_read_without_it() -> None:

@@ -41,9 +41,9 @@ def test_directory_that_points_at_itself() -> None:
 
 
 def test_huge_directory_takes_no_time() -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     read_exif(b"MM\0*\0\0\0\x08\xff\xff" + bytes(2_000_000), (100, 100))
-    assert time.perf_counter() - start < 0.1
+    assert time.process_time() - start < 0.1
 
 
 @given(st.binary(max_size=200))

@@ -149,10 +149,10 @@ def test_pixels_cut_off_inside_a_sound_container() -> None:
 def test_header_of_a_giant(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "run_decoder", _must_not_run)
     assert len(data) < 250_000
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(TooManyPixels, match=r"65500|30000"):
         read_photo(data)
-    assert time.perf_counter() - start < 0.1
+    assert time.process_time() - start < 0.1
 
 
 @pytest.mark.parametrize(
@@ -419,11 +419,11 @@ def test_every_refusal_is_an_error_of_unreadable_input_with_its_own_code() -> No
 
 def test_bad_input_is_refused_at_the_rate_of_a_flood() -> None:
     cases = [*bad.NOT_IMAGES.values(), bad.png_header(65_500, 65_500), bad.save(PICTURE, "JPEG")[:-10]]
-    start = time.perf_counter()
+    start = time.process_time()
     for data in cases:
         with pytest.raises(UnreadableInput):
             read_photo(data)
-    assert len(cases) / (time.perf_counter() - start) > 200
+    assert len(cases) / (time.process_time() - start) > 200
 
 
 def _must_not_run(*_: object) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageFile, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
+from benchmarks.gate import decode_measured
 from service.errors import AvatarError, CorruptImage, TooComplex
 from service.photo import codec, sandbox
 from service.photo.container import Codec
@@ -35,19 +36,10 @@ def request(payload: bytes, kind: Codec, limits: Limits = DEFAULT) -> Request:
 
 def measured(order: Request) -> tuple[Reply, float, float]:
     """(reply, peak memory in MiB, processor seconds) of one decoding process."""
-    process = subprocess.Popen(
-        sandbox.decoder_command(order.codec), stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={}
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    with process.stdin, process.stdout:
-        process.stdin.write(order.pack() + order.payload)
-        process.stdin.close()
-        answer = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    assert answer[:1] == READY
-    return Reply.parse(answer[1 : 1 + REPLY_SIZE]), usage.ru_maxrss / 1024, usage.ru_utime + usage.ru_stime
+    spent = decode_measured(order)
+    assert spent.head[:1] == READY
+    assert spent.peak_mib > 10, "no process that runs Python has less"
+    return Reply.parse(spent.head[1 : 1 + REPLY_SIZE]), spent.peak_mib, spent.cpu_seconds
 
 
 # Row 18: even when the header check of the gate is passed by
