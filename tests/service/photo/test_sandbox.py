@@ -153,6 +153,26 @@ def test_decoder_can_neither_open_nor_start_anything(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@LINUX
+def test_decoder_has_locked_itself_when_it_looks_at_the_photo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stands for a taken-over decoder inside the real process: opening a file must fail there."""
+    body = """
+        import sys; sys.path[:0] = sys.argv[1:]
+        from service.photo import child, codec
+        def taken_over(*_):
+            try:
+                open('/etc/passwd')
+            except OSError:
+                raise codec.DecoderFault
+            raise SystemExit(9)
+        codec.decode = taken_over
+        sys.exit(child.main())
+    """
+    monkeypatch.setattr(sandbox, "_BOOT", textwrap.dedent(body))
+    with pytest.raises(CorruptImage, match="pixels could not be decoded"):
+        read_photo(bad.save(bad.picture(), "PNG"))
+
+
 def test_decoder_gets_no_environment_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SECRET_TOKEN", "hunter2")
     monkeypatch.setattr(
