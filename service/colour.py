@@ -50,7 +50,8 @@ def to_bytes(coded: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
 
 def luma(rgb: npt.NDArray[np.floating]) -> Float:
     """(...) float32 weighted sum of (..., 3): luminance of linear values, luma of coded ones; the range stays."""
-    return np.asarray(rgb, np.float32) @ LUMA
+    x = np.asarray(rgb, np.float32)
+    return np.asarray(x[..., 0] * LUMA[0] + x[..., 1] * LUMA[1] + x[..., 2] * LUMA[2], np.float32)
 
 
 def linear_to_lab(linear: npt.NDArray[np.floating]) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -72,6 +73,29 @@ class Chart:
         """(H, W) bool, True inside the islands."""
         return self.triangle >= 0
 
+    @cached_property
+    def corners(self) -> npt.NDArray[np.int32]:
+        """(N, 3) int32 vertices of the triangle that each inner texel shows."""
+        return self.head.triangles[self.triangle.ravel()[self.texels]]
+
+    @cached_property
+    def weights(self) -> Float:
+        """(N, 3) float32 barycentric weights of ``corners``."""
+        return self.barycentric.reshape(-1, 3)[self.texels]
+
+    @cached_property
+    def inner_part(self) -> npt.NDArray[np.uint8]:
+        """(N,) uint8 part of each inner texel."""
+        return self.part.ravel()[self.texels]
+
+    @cached_property
+    def _chart_corners(self) -> npt.NDArray[np.int32]:
+        return self.head.triangle_uv[self.triangle.ravel()[self.texels]]
+
+    @cached_property
+    def _nearest(self) -> npt.NDArray[np.int64]:
+        return nearest_inside(self.mask)
+
     def interpolate(self, values: npt.NDArray[np.floating]) -> Float:
         """(H, W, C) float32 of per-vertex values (V, C) or (V,); 0 outside the islands."""
         return self.spread(self.inside(values))
@@ -83,11 +107,12 @@ class Chart:
         """
         v = np.asarray(values, np.float32)
         v = v[:, None] if v.ndim == 1 else v
-        corners = (self.head.triangle_uv if on_chart else self.head.triangles)[self.triangle.ravel()[self.texels]]
-        weights = self.barycentric.reshape(-1, 3)[self.texels]
-        result = weights[:, :1] * v[corners[:, 0]]
-        result += weights[:, 1:2] * v[corners[:, 1]]
-        result += weights[:, 2:] * v[corners[:, 2]]
+        corners = self._chart_corners if on_chart else self.corners
+        weights = self.weights
+        # np.take: several times faster than v[corners] on rows.
+        result = np.take(v, corners[:, 0], axis=0) * weights[:, :1]
+        for i in (1, 2):
+            result += np.take(v, corners[:, i], axis=0) * weights[:, i : i + 1]
         return np.asarray(result)
 
     def spread(self, values: npt.NDArray[np.floating], outside: tuple[float, ...] | float = 0.0) -> Float:
@@ -99,7 +124,7 @@ class Chart:
     def gather(self, per_triangle: npt.NDArray[np.floating]) -> Float:
         """(H, W, ...) float32 of values per triangle (T, ...); 0 outside the islands."""
         values = np.asarray(per_triangle, np.float32)
-        flat = values.reshape(len(values), -1)[self.triangle.ravel()[self.texels]]
+        flat = np.take(values.reshape(len(values), -1), self.triangle.ravel()[self.texels], axis=0)
         return self.spread(flat).reshape(*self.triangle.shape, *values.shape[1:])
 
     def normals(self, vertices: npt.NDArray[np.floating]) -> Float:
@@ -139,7 +164,8 @@ class Chart:
 
     def fill_outside(self, image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
         """Copy of (H, W) or (H, W, C) in which every texel outside the islands has the value of the nearest inside."""
-        return fill_from(image, self.mask)
+        flat = np.take(image.reshape(self.triangle.size, -1), self._nearest.ravel(), axis=0)
+        return flat.reshape(image.shape)
 
 
 def chart_points(head: HeadModel, width: int, height: int) -> npt.NDArray[np.float64]:
@@ -152,25 +178,19 @@ def mirrored(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     return np.flip(image, 1)
 
 
-def fill_from(image: npt.NDArray[Scalar], mask: npt.NDArray[np.bool_]) -> npt.NDArray[Scalar]:
-    """Copy of ``image`` (H, W) or (H, W, C) with each texel outside ``mask`` set to the nearest one inside.
-
-    An empty mask has nothing to copy from: the image comes back as it is.
-    """
+def nearest_inside(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """(H, W) int64 flat index of the nearest True texel of ``mask``; each texel's own index where there is none."""
     import cv2
 
-    filled = np.array(image)
+    own = np.arange(mask.size).reshape(mask.shape)
     if mask.all() or not mask.any():
-        return filled
-    _, label = cv2.distanceTransformWithLabels((~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        return own
+    outside = (~mask).astype(np.uint8)
+    _, label = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     label = np.asarray(label)
-    row, column = np.nonzero(mask)
     source = np.zeros(int(label.max()) + 1, np.int64)
-    source[label[row, column]] = row * mask.shape[1] + column
-    flat = filled.reshape(mask.size, -1)
-    outside = np.flatnonzero(~mask.ravel())
-    flat[outside] = flat[source[label.ravel()[outside]]]
-    return filled
+    source[label[mask]] = own[mask]
+    return np.asarray(source[label])
 
 
 def _dot(a: Float, b: Float) -> Float:

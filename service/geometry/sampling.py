@@ -13,8 +13,11 @@ _COLUMNS = 1024
 _ROWS = 16384
 """Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
 
-MOST_SAMPLES = 4
+MOST_SAMPLES = 3
 """Supersamples per side of a footprint; what is wider is left to the pyramid."""
+
+OVERLAP = 1.4
+"""Pixels between samples that interpolation between pixels already averages over."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +57,25 @@ class Pyramid:
                 that are not finite read the top left corner.
             footprint: (...) diameter of the area in pixels; below 1 counts as 1.
         """
-        at = np.nan_to_num(np.asarray(points, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        at = np.nan_to_num(np.asarray(points, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
         shape = at.shape[:-1]
         at = at.reshape(-1, 2)
-        diameter = np.nan_to_num(np.broadcast_to(footprint, shape).reshape(-1), nan=1.0)
-        level = np.clip(np.log2(np.maximum(diameter, 1.0)), 0, len(self.levels) - 1)
+        diameter = np.nan_to_num(np.broadcast_to(np.asarray(footprint, np.float32), shape).reshape(-1), nan=1.0)
+        level = np.clip(np.log2(np.maximum(diameter, np.float32(1))), 0, len(self.levels) - 1)
         result = np.zeros((len(at), self.levels[0].shape[2]), np.float32)
-        lower = np.floor(level).astype(int)
-        for i in np.unique(lower):
+        lower = np.floor(level).astype(np.int32)
+        for i in range(int(lower.max(initial=-1)) + 1):
             chosen = np.flatnonzero(lower == i)
-            value = self._read(i, at[chosen])
-            share = (level[chosen] - i).astype(np.float32)[:, None]
-            if share.any():
-                value += share * (self._read(i + 1, at[chosen]) - value)
-            result[chosen] = value
+            if not len(chosen):
+                continue
+            result[chosen] = self._read(i, at[chosen])
+            between = chosen[level[chosen] > i]
+            if len(between):
+                share = (level[between] - np.float32(i))[:, None]
+                result[between] += share * (self._read(i + 1, at[between]) - result[between])
         return result.reshape(*shape, result.shape[1])
 
-    def _read(self, level: int, points: npt.NDArray[np.float64]) -> Float:
+    def _read(self, level: int, points: Float) -> Float:
         import cv2
 
         image, scale = self.levels[level], self.scales[level]
@@ -102,11 +107,13 @@ def sample_area(pyramid: Pyramid, points: npt.NDArray[np.floating], jacobian: np
     """
     j = np.nan_to_num(np.asarray(jacobian, np.float32))
     longest = np.sqrt(np.maximum(j[..., 0, 0] ** 2 + j[..., 1, 0] ** 2, j[..., 0, 1] ** 2 + j[..., 1, 1] ** 2))
-    side = int(np.clip(np.ceil(np.percentile(longest, 90)), 1, MOST_SAMPLES)) if longest.size else 1
-    offsets = (np.arange(side) + 0.5) / side - 0.5
+    wide = float(np.percentile(longest, 75)) / OVERLAP if longest.size else 1.0
+    side = int(np.clip(np.ceil(wide), 1, MOST_SAMPLES))
+    centre, along_x, along_y = np.asarray(points, np.float32), j[..., 0], j[..., 1]
+    offsets = ((np.arange(side) + 0.5) / side - 0.5).astype(np.float32)
     total = np.zeros((*longest.shape, pyramid.levels[0].shape[2]), np.float32)
     for dx in offsets:
         for dy in offsets:
-            at = np.asarray(points, np.float64) + dx * j[..., 0] + dy * j[..., 1]
-            total += pyramid.sample(at, longest / side)
-    return np.asarray(total / np.float32(side * side))
+            total += pyramid.sample(centre + dx * along_x + dy * along_y, longest / np.float32(side * OVERLAP))
+    total /= side * side
+    return total

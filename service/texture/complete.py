@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import luma
 from service.geometry.chart import Chart, mirrored
 from service.texture.mesh_field import Graph, smooth_fit, splat
 from service.texture.zones import vertex_mask
@@ -35,7 +36,7 @@ PRIOR_TRUST = 0.02
 GRAIN = 0.6
 """Strength of made-up grain over that of the photo's own detail nearby."""
 
-MOST_GRAIN = 0.03
+MOST_GRAIN = 0.02
 
 
 @dataclass(frozen=True)
@@ -73,47 +74,52 @@ def complete_skin(
         scalp: (3,) sRGB of the hair (or bald head), or None where the photo does not show it.
         seed: of the grain.
     """
-    own = chart.part.ravel()[chart.texels] == chart.head.part_names.index("skin")
+    own = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
     seen, trust = seen * own, np.minimum(trust, seen) * own
-    base = chart.inside(_base(chart, colour, trust, skin, scalp))
+    field = chart.inside(_base(chart, np.c_[colour, _fine(chart, colour, seen)], trust, skin, scalp))
+    base = field[:, :3]
     detail = np.where(seen[:, None] > 0, colour - base, 0.0).astype(np.float32)
     seen = _feather(chart, seen)
 
-    other = _flip(chart, np.concatenate([detail, (trust * own)[:, None]], 1))
+    other = _flip(chart, np.c_[detail, trust])
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
     made_up = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
-    result += made_up * _grain(chart, detail, trust, seed)
+    result += made_up * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * _noise(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
-def _base(chart: Chart, colour: Float, trust: Float, skin: Float, scalp: Float | None) -> Array:
-    """(V, 3) smooth sRGB over the whole mesh."""
+def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float | None) -> Array:
+    """(V, 4) smooth sRGB and strength of fine detail over the whole mesh, from values (N, 4) of the texels."""
     head = chart.head
     count = len(head.mean)
-    triangles, weights = _corners(chart)
     hair = vertex_mask(head, "scalp").astype(np.float64)
     graph = Graph.of(head.triangles[head.triangle_part == head.part_names.index("skin")], count, hair)
 
-    known, k = splat(triangles, weights, colour, trust, count)
+    known, k = splat(chart.corners, chart.weights, values, trust, count)
     reflected, k_reflected = known[head.mirror], k[head.mirror]
     both = np.minimum(k, k_reflected)
-    light = smooth_fit(graph, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(3), LIGHT_PRIOR)
+    light = smooth_fit(graph, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), LIGHT_PRIOR)
     share = MIRROR_TRUST * np.maximum(1 - k, 0) * k_reflected
     total = k + share
     blend = np.where(total > 0, share / np.where(total > 0, total, 1), 0)[:, None]
-    values = known + blend * (reflected + light - known)
+    known = known + blend * (reflected + light - known)
 
-    far = np.broadcast_to(skin.astype(np.float64), (count, 3))
+    typical = float((known[:, 3] * total).sum() / max(float(total.sum()), 1e-9))
+    far = np.tile([*skin.tolist(), typical], (count, 1))
     if scalp is not None:
-        far = far + hair[:, None] * (scalp.astype(np.float64) - far)
-    return np.clip(smooth_fit(graph, values, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
+        far[:, :3] += hair[:, None] * (scalp.astype(np.float64) - far[:, :3])
+    return np.clip(smooth_fit(graph, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
 
 
-def _corners(chart: Chart) -> tuple[npt.NDArray[np.int32], Float]:
-    """Vertices (N, 3) and weights (N, 3) of the inner texels."""
-    triangle = chart.triangle.ravel()[chart.texels]
-    return chart.head.triangles[triangle], chart.barycentric.reshape(-1, 3)[chart.texels]
+def _fine(chart: Chart, colour: Float, seen: Float) -> Float:
+    """(N,) strength of the photo's fine detail: departure of the luma from its surroundings, at most ``MOST_GRAIN``."""
+    import cv2
+
+    both = chart.spread(np.stack([luma(colour) * seen, seen], 1))
+    soft = np.asarray(cv2.GaussianBlur(both, (0, 0), max(chart.width / 480, 0.5))).reshape(-1, 2)[chart.texels]
+    middle = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
+    return np.asarray(np.minimum(np.abs(luma(colour) - middle), MOST_GRAIN), np.float32)
 
 
 def _flip(chart: Chart, values: Float) -> Float:
@@ -133,27 +139,14 @@ def _feather(chart: Chart, share: Float) -> Float:
     return np.asarray(np.minimum(share, np.asarray(soft, np.float32).ravel()[chart.texels]))
 
 
-def _grain(chart: Chart, detail: Float, trust: Float, seed: int) -> Float:
-    """(N, 1) mirror-symmetric noise, as strong as the photo's own fine detail nearby.
+def _noise(chart: Chart, seed: int) -> Float:
+    """(N, 1) mirror-symmetric band of noise with mean magnitude 1.
 
     Symmetric, because then left and right end of the chart, which meet at the back of the head, are alike.
     """
     import cv2
 
-    head = chart.head
-    triangles, weights = _corners(chart)
-    fine = chart.spread(detail.mean(1, keepdims=True))[..., 0]
-    fine = fine - np.asarray(cv2.GaussianBlur(fine, (0, 0), max(chart.width / 192, 0.5)))
-    energy = np.minimum(np.abs(fine.ravel()[chart.texels]), 3 * MOST_GRAIN)[:, None]
-    count = len(head.mean)
-    known, k = splat(triangles, weights, energy, trust, count)
-    skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
-    typical = float((known[:, 0] * k).sum() / k.sum()) if k.sum() > 0 else 0.0
-    strength = smooth_fit(Graph.of(skin, count), known, k, 1.0, np.array([typical]), PRIOR_TRUST)
-    noise = np.random.default_rng(seed).standard_normal(chart.triangle.shape).astype(np.float32)
+    noise = np.random.default_rng(seed).standard_normal((chart.triangle.shape), np.float32)
     band = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.8)) - np.asarray(cv2.GaussianBlur(noise, (0, 0), 2.5))
     band = band + mirrored(band)
-    spread = float(np.abs(band).mean())
-    band = band / np.float32(spread if spread > 0 else 1.0)
-    amount = np.clip(chart.inside(strength), 0, MOST_GRAIN) * GRAIN
-    return np.asarray(band.ravel()[chart.texels, None] * amount, np.float32)
+    return np.asarray(band.ravel()[chart.texels, None] / np.abs(band).mean(), np.float32)

@@ -8,7 +8,9 @@ import numpy.typing as npt
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.fit.result import Fit
-from service.geometry.chart import Chart
+from service.geometry.chart import Chart, chart_points
+from service.geometry.normals import face_normals
+from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 from service.texture import parts
@@ -23,6 +25,9 @@ Float = npt.NDArray[np.float32]
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 """Skin of a photo that shows none, sRGB."""
+
+SQUARELY = 0.3
+"""Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
 
 LEAST_SCALP_TEXELS = 60
 LITTLE_SEEN = 0.25
@@ -50,13 +55,13 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     colour, confidence = _paint_parts(chart, unwrapped, zones, completed, skin)
 
     exact, tangent = shape_normals(chart, fit.vertices)
-    texture = np.asarray(chart.fill_outside(chart.spread(colour)), np.float32)
+    texture = chart.fill_outside(chart.spread(colour))
     depth = depth_map(chart, fit.vertices)
     for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
         if not np.isfinite(values).all():
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
     fraction = visible_fraction(chart, fit, unwrapped, zones)
-    code = np.asarray(chart.fill_outside(chart.spread(confidence[:, None])[..., 0])).astype(np.uint8)
+    code = chart.fill_outside(chart.spread(confidence[:, None])[..., 0]).astype(np.uint8)
     warnings = ("little-seen",) if fraction < LITTLE_SEEN else ()
     return Texture(to_bytes(texture), code, exact, tangent, depth, chart.mask, fraction, warnings)
 
@@ -81,11 +86,16 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
     skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
     if skin is None:
         return seen, seen, None
-    likely = _calm(chart, plausibility(skin, unwrapped.colour, unwrapped.normal), seen)
+    likely = np.ones_like(seen)
+    shown = np.flatnonzero(seen > 0)
+    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown])
+    likely = _calm(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
     excused = np.maximum(zones.features, zones.scalp)
     likely = excused + (1 - excused) * likely
-    kept = np.maximum(np.maximum(zones.face, zones.scalp), zones.features)
+    # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
+    squarely = opacity(unwrapped.weight - SQUARELY)
+    kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
     return np.asarray(seen * likely, np.float32), np.asarray(seen * (kept + (1 - kept) * likely), np.float32), skin
 
 
@@ -121,9 +131,8 @@ def _paint_parts(
 
     inside = (zones.mouth * zones.skin)[:, None]
     colour += inside * (light.on(parts.MOUTH) - colour)
-    part = chart.part.ravel()[chart.texels]
     for index, name in enumerate(chart.head.part_names):
-        own = np.flatnonzero(part == index)
+        own = np.flatnonzero(chart.inner_part == index)
         if name == "skin" or not len(own):
             continue
         painted, shows = _paint_part(chart, index, name, own, light, tone)
@@ -140,10 +149,10 @@ def _paint_part(
 ) -> tuple[Float, float]:
     """Colours (n, 3) of a part's texels, and how far the photo may show through them."""
     if name.startswith("eye"):
-        angle, limbus, pupil = parts.eye_angles(chart, index)
+        _, angle, limbus, pupil = parts.eye_angles(chart, index)
         sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
         iris = light.on(parts.IRIS) if tone.iris is None else tone.iris
-        return parts.paint_eye(angle[own], limbus, pupil, sclera, iris, light.on(parts.SOCKET)), 1.0
+        return parts.paint_eye(angle, limbus, pupil, sclera, iris, light.on(parts.SOCKET)), 1.0
     plain = {"teeth": (parts.TEETH, 1.0), "tongue": (parts.TONGUE, 0.0), "lashes": (parts.LASHES, 0.0)}
     colour, shows = plain[name.split("_")[0]]
     return np.broadcast_to(light.on(colour), (len(own), 3)).astype(np.float32), shows
@@ -169,7 +178,14 @@ def _confidence(completed: Completed) -> Float:
 
 def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:
     """Share of the face region's area that the photo shows, facing the camera and not hidden, in [0, 1]."""
-    e, f, g = chart.metric(fit.vertices).reshape(-1, 3)[chart.texels].astype(np.float64).T
-    area = np.sqrt(np.maximum(e * g - f * f, 0)) * zones.face * zones.skin
+    area = chart.gather(triangle_area(chart, fit.vertices)).ravel()[chart.texels] * zones.face * zones.skin
     total = float(area.sum())
     return float(area[unwrapped.visible].sum() / total) if total > 0 else 0.0
+
+
+def triangle_area(chart: Chart, vertices: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """(T,) m^2 of surface per texel of chart; 0 for triangles without area on the chart."""
+    space = face_normals(vertices, chart.head.triangles)
+    texels = np.abs(signed_area(chart_points(chart.head, chart.width, chart.height), chart.head.triangle_uv))
+    area = np.sqrt((space * space).sum(1))
+    return np.asarray(np.divide(area, texels, out=np.zeros_like(area), where=texels > 1e-9))

@@ -14,7 +14,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-TOLERANCE = 2e-4
+TOLERANCE = 5e-4
 """Relative residual at which the solver stops; colours are in [0, 1] and end as 8 bits."""
 
 MOST_STEPS = 300
@@ -65,7 +65,10 @@ class Graph:
         """(V, C) weighted sum over each vertex's neighbours of (V, C) values."""
         result = np.zeros((self.count, values.shape[1]))
         if len(self.first):
-            result[self.active] = np.add.reduceat(self.weight[:, None] * values[self.target], self.first, axis=0)
+            # np.take: several times faster than values[target] on rows.
+            along = np.take(values, self.target, axis=0)
+            along *= self.weight[:, None]
+            result[self.active] = np.add.reduceat(along, self.first, axis=0)
         return result
 
 
@@ -100,12 +103,12 @@ def smooth_fit(
 
     x = np.where(k > pull, values, goal).astype(np.float64)
     residual = right - diagonal * x + smoothness * graph.gather(x)
-    enough = TOLERANCE * max(float(np.linalg.norm(right)), 1e-12)
+    enough = TOLERANCE**2 * max(float(np.sum(right * right)), 1e-24)
     scaled = residual / diagonal
     step = scaled
     power = np.sum(residual * scaled, 0)
     for _ in range(MOST_STEPS):
-        if float(np.linalg.norm(residual)) <= enough:
+        if float(np.sum(residual * residual)) <= enough:
             break
         image = diagonal * step - smoothness * graph.gather(step)
         curvature = np.sum(step * image, 0)

@@ -18,11 +18,11 @@ PUPIL_RADIUS_M = 0.0019
 SCLERA = np.array([0.80, 0.77, 0.75], np.float32)
 IRIS = np.array([0.34, 0.25, 0.19], np.float32)
 SOCKET = np.array([0.62, 0.38, 0.35], np.float32)
-TEETH = np.array([0.86, 0.81, 0.72], np.float32)
-TONGUE = np.array([0.66, 0.38, 0.37], np.float32)
+TEETH = np.array([0.78, 0.73, 0.65], np.float32)
+TONGUE = np.array([0.50, 0.27, 0.26], np.float32)
 MOUTH = np.array([0.33, 0.13, 0.12], np.float32)
 LASHES = np.array([0.12, 0.09, 0.08], np.float32)
-"""sRGB colours under the light under which a sclera looks like ``SCLERA``."""
+"""sRGB colours under the light under which a sclera looks like ``SCLERA``; those in the mouth are in its shade."""
 
 LEAST_SAMPLES = 12
 
@@ -60,20 +60,22 @@ def judge_light(sclera: Float | None, skin: Float | None, face_colours: Float) -
     return Light(np.asarray(gain, np.float32), colourful)
 
 
-def eye_angles(chart: Chart, part: int) -> tuple[Float, float, float]:
-    """Angle of each inner texel from the line of sight of its eye in the neutral mean head.
+def eye_angles(chart: Chart, part: int) -> tuple[npt.NDArray[np.int64], Float, float, float]:
+    """Angle of an eye's texels from its line of sight in the neutral mean head.
 
     Returns:
-        (N,) float32 degrees (meaningful on texels of ``part`` only), and the angles of limbus and pupil in degrees.
+        (n,) positions of the eye's texels among the inner ones, (n,) float32 degrees, and the angles of limbus and
+        pupil in degrees.
     """
     head = chart.head
+    texels = np.flatnonzero(chart.inner_part == part)
     own = np.unique(head.triangles[head.triangle_part == part])
     low, high = head.mean[own].min(0), head.mean[own].max(0)
     radius = max(float((high - low).max()) / 2, 1e-6)
-    ray = chart.inside(head.mean) - (low + high) / 2
+    ray = np.einsum("nk,nki->ni", chart.weights[texels], head.mean[chart.corners[texels]] - (low + high) / 2)
     cosine = ray[:, 2] / np.maximum(np.sqrt((ray * ray).sum(1)), 1e-9)
     limbus, pupil = (np.degrees(np.arcsin(min(r / radius, 0.9))) for r in (IRIS_RADIUS_M, PUPIL_RADIUS_M))
-    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).astype(np.float32), float(limbus), float(pupil)
+    return texels, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).astype(np.float32), float(limbus), float(pupil)
 
 
 @dataclass(frozen=True)
@@ -86,16 +88,14 @@ class EyeTone:
 
 def measure_eyes(chart: Chart, colour: Float, weight: Float) -> EyeTone:
     """Median iris and bright, pale sclera of the eye texels (N,) that the photo shows."""
-    part = chart.part.ravel()[chart.texels]
     white, dark = [], []
     for name in ("eye_left", "eye_right"):
-        which = chart.head.part_names.index(name) if name in chart.head.part_names else None
-        if which is None:
+        if name not in chart.head.part_names:
             continue
-        angle, limbus, pupil = eye_angles(chart, which)
-        seen = (part == which) & (weight > 0.2)
-        dark.append(colour[seen & (angle > 1.2 * pupil) & (angle < 0.85 * limbus)])
-        white.append(colour[seen & (angle > 1.25 * limbus) & (angle < 2.2 * limbus)])
+        texels, angle, limbus, pupil = eye_angles(chart, chart.head.part_names.index(name))
+        seen, shown = weight[texels] > 0.2, colour[texels]
+        dark.append(shown[seen & (angle > 1.2 * pupil) & (angle < 0.85 * limbus)])
+        white.append(shown[seen & (angle > 1.25 * limbus) & (angle < 2.2 * limbus)])
     return EyeTone(_pale(np.concatenate(white or [np.zeros((0, 3), np.float32)])), _middle(dark))
 
 

@@ -7,12 +7,12 @@ import numpy.typing as npt
 
 from service.geometry.chart import Chart
 from service.geometry.normals import normalise, vertex_normals
-from service.texture.mesh_field import Graph
+from service.texture.mesh_field import Graph, smooth_fit
 
 Float = npt.NDArray[np.float32]
 
-SMOOTHING_STEPS = 40
-"""Rounds of averaging over neighbours that turn the head's normals into those of its overall form."""
+OVERALL_SMOOTHNESS = 12.0
+"""Weight of likeness between neighbours that turns the head's normals into those of its overall form."""
 
 LEAST_Z = 0.05
 """Folds (ear, lids) can turn by more than a right angle from the overall form; a tangent-space map cannot show that."""
@@ -22,26 +22,23 @@ def shape_normals(chart: Chart, vertices: npt.NDArray[np.floating]) -> tuple[Flo
     """Normals (H, W, 3) float32 of a head (V, 3) in object space, and in the tangent space of its overall form.
 
     In the frame of the surface itself a smooth surface's normals are (0, 0, 1) everywhere and say nothing. The frame is
-    therefore that of the normals averaged ``SMOOTHING_STEPS`` times over neighbours, so the map shows nose, lips and
+    therefore that of normals smoothed over the mesh (``OVERALL_SMOOTHNESS``), so the map shows nose, lips and
     eye sockets as a tangent-space map shows bumps: +Y up, z >= ``LEAST_Z`` before normalisation.
     """
     normal = vertex_normals(vertices, chart.head.triangles)
     frame = chart.frame(vertices, overall_normals(chart, normal))
     exact = chart.normals(vertices)
-    local = [np.sum(exact * axis, -1) for axis in (frame.tangent, frame.bitangent, frame.normal)]
-    local[2] = np.maximum(local[2], LEAST_Z)
-    tangent = normalise(np.stack(local, -1))
-    exact = np.asarray(chart.fill_outside(exact), np.float32)
-    return exact, np.asarray(chart.fill_outside(tangent), np.float32)
+    axes = (frame.tangent, frame.bitangent, frame.normal)
+    local = np.stack([np.einsum("hwi,hwi->hw", exact, axis) for axis in axes], -1)
+    local[..., 2] = np.maximum(local[..., 2], LEAST_Z)
+    local /= np.sqrt(np.einsum("hwi,hwi->hw", local, local))[..., None]
+    return chart.fill_outside(exact), chart.fill_outside(local)
 
 
 def overall_normals(chart: Chart, normal: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """(V, 3) unit normals averaged over neighbours; where opposite ones cancel, the original."""
+    """(V, 3) unit normals smoothed over neighbours; where opposite ones cancel, the original."""
     graph = Graph.of(chart.head.triangles, len(normal))
-    count = np.maximum(graph.gather(np.ones((graph.count, 1))), 1.0)
-    smooth = np.asarray(normal, np.float64)
-    for _ in range(SMOOTHING_STEPS):
-        smooth = 0.5 * smooth + 0.5 * graph.gather(smooth) / count
+    smooth = smooth_fit(graph, normal, np.ones(len(normal)), OVERALL_SMOOTHNESS, np.zeros(3), 1e-6)
     length = np.sqrt((smooth * smooth).sum(1, keepdims=True))
     return np.where(length > 0.05, normalise(smooth), normal)
 
@@ -49,4 +46,4 @@ def overall_normals(chart: Chart, normal: npt.NDArray[np.floating]) -> npt.NDArr
 def depth_map(chart: Chart, vertices: npt.NDArray[np.floating]) -> Float:
     """(H, W) float32 metres: z of each texel in head space, continued beyond the islands."""
     depth = chart.interpolate(np.asarray(vertices)[:, 2])[..., 0]
-    return np.asarray(chart.fill_outside(depth), np.float32)
+    return chart.fill_outside(depth)

@@ -28,7 +28,7 @@ BIAS_M = 0.0015
 STEP_M = 0.006
 """A jump in depth that makes an edge behind which the photo shows something else than the head's surface."""
 
-OUTLINE_MARGIN_M = (0.002, 0.008)
+OUTLINE_MARGIN_M = (0.003, 0.010)
 """Next to the background: worth nothing up to the first distance, everything from the second on.
 
 The fitted outline is wrong by a millimetre or two, and hair, collar or wall on a cheek is worse than a cheek made up.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.geometry.chart import NO_PART, Chart, fill_from, mirrored, solve_affine
+from service.geometry.chart import NO_PART, Chart, mirrored, nearest_inside, solve_affine
 from tests.toyhead import CENTRE, RADIUS, SKIN_U, SKIN_V, sphere_head
 
 WIDTH, HEIGHT = 192, 128
@@ -115,19 +115,17 @@ def test_frame_survives_a_collapsed_head(chart: Chart) -> None:
 def test_fill_outside_takes_the_nearest_inside(chart: Chart) -> None:
     image = np.where(chart.mask, 7, 0).astype(np.uint8)
     assert (chart.fill_outside(image) == 7).all()
-    ramp = np.zeros((9, 9), np.float32)
     mask = np.zeros((9, 9), bool)
     mask[4, [2, 6]] = True
-    ramp[4, 2], ramp[4, 6] = 1.0, 2.0
-    filled = fill_from(ramp, mask)
-    assert (filled[:, :4] == 1).all()
-    assert (filled[:, 5:] == 2).all()
+    nearest = nearest_inside(mask)
+    assert (nearest[:, :4] == 4 * 9 + 2).all()
+    assert (nearest[:, 5:] == 4 * 9 + 6).all()
 
 
-def test_fill_with_nothing_inside_changes_nothing() -> None:
-    image = np.arange(12.0).reshape(3, 4)
-    assert np.array_equal(fill_from(image, np.zeros((3, 4), bool)), image)
-    assert np.array_equal(fill_from(image, np.ones((3, 4), bool)), image)
+def test_nothing_inside_or_nothing_outside_changes_nothing() -> None:
+    own = np.arange(12).reshape(3, 4)
+    assert np.array_equal(nearest_inside(np.zeros((3, 4), bool)), own)
+    assert np.array_equal(nearest_inside(np.ones((3, 4), bool)), own)
 
 
 def test_affine_maps_and_their_degenerate_case() -> None:
