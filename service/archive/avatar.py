@@ -4,42 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
-
-import numpy as np
-import numpy.typing as npt
+from typing import Any
 
 from service.faces.face import Face
 from service.fit.result import Fit
 from service.head.model import HeadModel
 from service.photo.photo import Photo
-
-
-class Texture(Protocol):
-    """The maps of the texture stage, as far as the archive reads them; (h, w) is the chart, row 0 = top (v = 1).
-
-    Attributes:
-        texture: (h, w, 3) uint8 sRGB, the photo's light baked in, every texel filled.
-        confidence: (h, w) uint8, how the texel came about: 255 seen, lower mirrored or made up.
-        shape_normal_object: (h, w, 3) float32 unit normals of the fitted neutral-topology surface in head space.
-        visible_fraction: share of the face region that the photo shows, in [0, 1].
-        warnings: stable codes.
-    """
-
-    @property
-    def texture(self) -> npt.NDArray[np.uint8]: ...
-
-    @property
-    def confidence(self) -> npt.NDArray[np.uint8]: ...
-
-    @property
-    def shape_normal_object(self) -> npt.NDArray[np.float32]: ...
-
-    @property
-    def visible_fraction(self) -> float: ...
-
-    @property
-    def warnings(self) -> tuple[str, ...]: ...
+from service.texture.result import Texture
 
 
 @dataclass(frozen=True)

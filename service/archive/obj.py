@@ -43,10 +43,10 @@ def obj_bytes(head: HeadModel, vertices: npt.NDArray[np.floating], title: str) -
     return "".join(blocks).encode("ascii")
 
 
-def mtl_bytes(head: HeadModel) -> bytes:
-    """Materials of the parts, with the texture by a relative path."""
+def mtl_bytes(head: HeadModel, *, textured: bool = True) -> bytes:
+    """Materials of the parts, with the texture by a relative path unless the archive goes without it."""
     used = {material_of(name).name: material_of(name) for name in head.part_names}
-    return "\n".join(_material(material) for material in used.values()).encode("ascii")
+    return "\n".join(_material(material, textured) for material in used.values()).encode("ascii")
 
 
 def _lines(pattern: str, rows: npt.NDArray[np.floating]) -> str:
@@ -73,7 +73,7 @@ def _faces(polygons: npt.NDArray[np.int32], uv: npt.NDArray[np.int32]) -> Iterat
     yield "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())
 
 
-def _material(material: Material) -> str:
+def _material(material: Material, textured: bool) -> str:
     red, green, blue = material.colour
     # Phong exponent of about the same lobe as GGX with alpha = roughness^2.
     exponent = 2.0 / max(material.roughness, 0.05) ** 4 - 2.0
@@ -86,6 +86,6 @@ def _material(material: Material) -> str:
         f"d {material.opacity:g}",
         "illum 2",
     ]
-    if material.textured:
+    if textured and material.textured:
         lines.append(f"map_Kd {TEXTURE_FROM_MESH}")
     return "\n".join(lines) + "\n"

@@ -1,138 +1,109 @@
-"""A zip whose bytes depend on nothing but its content, written whole or not at all.
+"""The archive of an avatar: what is in it, and writing it.
 
-Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
-mode 0644. Names come from that list only, so no input can make a name that leaves the folder of extraction.
+The same photo, options and seed give the same bytes. That is why nothing here looks at the clock, and why measured
+times and memory are left out unless ``timings`` asks for them.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-import secrets
-import shutil
-import stat
-import tempfile
-import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import BinaryIO
 
-from service.errors import OutputFault
+from service.archive.avatar import Avatar
+from service.archive.container import write_file, write_stream
+from service.archive.describe import describe
+from service.archive.glb import Picture, glb_bytes, weights_by_name
+from service.archive.images import encode_jpeg, encode_png
+from service.archive.licences import COPYRIGHT, licences_text
+from service.archive.manifest import to_json
+from service.archive.maps import MAPS, encode_map
+from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.usd import usda_bytes
+from service.archive.version import GENERATOR
 
-MEMBER_NAMES = (
-    "manifest.json",
-    "LICENSES.md",
-    "maps/diffuse_albedo.png",
-    "maps/specular_albedo.png",
-    "maps/diffuse_normal.png",
-    "maps/specular_normal.png",
-    "maps/displacement.png",
-    "maps/texture.png",
-    "maps/confidence.png",
-    "maps/shape_normal.png",
-    "mesh/head.obj",
-    "mesh/head.mtl",
-    "mesh/head.glb",
-    "mesh/head.usda",
-    "mesh/head_fine.obj",
-    "preview/overlay.jpg",
-    "preview/sheet.jpg",
-)
-"""Every name that an archive may hold, in the order of the file."""
-
-_DATE = (1980, 1, 1, 0, 0, 0)
-_UNIX = 3
-_IN_MEMORY = 64 << 20
+GLB_TEXTURE_PX = 2048
+"""Longest side of the texture in the GLB; many viewers refuse more than 4096."""
 
 
-def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
-    """Write ``members`` (name -> content) as a zip to a seekable binary stream.
+def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
+    """Write the archive of ``avatar`` to a file, whole or not at all, or to a binary stream.
+
+    Args:
+        avatar: the results of one photo.
+        target: a path, or a stream that may be a pipe.
+        timings: also write times and memory into the manifest; the bytes then differ from run to run.
 
     Raises:
-        ValueError: a name is not in ``MEMBER_NAMES`` (a mistake of ours, no input reaches names).
-        OSError: as the stream raises it.
+        OutputFault: the file or the stream could not be written.
+        NumericFault: a result holds NaN or infinity.
     """
-    unknown = sorted(set(members) - set(MEMBER_NAMES))
-    if unknown:
-        raise ValueError(f"not a name of the archive: {', '.join(unknown)}")
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-        for name in MEMBER_NAMES:
-            if name in members:
-                archive.writestr(_entry(name), members[name])
+    members = archive_members(avatar, timings=timings)
+    if isinstance(target, Path):
+        write_file(target, members)
+    else:
+        write_stream(target, members)
 
 
-def write_file(path: Path, members: Mapping[str, bytes]) -> None:
-    """Write the zip to ``path``: complete, or not there at all; a file that was there before stays until then.
-
-    The content goes to a hidden temporary file in the same folder, is flushed to the disk, and takes the name in
-    one step.
-
-    Raises:
-        OutputFault: names the path and what the system said (no space, no permission, no such folder).
-    """
-    try:
-        if path.exists() and not path.is_file():
-            raise OutputFault(f"cannot write {path}: it is not a file; name one, for example avatar.zip", path=str(path))
-        target = path.resolve()  # a link keeps pointing where it did
-        with _temporary(target) as temporary:
-            with temporary.open("r+b") as stream:
-                write_zip(stream, members)
-                stream.flush()
-                os.fsync(stream.fileno())
-            temporary.replace(target)
-        _sync_folder(target.parent)
-    except OSError as error:
-        raise OutputFault(f"cannot write {path}: {_reason(error)}", path=str(path)) from error
+def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
+    """Name -> content of every file of the archive; see :func:`write_archive`."""
+    with ThreadPoolExecutor(2) as pool:
+        previews = pool.submit(_previews, avatar)
+        files = _maps(avatar) | _meshes(avatar) | {"LICENSES.md": licences_text(avatar).encode()}
+        files |= previews.result()
+    files["manifest.json"] = to_json(describe(avatar, files, timings=timings))
+    return files
 
 
-def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
-    """Write the same bytes as :func:`write_file` to a stream that cannot seek (standard output, a socket).
-
-    The zip is assembled first, because a zip written without seeking carries other headers.
-
-    Raises:
-        OutputFault: the reader went away or the stream failed.
-    """
-    try:
-        with tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY) as assembled:
-            write_zip(assembled, members)
-            assembled.seek(0)
-            shutil.copyfileobj(assembled, stream, 1 << 20)
-        stream.flush()
-    except BrokenPipeError as error:
-        raise OutputFault("the reader of the output closed it before the archive was complete") from error
-    except OSError as error:
-        raise OutputFault(f"cannot write the output stream: {_reason(error)}") from error
+def _maps(avatar: Avatar) -> dict[str, bytes]:
+    return {spec.path: encode_map(spec, avatar.texture) for spec in MAPS if _wanted(avatar, spec.role)}
 
 
-def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name, _DATE)
-    entry.compress_type = zipfile.ZIP_STORED
-    entry.create_system = _UNIX
-    entry.external_attr = (stat.S_IFREG | 0o644) << 16
-    return entry
+def _wanted(avatar: Avatar, role: str) -> bool:
+    """Whether the options ask for a map; without a list, all that there are."""
+    chosen = avatar.options.get("maps")
+    return chosen is None or role in chosen
 
 
-@contextlib.contextmanager
-def _temporary(target: Path) -> Iterator[Path]:
-    """A new empty file beside ``target``, gone afterwards unless it was renamed; the umask sets its mode."""
-    temporary = target.with_name(f".{target.name[:64]}.{secrets.token_hex(4)}.part")
-    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    try:
-        yield temporary
-    finally:
-        temporary.unlink(missing_ok=True)
+def _meshes(avatar: Avatar) -> dict[str, bytes]:
+    head, fit = avatar.head, avatar.fit
+    title = f"{GENERATOR}: {head.name} fitted to a photo"
+    textured = _wanted(avatar, "texture")
+    glb = glb_bytes(
+        head,
+        fit.neutral,
+        _glb_texture(avatar),
+        generator=GENERATOR,
+        copyright_notice=COPYRIGHT,
+        expression=weights_by_name(head.expression_names, fit.expression),
+        extras={"headModel": head.name, "headModelLicence": head.licence, "units": "metre"},
+    )
+    return {
+        "mesh/head.obj": obj_bytes(head, fit.vertices, title),
+        "mesh/head.mtl": mtl_bytes(head, textured=textured),
+        "mesh/head.glb": glb,
+        "mesh/head.usda": usda_bytes(head, fit.vertices, title, textured=textured),
+    }
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make the rename durable; file systems that cannot sync a folder are left as they are."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):
-            os.fsync(handle)
-    finally:
-        os.close(handle)
+def _glb_texture(avatar: Avatar) -> Picture:
+    """The texture as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
+    import cv2
+
+    texture = avatar.texture.texture
+    longest = max(texture.shape[:2])
+    if longest <= GLB_TEXTURE_PX:
+        return Picture(encode_png(texture, srgb=True), "image/png")
+    size = (texture.shape[1] * GLB_TEXTURE_PX // longest, texture.shape[0] * GLB_TEXTURE_PX // longest)
+    return Picture(encode_jpeg(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), 92), "image/jpeg")  # type: ignore[arg-type]
 
 
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error) or type(error).__name__).lower()
+def _previews(avatar: Avatar) -> Mapping[str, bytes]:
+    from service.archive.preview.overlay import overlay
+    from service.archive.preview.sheet import sheet
+
+    return {
+        "preview/overlay.jpg": encode_jpeg(overlay(avatar)),
+        "preview/sheet.jpg": encode_jpeg(sheet(avatar)),
+    }

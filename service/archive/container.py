@@ -1,0 +1,138 @@
+"""A zip whose bytes depend on nothing but its content, written whole or not at all.
+
+Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
+mode 0644. Names come from that list only, so no input can make a name that leaves the folder of extraction.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from service.errors import OutputFault
+
+MEMBER_NAMES = (
+    "manifest.json",
+    "LICENSES.md",
+    "maps/diffuse_albedo.png",
+    "maps/specular_albedo.png",
+    "maps/diffuse_normal.png",
+    "maps/specular_normal.png",
+    "maps/displacement.png",
+    "maps/texture.png",
+    "maps/confidence.png",
+    "maps/shape_normal.png",
+    "mesh/head.obj",
+    "mesh/head.mtl",
+    "mesh/head.glb",
+    "mesh/head.usda",
+    "mesh/head_fine.obj",
+    "preview/overlay.jpg",
+    "preview/sheet.jpg",
+)
+"""Every name that an archive may hold, in the order of the file."""
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+_UNIX = 3
+_IN_MEMORY = 64 << 20
+
+
+def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
+    """Write ``members`` (name -> content) as a zip to a seekable binary stream.
+
+    Raises:
+        ValueError: a name is not in ``MEMBER_NAMES`` (a mistake of ours, no input reaches names).
+        OSError: as the stream raises it.
+    """
+    unknown = sorted(set(members) - set(MEMBER_NAMES))
+    if unknown:
+        raise ValueError(f"not a name of the archive: {', '.join(unknown)}")
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+        for name in MEMBER_NAMES:
+            if name in members:
+                archive.writestr(_entry(name), members[name])
+
+
+def write_file(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write the zip to ``path``: complete, or not there at all; a file that was there before stays until then.
+
+    The content goes to a hidden temporary file in the same folder, is flushed to the disk, and takes the name in
+    one step.
+
+    Raises:
+        OutputFault: names the path and what the system said (no space, no permission, no such folder).
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise OutputFault(f"cannot write {path}: it is not a file; name one, for example avatar.zip", path=str(path))
+        target = path.resolve()  # a link keeps pointing where it did
+        with _temporary(target) as temporary:
+            with temporary.open("r+b") as stream:
+                write_zip(stream, members)
+                stream.flush()
+                os.fsync(stream.fileno())
+            temporary.replace(target)
+        _sync_folder(target.parent)
+    except OSError as error:
+        raise OutputFault(f"cannot write {path}: {_reason(error)}", path=str(path)) from error
+
+
+def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
+    """Write the same bytes as :func:`write_file` to a stream that cannot seek (standard output, a socket).
+
+    The zip is assembled first, because a zip written without seeking carries other headers.
+
+    Raises:
+        OutputFault: the reader went away or the stream failed.
+    """
+    try:
+        with tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY) as assembled:
+            write_zip(assembled, members)
+            assembled.seek(0)
+            shutil.copyfileobj(assembled, stream, 1 << 20)
+        stream.flush()
+    except BrokenPipeError as error:
+        raise OutputFault("the reader of the output closed it before the archive was complete") from error
+    except OSError as error:
+        raise OutputFault(f"cannot write the output stream: {_reason(error)}") from error
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _DATE)
+    entry.compress_type = zipfile.ZIP_STORED
+    entry.create_system = _UNIX
+    entry.external_attr = (stat.S_IFREG | 0o644) << 16
+    return entry
+
+
+@contextlib.contextmanager
+def _temporary(target: Path) -> Iterator[Path]:
+    """A new empty file beside ``target``, gone afterwards unless it was renamed; the umask sets its mode."""
+    temporary = target.with_name(f".{target.name[:64]}.{secrets.token_hex(4)}.part")
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    try:
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the rename durable; file systems that cannot sync a folder are left as they are."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error) or type(error).__name__).lower()

@@ -1,0 +1,137 @@
+"""The manifest of an avatar and its files."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Mapping
+
+from service import __version__
+from service.archive import manifest as m
+from service.archive.avatar import Avatar
+from service.archive.container import MEMBER_NAMES
+from service.archive.glb import weights_by_name
+from service.archive.maps import MAPS, MapSpec
+from service.archive.version import PROGRAM
+from service.geometry.camera import Camera
+
+MEDIA_TYPES = {
+    "png": "image/png",
+    "jpg": "image/jpeg",
+    "obj": "model/obj",
+    "mtl": "model/mtl",
+    "glb": "model/gltf-binary",
+    "usda": "model/vnd.usda",
+    "md": "text/markdown",
+    "json": "application/json",
+}
+"""By the ending of the name."""
+
+ROLES = {
+    "LICENSES.md": "licences",
+    "mesh/head.obj": "mesh, photo's expression",
+    "mesh/head.mtl": "materials of head.obj",
+    "mesh/head.glb": "mesh, neutral with blendshapes",
+    "mesh/head.usda": "mesh, photo's expression",
+    "preview/overlay.jpg": "preview of the fit",
+    "preview/sheet.jpg": "preview of the result",
+}
+
+_PNG_HEADER = struct.Struct(">II BB")
+_PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
+
+
+def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.Manifest:
+    """Manifest of ``avatar`` whose archive holds ``files`` (name -> content, without the manifest itself)."""
+    names = [name for name in MEMBER_NAMES if name in files]
+    return m.Manifest(
+        schema_version=m.SCHEMA_VERSION,
+        generator=m.Generator(PROGRAM, __version__),
+        options=dict(sorted(avatar.options.items())),
+        seed=avatar.seed,
+        input=_input(avatar),
+        camera=_camera(avatar.fit.camera),
+        units="m",
+        up="+Y",
+        forward="+Z",
+        head=_head(avatar),
+        maps=[_map(spec, files[spec.path]) for spec in MAPS if spec.path in files],
+        files=[_file(name, files[name]) for name in names],
+        displacement=None,
+        fit=_fit(avatar),
+        effects=list(avatar.effects),
+        timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
+        peak_rss_mb=avatar.peak_rss_mb if timings else None,
+        models=[m.Model(card.name, card.sha256, card.licence, card.role) for card in avatar.models],
+        warnings=list(avatar.all_warnings()),
+    )
+
+
+def _input(avatar: Avatar) -> m.Input:
+    width, height = avatar.photo.size
+    box = [float(value) for value in avatar.face.box]
+    return m.Input(avatar.photo.sha256, width, height, box, float(avatar.face.score))
+
+
+def _camera(camera: Camera) -> m.Camera:
+    return m.Camera(
+        width=camera.width,
+        height=camera.height,
+        focal_px=float(camera.focal_px),
+        principal_point=camera.principal_point.tolist(),
+        rotation=camera.rotation.tolist(),
+        translation=camera.translation.tolist(),
+        yaw_pitch_roll_deg=list(camera.yaw_pitch_roll_deg()),
+    )
+
+
+def _head(avatar: Avatar) -> m.Head:
+    head = avatar.head
+    return m.Head(
+        name=head.name,
+        licence=head.licence,
+        vertices=len(head.mean),
+        polygons=len(head.polygons),
+        parts=list(head.part_names),
+        blendshapes=list(head.expression_names),
+        uv_origin="bottom-left",
+    )
+
+
+def _map(spec: MapSpec, data: bytes) -> m.Map:
+    width, height, bits, colour_type = _PNG_HEADER.unpack_from(data, 16)
+    return m.Map(
+        path=spec.path,
+        role=spec.role,
+        colour_space=spec.colour_space,
+        bits=bits,
+        channels=_PNG_CHANNELS[colour_type],  # type: ignore[arg-type]
+        width=width,
+        height=height,
+        size=len(data),
+        sha256=hashlib.sha256(data).hexdigest(),
+        frame=spec.frame,
+        coding=m.Coding(spec.zero, spec.scale, spec.meaning),
+    )
+
+
+def _file(name: str, data: bytes) -> m.File:
+    role = ROLES.get(name) or name.rpartition("/")[2].partition(".")[0]
+    return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
+
+
+def _fit(avatar: Avatar) -> m.FitReport:
+    fit, alike = avatar.fit, avatar.similarity
+    relative = fit.landmark_rms_px / fit.inter_ocular_px if fit.inter_ocular_px > 0 else None
+    return m.FitReport(
+        landmark_rms_px=float(fit.landmark_rms_px),
+        landmark_rms_iod=None if relative is None else float(relative),
+        visible_fraction=float(avatar.texture.visible_fraction),
+        identity_similarity=None
+        if alike is None
+        else m.IdentitySimilarity(float(alike.distance), float(alike.centred_cosine), dict(alike.impostor)),
+        light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
+        identity=fit.identity.tolist(),
+        expression=weights_by_name(avatar.head.expression_names, fit.expression),
+        warnings=list(fit.warnings),
+    )

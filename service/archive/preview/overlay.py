@@ -1,0 +1,136 @@
+"""``preview/overlay.jpg``: does the fitted head sit where the photo's head is?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.avatar import Avatar
+from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
+from service.archive.preview.render import render
+from service.archive.surface import vertex_normals
+from service.fit.result import Fit
+from service.geometry.camera import Camera
+from service.head.model import HeadModel
+
+PANEL = (520, 640)
+"""Largest width and height of one of the three panels."""
+LARGEST_SCALE = 4.0
+"""A tiny face is not blown up beyond this."""
+
+_MARGIN, _CAPTION = 12, 34
+_AROUND = 0.18
+_DETECTED, _FITTED = (0, 210, 255), (255, 120, 20)
+
+
+def overlay(avatar: Avatar) -> Image:
+    """(h, w, 3) uint8 sRGB: the photo around the head, the fitted head over it, detected and fitted landmarks."""
+    import cv2
+
+    left, top, right, bottom = crop_box(avatar)
+    scale = min(PANEL[0] / (right - left), PANEL[1] / (bottom - top), LARGEST_SCALE)
+    size = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
+    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    cut = np.asarray(cv2.resize(avatar.photo.pixels[top:bottom, left:right], size, interpolation=way), np.uint8)
+    zoom = np.array(size) / (right - left, bottom - top)
+    panels = (
+        ("Photo", cut),
+        ("Fitted head", _over(avatar, cut, _panel_camera(avatar.fit.camera, (left, top), zoom, size))),
+        ("Landmarks", _landmarks(avatar, cut, np.array([left, top]), zoom)),
+    )
+    page = blank(3 * size[0] + 4 * _MARGIN, size[1] + _MARGIN + _CAPTION, PAPER)
+    for index, (title, picture) in enumerate(panels):
+        x = _MARGIN + index * (size[0] + _MARGIN)
+        place(page, picture, x, _MARGIN)
+        write(page, title, x, _MARGIN + size[1] + 21, 15, INK, bold=True)
+    if size[0] >= 300:
+        _legend(page, 2 * size[0] + 3 * _MARGIN + 100, _MARGIN + size[1] + 21, avatar.fit)
+    return page
+
+
+def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom in whole photo pixels: fitted head and detected face with some room, within the photo.
+
+    If the head lies wholly outside, the whole photo.
+    """
+    width, height = avatar.photo.size
+    points = avatar.fit.camera.project(avatar.fit.vertices[np.unique(avatar.head.triangles)])
+    points = np.concatenate([points[np.isfinite(points).all(1)], avatar.face.box.reshape(2, 2)])
+    # A fit gone wrong must not make the picture useless: never wider than five detector boxes.
+    low_face, high_face = avatar.face.box[:2], avatar.face.box[2:]
+    reach = 2 * (high_face - low_face)
+    low = np.maximum(points.min(0), low_face - reach)
+    high = np.minimum(points.max(0), high_face + reach)
+    room = _AROUND * (high - low).max()
+    left, top = np.floor(np.clip(low - room, 0, (width, height))).astype(int)
+    right, bottom = np.ceil(np.clip(high + room, 0, (width, height))).astype(int)
+    if right - left < 2 or bottom - top < 2:
+        return 0, 0, width, height
+    return int(left), int(top), int(right), int(bottom)
+
+
+def fitted_landmarks(head: HeadModel, fit: Fit) -> npt.NDArray[np.float64]:
+    """(L, 2) photo pixels of the head's landmarks; outline landmarks at the place for the nearest tabled yaw."""
+    triangle, weights = head.landmark_triangle.copy(), head.landmark_barycentric.copy()
+    if len(head.contour_landmarks) and len(head.contour_yaw_deg):
+        yaw = fit.camera.yaw_pitch_roll_deg()[0]
+        nearest = int(np.argmin(np.abs(head.contour_yaw_deg - yaw)))
+        triangle[head.contour_landmarks] = head.contour_triangle[nearest]
+        weights[head.contour_landmarks] = head.contour_barycentric[nearest]
+    corners = fit.vertices[head.triangles[triangle]]
+    return fit.camera.project(np.einsum("lk,lkc->lc", weights, corners))
+
+
+def _panel_camera(
+    camera: Camera, corner: tuple[int, int], zoom: npt.NDArray[np.float64], size: tuple[int, int]
+) -> Camera:
+    """The photo's camera for a cut of the photo; width and height differ in scale by rounding only."""
+    return replace(
+        camera,
+        width=size[0],
+        height=size[1],
+        focal_px=camera.focal_px * float(zoom.mean()),
+        principal_point=(camera.principal_point - corner) * zoom,
+    )
+
+
+def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
+    """Clay over the photo, see-through enough to compare eyes, lips and outline."""
+    normals = vertex_normals(avatar.fit.vertices, avatar.head.triangles)
+    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, finer=1)
+    photo = np.asarray(cut, np.float32) / np.float32(255)
+    return to_pixels(photo + np.float32(0.72) * (drawn.over(photo) - photo))
+
+
+def _landmarks(avatar: Avatar, cut: Image, corner: npt.NDArray[np.int64], zoom: npt.NDArray[np.float64]) -> Image:
+    """Detected points, fitted points and what lies between them, over the dimmed photo."""
+    import cv2
+
+    picture = to_pixels(np.asarray(cut, np.float32) / 255 * 0.62 + 0.04)
+    detected = (avatar.face.landmarks[:, :2] - corner) * zoom
+    fitted = (fitted_landmarks(avatar.head, avatar.fit) - corner) * zoom
+    limit = 4.0 * max(picture.shape[:2])
+    sound = np.isfinite(detected).all(1) & np.isfinite(fitted).all(1)
+    sound &= (np.abs(detected) < limit).all(1) & (np.abs(fitted) < limit).all(1)
+    shift = 4
+    at = [np.rint((points[sound] - 0.5) * 2**shift).astype(int) for points in (detected, fitted)]
+    for a, b in zip(at[0].tolist(), at[1].tolist(), strict=True):
+        cv2.line(picture, a, b, (235, 235, 235), 1, cv2.LINE_AA, shift)
+    for points, colour, radius in ((at[1], _FITTED, 1.6), (at[0], _DETECTED, 1.3)):
+        for point in points.tolist():
+            cv2.circle(picture, point, round(radius * 2**shift), colour, -1, cv2.LINE_AA, shift)
+    return picture
+
+
+def _legend(page: Image, x: int, y: int, fit: Fit) -> None:
+    import cv2
+
+    for label, colour in (("detected", _DETECTED), ("fitted", _FITTED)):
+        cv2.circle(page, (x, y - 5), 4, colour, -1, cv2.LINE_AA)
+        write(page, label, x + 9, y, 14, GREY)
+        x += 82 if label == "detected" else 62
+    if fit.inter_ocular_px > 0:
+        share = 100 * fit.landmark_rms_px / fit.inter_ocular_px
+        write(page, f"rms {share:.1f} % of eye distance", x, y, 14, GREY)

@@ -1,0 +1,171 @@
+"""Small pictures of the head: clay, or with its texture, from any camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.materials import material_of
+from service.colour import linear_to_srgb
+from service.geometry.camera import Camera
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+Image = npt.NDArray[np.uint8]
+
+CLAY = (0.50, 0.47, 0.44)
+"""Linear RGB of the untextured skin."""
+_PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": (0.42, 0.28, 0.26), "lashes": (0.26, 0.24, 0.22)}
+
+_LIGHTS = (
+    ((-0.55, -0.60, -0.58), (0.86, 0.84, 0.80)),
+    ((0.80, -0.15, -0.58), (0.16, 0.18, 0.22)),
+    ((0.30, -0.45, 0.84), (0.30, 0.32, 0.36)),
+)
+"""Key, fill and rim: direction to the light in camera axes (x right, y down, z away), linear RGB."""
+_AMBIENT = (0.15, 0.15, 0.17)
+
+_DARKEST = 0.82
+"""Factor on coded colours of the textured head where its surface is seen edge on; 1 where it faces the camera."""
+
+DISTANCE_M = 1.2
+"""From camera to head in the views that are not the photo's."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture without background.
+
+    Attributes:
+        colour: (h, w, 3) float32 sRGB in [0, 1]; multiplied by coverage.
+        coverage: (h, w, 1) float32 in [0, 1], how much of the pixel the head covers.
+    """
+
+    colour: Float
+    coverage: Float
+
+    def over(self, background: Float) -> Float:
+        """(h, w, 3) sRGB float32 in [0, 1] over a background that broadcasts to this shape."""
+        return np.asarray(self.colour + (1 - self.coverage) * background, np.float32)
+
+
+def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int, height: int) -> Camera:
+    """Camera at ``DISTANCE_M`` that sees the whole of ``vertices`` (V, 3) turned by ``yaw_deg`` (> 0 to the image right).
+
+    The scale depends on the head only, not on the yaw, so views side by side have the same one.
+    """
+    low, high = vertices.min(0).astype(np.float64), vertices.max(0).astype(np.float64)
+    angle = np.radians(yaw_deg)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+    rotation = np.diag([1.0, -1.0, -1.0]) @ about_y
+    translation = np.array([0.0, 0.0, DISTANCE_M]) - rotation @ ((low + high) / 2)
+    extent = max(float(high[1] - low[1]) / height, float(max(high[0] - low[0], high[2] - low[2])) / width, 1e-6)
+    focal = 0.86 * DISTANCE_M / extent
+    return Camera(width, height, focal, np.array([width / 2, height / 2]), rotation, translation)
+
+
+def render(
+    head: HeadModel,
+    vertices: npt.NDArray[np.floating],
+    normals: npt.NDArray[np.floating],
+    camera: Camera,
+    texture: Image | None = None,
+    *,
+    finer: int = 2,
+) -> Rendered:
+    """Draw the head as the camera sees it, shaded at the vertices, which lie a few pixels apart.
+
+    Args:
+        head: topology and chart.
+        vertices: (V, 3) metres, head space.
+        normals: (V, 3) unit.
+        camera: its width and height are the size of the picture.
+        texture: (h, w, 3) uint8 sRGB on the chart, shown almost as it is because light is baked in; None draws clay.
+        finer: samples per pixel and axis.
+    """
+    import cv2
+
+    width, height = camera.width * finer, camera.height * finer
+    in_camera = camera.to_camera(vertices)
+    triangles, chart = _drawn_triangles(head)
+    raster = rasterise(
+        camera.project(vertices) * finer, in_camera[:, 2], triangles, width, height, cull=True, perspective=True
+    )
+    picture = np.zeros((height * width, 4), np.float32)
+    covered = np.flatnonzero(raster.triangle >= 0)
+    if len(covered):
+        triangle = raster.triangle.reshape(-1)[covered]
+        weights = raster.barycentric.reshape(-1, 3)[covered]
+        shade = _shade(head, in_camera, np.asarray(normals) @ camera.rotation.T, clay=texture is None)
+        colour = _interpolate(weights, shade, triangles[triangle])
+        if texture is not None:
+            colour = colour * _sample(texture, _interpolate(weights, head.uv, chart[triangle]))
+        picture[covered, :3] = colour
+        picture[covered, 3] = 1
+    picture = picture.reshape(height, width, 4)
+    if finer > 1:
+        size = (camera.width, camera.height)
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    return Rendered(picture[..., :3], picture[..., 3:])
+
+
+def _drawn_triangles(head: HeadModel) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Triangles (T', 3) and their uv; those of double-sided parts a second time, turned over, as backs are left out."""
+    double = np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]
+    triangles = np.concatenate([head.triangles, head.triangles[double][:, ::-1]])
+    return triangles, np.concatenate([head.triangle_uv, head.triangle_uv[double][:, ::-1]])
+
+
+def _shade(
+    head: HeadModel, in_camera: npt.NDArray[np.float64], normals: npt.NDArray[np.floating], *, clay: bool
+) -> Float:
+    """(V, 3) sRGB of matt clay under three lights with a faint gloss, or (V, 1) factor on the texture."""
+    view = -in_camera / np.maximum(np.linalg.norm(in_camera, axis=1, keepdims=True), 1e-9)
+    cosine = (normals * view).sum(1, keepdims=True)
+    if not clay:
+        return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
+    facing = np.where(cosine < 0, -normals, normals)  # sheets seen from behind
+    light = np.tile(np.array(_AMBIENT), (len(facing), 1))
+    for direction, colour in _LIGHTS:
+        towards = np.array(direction) / np.linalg.norm(direction)
+        # Wrapped cosine: a soft terminator, as under a large lamp.
+        light += np.clip((facing @ towards + 0.25) / 1.25, 0, 1)[:, None] ** 1.5 * np.array(colour)
+    half = np.array(_LIGHTS[0][0]) / np.linalg.norm(_LIGHTS[0][0]) + view
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
+    gloss = 0.05 * np.clip((facing * half).sum(1), 0, 1) ** 24
+    return linear_to_srgb(_clay_colours(head) * light + gloss[:, None])
+
+
+def _clay_colours(head: HeadModel) -> Float:
+    """(V, 3) linear albedo of each vertex by its part."""
+    colours = np.tile(np.float32(CLAY), (len(head.mean), 1))
+    for index, name in enumerate(head.part_names):
+        colours[head.triangles[head.triangle_part == index]] = _PART_CLAY.get(material_of(name).name, CLAY)
+    return colours
+
+
+def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
+    """(N, C) of ``values`` (V, C) at corners (N, 3) mixed by weights (N, 3)."""
+    source = np.asarray(values, np.float32)
+    mixed = weights[:, :1] * source[corners[:, 0]]
+    mixed += weights[:, 1:2] * source[corners[:, 1]]
+    mixed += weights[:, 2:] * source[corners[:, 2]]
+    return mixed
+
+
+def _sample(texture: Image, uv: Float) -> Float:
+    """(N, 3) float32 sRGB in [0, 1] of the chart at (N, 2), between texels."""
+    import cv2
+
+    height, width = texture.shape[:2]
+    rows = -(-len(uv) // 1024)
+    points = np.zeros((rows * 1024, 2), np.float32)
+    points[: len(uv), 0] = uv[:, 0] * width - 0.5
+    points[: len(uv), 1] = (1 - uv[:, 1]) * height - 0.5
+    at = points.reshape(rows, 1024, 2)
+    values = cv2.remap(texture, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return np.asarray(values.reshape(-1, 3)[: len(uv)], np.float32) / np.float32(255)

@@ -1,0 +1,145 @@
+"""``preview/sheet.jpg``: the whole result at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.avatar import Avatar
+from service.archive.images import encode_normals8
+from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
+from service.archive.preview.render import render, turned_camera
+from service.archive.surface import vertex_normals
+
+TILE = (256, 306)
+"""Width and height of a view of the head."""
+_GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
+_WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
+
+TEXTURED_YAWS = (-90, -45, 0, 45, 90)
+
+SEEN_COLOUR = (46, 134, 96)
+MIRRORED_COLOUR = (66, 122, 186)
+MADE_UP_COLOUR = (206, 202, 196)
+"""Confidence in the sheet: from the photo, from the other side of the face, made up."""
+
+
+def sheet(avatar: Avatar) -> Image:
+    """(h, w, 3) uint8 sRGB: textured from five sides, clay, the facts of the fit, the maps."""
+    rows = (TILE[1] + _CAPTION, TILE[1] + _CAPTION, _map_size()[1] + _CAPTION)
+    page = blank(_WIDTH, _TITLE + sum(rows) + _MARGIN)
+    write(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
+    write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · one photo", _MARGIN + 104, 40, 15, GREY)
+    y = _TITLE
+    for x, (caption, picture) in zip(_columns(TILE[0]), _textured(avatar), strict=True):
+        _tile(page, picture, caption, x, y)
+    y += rows[0]
+    columns = list(_columns(TILE[0]))
+    for x, (caption, picture) in zip(columns, _clay(avatar), strict=False):
+        _tile(page, picture, caption, x, y)
+    _facts(page, avatar, columns[3] + 16, y + 8)
+    y += rows[1]
+    for x, (caption, picture) in zip(_columns(_map_size()[0]), _maps(avatar), strict=False):
+        _tile(page, picture, caption, x, y)
+    return page
+
+
+def _columns(width: int) -> Iterator[int]:
+    return iter(range(_MARGIN, _WIDTH - _MARGIN - width + 1, width + _GAP))
+
+
+def _map_size() -> tuple[int, int]:
+    width = (_WIDTH - 2 * _MARGIN - 2 * _GAP) // 3
+    return width, round(width * 2 / 3)
+
+
+def _tile(page: Image, picture: Image, caption: str, x: int, y: int) -> None:
+    place(page, picture, x, y)
+    write(page, caption, x, y + picture.shape[0] + 18, 14, GREY)
+
+
+def _textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    fit = avatar.fit
+    normals = vertex_normals(fit.vertices, avatar.head.triangles)
+    behind = backdrop(*TILE)
+    for yaw in TEXTURED_YAWS:
+        camera = turned_camera(fit.vertices, yaw, *TILE)
+        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture)
+        side = "Front" if yaw == 0 else f"{'Left' if yaw > 0 else 'Right'} side, {abs(yaw)}°"
+        yield side, to_pixels(drawn.over(behind))
+
+
+def _clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    behind = backdrop(*TILE)
+    views = (
+        ("Shape, photo's expression", avatar.fit.vertices, 0),
+        ("Shape, neutral", avatar.fit.neutral, 0),
+        ("Shape, neutral, 45°", avatar.fit.neutral, 45),
+    )
+    for caption, vertices, yaw in views:
+        normals = vertex_normals(vertices, avatar.head.triangles)
+        drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
+        yield caption, to_pixels(drawn.over(behind))
+
+
+def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    import cv2
+
+    maps = (
+        ("Texture", avatar.texture.texture),
+        ("Confidence: seen (green), mirrored (blue), made up (grey)", confidence_colours(avatar.texture.confidence)),
+        ("Shape normals, object space", encode_normals8(avatar.texture.shape_normal_object)),
+    )
+    for caption, picture in maps:
+        way = cv2.INTER_AREA if picture.shape[1] >= _map_size()[0] else cv2.INTER_NEAREST
+        yield caption, np.asarray(cv2.resize(picture, _map_size(), interpolation=way), np.uint8)
+
+
+def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:
+    """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where a kind of texel is less sure."""
+    from service.texture.result import MIRRORED, SEEN
+
+    codes = np.arange(256)
+    table = np.tile(np.float32(MADE_UP_COLOUR), (256, 1))
+    for low, high, colour in ((SEEN, 255, SEEN_COLOUR), (MIRRORED, SEEN - 1, MIRRORED_COLOUR)):
+        sure = 0.35 + 0.65 * (codes - low) / (high - low)
+        mixed = np.float32(MADE_UP_COLOUR) + sure[:, None] * (np.float32(colour) - np.float32(MADE_UP_COLOUR))
+        table = np.where(((codes >= low) & (codes <= high))[:, None], mixed, table)
+    return np.rint(table).astype(np.uint8)[confidence]
+
+
+def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
+    """What was measured, and what to be wary of."""
+    write(page, "Measured", x, y + 14, 16, INK, bold=True)
+    y += 42
+    for name, value in _measured(avatar):
+        write(page, name, x, y, 14, GREY)
+        write(page, value, x + 190, y, 14, INK)
+        y += 24
+    warnings = avatar.all_warnings()
+    if not warnings:
+        return
+    write(page, "Warnings", x, y + 14, 16, WARNING, bold=True)
+    y += 40
+    for code in warnings[:4]:
+        write(page, code, x, y, 14, WARNING)
+        y += 21
+    if len(warnings) > 4:
+        write(page, f"and {len(warnings) - 4} more, see manifest.json", x, y, 14, WARNING)
+
+
+def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:
+    fit = avatar.fit
+    yaw, pitch, roll = fit.camera.yaw_pitch_roll_deg()
+    share = f" ({100 * fit.landmark_rms_px / fit.inter_ocular_px:.1f} % of eye distance)" if fit.inter_ocular_px > 0 else ""
+    yield "Landmark error", f"{fit.landmark_rms_px:.1f} px{share}"
+    yield "Yaw, pitch, roll", f"{yaw:.0f}°, {pitch:.0f}°, {roll:.0f}°"
+    yield "Focal length", f"{fit.camera.focal_px:.0f} px at {fit.camera.width} x {fit.camera.height}"
+    yield "Face seen in the photo", f"{100 * avatar.texture.visible_fraction:.0f} %"
+    if avatar.similarity is not None:
+        yield "Identity, centred cosine", f"{avatar.similarity.centred_cosine:.2f}"
+        between = avatar.similarity.impostor.get("centred_cosine_p95")
+        if between is not None:
+            yield "95 % of other people", f"below {between:.2f}"
