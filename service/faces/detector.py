@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.faces.region import Region, eye_line_angle
+from service.faces.region import Region, roll
 from service.runtime.sessions import Session, load_session
 
 Float = npt.NDArray[np.float64]
@@ -47,8 +47,8 @@ class Detection:
 
     @property
     def angle(self) -> float:
-        """Roll of the eye line in radians, clockwise."""
-        return eye_line_angle(self.keypoints[0], self.keypoints[1])
+        """Roll of the face in radians, clockwise."""
+        return roll(self.keypoints[0], self.keypoints[1], self.keypoints[3])
 
     def region(self, scale: float) -> Region:
         """A square around the box, ``scale`` times its size, turned so that the eyes are level."""

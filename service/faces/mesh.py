@@ -1,22 +1,26 @@
-"""The 468-point face mesh: region, iteration until it stands still, and the check against the detector.
+"""The 468-point face mesh: which way up, iteration until the region stands still, agreement with the detector.
 
 Kartynnik et al., "Real-time Facial Surface Geometry from Monocular Video on Mobile GPUs", 2019. The network answers
-with a plausible mesh and full confidence for regions that hold only half a face, so its own flag proves nothing; what
-counts is that it agrees with the keypoints that the detector finds independently.
+any region with a well-formed mesh, and its presence probability is 1 to seven digits for regions that hold a turned or
+half a face. Two things do tell: the presence *logit* (over 28 on upright faces up to 45 degrees of yaw, 13 and more at
+75, under 8 upside down or beside the face, negative on textures) and the distance to the keypoints of the detector,
+which is an independent network.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from service.faces.detector import Detection
-from service.faces.region import Region, eye_line_angle
+from service.faces.region import Region, roll
 from service.runtime.sessions import Session, load_session
 
 Float = npt.NDArray[np.float64]
+Pixels = npt.NDArray[np.uint8]
 
 INPUT_SIZE = 192
 LANDMARKS = 468
@@ -24,32 +28,54 @@ REGION_SCALE = 1.5
 """Side of the network's region over the longer side of box or landmarks (MediaPipe)."""
 MOST_STEPS = 5
 STILL = 0.01
-"""A region that moves by less than this part of its side stands still."""
-CONSISTENT = 0.12
-"""Largest mean distance between mesh and detector keypoints, as a part of the box, that counts as agreement."""
-EYE_OUTER = (33, 263)
-KEYPOINT_LANDMARKS = ((33, 133), (362, 263), (1, 4), (13, 14))
-"""Mesh points whose mean corresponds to the detector's eyes, nose tip and mouth."""
+"""A region that moves, grows or turns (radians) by less than this part of its side stands still."""
+CLEAR = 20.0
+"""Presence logit from which a region is taken without trying others."""
+HOPELESS = -6.0
+"""Presence logit below which no other start is tried: not even a full profile gets this little."""
+STRAYED = 0.6
+"""A mesh whose centre is farther than this part of the box from the box centre belongs to something else."""
+EYE_LEFT, EYE_RIGHT, NOSE, MOUTH = (33, 133), (362, 263), (1, 4), (13, 14)
+"""Mesh points whose mean corresponds to the detector's image-left eye, image-right eye, nose tip and mouth."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Result of the landmark network.
+    """One answer of the landmark network.
 
     Attributes:
         landmarks: (468, 3) float64 photo pixels, z away from the camera.
-        presence: probability that the region held a face, in [0, 1].
-        disagreement: mean distance to the detector's keypoints over the box size.
+        logit: log-odds that the region held a face in the expected position.
     """
 
     landmarks: Float
-    presence: float
-    disagreement: float
+    logit: float
 
     @property
-    def consistent(self) -> bool:
-        """Whether the mesh lies where the detector sees the face."""
-        return self.disagreement <= CONSISTENT and self.presence >= 0.5
+    def presence(self) -> float:
+        """The network's face probability in [0, 1]."""
+        return 1 / (1 + float(np.exp(-np.clip(self.logit, -80, 80))))
+
+    @property
+    def keypoints(self) -> Float:
+        """(4, 2) eyes, nose tip and mouth, comparable to the first four of ``Detection.keypoints``."""
+        return np.stack([self.landmarks[list(pair), :2].mean(0) for pair in (EYE_LEFT, EYE_RIGHT, NOSE, MOUTH)])
+
+    @property
+    def region(self) -> Region:
+        """The region that the landmarks ask for: around their extent along and across the level of the face."""
+        left, right, _, mouth = self.keypoints
+        angle = roll(left, right, mouth)
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        level = self.landmarks[:, :2] @ turn.T
+        low, high = level.min(0), level.max(0)
+        x, y = turn.T @ ((low + high) / 2)
+        return Region(float(x), float(y), max(float((high - low).max()), 1.0) * REGION_SCALE, angle)
+
+    def disagreement(self, detection: Detection) -> float:
+        """Mean distance of the four keypoints from the detector's, over the box size."""
+        gaps = np.linalg.norm(self.keypoints - detection.keypoints[:4], axis=1)
+        return float(gaps.mean() / max(detection.size, 1e-6))
 
 
 class MeshNetwork:
@@ -58,70 +84,72 @@ class MeshNetwork:
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_mesh", threads)
 
-    def __call__(self, pixels: npt.NDArray[np.uint8], region: Region) -> tuple[Float, float]:
-        """(468, 3) float64 landmarks in photo pixels and the presence probability, for one square region."""
+    def __call__(self, pixels: Pixels, region: Region) -> Mesh:
+        """The network's answer for one square region of an (H, W, 3) uint8 sRGB photo."""
         crop = region.cut(pixels, INPUT_SIZE)
         raw, flag = self._session.run({"image": crop.astype(np.float32)[None] / 255})
-        landmarks = region.to_photo(raw.reshape(LANDMARKS, 3), INPUT_SIZE)
-        logit = float(np.clip(flag.ravel()[0], -80, 80))
-        return landmarks, 1 / (1 + float(np.exp(-logit)))
+        return Mesh(region.to_photo(raw.reshape(LANDMARKS, 3), INPUT_SIZE), float(flag.ravel()[0]))
 
 
-def landmark_region(landmarks: Float, scale: float = REGION_SCALE) -> Region:
-    """The region that landmarks ask for: around their extent along and across the eye line."""
-    angle = eye_line_angle(landmarks[EYE_OUTER[0]], landmarks[EYE_OUTER[1]])
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    level = landmarks[:, :2] @ turn.T
-    low, high = level.min(0), level.max(0)
-    x, y = turn.T @ ((low + high) / 2)
-    return Region(float(x), float(y), max(float((high - low).max()), 1.0) * scale, angle)
+def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
+    """The most convincing mesh near a detection.
 
-
-def disagreement(landmarks: Float, detection: Detection) -> float:
-    """Mean distance of the mesh's eyes, nose tip and mouth from the detector's, over the box size."""
-    mesh = np.stack([landmarks[list(pair), :2].mean(0) for pair in KEYPOINT_LANDMARKS])
-    return float(np.linalg.norm(mesh - detection.keypoints[:4], axis=1).mean() / max(detection.size, 1e-6))
-
-
-def settle(network: MeshNetwork, pixels: npt.NDArray[np.uint8], start: Region, detection: Detection) -> Mesh:
-    """Run the network, move the region to its landmarks, and repeat until the region stands still.
-
-    Returns the step that agrees best with the detection, so a wandering region cannot make things worse.
+    The detector sees faces whichever way they are turned but takes each for upright, so the four quarter turns are
+    tried first, until one is clear; if none is, wider, narrower and shifted regions follow. The best is iterated.
     """
-    best: Mesh | None = None
-    region = start
-    for _ in range(MOST_STEPS):
-        landmarks, presence = network(pixels, region)
-        mesh = Mesh(landmarks, presence, disagreement(landmarks, detection))
-        following = landmark_region(landmarks)
-        move = float(np.hypot(following.x - region.x, following.y - region.y)) + abs(following.side - region.side)
-        settled = move < STILL * region.side and abs(following.angle - region.angle) < STILL
-        if best is None or mesh.consistent or mesh.disagreement < best.disagreement:
-            best = mesh
-        if settled or presence < 0.1:
+    region = detection.region(REGION_SCALE)
+    best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
+    if HOPELESS < best[1].logit < CLEAR:
+        best = _first_clear(network, pixels, _around(best[0]), best)
+    return _settle(network, pixels, best[1], detection)
+
+
+def _first_clear(
+    network: MeshNetwork, pixels: Pixels, regions: Iterable[Region], best: tuple[Region, Mesh] | None = None
+) -> tuple[Region, Mesh]:
+    for region in regions:
+        mesh = network(pixels, region)
+        if best is None or mesh.logit > best[1].logit:
+            best = region, mesh
+        if mesh.logit >= CLEAR:
             break
-        region = following
-    assert best is not None  # MOST_STEPS > 0  # noqa: S101
+    if best is None:
+        raise ValueError("no region to try")
     return best
 
 
-def starts(detection: Detection) -> list[Region]:
-    """Regions to try one after another: the detector's own, then shifted, wider, narrower and turned ones."""
-    first = detection.region(REGION_SCALE)
-    keys = detection.keypoints[:4].mean(0)
-    around = Region(float(keys[0]), float(keys[1]), first.side, first.angle)
-    tries = [first, around]
-    for scale, turn in ((1.25, 0.0), (0.8, 0.0), (1.0, 0.35), (1.0, -0.35), (1.5, 0.0)):
-        tries.append(Region(around.x, around.y, first.side * scale, first.angle + turn))
-    return tries
+def _turned(region: Region, angle: float) -> Region:
+    return Region(region.x, region.y, region.side, region.angle + angle)
 
 
-def locate(network: MeshNetwork, pixels: npt.NDArray[np.uint8], detection: Detection) -> Mesh:
-    """The mesh that agrees with the detection: the first consistent start, else the best of all starts."""
-    tried: list[Mesh] = []
-    for start in starts(detection):
-        mesh = settle(network, pixels, start, detection)
-        if mesh.consistent:
-            return mesh
-        tried.append(mesh)
-    return min(tried, key=lambda m: m.disagreement - m.presence * 0.05)
+def _around(region: Region) -> list[Region]:
+    """Other starts about a region: narrower, wider, turned, shifted along the axes of the face."""
+    others = [Region(region.x, region.y, region.side * s, region.angle) for s in (0.8, 1.3)]
+    others += [_turned(region, a) for a in (0.35, -0.35)]
+    for across, down in ((0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15)):
+        point = region.to_photo(np.array([[0.5 + across, 0.5 + down]]), 1)[0]
+        others.append(Region(float(point[0]), float(point[1]), region.side, region.angle))
+    return others
+
+
+def _settle(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detection) -> Mesh:
+    """Move the region to its landmarks and repeat until it stands still; a mesh that strays or fades is dropped."""
+    best, region = mesh, mesh.region
+    for _ in range(MOST_STEPS):
+        mesh = network(pixels, region)
+        following = mesh.region
+        gap = np.hypot(*(mesh.landmarks[:, :2].mean(0) - detection.centre))
+        if gap > STRAYED * detection.size or mesh.logit < best.logit - 10:
+            break
+        best = mesh
+        if _moved(region, following) < STILL:
+            break
+        region = following
+    return best
+
+
+def _moved(one: Region, other: Region) -> float:
+    """Largest of shift and growth over the side, and turn in radians."""
+    turn = abs((other.angle - one.angle + np.pi) % (2 * np.pi) - np.pi)
+    shift = np.hypot(other.x - one.x, other.y - one.y) / one.side
+    return float(max(shift, abs(other.side - one.side) / one.side, turn))

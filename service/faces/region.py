@@ -69,7 +69,13 @@ class Region:
         return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
 
 
-def eye_line_angle(left: npt.NDArray[np.floating], right: npt.NDArray[np.floating]) -> float:
-    """Radians of the line from the image-left to the image-right eye; 0 where the two coincide."""
-    dx, dy = (float(v) for v in np.asarray(right[:2]) - np.asarray(left[:2]))
-    return float(np.arctan2(dy, dx)) if np.hypot(dx, dy) > 1e-6 else 0.0
+def roll(left_eye: Float, right_eye: Float, mouth: Float) -> float:
+    """Radians by which a face is turned clockwise in the photo; 0 where the three points coincide.
+
+    The eye line and the line from the eyes down to the mouth each tell the roll; their sum weights them by length, so
+    that in a profile, where the eyes coincide and their line means nothing, the second decides.
+    """
+    across = np.asarray(right_eye[:2], np.float64) - left_eye[:2]
+    down = np.asarray(mouth[:2], np.float64) - (np.asarray(left_eye[:2]) + right_eye[:2]) / 2
+    x, y = across[0] + down[1], across[1] - down[0]
+    return float(np.arctan2(y, x)) if np.hypot(x, y) > 1e-6 else 0.0
