@@ -19,7 +19,7 @@ from models.head.chart.build import build_chart
 from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
 from models.head.embedding import Embedding, load_embedding
 from models.head.expression import ARKIT, read_units
-from models.head.identity import Identity, align, identity_basis, vertex_areas
+from models.head.identity import align, identity_basis, vertex_areas
 from models.head.regions import build_regions, rigid_groups
 from models.head.sample import Population
 from models.head.source import UNIT_M, find_data, read_base
@@ -31,8 +31,6 @@ Float = npt.NDArray[np.float64]
 SEED = 20200328
 SAMPLES = 3000
 COMPONENTS = 100
-MEAN_IPD_M = 0.063
-"""Mean distance of the eyeball centres; the population is scaled as a whole to it (ANSUR adults: 63 +- 3.7 mm)."""
 REST_WEIGHT = 0.08
 """Weight of a vertex's variance outside the face, relative to the face."""
 
@@ -50,13 +48,11 @@ def eye_centres(crop: Crop, vertices: Float) -> Float:
     return np.array(out)
 
 
-def sample_heads(population: Population, weight: Float, count: int, seed: int) -> Float:
-    """(count, V, 3) float32 heads aligned over the weighted face, origin between the mean head's eyes."""
-    streams = np.random.SeedSequence(seed).spawn(count)
-    target = population.template
-    heads = np.zeros((count, *target.shape), np.float32)
-    for k, stream in enumerate(streams):
-        heads[k] = align(population.draw(np.random.default_rng(stream)), target, weight)
+def sample_heads(population: Population, weight: Float, count: int, random: np.random.Generator) -> Float:
+    """(count, V, 3) float32 heads, turned and moved onto the template over the weighted face."""
+    heads = population.draw(count, random)
+    for k in range(count):
+        heads[k] = align(heads[k].astype(float), population.template, weight)
     return heads
 
 
@@ -68,19 +64,20 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     template -= eye_centres(crop, template).mean(0)
     regions = build_regions(data, base, crop, template * 1e3)
     triangles = split_polygons(crop.polygons.astype(np.int32)).astype(np.int64)
-    population = Population(data, crop.operator, template, crop.mirror)
-    population.rigid_parts(rigid_groups(crop))
+    random = np.random.default_rng(seed)
+    population = Population(data, crop.operator, template, crop.mirror, rigid_groups(crop), random)
     area = vertex_areas(template, triangles)
     seen = (crop.body_index >= 0) & (regions["mouth_inner"] + regions["eye_socket"] < 0.5)
     weight = area * np.where(seen, np.maximum(regions["face"], REST_WEIGHT), 0.2 * REST_WEIGHT)
     log.info("drawing %d heads", samples)
-    heads = sample_heads(population, area * regions["face"], samples, seed)
-    identity = identity_basis(heads.astype(float), crop.mirror, weight, COMPONENTS)
-    ipd = np.diff(eye_centres(crop, identity.mean), axis=0)[0]
-    scale = MEAN_IPD_M / float(np.linalg.norm(ipd))
-    mean = (identity.mean - eye_centres(crop, identity.mean).mean(0)) * scale
-    report(identity, crop, scale)
-    units = read_units(data, crop.operator, crop.mirror) * scale
+    heads = sample_heads(population, area * regions["face"], samples, random)
+    identity = identity_basis(heads, crop.mirror, weight, COMPONENTS)
+    eyes = eye_centres(crop, identity.mean)
+    mean = identity.mean - eyes.mean(0)
+    share = np.cumsum(identity.share)
+    log.info("eyes %.1f mm apart; variance held by 20, 50, all: %.3f %.3f %.3f",
+             1e3 * np.linalg.norm(eyes[0] - eyes[1]), share[19], share[49], share[-1])  # fmt: skip
+    units = read_units(data, crop.operator, crop.mirror)
     log.info("laying out the chart")
     chart = build_chart(base, crop, mean * 1e3)
     polygons, part = crop.polygons.astype(np.int32), crop.part
@@ -90,7 +87,7 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
         name="avatarme-cc0-head-1",
         licence="CC0-1.0",
         mean=mean.astype(np.float32),
-        identity=(identity.components * scale).astype(np.float16).astype(np.float32),
+        identity=identity.components.astype(np.float16).astype(np.float32),
         expression=units.astype(np.float16).astype(np.float32),
         expression_names=ARKIT,
         polygons=polygons,
@@ -104,13 +101,6 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
         **triangle_fields(polygons, polygon_uv, part),
         **embedding.fields(),
     )
-
-
-def report(identity: Identity, crop: Crop, scale: float) -> None:
-    """Log what the population looks like."""
-    share = np.cumsum(identity.share)
-    log.info("scaled by %.4f; variance held by 20/50/all components: %.3f %.3f %.3f", scale, share[19], share[49], share[-1])
-    log.info("components: %d", len(identity.share))
 
 
 def main() -> None:

@@ -42,18 +42,18 @@ def align(points: Float, target: Float, weight: Float) -> Float:
     return np.asarray((points - centre) @ (u @ vt) + goal)
 
 
-def _components(rows: Float, weight: Float, count: int) -> tuple[Float, Float]:
+def _components(rows: npt.NDArray[np.float32], weight: Float, count: int) -> tuple[Float, Float]:
     """Leading principal directions of (N, V, 3) offsets without mean: (count, V, 3) times their standard deviation."""
     n = len(rows)
-    scaled = (rows * np.sqrt(weight)[None, :, None]).reshape(n, -1)
-    values, vectors = np.linalg.eigh(scaled @ scaled.T / n)
+    scaled = (rows * np.sqrt(weight).astype(np.float32)[None, :, None]).reshape(n, -1)
+    values, vectors = np.linalg.eigh((scaled @ scaled.T).astype(np.float64) / n)
     order = np.argsort(values)[::-1][:count]
     # a component per standard deviation: coefficients sqrt(n) v have variance 1, so the direction is rows^T v / sqrt(n)
-    directions = np.tensordot(vectors[:, order].T, rows, 1) / np.sqrt(n)
+    directions = np.tensordot(vectors[:, order].T.astype(np.float32), rows, 1) / np.sqrt(n)
     return np.asarray(directions), np.asarray(values[order])
 
 
-def identity_basis(heads: Float, mirror: npt.NDArray[np.int64], weight: Float, count: int) -> Identity:
+def identity_basis(heads: npt.NDArray[np.float32], mirror: npt.NDArray[np.int64], weight: Float, count: int) -> Identity:
     """Mean and components of (N, V, 3) aligned heads.
 
     Args:
@@ -62,12 +62,16 @@ def identity_basis(heads: Float, mirror: npt.NDArray[np.int64], weight: Float, c
         weight: (V,) non-negative weight of a vertex's variance (area times importance).
         count: number of components K.
     """
-    mean = heads.mean(0)
+    mean = heads.mean(0, dtype=np.float64)
     mean = 0.5 * (mean + mean[mirror] * FLIP)
-    image = heads[:, mirror] * FLIP
-    even, odd = 0.5 * (heads + image) - mean, 0.5 * (heads - image)
-    total = float(((even**2).sum(2) @ weight + (odd**2).sum(2) @ weight).mean())
-    parts = [_components(even, weight, count), _components(odd, weight, count)]
+    mean = np.asarray(mean, np.float64)
+    total = 0.0
+    parts = []
+    for sign in (1.0, -1.0):
+        half = 0.5 * (heads + np.float32(sign) * heads[:, mirror] * FLIP.astype(np.float32))
+        half = half - mean.astype(np.float32) if sign > 0 else half
+        total += float(((half.astype(np.float32) ** 2).sum(2) @ weight.astype(np.float32)).mean())
+        parts.append(_components(half, weight, count))
     directions = np.concatenate([part[0] for part in parts])
     variance = np.concatenate([part[1] for part in parts])
     order = np.argsort(-variance, kind="stable")[:count]

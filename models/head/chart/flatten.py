@@ -33,8 +33,8 @@ class Patch:
         weight: (T,) weight of each triangle's distortion, area included.
         boundary: (B,) vertex indices in counter-clockwise order.
         pinned: indices of the vertices whose first coordinate stays 0 (the midline), or empty.
-        box: (4,) x0, y0, x1, y1 pixels that no vertex may leave, or None.
-        box_strength: weight of the barrier towards the box.
+        walls: (W, 3) lines (a, b, c), a^2 + b^2 = 1; no vertex may leave a x + b y + c > 0 (pixels).
+        wall_strength: weight of the barrier along the walls.
     """
 
     triangles: Int
@@ -42,8 +42,8 @@ class Patch:
     weight: Float
     boundary: Int
     pinned: Int
-    box: Float | None = None
-    box_strength: float = 0.0
+    walls: Float
+    wall_strength: float
 
     @property
     def count(self) -> int:
@@ -101,7 +101,7 @@ def tutte(patch: Patch, border: Float) -> Float:
 
 
 def energy(patch: Patch, x: Float) -> tuple[float, Float]:
-    """Energy and its (N, 2) gradient; infinite where a triangle is flat or flipped or a vertex outside the box."""
+    """Energy and its (N, 2) gradient; infinite where a triangle is flat or flipped or a vertex behind a wall."""
     t = patch.triangles
     inverse = np.linalg.inv(patch.rest)
     d = np.stack([x[t[:, 1]] - x[t[:, 0]], x[t[:, 2]] - x[t[:, 0]]], -1)
@@ -119,30 +119,26 @@ def energy(patch: Patch, x: Float) -> tuple[float, Float]:
     np.add.at(gradient, t[:, 1], dd[:, :, 0])
     np.add.at(gradient, t[:, 2], dd[:, :, 1])
     np.add.at(gradient, t[:, 0], -dd[:, :, 0] - dd[:, :, 1])
-    if patch.box is not None:
-        extra, slope = _barrier(patch, x)
-        value += extra
-        gradient += slope
-    return value, gradient
+    extra, slope = _barrier(patch, x)
+    return value + extra, gradient + slope
+
+
+WALL_REACH = 60.0
+"""Pixels at which the barrier along a wall begins."""
 
 
 def _barrier(patch: Patch, x: Float) -> tuple[float, Float]:
-    """-log of the distance to each side of the box, on the boundary only, smooth and zero beyond 60 pixels."""
-    assert patch.box is not None
-    reach = 60.0
+    """-log of the distance to each wall, on the boundary only, smooth and zero beyond WALL_REACH."""
     gradient = np.zeros_like(x)
     value = 0.0
-    for axis in (0, 1):
-        for side, sign in ((axis, 1.0), (axis + 2, -1.0)):
-            if axis == 0 and side == 0 and len(patch.pinned):
-                continue
-            gap = sign * (x[patch.boundary, axis] - patch.box[side]) / reach
-            if not (gap > 0).all():
-                return np.inf, gradient
-            near = np.minimum(gap, 1.0)
-            value += patch.box_strength * float((-np.log(near) * (1 - near) ** 2).sum())
-            slope = -((1 - near) ** 2) / near + 2 * np.log(near) * (1 - near)
-            np.add.at(gradient[:, axis], patch.boundary, patch.box_strength * sign * slope / reach)
+    for a, b, c in patch.walls:
+        gap = (x[patch.boundary] @ np.array([a, b]) + c) / WALL_REACH
+        if not (gap > 0).all():
+            return np.inf, gradient
+        near = np.minimum(gap, 1.0)
+        value += patch.wall_strength * float((-np.log(near) * (1 - near) ** 2).sum())
+        slope = -((1 - near) ** 2) / near + 2 * np.log(near) * (1 - near)
+        np.add.at(gradient, patch.boundary, patch.wall_strength / WALL_REACH * slope[:, None] * np.array([a, b]))
     return value, gradient
 
 
@@ -184,13 +180,13 @@ def minimise(patch: Patch, start: Float, iterations: int = 400, memory: int = 10
     """Lower the energy from a start without flipped triangles; returns (N, 2) pixels.
 
     Raises:
-        ValueError: the start has a flat or flipped triangle or leaves the box.
+        ValueError: the start has a flat or flipped triangle or leaves the walls.
     """
     x = start.copy()
     x[patch.pinned, 0] = 0.0
     value, gradient = energy(patch, x)
     if not np.isfinite(value):
-        raise ValueError("the start has a flipped triangle or leaves the box")
+        raise ValueError("the start has a flipped triangle or leaves the walls")
     solve_x, solve_y = _preconditioner(patch)
     gradient[patch.pinned, 0] = 0.0
     history: deque[tuple[Float, Float, float]] = deque(maxlen=memory)

@@ -1,0 +1,247 @@
+"""Where on our head does the landmark network put its 468 points: ``python -m models.head.calibrate``.
+
+Renders random painted heads in random poses, lights and mild expressions, runs the very face finder of the service on them and
+carries every landmark back to the surface. Expressed on the mean head, the robust centre of the hits of a landmark is its
+embedding and their scatter its spread. The network's habits (where it thinks a nose tip is) are so part of the embedding
+and cancel when a photo is fitted. Points of the face outline slide with the pose; they get one place per 15 degrees of yaw.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from models.head.build import write_digest
+from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
+from models.head.paint import Canvas, paint
+from models.head.shoot import Shot, look_at, shoot, vertex_normals
+from service.faces.face import LANDMARK_COUNT
+from service.head.files import DEFAULT_HEAD, load_head, save_head
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+
+YAW_BINS = np.arange(-60.0, 61.0, 15.0)
+IMAGE = 512
+CANVAS = (1536, 1024)
+MILD = (
+    "mouthSmileLeft", "mouthSmileRight", "browInnerUp", "browDownLeft", "browDownRight", "eyeSquintLeft", "eyeSquintRight",
+    "jawOpen", "mouthPucker", "mouthFrownLeft", "mouthFrownRight", "eyeBlinkLeft", "eyeBlinkRight",
+)  # fmt: skip
+GROUPS = {
+    "eyes": (33, 133, 159, 145, 263, 362, 386, 374, 160, 158, 153, 144, 385, 387, 373, 380),
+    "brows": (70, 63, 105, 66, 107, 336, 296, 334, 293, 300),
+    "nose": (1, 2, 4, 5, 6, 98, 327, 168, 197, 195, 48, 278),
+    "mouth": (61, 291, 0, 17, 13, 14, 37, 267, 84, 314, 40, 270, 91, 321),
+    "outline": CONTOUR,
+}
+
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class Hits:
+    """Back-projected landmarks on the mean head.
+
+    Attributes:
+        yaw: (N,) degrees, as rendered.
+        point: (N, 468, 3) metres on the mean head; NaN where a landmark missed the mesh by more than the allowance.
+        facing: (N, V) cosine between each vertex's normal and the direction to the camera.
+        tried, found: per yaw bin.
+    """
+
+    yaw: list[float] = field(default_factory=list)
+    point: list[Float] = field(default_factory=list)
+    facing: list[npt.NDArray[np.float32]] = field(default_factory=list)
+    tried: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(YAW_BINS), np.int64))
+    found: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(YAW_BINS), np.int64))
+
+
+def back_project(head: HeadModel, shot: Shot, landmarks: Float, allowance_px: float) -> Float:
+    """(468, 3) points on the mean head under (468, 2) pixels; NaN where the mesh is further than the allowance."""
+    from scipy.spatial import cKDTree
+
+    rows, columns = np.nonzero(shot.raster.mask)
+    distance, nearest = cKDTree(np.c_[columns + 0.5, rows + 0.5]).query(landmarks)
+    row, column = rows[nearest], columns[nearest]
+    triangle = shot.triangle_index[shot.raster.triangle[row, column]]
+    weight = shot.raster.barycentric[row, column].astype(float)
+    point = np.einsum("nk,nkc->nc", weight, head.mean[head.triangles[triangle]].astype(float))
+    point[distance > allowance_px] = np.nan
+    return np.asarray(point)
+
+
+def collect(head: HeadModel, count: int, seed: int) -> Hits:
+    """Render, detect and back-project ``count`` random subjects, each as rendered and (by symmetry) as its mirror image."""
+    from service.faces.finder import FaceFinder
+
+    finder = FaceFinder()
+    canvas = Canvas.of(head, *CANVAS)
+    names = {name: k for k, name in enumerate(head.expression_names)}
+    hits = Hits()
+    for k, stream in enumerate(np.random.SeedSequence(seed).spawn(count)):
+        random = np.random.default_rng(stream)
+        identity = random.normal(size=len(head.identity)) * 0.9
+        expression = np.zeros(len(names))
+        for name in random.choice(MILD, 3, replace=False):
+            expression[names[str(name)]] = random.uniform(0.0, 0.35)
+        vertices = head.shape(identity, expression).astype(float)
+        yaw = random.uniform(-30, 30) if k % 5 < 3 else random.uniform(-66, 66)
+        distance = random.uniform(0.6, 2.0)
+        focal = IMAGE * random.uniform(1.9, 2.6) * distance
+        camera = look_at(yaw, random.normal(0, 8), random.normal(0, 5), distance, IMAGE, focal)
+        light = np.array([random.uniform(-0.7, 0.7), random.uniform(-0.1, 0.8), 1.0])
+        background = np.full((IMAGE, IMAGE, 3), 0.0, np.float32) + random.uniform(0.05, 0.8, 3).astype(np.float32)
+        shot = shoot(
+            head, vertices, paint(head, canvas, random), camera, light / np.linalg.norm(light), random.uniform(0.25, 0.6), background
+        )
+        slot = int(np.argmin(np.abs(YAW_BINS - yaw)))
+        hits.tried[slot] += 1
+        faces = finder.find(shot.pixels)
+        if not faces:
+            continue
+        hits.found[slot] += 1
+        landmarks = faces[0].landmarks[:, :2]
+        scale = float(np.linalg.norm(np.ptp(landmarks, axis=0)))
+        normals = vertex_normals(vertices, head.triangles)
+        ray = camera.centre - vertices
+        hits.yaw.append(float(yaw))
+        hits.point.append(back_project(head, shot, landmarks, 0.03 * scale))
+        hits.facing.append(((normals * ray).sum(1) / np.linalg.norm(ray, axis=1)).astype(np.float32))
+    return hits
+
+
+def robust_centre(points: Float, start: Float | None = None) -> tuple[Float, float]:
+    """Geometric median of (N, 3) points (Weiszfeld 1937) and their scatter: the Rayleigh sigma of the distances.
+
+    Raises:
+        ValueError: there is no point.
+    """
+    points = points[np.isfinite(points).all(1)]
+    if not len(points):
+        raise ValueError("no point to take the centre of")
+    centre = np.median(points, axis=0) if start is None else start
+    for _ in range(30):
+        weight = 1.0 / np.maximum(np.linalg.norm(points - centre, axis=1), 1e-5)
+        centre = weight @ points / weight.sum()
+    distance = np.linalg.norm(points - centre, axis=1)
+    return np.asarray(centre), float(np.median(distance) / 1.1774)
+
+
+class Surface:
+    """The outside of the mean head's skin, to put points back onto it."""
+
+    def __init__(self, head: HeadModel) -> None:
+        """Collect the skin's triangles without mouth lining and sockets."""
+        from scipy.spatial import cKDTree
+
+        inner = head.region("mouth_inner") + head.region("eye_socket")
+        outside = (head.triangle_part == 0) & (inner[head.triangles] < 0.5).all(1)
+        self.index = np.flatnonzero(outside)
+        self.corner = head.mean[head.triangles[self.index]].astype(float)
+        self.tree = cKDTree(self.corner.mean(1))
+
+    def project(self, point: Float) -> tuple[int, Float]:
+        """Triangle and barycentric coordinates of the surface point nearest to (3,) a point."""
+        from trimesh.triangles import closest_point, points_to_barycentric
+
+        near = self.tree.query(point, k=24)[1]
+        foot = closest_point(self.corner[near], np.repeat(point[None], len(near), axis=0))
+        best = int(np.argmin(np.linalg.norm(foot - point, axis=1)))
+        weight = points_to_barycentric(self.corner[near[best]][None], foot[best][None], method="cross")[0]
+        weight = np.clip(weight, 0, 1)
+        return int(self.index[near[best]]), weight / weight.sum()
+
+
+def mirror_pairs(centres: Float) -> npt.NDArray[np.int64]:
+    """(L,) index of each landmark's mirror image: the assignment with the least total distance."""
+    from scipy.optimize import linear_sum_assignment
+
+    image = centres * np.array([-1.0, 1.0, 1.0])
+    cost = np.linalg.norm(centres[:, None] - image[None], axis=2)
+    cost = cost + cost.T
+    pairs = linear_sum_assignment(cost)[1]
+    return np.where(pairs[pairs] == np.arange(len(pairs)), pairs, np.arange(len(pairs)))
+
+
+def embed(head: HeadModel, hits: Hits) -> tuple[Embedding, Float]:
+    """The embedding, and (468,) spreads of the near-frontal centres in metres for the report."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    surface = Surface(head)
+    yaw, point = np.array(hits.yaw), np.stack(hits.point)
+    frontal = np.abs(yaw) <= 25
+    first = np.stack([robust_centre(point[frontal, k])[0] for k in range(LANDMARK_COUNT)])
+    pairs = mirror_pairs(first)
+    both = np.concatenate([point, point[:, pairs] * flip])
+    both_yaw = np.concatenate([yaw, -yaw])
+    facing = np.stack(hits.facing)
+    centres, spreads = first.copy(), np.zeros(LANDMARK_COUNT)
+    for _ in range(2):
+        vertex = np.array([head.triangles[surface.project(c)[0]][0] for c in centres])
+        seen = np.concatenate([facing[:, vertex], facing[:, vertex[pairs]]])
+        for k in range(LANDMARK_COUNT):
+            near = np.linalg.norm(both[:, k] - centres[k], axis=1) < 0.015
+            use = (seen[:, k] > 0.35) & near & (np.abs(both_yaw) < 50)
+            if use.sum() < 20:
+                use = near & (np.abs(both_yaw) <= 25)
+            centres[k], spreads[k] = robust_centre(both[use, k] if use.any() else both[:, k])
+        centres = 0.5 * (centres + centres[pairs] * flip)
+        spreads = 0.5 * (spreads + spreads[pairs])
+    places = [surface.project(c) for c in centres]
+    table, weights = [], []
+    for middle in YAW_BINS:
+        inside = np.abs(both_yaw - middle) <= 10.0
+        row = []
+        for landmark in CONTOUR:
+            points = both[inside, landmark]
+            finite = np.isfinite(points).all(1)
+            row.append(surface.project(robust_centre(points)[0] if finite.sum() >= 3 else centres[landmark]))
+        table.append([place[0] for place in row])
+        weights.append([place[1] for place in row])
+    embedding = Embedding(
+        np.array([p[0] for p in places], np.int32),
+        np.array([p[1] for p in places], np.float32),
+        np.maximum(spreads, 3e-4).astype(np.float32),
+        np.array(CONTOUR, np.int32),
+        YAW_BINS.astype(np.float32),
+        np.array(table, np.int32),
+        np.array(weights, np.float32),
+    )
+    return embedding, spreads
+
+
+def report(hits: Hits, spreads: Float) -> None:
+    """Log detection by yaw and scatter by group of landmarks."""
+    for middle, tried, found in zip(YAW_BINS, hits.tried, hits.found, strict=True):
+        log.info("yaw %+4.0f: %d of %d heads found", middle, found, tried)
+    for name, members in GROUPS.items():
+        log.info("%-8s scatter %.2f mm", name, 1e3 * float(np.median(spreads[list(members)])))
+    log.info("%-8s scatter %.2f mm (90 %%: %.2f)", "all", 1e3 * np.median(spreads), 1e3 * np.percentile(spreads, 90))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--head", type=Path, default=DEFAULT_HEAD)
+    parser.add_argument("--count", type=int, default=240)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--out", type=Path, default=EMBEDDING_FILE, help="embedding file that the builder takes over")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    head = load_head(arguments.head)
+    hits = collect(head, arguments.count, arguments.seed)
+    embedding, spreads = embed(head, hits)
+    report(hits, spreads)
+    save_embedding(embedding, arguments.out)
+    values = {key: getattr(head, key) for key in head.__dataclass_fields__}
+    save_head(HeadModel(**{**values, **embedding.fields()}), arguments.head)
+    write_digest(arguments.head)
+
+
+if __name__ == "__main__":
+    main()
