@@ -72,7 +72,7 @@ def write_file(path: Path, members: Mapping[str, bytes]) -> None:
     """
     try:
         if path.exists() and not path.is_file():
-            raise OutputFault(f"cannot write {path}: it is not a file; name one, for example avatar.zip", path=str(path))
+            raise OutputFault(f"cannot write {path}: it is no file; name one, for example avatar.zip", path=str(path))
         target = path.resolve()  # a link keeps pointing where it did
         with _temporary(target) as temporary:
             with temporary.open("r+b") as stream:

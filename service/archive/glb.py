@@ -1,8 +1,9 @@
 """``mesh/head.glb``: the neutral head with its blendshapes as morph targets.
 
-trimesh writes no morph targets, so the file is put together in ``gltf.py``. glTF wants metres, +Y up, the face to +Z, and v growing downwards, so only v changes. Every part is a mesh of its own with the same
-list of targets (names in ``mesh.extras.targetNames``), so one set of weights drives all of them. Tangents are left out:
-loaders make MikkTSpace ones, and approximate ones would be worse than none.
+trimesh writes no morph targets, so the file is put together in ``gltf.py``. glTF wants metres, +Y up, the face to
++Z, and v growing downwards, so only v changes. Every part is a mesh of its own with the same list of targets (names in
+``mesh.extras.targetNames``), so one set of weights drives all of them. Tangents are left out: loaders make MikkTSpace
+ones, and approximate ones would be worse than none.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def _mesh(
     morphs: _Morphs,
     material: int,
 ) -> Object:
-    flipped = head.uv[part.uv] * np.float32([1, -1]) + np.float32([0, 1])
+    flipped = np.stack([head.uv[part.uv, 0], 1 - head.uv[part.uv, 1]], 1)
     primitive: Object = {
         "attributes": {
             "POSITION": writer.add_vertices(neutral[part.vertex], bounds=True),

@@ -83,7 +83,8 @@ class GltfWriter:
         }
         text = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
-        binary = b"".join(chunk for name in self.views for chunk in (*self.chunks[name], b"\0" * (-self.sizes[name] % 4)))
+        padded = ((*self.chunks[name], b"\0" * (-self.sizes[name] % 4)) for name in self.views)
+        binary = b"".join(chunk for chunks in padded for chunk in chunks)
         total = 12 + 8 + len(text) + 8 + len(binary)
         head = struct.pack("<4sII", b"glTF", 2, total) + struct.pack("<I4s", len(text), b"JSON")
         return b"".join((head, text, struct.pack("<I4s", len(binary), b"BIN\0"), binary))

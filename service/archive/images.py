@@ -39,7 +39,7 @@ def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
 
 def decode_normals8(codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """Inverse of :func:`encode_normals8` to within 1/254 per component; not normalised again."""
-    return (codes.astype(np.float32) - NORMAL_ZERO) / NORMAL_SCALE
+    return (codes.astype(np.float32) - np.float32(NORMAL_ZERO)) / np.float32(NORMAL_SCALE)
 
 
 def encode_png(image: npt.NDArray[np.uint8], *, srgb: bool, level: int = 3) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from service.archive.avatar import Avatar
 from service.archive.version import GENERATOR
 
-COPYRIGHT = "No rights are claimed by the makers of this program; the rights of the person shown remain. See LICENSES.md"
+COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
 
 _TEXT = """\
 # Licences

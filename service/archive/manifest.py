@@ -18,7 +18,7 @@ from annotated_types import Ge, Gt, Interval, Len, MinLen
 
 from service.errors import NumericFault, UnreadableInput
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION: Literal["1.0"] = "1.0"
 """Major: a key changed its meaning or went; minor: a key came."""
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
@@ -33,12 +33,16 @@ class _Strict:
 
 @dataclasses.dataclass(frozen=True)
 class Generator(_Strict):
+    """The program that wrote the archive."""
+
     name: str
     version: str
 
 
 @dataclasses.dataclass(frozen=True)
 class Input(_Strict):
+    """The photo, which is not in the archive but for the part in preview/overlay.jpg."""
+
     sha256: str
     """Hex digest of the photo's bytes as they came in; empty where the pixels did not come from a file."""
     width: Annotated[int, Gt(0)]
@@ -51,8 +55,9 @@ class Input(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Camera(_Strict):
-    """A vertex X of mesh/head.obj lands on focal_px * (x/z, y/z) + principal_point, (x, y, z) = rotation X + translation;
-    x right, y down, z forward, centre of the top left pixel at (0.5, 0.5), in the upright photo."""
+    """A vertex X of mesh/head.obj lands on focal_px * (x/z, y/z) + principal_point, (x, y, z) = rotation X +
+    translation; x right, y down, z forward, centre of the top left pixel at (0.5, 0.5), in the upright photo.
+    """
 
     width: Annotated[int, Gt(0)]
     height: Annotated[int, Gt(0)]
@@ -68,6 +73,8 @@ class Camera(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class File(_Strict):
+    """One file of the archive."""
+
     path: str
     role: str
     media_type: str
@@ -87,6 +94,8 @@ class Coding(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Map(_Strict):
+    """One map: an image on the head's chart, row 0 = top."""
+
     path: str
     role: str
     colour_space: Literal["srgb", "linear", "data"]
@@ -105,6 +114,8 @@ class Map(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Displacement(_Strict):
+    """How maps/displacement.png codes heights."""
+
     scale_mm: Annotated[float, Gt(0)]
     """Millimetres per code: height_mm = (code - mid) * scale_mm."""
     mid: Annotated[int, Ge(0)]
@@ -112,6 +123,8 @@ class Displacement(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Head(_Strict):
+    """The head model that was fitted."""
+
     name: str
     licence: str
     vertices: Annotated[int, Gt(0)]
@@ -145,6 +158,8 @@ class Light(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class FitReport(_Strict):
+    """How well the head fits the photo."""
+
     landmark_rms_px: Annotated[float, Ge(0)]
     landmark_rms_iod: Annotated[float, Ge(0)] | None
     """The same as a share of the inter-ocular distance; null where that distance is not known."""
@@ -161,6 +176,8 @@ class FitReport(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Model(_Strict):
+    """One data file of the program that took part."""
+
     name: str
     sha256: str
     licence: str

@@ -32,7 +32,7 @@ _BY_PREFIX = {
     "eye": Material("eye", (1.0, 1.0, 1.0), 0.1, textured=True),
     "teeth": Material("teeth", (1.0, 1.0, 1.0), 0.25, textured=True),
     "tongue": Material("tongue", (1.0, 1.0, 1.0), 0.35, textured=True),
-    "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.6, double_sided=True),
+    "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.45, double_sided=True),
 }
 
 

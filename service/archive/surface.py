@@ -39,7 +39,7 @@ def vertex_normals(
     total = np.moveaxis(sums, 0, 1).reshape(*poses, count, 3)
     length = np.linalg.norm(total, axis=-1, keepdims=True)
     sound = length > np.finfo(np.float32).tiny
-    return np.where(sound, total / np.where(sound, length, 1), np.float32(FALLBACK_NORMAL)).astype(np.float32)
+    return np.where(sound, total / np.where(sound, length, 1), np.array(FALLBACK_NORMAL, np.float32)).astype(np.float32)
 
 
 def _cross(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

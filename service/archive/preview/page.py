@@ -29,7 +29,7 @@ def backdrop(width: int, height: int) -> npt.NDArray[np.float32]:
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     away = ((x - width / 2) / (0.7 * width)) ** 2 + ((y - 0.42 * height) / (0.7 * height)) ** 2
     glow = np.float32(0.05) * np.exp(-2 * away)[..., None]
-    return np.asarray(np.float32(TILE) / np.float32(255) * (1 - 0.02) + glow, np.float32)
+    return np.asarray(np.array(TILE, np.float32) / 255 * 0.98 + glow, np.float32)
 
 
 def place(page: Image, picture: Image, x: int, y: int) -> None:

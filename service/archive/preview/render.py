@@ -18,7 +18,12 @@ Image = npt.NDArray[np.uint8]
 
 CLAY = (0.50, 0.47, 0.44)
 """Linear RGB of the untextured skin."""
-_PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": (0.42, 0.28, 0.26), "lashes": (0.26, 0.24, 0.22)}
+_PART_CLAY = {
+    "eye": (0.72, 0.72, 0.72),
+    "teeth": (0.68, 0.66, 0.60),
+    "tongue": (0.42, 0.28, 0.26),
+    "lashes": (0.26, 0.24, 0.22),
+}
 
 _LIGHTS = (
     ((-0.55, -0.60, -0.58), (0.86, 0.84, 0.80)),
@@ -40,7 +45,7 @@ class Rendered:
     """A picture without background.
 
     Attributes:
-        colour: (h, w, 3) float32 sRGB in [0, 1]; multiplied by coverage.
+        colour: (h, w, 3) float32 sRGB in [0, 1], multiplied by coverage.
         coverage: (h, w, 1) float32 in [0, 1], how much of the pixel the head covers.
     """
 
@@ -53,7 +58,7 @@ class Rendered:
 
 
 def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int, height: int) -> Camera:
-    """Camera at ``DISTANCE_M`` that sees the whole of ``vertices`` (V, 3) turned by ``yaw_deg`` (> 0 to the image right).
+    """Camera at ``DISTANCE_M`` that sees all of ``vertices`` (V, 3) turned by ``yaw_deg`` (> 0: to the image right).
 
     The scale depends on the head only, not on the yaw, so views side by side have the same one.
     """
@@ -91,33 +96,66 @@ def render(
 
     width, height = camera.width * finer, camera.height * finer
     in_camera = camera.to_camera(vertices)
-    triangles, chart = _drawn_triangles(head)
-    raster = rasterise(
-        camera.project(vertices) * finer, in_camera[:, 2], triangles, width, height, cull=True, perspective=True
-    )
-    picture = np.zeros((height * width, 4), np.float32)
-    covered = np.flatnonzero(raster.triangle >= 0)
-    if len(covered):
-        triangle = raster.triangle.reshape(-1)[covered]
-        weights = raster.barycentric.reshape(-1, 3)[covered]
-        shade = _shade(head, in_camera, np.asarray(normals) @ camera.rotation.T, clay=texture is None)
-        colour = _interpolate(weights, shade, triangles[triangle])
+    points = camera.project(vertices) * finer
+    shade = _shade(head, in_camera, np.asarray(normals) @ camera.rotation.T, clay=texture is None)
+    picture = np.zeros((height, width, 4), np.float32)
+    nearest = np.full((height, width), np.inf, np.float32)
+    for layer in _layers(head):
+        x, y = _window(points[np.unique(layer.triangles)], width, height)
+        local = points - (x.start, y.start)
+        raster = rasterise(
+            local, in_camera[:, 2], layer.triangles, x.stop - x.start, y.stop - y.start, cull=True, perspective=True
+        )
+        here, depth = picture[y, x], nearest[y, x]
+        shown = np.flatnonzero(raster.mask & (raster.depth <= depth))
+        triangle, weights = raster.triangle.ravel()[shown], raster.barycentric.reshape(-1, 3)[shown]
+        colour = _interpolate(weights, shade, layer.triangles[triangle])
         if texture is not None:
-            colour = colour * _sample(texture, _interpolate(weights, head.uv, chart[triangle]))
-        picture[covered, :3] = colour
-        picture[covered, 3] = 1
-    picture = picture.reshape(height, width, 4)
+            colour = colour * _sample(texture, _interpolate(weights, head.uv, layer.chart[triangle]))
+        paint = np.zeros(here.shape, np.float32)
+        flat = paint.reshape(-1, 4)
+        flat[shown, :3] = colour * np.float32(layer.opacity)
+        flat[shown, 3] = layer.opacity
+        if layer.opacity < 1:
+            paint += here * (1 - paint[..., 3:])
+        picture[y, x] = paint
+        nearest[y, x] = np.minimum(raster.depth, depth)
     if finer > 1:
         size = (camera.width, camera.height)
         picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
     return Rendered(picture[..., :3], picture[..., 3:])
 
 
-def _drawn_triangles(head: HeadModel) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Triangles (T', 3) and their uv; those of double-sided parts a second time, turned over, as backs are left out."""
-    double = np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]
-    triangles = np.concatenate([head.triangles, head.triangles[double][:, ::-1]])
-    return triangles, np.concatenate([head.triangle_uv, head.triangle_uv[double][:, ::-1]])
+@dataclass(frozen=True)
+class _Layer:
+    """Triangles (T, 3) that are drawn together, their uv (T, 3), and their opacity; the opaque ones come first."""
+
+    triangles: npt.NDArray[np.int32]
+    chart: npt.NDArray[np.int32]
+    opacity: float
+
+
+def _layers(head: HeadModel) -> list[_Layer]:
+    """What is opaque, then what is not; double-sided triangles a second time turned over, as backs are left out."""
+    materials = [material_of(name) for name in head.part_names]
+    layers = []
+    for opacity in sorted({material.opacity for material in materials}, reverse=True):
+        chosen = np.array([material.opacity == opacity for material in materials])[head.triangle_part]
+        double = chosen & np.array([material.double_sided for material in materials])[head.triangle_part]
+        triangles = np.concatenate([head.triangles[chosen], head.triangles[double][:, ::-1]])
+        chart = np.concatenate([head.triangle_uv[chosen], head.triangle_uv[double][:, ::-1]])
+        if len(triangles):
+            layers.append(_Layer(triangles, chart, opacity))
+    return layers
+
+
+def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[slice, slice]:
+    """Columns and rows of the picture that points (N, 2) can touch; at least one pixel."""
+    bounds = []
+    for values, end in zip(np.nan_to_num(points).T, (width, height), strict=True):
+        low = int(np.clip(np.floor(values.min()), 0, end - 1))
+        bounds.append(slice(low, int(np.clip(np.ceil(values.max()), low + 1, end))))
+    return bounds[0], bounds[1]
 
 
 def _shade(
@@ -142,7 +180,7 @@ def _shade(
 
 def _clay_colours(head: HeadModel) -> Float:
     """(V, 3) linear albedo of each vertex by its part."""
-    colours = np.tile(np.float32(CLAY), (len(head.mean), 1))
+    colours = np.tile(np.array(CLAY, np.float32), (len(head.mean), 1))
     for index, name in enumerate(head.part_names):
         colours[head.triangles[head.triangle_part == index]] = _PART_CLAY.get(material_of(name).name, CLAY)
     return colours
@@ -151,7 +189,7 @@ def _clay_colours(head: HeadModel) -> Float:
 def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
     """(N, C) of ``values`` (V, C) at corners (N, 3) mixed by weights (N, 3)."""
     source = np.asarray(values, np.float32)
-    mixed = weights[:, :1] * source[corners[:, 0]]
+    mixed: Float = weights[:, :1] * source[corners[:, 0]]
     mixed += weights[:, 1:2] * source[corners[:, 1]]
     mixed += weights[:, 2:] * source[corners[:, 2]]
     return mixed

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +14,8 @@ from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
 from service.archive.preview.render import render, turned_camera
 from service.archive.surface import vertex_normals
+
+What = TypeVar("What")
 
 TILE = (256, 306)
 """Width and height of a view of the head."""
@@ -64,11 +68,14 @@ def _textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     fit = avatar.fit
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
     behind = backdrop(*TILE)
-    for yaw in TEXTURED_YAWS:
+
+    def view(yaw: int) -> tuple[str, Image]:
         camera = turned_camera(fit.vertices, yaw, *TILE)
         drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture)
-        side = "Front" if yaw == 0 else f"{'Left' if yaw > 0 else 'Right'} side, {abs(yaw)}°"
-        yield side, to_pixels(drawn.over(behind))
+        side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
+        return side, to_pixels(drawn.over(behind))
+
+    yield from _side_by_side(view, TEXTURED_YAWS)
 
 
 def _clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
@@ -78,10 +85,20 @@ def _clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         ("Shape, neutral", avatar.fit.neutral, 0),
         ("Shape, neutral, 45°", avatar.fit.neutral, 45),
     )
-    for caption, vertices, yaw in views:
+
+    def view(what: tuple[str, npt.NDArray[np.float32], int]) -> tuple[str, Image]:
+        caption, vertices, yaw = what
         normals = vertex_normals(vertices, avatar.head.triangles)
         drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
-        yield caption, to_pixels(drawn.over(behind))
+        return caption, to_pixels(drawn.over(behind))
+
+    yield from _side_by_side(view, views)
+
+
+def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What]) -> Iterator[tuple[str, Image]]:
+    """Views in order, drawn on two threads: most of a view is numpy, which lets other threads run."""
+    with ThreadPoolExecutor(2) as pool:
+        yield from pool.map(view, what)
 
 
 def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
@@ -102,10 +119,11 @@ def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:
     from service.texture.result import MIRRORED, SEEN
 
     codes = np.arange(256)
-    table = np.tile(np.float32(MADE_UP_COLOUR), (256, 1))
+    made_up = np.array(MADE_UP_COLOUR, np.float64)
+    table = np.tile(made_up, (256, 1))
     for low, high, colour in ((SEEN, 255, SEEN_COLOUR), (MIRRORED, SEEN - 1, MIRRORED_COLOUR)):
         sure = 0.35 + 0.65 * (codes - low) / (high - low)
-        mixed = np.float32(MADE_UP_COLOUR) + sure[:, None] * (np.float32(colour) - np.float32(MADE_UP_COLOUR))
+        mixed = made_up + sure[:, None] * (np.array(colour) - made_up)
         table = np.where(((codes >= low) & (codes <= high))[:, None], mixed, table)
     return np.rint(table).astype(np.uint8)[confidence]
 
@@ -133,8 +151,8 @@ def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
 def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:
     fit = avatar.fit
     yaw, pitch, roll = fit.camera.yaw_pitch_roll_deg()
-    share = f" ({100 * fit.landmark_rms_px / fit.inter_ocular_px:.1f} % of eye distance)" if fit.inter_ocular_px > 0 else ""
-    yield "Landmark error", f"{fit.landmark_rms_px:.1f} px{share}"
+    share = f"{100 * fit.landmark_rms_px / fit.inter_ocular_px:.1f} %" if fit.inter_ocular_px > 0 else "unknown share"
+    yield "Landmark error", f"{fit.landmark_rms_px:.1f} px ({share} of eye distance)"
     yield "Yaw, pitch, roll", f"{yaw:.0f}°, {pitch:.0f}°, {roll:.0f}°"
     yield "Focal length", f"{fit.camera.focal_px:.0f} px at {fit.camera.width} x {fit.camera.height}"
     yield "Face seen in the photo", f"{100 * avatar.texture.visible_fraction:.0f} %"
