@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from service.fit.basis import LandmarkModel
 from service.fit.landmarks import facing
-from service.fit.light import estimate_light, sh_basis
+from service.fit.light import BAND_GAIN, estimate_light, sh_basis
 from service.fit.state import POSE, State, project
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
@@ -26,8 +26,6 @@ SIGMA = 0.10
 SHARE = 0.02
 """Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
-STEP = 0.5
-"""Standard deviations for the difference quotient of the normals."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,56 @@ def skin_weight(head: HeadModel) -> Array:
         if name in head.region_names:
             weight = weight * (1.0 - head.region(name))
     return np.asarray(weight)
+
+
+def normal_derivative(
+    vertices: Array,
+    modes: npt.NDArray[np.float32],
+    triangles: npt.NDArray[np.int32],
+    chosen: npt.NDArray[np.intp],
+) -> Array:
+    """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
+
+    Args:
+        vertices: (V, 3) metres.
+        modes: (K, V, 3) metres per unit.
+        triangles: (T, 3).
+        chosen: (N,) vertex indices; a vertex without area gets zero.
+    """
+    from scipy.sparse import csr_matrix
+
+    row_of = np.full(len(vertices), -1)
+    row_of[chosen] = np.arange(len(chosen))
+    near = triangles[(row_of[triangles] >= 0).any(1)]
+    a, b, c = vertices[near].transpose(1, 0, 2)
+    da, db, dc = (np.moveaxis(modes[:, near[:, i]], 0, 1) for i in range(3))  # (T, K, 3)
+    change = np.cross(db - da, (c - a)[:, None]) + np.cross((b - a)[:, None], dc - da)
+    rows = row_of[near].ravel()
+    columns = np.repeat(np.arange(len(near)), 3)
+    inside = rows >= 0
+    gather = csr_matrix((np.ones(int(inside.sum())), (rows[inside], columns[inside])), (len(chosen), len(near)))
+    total = gather @ np.cross(b - a, c - a)
+    length = np.linalg.norm(total, axis=1)
+    flat = length < 1e-15
+    unit = total / np.where(flat, 1.0, length)[:, None]
+    slope = np.asarray(gather @ change.reshape(len(near), -1)).reshape(len(chosen), len(modes), 3)
+    slope -= (slope @ unit[:, :, None]) * unit[:, None]
+    slope /= np.where(flat, np.inf, length)[:, None, None]
+    return np.asarray(np.moveaxis(slope, 1, 2))
+
+
+def sh_gradient(normals: Array, light: Array) -> Array:
+    """(N, 3) gradient of ``sh_basis(n) @ light`` by n, for (9,) light."""
+    x, y, z = normals.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    by = [
+        (zero, 0.488603 * one, zero, zero, 1.092548 * x, 1.092548 * z, zero, zero, -1.092548 * y),
+        (zero, zero, 0.488603 * one, zero, zero, 1.092548 * y, 1.892352 * z, 1.092548 * x, zero),
+        (zero, zero, zero, 0.488603 * one, 1.092548 * y, zero, zero, 1.092548 * z, 1.092548 * x),
+    ]
+    gained = BAND_GAIN * light
+    along_y, along_z, along_x = (np.stack(columns, 1) @ gained for columns in by)
+    return np.stack([along_x, along_y, along_z], 1)
 
 
 def shading_term(
@@ -111,8 +159,7 @@ def shading_term(
     residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
     robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
     root = np.sqrt(SHARE * weight[used] * robust) / SIGMA
-    jacobian = np.zeros((len(used), model.identity_count))
-    for k in range(model.identity_count):
-        moved = vertex_normals(vertices + STEP * head.identity[k], head.triangles)[used]
-        jacobian[:, k] = (np.log(np.maximum(sh_basis(moved.astype(np.float64)) @ grey, 0.05)) - np.log(shaded)) / STEP
+    slope = sh_gradient(normals[used], grey) * (shaded > 0.05)[:, None] / shaded[:, None]
+    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, used)
+    jacobian = np.einsum("ni,nik->nk", slope, turn)
     return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())
