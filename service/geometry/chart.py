@@ -129,7 +129,7 @@ class Chart:
 
     def normals(self, vertices: npt.NDArray[np.floating]) -> Float:
         """(H, W, 3) float32 unit normals in the frame of ``vertices`` (V, 3); (0, 0, 1) outside the islands."""
-        return self.spread(_unit(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
+        return self.spread(unit(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
 
     def frame(self, vertices: npt.NDArray[np.floating], vertex_normal: npt.NDArray[np.floating] | None = None) -> Frame:
         """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
@@ -142,13 +142,13 @@ class Chart:
             vertex_normal: (V, 3) unit normals to build on; those of ``vertices`` where left out.
         """
         n = vertex_normals(vertices, self.head.triangles) if vertex_normal is None else vertex_normal
-        normal = _unit(self.inside(n), _Z)
+        normal = unit(self.inside(n), _Z)
         along = self.inside(tangents(self.head, vertices), on_chart=True)
-        along -= normal * _dot(along, normal)
-        lost = _dot(along, along)[:, 0] < 1e-12
+        along -= normal * dot(along, normal)
+        lost = dot(along, along)[:, 0] < 1e-12
         if lost.any():
             along[lost] = _any_orthogonal(normal[lost])
-        tangent = _unit(along, _X)
+        tangent = unit(along, _X)
         bitangent = np.cross(normal, tangent)
         return Frame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
 
@@ -193,14 +193,14 @@ def nearest_inside(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
     return np.asarray(source[label])
 
 
-def _dot(a: Float, b: Float) -> Float:
-    """(N, 1) dot products."""
+def dot(a: Float, b: Float) -> Float:
+    """(N, 1) float32 dot products of (N, 3)."""
     return np.asarray(a[:, :1] * b[:, :1] + a[:, 1:2] * b[:, 1:2] + a[:, 2:] * b[:, 2:])
 
 
-def _unit(vectors: Float, fallback: tuple[float, float, float]) -> Float:
+def unit(vectors: Float, fallback: tuple[float, float, float] = _Z) -> Float:
     """Unit vectors (N, 3) in float32, for vectors that began as unit ones and were averaged."""
-    length = np.sqrt(_dot(vectors, vectors))
+    length = np.sqrt(dot(vectors, vectors))
     sound = length > 1e-6
     return np.where(sound, vectors / np.where(sound, length, 1), np.asarray(fallback, np.float32))
 
@@ -208,7 +208,7 @@ def _unit(vectors: Float, fallback: tuple[float, float, float]) -> Float:
 def _any_orthogonal(normal: Float) -> Float:
     """(N, 3) vectors of length at least 0.5 orthogonal to unit normals."""
     axis = np.where(np.abs(normal[:, :1]) < 0.7, np.asarray(_X, np.float32), np.asarray(_Y, np.float32))
-    return np.asarray(axis - normal * _dot(axis, normal))
+    return np.asarray(axis - normal * dot(axis, normal))
 
 
 def tangents(head: HeadModel, vertices: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:

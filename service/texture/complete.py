@@ -27,9 +27,9 @@ OPAQUE = (0.03, 0.25)
 SMOOTHNESS = 0.25
 """Of the base colour, against a texel's trust of 1; the photo's detail comes back on top."""
 
-LIGHT_SMOOTHNESS = 2.0
-LIGHT_PRIOR = 0.01
-"""Colour difference of the halves: smooth, and fading within some ten vertices where only one half is known."""
+LIGHT_SMOOTHNESS = 0.3
+LIGHT_PRIOR = 0.0005
+"""Colour difference of the halves: smooth, and fading within some twenty vertices where only one half is known."""
 
 MIRROR_TRUST = 0.4
 PRIOR_TRUST = 0.02
@@ -94,7 +94,7 @@ def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float |
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
-    graph = Graph.of(head.triangles[head.triangle_part == head.part_names.index("skin")], count, hair)
+    graph = Graph.of(head.triangles[head.triangle_part == head.part_names.index("skin")], head.mean, hair)
 
     known, k = splat(chart.corners, chart.weights, values, trust, count)
     reflected, k_reflected = known[head.mirror], k[head.mirror]

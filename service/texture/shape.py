@@ -37,8 +37,8 @@ def shape_normals(chart: Chart, vertices: npt.NDArray[np.floating]) -> tuple[Flo
 
 def overall_normals(chart: Chart, normal: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     """(V, 3) unit normals smoothed over neighbours; where opposite ones cancel, the original."""
-    graph = Graph.of(chart.head.triangles, len(normal))
-    smooth = smooth_fit(graph, normal, np.ones(len(normal)), OVERALL_SMOOTHNESS, np.zeros(3), 1e-6)
+    graph = Graph.of(chart.head.triangles, chart.head.mean)
+    smooth = smooth_fit(graph, normal, np.ones(len(normal)), OVERALL_SMOOTHNESS, np.zeros(3), 1e-6, 3e-3)
     length = np.sqrt((smooth * smooth).sum(1, keepdims=True))
     return np.where(length > 0.05, normalise(smooth), normal)
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.fit.result import Fit
 from service.geometry.camera import NEAREST_M, Camera
-from service.geometry.chart import Chart, chart_points, solve_affine
-from service.geometry.normals import normalise, vertex_normals
+from service.geometry.chart import Chart, chart_points, dot, solve_affine, unit
+from service.geometry.normals import vertex_normals
 from service.geometry.raster import rasterise
 from service.geometry.sampling import Pyramid, sample_area
 from service.photo.photo import Photo
@@ -63,24 +63,26 @@ class Unwrapped:
 def unwrap(photo: Photo, fit: Fit, chart: Chart) -> Unwrapped:
     """Project every texel into the photo, test it against the z-buffer of the whole head and read its colour."""
     camera, head = fit.camera, chart.head
-    position = chart.inside(fit.vertices)
-    normal = normalise(chart.inside(vertex_normals(fit.vertices, head.triangles)))
-    depth = camera.to_camera(position)[:, 2]
-    pixel = camera.project(position)
-    facing = np.einsum("ni,ni->n", normal, normalise(camera.centre - position))
-    width, height = photo.size
-    within = (pixel > 0.5).all(1) & (pixel[:, 0] < width - 0.5) & (pixel[:, 1] < height - 0.5) & (depth > NEAREST_M)
+    both = chart.inside(np.c_[fit.vertices, vertex_normals(fit.vertices, head.triangles)])
+    position, normal = both[:, :3], unit(both[:, 3:])
+    facing = dot(normal, unit(camera.centre.astype(np.float32) - position))[:, 0]
+    front = np.flatnonzero(facing > 0)  # the back half needs no further look
+    depth = camera.to_camera(position[front])[:, 2]
+    pixel = camera.project(position[front])
+    within = np.all((pixel > 0.5) & (pixel < np.array(photo.size) - 0.5), 1) & (depth > NEAREST_M)
 
     buffer = _Buffer.draw(camera, fit, chart)
-    seen, margin = buffer.look_up(pixel, depth, facing)
-    visible = within & seen & (facing > 0)
-    ramp = np.clip((facing - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0.0, 1.0)
-    weight = np.where(visible, ramp * np.maximum(facing, 0.0) ** 2 * margin, 0.0)
+    nearest, margin = buffer.look_up(pixel, depth, facing[front])
+    visible = np.zeros(len(position), bool)
+    visible[front] = within & nearest
+    ramp = np.clip((facing[front] - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0.0, 1.0)
+    weight = np.zeros(len(position), np.float32)
+    weight[front] = np.where(visible[front], ramp * facing[front] ** 2 * margin, 0.0)
 
     colour = np.zeros((len(position), 3), np.float32)
-    chosen = np.flatnonzero(weight > 0)
-    colour[chosen] = _read(photo, fit, chart, pixel[chosen], chosen)
-    return Unwrapped(colour, weight.astype(np.float32), visible, normal.astype(np.float32), position)
+    shown = np.flatnonzero(weight[front] > 0)
+    colour[front[shown]] = _read(photo, fit, chart, pixel[shown], front[shown])
+    return Unwrapped(colour, weight, visible, normal, position)
 
 
 def _read(photo: Photo, fit: Fit, chart: Chart, pixel: Array, chosen: npt.NDArray[np.int64]) -> Float:
@@ -134,7 +136,7 @@ class _Buffer:
         cell = metres * float(np.median(z[before]))
         return cls(low, scale, metres, raster.depth, _margins(raster.depth, cell))
 
-    def look_up(self, pixel: Array, depth: Array, facing: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+    def look_up(self, pixel: Array, depth: Array, facing: Float) -> tuple[npt.NDArray[np.bool_], Array]:
         """Whether points are the nearest ones (N,), and their margin (N,)."""
         cell = np.clip((pixel - self.origin) * self.scale, 0, [self.depth.shape[1] - 1, self.depth.shape[0] - 1])
         column, row = cell.astype(int).T

@@ -1,0 +1,148 @@
+"""Eyes, the skin model, mesh fields and shape maps on their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.geometry.chart import Chart
+from service.texture import parts
+from service.texture.mesh_field import Graph, smooth_fit, splat
+from service.texture.plausible import learn_skin, plausibility
+from service.texture.shape import depth_map, shape_normals
+from service.texture.zones import Zones
+from tests.toyhead import sphere_head
+
+HEAD = sphere_head(24, 48)
+CHART = Chart.build(HEAD, 192, 128)
+
+
+def test_smooth_fit_solves_its_equations() -> None:
+    """Against a dense solve of the same quadratic form."""
+    rng = np.random.default_rng(0)
+    graph = Graph.of(HEAD.triangles, HEAD.mean, rng.uniform(size=len(HEAD.mean)))
+    n = len(HEAD.mean)
+    values, trust = rng.uniform(size=(n, 2)), rng.uniform(size=n) * (rng.uniform(size=n) > 0.7)
+    field = smooth_fit(graph, values, trust, 0.7, np.array([0.2, 0.9]), 0.05)
+    laplacian = np.zeros((n, n))
+    laplacian[graph.origin, graph.target] -= graph.weight
+    laplacian[np.diag_indices(n)] -= laplacian.sum(1)
+    dense = np.linalg.solve(
+        np.diag(trust + 0.05) + 0.7 * laplacian, trust[:, None] * values + 0.05 * np.array([0.2, 0.9])
+    )
+    assert np.abs(field - dense).max() < 5e-3
+
+
+def test_smooth_fit_carries_a_value_around_the_head() -> None:
+    """One known vertex, hardly any prior: far from it the residual is tiny long before the colour has arrived."""
+    graph = Graph.of(HEAD.triangles[HEAD.triangle_part == 0], HEAD.mean)
+    trust = np.zeros(len(HEAD.mean))
+    skin = np.unique(HEAD.triangles[HEAD.triangle_part == 0])
+    trust[skin[HEAD.mean[skin, 2].argmax()]] = 1.0
+    field = smooth_fit(graph, np.ones((len(HEAD.mean), 1)), trust, 2.0, np.array([0.0]), 1e-6)
+    assert field[skin].min() > 0.97
+
+
+def test_smooth_fit_ignores_nan_where_nothing_is_trusted() -> None:
+    graph = Graph.of(HEAD.triangles, HEAD.mean)
+    values = np.full((len(HEAD.mean), 1), np.nan)
+    field = smooth_fit(graph, values, np.zeros(len(HEAD.mean)), 1.0, np.array([0.5]), 0.01)
+    assert np.allclose(field, 0.5, atol=1e-3)
+
+
+def test_graph_without_edges() -> None:
+    graph = Graph.of(np.array([[1, 1, 1]]), np.zeros((3, 3)))
+    assert np.array_equal(graph.gather(np.ones((3, 1))), np.zeros((3, 1)))
+
+
+def test_splat_gives_back_a_linear_field() -> None:
+    texels = CHART.inside(HEAD.mean)
+    mean, trust = splat(CHART.corners, CHART.weights, texels, np.full(len(texels), 0.5, np.float32), len(HEAD.mean))
+    skin = np.unique(HEAD.triangles[HEAD.triangle_part == 0])
+    assert np.allclose(trust[skin], 0.5)
+    assert np.abs(mean[skin] - HEAD.mean[skin]).max() < 0.006
+
+
+def test_eye_is_painted_from_pupil_to_sclera() -> None:
+    texels, angle, limbus, pupil = parts.eye_angles(CHART, HEAD.part_names.index("eye_left"))
+    assert (CHART.inner_part[texels] == HEAD.part_names.index("eye_left")).all()
+    assert limbus == pytest.approx(np.degrees(np.arcsin(0.00585 / 0.012)), abs=0.5)
+    colour = parts.paint_eye(angle, limbus, pupil, parts.SCLERA, parts.IRIS, parts.SOCKET)
+    assert np.isfinite(colour).all()
+    assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
+    white = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
+    assert np.abs(colour[white] - parts.SCLERA).max() < 0.05
+
+
+def test_light_is_judged_by_the_white_of_the_eye() -> None:
+    light = parts.judge_light(parts.SCLERA * np.float32(0.5), None, np.zeros((0, 3), np.float32))
+    assert np.allclose(light.on(parts.TEETH), parts.TEETH * 0.5, atol=1e-3)
+    grey = parts.judge_light(None, np.array([0.5, 0.5, 0.5], np.float32), np.full((10, 3), 0.5, np.float32))
+    assert np.ptp(grey.on(parts.TONGUE)) < 1e-6
+
+
+def _shaded_skin() -> tuple[np.ndarray, np.ndarray, Zones]:
+    zones = Zones.of(CHART)
+    normal = CHART.normals(HEAD.mean).reshape(-1, 3)[CHART.texels]
+    light = np.clip(0.75 + 0.25 * normal[:, :1], 0, 1)
+    return (np.array([0.8, 0.6, 0.5]) * light).astype(np.float32), normal, zones
+
+
+def test_skin_in_light_and_shade_is_skin_and_hair_wall_and_cloth_are_not() -> None:
+    colour, normal, zones = _shaded_skin()
+    weight = np.clip(normal[:, 2], 0, 1) ** 2
+    skin = learn_skin(colour, normal, weight, zones)
+    assert skin is not None
+    face = zones.skin & (zones.face > 0.5)
+    assert plausibility(skin, colour, normal)[face].min() > 0.95
+    for other in ([0.12, 0.09, 0.07], [0.2, 0.6, 0.3], [0.3, 0.4, 0.9], [0.95, 0.95, 1.0]):
+        assert plausibility(skin, np.broadcast_to(np.array(other, np.float32), colour.shape), normal)[face].max() < 0.3
+
+
+def test_skin_model_bears_a_third_of_outliers() -> None:
+    colour, normal, zones = _shaded_skin()
+    clean = learn_skin(colour, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
+    spoilt = colour.copy()
+    spoilt[np.random.default_rng(1).uniform(size=len(colour)) < 0.33] = [0.1, 0.08, 0.06]
+    dirty = learn_skin(spoilt, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
+    assert clean is not None
+    assert dirty is not None
+    assert np.abs(clean.colour - dirty.colour).max() < 0.03
+
+
+def test_no_skin_in_sight_makes_no_model() -> None:
+    colour, normal, zones = _shaded_skin()
+    assert learn_skin(colour, normal, np.zeros(len(colour), np.float32), zones) is None
+
+
+def test_black_photo_makes_a_finite_model() -> None:
+    """Logarithm of nothing, spread of nothing."""
+    colour, normal, zones = _shaded_skin()
+    black = np.zeros_like(colour)
+    skin = learn_skin(black, normal, np.ones(len(colour), np.float32), zones)
+    assert skin is not None
+    assert np.isfinite(plausibility(skin, black, normal)).all()
+
+
+def test_a_nose_shows_in_the_tangent_map_and_a_plain_sphere_does_not() -> None:
+    vertices = HEAD.mean.astype(float)
+    skin = np.unique(HEAD.triangles[HEAD.triangle_part == 0])
+    plain_map = shape_normals(CHART, vertices)[1]
+    bump = np.exp(-((vertices[:, 0] / 0.02) ** 2) - ((vertices[:, 1] + 0.02) / 0.02) ** 2) * (vertices[:, 2] > -0.05)
+    vertices[skin, 2] += 0.02 * bump[skin]
+    inside = CHART.part == 0
+    rows = np.nonzero(inside)[0]
+    middle = inside & (np.abs(np.arange(128)[:, None] - np.median(rows)) < 25)
+    assert plain_map[middle][:, 2].min() > 0.97
+    nose = shape_normals(CHART, vertices)[1]
+    column = np.arange(192)[None, :] + 0.5
+    right = middle & (column > 96) & (column < 108)
+    assert nose[middle][:, 2].min() < 0.95
+    assert nose[right][:, 0].max() > 0.2  # its left flank (u to the right) turns towards +u
+
+
+def test_depth_is_head_space_z_and_continues_outside() -> None:
+    depth = depth_map(CHART, HEAD.mean)
+    assert depth[CHART.part == 0].max() == pytest.approx(0.01, abs=5e-4)
+    assert np.isfinite(depth).all()
+    assert depth[50, 0] < -0.15
