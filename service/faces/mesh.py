@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from service.faces.detector import Detection
 from service.faces.region import Region, roll
+from service.faces.topology import MIRROR
 from service.runtime.sessions import Session, load_session
 
 Float = npt.NDArray[np.float64]
@@ -33,6 +34,10 @@ CLEAR = 20.0
 """Presence logit from which a region is taken without trying others."""
 HOPELESS = -6.0
 """Presence logit below which no other start is tried: not even a full profile gets this little."""
+LOGIT_SCALE = 10.0
+"""Difference of presence logits that weights the better of two answers e : 1 (chosen by a yaw sweep of a known head)."""
+FADED = 10.0
+"""A step that loses this much presence logit is not taken."""
 STRAYED = 0.6
 """A mesh whose centre is farther than this part of the box from the box centre belongs to something else."""
 EYE_LEFT, EYE_RIGHT, NOSE, MOUTH = (33, 133), (362, 263), (1, 4), (13, 14)
@@ -86,8 +91,25 @@ class MeshNetwork:
 
     def __call__(self, pixels: Pixels, region: Region) -> Mesh:
         """The network's answer for one square region of an (H, W, 3) uint8 sRGB photo."""
+        return self._run(region.cut(pixels, INPUT_SIZE), region)
+
+    def both_ways(self, pixels: Pixels, region: Region) -> Mesh:
+        """The average of the answers to the crop and to its mirror image, weighted by the odds of their presence.
+
+        The network is not symmetric: its presence logit falls from 60 to 35 when a face at 30 degrees of yaw is
+        mirrored, and the landmarks differ by 3 to 5 % of the inter-ocular distance. The average treats both sides
+        alike, so that a mirrored photo gives the mirrored mesh.
+        """
         crop = region.cut(pixels, INPUT_SIZE)
-        raw, flag = self._session.run({"image": crop.astype(np.float32)[None] / 255})
+        plain = self._run(crop, region)
+        opposite = self._run(crop[:, ::-1], Region(0.0, 0.0, float(INPUT_SIZE)))
+        local = opposite.landmarks[list(MIRROR)] * [-1.0, 1.0, 1.0] + [INPUT_SIZE / 2, INPUT_SIZE / 2, 0.0]
+        share = 1 / (1 + float(np.exp(np.clip((opposite.logit - plain.logit) / LOGIT_SCALE, -20, 20))))
+        landmarks = share * plain.landmarks + (1 - share) * region.to_photo(local, INPUT_SIZE)
+        return Mesh(landmarks, max(plain.logit, opposite.logit))
+
+    def _run(self, crop: Pixels, region: Region) -> Mesh:
+        raw, flag = self._session.run({"image": np.ascontiguousarray(crop, np.float32)[None] / 255})
         return Mesh(region.to_photo(raw.reshape(LANDMARKS, 3), INPUT_SIZE), float(flag.ravel()[0]))
 
 
@@ -136,10 +158,10 @@ def _settle(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detecti
     """Move the region to its landmarks and repeat until it stands still; a mesh that strays or fades is dropped."""
     best, region = mesh, mesh.region
     for _ in range(MOST_STEPS):
-        mesh = network(pixels, region)
+        mesh = network.both_ways(pixels, region)
         following = mesh.region
         gap = np.hypot(*(mesh.landmarks[:, :2].mean(0) - detection.centre))
-        if gap > STRAYED * detection.size or mesh.logit < best.logit - 10:
+        if gap > STRAYED * detection.size or mesh.logit < best.logit - FADED:
             break
         best = mesh
         if _moved(region, following) < STILL:
