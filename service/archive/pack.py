@@ -11,6 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+import numpy.typing as npt
+
 from service.archive.avatar import Avatar
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
@@ -73,7 +76,7 @@ def _meshes(avatar: Avatar) -> dict[str, bytes]:
     glb = glb_bytes(
         head,
         fit.neutral,
-        _glb_texture(avatar),
+        glb_texture(avatar.texture.texture),
         generator=GENERATOR,
         copyright_notice=COPYRIGHT,
         expression=weights_by_name(head.expression_names, fit.expression),
@@ -87,16 +90,16 @@ def _meshes(avatar: Avatar) -> dict[str, bytes]:
     }
 
 
-def _glb_texture(avatar: Avatar) -> Picture:
-    """The texture as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
+def glb_texture(texture: npt.NDArray[np.uint8]) -> Picture:
+    """A texture (h, w, 3) uint8 sRGB as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
     import cv2
 
-    texture = avatar.texture.texture
     longest = max(texture.shape[:2])
     if longest <= GLB_TEXTURE_PX:
         return Picture(encode_png(texture, srgb=True), "image/png")
     size = (texture.shape[1] * GLB_TEXTURE_PX // longest, texture.shape[0] * GLB_TEXTURE_PX // longest)
-    return Picture(encode_jpeg(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), 92), "image/jpeg")  # type: ignore[arg-type]
+    smaller = np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return Picture(encode_jpeg(smaller, 92), "image/jpeg")
 
 
 def _previews(avatar: Avatar) -> Mapping[str, bytes]:

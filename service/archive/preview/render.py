@@ -108,6 +108,8 @@ def render(
         )
         here, depth = picture[y, x], nearest[y, x]
         shown = np.flatnonzero(raster.mask & (raster.depth <= depth))
+        if not len(shown):
+            continue
         triangle, weights = raster.triangle.ravel()[shown], raster.barycentric.reshape(-1, 3)[shown]
         colour = _interpolate(weights, shade, layer.triangles[triangle])
         if texture is not None:

@@ -1,0 +1,112 @@
+"""The manifest holds what is promised, its schema is published, and it never holds NaN."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from service.archive import schema
+from service.archive.describe import describe
+from service.archive.manifest import from_json, json_schema, to_json
+from service.archive.pack import archive_members
+from service.errors import NumericFault, UnreadableInput
+from tests.service.archive.toys import toy_avatar
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def written() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(archive_members(toy_avatar())["manifest.json"])
+    return content
+
+
+def test_everything_promised_is_there(written: dict[str, Any]) -> None:
+    promised = {
+        "schema_version", "generator", "options", "seed", "camera", "units", "up", "forward", "maps", "files",
+        "displacement", "fit", "effects", "timings_s", "peak_rss_mb", "models",
+    }  # fmt: skip
+    assert promised <= set(written)
+    camera = {"width", "height", "focal_px", "principal_point", "rotation", "translation"}
+    assert camera <= set(written["camera"])
+    fit = {"landmark_rms_px", "landmark_rms_iod", "visible_fraction", "identity_similarity", "light", "warnings"}
+    assert fit <= set(written["fit"])
+    assert {"distance", "centred_cosine", "impostor"} == set(written["fit"]["identity_similarity"])
+    for entry in written["maps"]:
+        assert {"path", "role", "colour_space", "bits", "size", "sha256"} <= set(entry)
+    assert (written["units"], written["up"], written["forward"]) == ("m", "+Y", "+Z")
+    assert written["fit"]["landmark_rms_iod"] == pytest.approx(1.5 / 55)
+    assert written["fit"]["expression"] == {"jawOpen": 0.5, "eyeBlinkLeft": 0.25}
+    assert written["warnings"] == ["low-confidence", "little-seen"]
+
+
+def test_the_published_schema_is_current() -> None:
+    assert not schema.stale(), "run python -m service.archive.schema"
+
+
+def test_the_command_notices_an_old_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "folder" / "schema.json"
+    monkeypatch.setattr(schema, "PUBLISHED", (target,))
+    assert schema.main(["--check"]) == 1
+    assert schema.main([]) == 0
+    assert schema.main(["--check"]) == 0
+    target.write_text("{}")
+    assert schema.main(["--check"]) == 1
+
+
+def test_manifests_validate_against_the_published_schema(written: dict[str, Any]) -> None:
+    published = json.loads((ROOT / "docs" / "manifest.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(published)
+    jsonschema.validate(written, published)
+    bare = toy_avatar(similarity=None)
+    bare = replace(bare, fit=replace(bare.fit, light=None, inter_ocular_px=0.0))
+    content = json.loads(archive_members(bare, timings=True)["manifest.json"])
+    jsonschema.validate(content, published)
+    assert content["fit"]["landmark_rms_iod"] is None, "no division by an unknown distance"
+    assert content["timings_s"] == {"decode": 0.1} and content["peak_rss_mb"] == 321.0
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("units",), "cm"), (("camera", "focal_px"), 0), (("camera", "rotation"), [[1, 0, 0]]), (("surprise",), 1),
+        (("maps", 0, "sha256"), "short"), (("maps", 0, "bits"), 12), (("fit", "visible_fraction"), 1.5),
+        (("schema_version",), "2.0"),
+    ],
+)  # fmt: skip
+def test_the_schema_refuses_what_is_wrong(written: dict[str, Any], path: tuple[Any, ...], value: object) -> None:
+    content = json.loads(json.dumps(written))
+    at = content
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = value
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(content, json_schema())
+    with pytest.raises(UnreadableInput, match=r"not a manifest of schema 1\.0"):
+        from_json(json.dumps(content).encode())
+
+
+def test_reading_gives_back_what_was_written() -> None:
+    avatar = toy_avatar()
+    manifest = describe(avatar, {"mesh/head.obj": b"v"}, timings=True)
+    assert from_json(to_json(manifest)) == manifest
+
+
+def test_a_number_that_is_not_finite_is_named() -> None:
+    avatar = toy_avatar()
+    manifest = describe(replace(avatar, fit=replace(avatar.fit, landmark_rms_px=float("nan"))), {}, timings=False)
+    with pytest.raises(NumericFault, match=r"\$\.fit\.landmark_rms_px"):
+        to_json(manifest)
+
+
+def test_writing_a_manifest_does_not_import_pydantic() -> None:
+    """Its import would cost a tenth of a run."""
+    program = "import sys, service.archive.describe; sys.exit('pydantic' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], cwd=ROOT).returncode == 0

@@ -1,0 +1,359 @@
+"""OBJ, GLB and USD say the same head; read by parsers that share no code with the writers."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import shutil
+import struct
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+
+from service.archive.avatar import Avatar
+from service.archive.glb import Picture, glb_bytes
+from service.archive.images import encode_png
+from service.archive.materials import material_of
+from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.pack import archive_members
+from service.errors import NumericFault
+from service.head.files import DEFAULT_HEAD, load_head
+from tests.service.archive.toys import toy_avatar, toy_head, toy_texture
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass
+class Obj:
+    """Plain reading of an OBJ file."""
+
+    v: Array
+    vt: Array
+    vn: Array
+    faces: list[list[tuple[int, int, int]]]
+    material: list[str]
+    objects: list[str]
+
+
+def read_obj(data: bytes) -> Obj:
+    rows: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
+    result = Obj(np.zeros(0), np.zeros(0), np.zeros(0), [], [], [])
+    material = ""
+    for line in data.decode("ascii").splitlines():
+        key, *rest = line.split() or [""]
+        if key in rows:
+            rows[key].append([float(x) for x in rest])
+        elif key == "f":
+            result.faces.append([tuple(int(x) - 1 for x in corner.split("/")) for corner in rest])  # type: ignore[misc]
+            result.material.append(material)
+        elif key == "usemtl":
+            material = rest[0]
+        elif key == "o":
+            result.objects.append(rest[0])
+    result.v, result.vt, result.vn = (np.array(rows[key]) for key in ("v", "vt", "vn"))
+    return result
+
+
+@dataclass
+class Glb:
+    """Plain reading of a GLB file: JSON, buffer and accessors."""
+
+    json: dict[str, Any]
+    binary: bytes
+
+    @classmethod
+    def read(cls, data: bytes) -> Glb:
+        magic, version, total = struct.unpack_from("<4sII", data)
+        assert (magic, version, total) == (b"glTF", 2, len(data))
+        (length,) = struct.unpack_from("<I", data, 12)
+        return cls(json.loads(data[20 : 20 + length]), data[28 + length :])
+
+    def view(self, view: int, offset: int, dtype: str, count: int, width: int) -> npt.NDArray[Any]:
+        start = self.json["bufferViews"][view].get("byteOffset", 0) + offset
+        return np.frombuffer(self.binary, dtype, count * width, start).reshape(count, width)
+
+    def accessor(self, index: int) -> npt.NDArray[Any]:
+        a = self.json["accessors"][index]
+        dtype = {5126: "<f4", 5123: "<u2", 5125: "<u4"}
+        width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[a["type"]]
+        values = np.zeros((a["count"], width), dtype[a["componentType"]])
+        if "bufferView" in a:
+            values = self.view(a["bufferView"], a.get("byteOffset", 0), dtype[a["componentType"]], a["count"], width)
+        if "sparse" in a:
+            s = a["sparse"]
+            where = s["indices"]
+            rows = self.view(where["bufferView"], where["byteOffset"], dtype[where["componentType"]], s["count"], 1)
+            assert (np.diff(rows[:, 0].astype(int)) > 0).all()
+            new = self.view(s["values"]["bufferView"], s["values"]["byteOffset"], "<f4", s["count"], width)
+            values = values.copy()
+            values[rows[:, 0]] = new
+        return values
+
+
+@pytest.fixture(scope="module")
+def avatar() -> Avatar:
+    return toy_avatar()
+
+
+@pytest.fixture(scope="module")
+def members(avatar: Avatar) -> dict[str, bytes]:
+    return archive_members(avatar)
+
+
+@pytest.fixture(scope="module")
+def obj(members: dict[str, bytes]) -> Obj:
+    return read_obj(members["mesh/head.obj"])
+
+
+@pytest.fixture(scope="module")
+def glb(members: dict[str, bytes]) -> Glb:
+    return Glb.read(members["mesh/head.glb"])
+
+
+def test_obj_holds_the_head_in_the_photos_expression(avatar: Avatar, obj: Obj) -> None:
+    np.testing.assert_allclose(obj.v, avatar.fit.vertices, atol=6e-7)
+    np.testing.assert_allclose(obj.vt, avatar.head.uv, atol=6e-7)
+    np.testing.assert_allclose(np.linalg.norm(obj.vn, axis=1), 1, atol=2e-4)
+
+
+def test_obj_keeps_quads_and_triangles(avatar: Avatar, obj: Obj) -> None:
+    head = avatar.head
+    expected = {
+        tuple(zip(p[p >= 0].tolist(), t[t >= 0].tolist(), strict=True))
+        for p, t in zip(head.polygons, head.polygon_uv, strict=True)
+    }
+    assert {tuple((v, vt) for v, vt, _ in face) for face in obj.faces} == expected
+    assert {len(face) for face in obj.faces} == {3, 4}, "the toy has both"
+    corners = np.array([corner for face in obj.faces for corner in face])
+    assert (corners >= 0).all() and (corners.max(0) < [len(obj.v), len(obj.vt), len(obj.vn)]).all()
+    assert (corners[:, 0] == corners[:, 2]).all()
+
+
+def test_obj_names_unit_frame_parts_and_materials(avatar: Avatar, obj: Obj, members: dict[str, bytes]) -> None:
+    text = members["mesh/head.obj"].decode()
+    header = text[: text.index("\nv ")]
+    assert "metre" in header and "+Y up" in header and "bottom left" in header
+    assert obj.objects == list(avatar.head.part_names)
+    defined = [line.split()[1] for line in members["mesh/head.mtl"].decode().splitlines() if "newmtl" in line]
+    assert set(obj.material) == set(defined) and "" not in obj.material
+    assert "mtllib head.mtl" in header
+
+
+def test_obj_lands_on_the_photo_by_the_manifests_camera(
+    avatar: Avatar, obj: Obj, members: dict[str, bytes]
+) -> None:
+    """The promise, written out: focal_px * (x/z, y/z) + principal_point with (x, y, z) = rotation X + translation."""
+    camera = json.loads(members["manifest.json"])["camera"]
+    points = obj.v[avatar.head.triangles[avatar.head.landmark_triangle]].mean(1)
+    moved = points @ np.array(camera["rotation"], float).reshape(3, 3).T + np.array(camera["translation"])
+    pixels = camera["focal_px"] * moved[:, :2] / moved[:, 2:] + np.array(camera["principal_point"])
+    # The toy's detected landmarks were made by Camera.project at the middles of these triangles.
+    np.testing.assert_allclose(pixels, avatar.face.landmarks[:, :2], atol=0.002)
+    assert (camera["width"], camera["height"]) == avatar.photo.size
+
+
+def test_trimesh_reads_the_obj(members: dict[str, bytes], tmp_path: Path) -> None:
+    for name in ("mesh/head.obj", "mesh/head.mtl", "maps/texture.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(members[name])
+    # trimesh looks into the folder of the OBJ only, unless told that ../maps is meant.
+    resolver = trimesh.resolvers.FilePathResolver(str(tmp_path / "mesh" / "head.obj"), allow_anywhere=True)
+    scene: Any = trimesh.load(tmp_path / "mesh" / "head.obj", resolver=resolver)
+    skin = scene.geometry["skin"]
+    assert skin.visual.material.image.size == (96, 64), "the texture was found by its relative path"
+
+
+def test_obj_refuses_nan(avatar: Avatar) -> None:
+    broken = avatar.fit.vertices.copy()
+    broken[7] = np.inf
+    with pytest.raises(NumericFault, match="vertex 7"):
+        obj_bytes(avatar.head, broken, "t")
+
+
+def test_materials_without_texture(avatar: Avatar) -> None:
+    assert b"map_Kd" in mtl_bytes(avatar.head) and b"map_Kd" not in mtl_bytes(avatar.head, textured=False)
+
+
+def validator_report(data: bytes, folder: Path) -> dict[str, Any]:
+    """Khronos' own judgement; skips where the tool is missing."""
+    node = shutil.which("node")
+    if node is None or not (TOOLS / "node_modules" / "gltf-validator").is_dir():
+        pytest.skip("the Khronos glTF validator is missing: install Node.js, then npm ci --prefix tests/tools")
+    (folder / "head.glb").write_bytes(data)
+    command = [node, str(TOOLS / "validate_glb.js"), str(folder / "head.glb")]
+    report: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return report
+
+
+def test_the_khronos_validator_finds_nothing(members: dict[str, bytes], tmp_path: Path) -> None:
+    report = validator_report(members["mesh/head.glb"], tmp_path)
+    issues = report["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    assert report["info"]["hasMorphTargets"] and report["info"]["hasTextures"]
+
+
+def test_the_khronos_validator_is_awake(members: dict[str, bytes], tmp_path: Path) -> None:
+    """The same file with its first vertex made NaN must not pass."""
+    data = bytearray(members["mesh/head.glb"])
+    (length,) = struct.unpack_from("<I", data, 12)
+    content = json.loads(data[20 : 20 + length])
+    accessor = content["accessors"][content["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]
+    start = 28 + length + content["bufferViews"][accessor["bufferView"]]["byteOffset"] + accessor["byteOffset"]
+    struct.pack_into("<f", data, start, float("nan"))
+    assert validator_report(bytes(data), tmp_path)["issues"]["numErrors"] > 0
+
+
+@pytest.mark.skipif(not DEFAULT_HEAD.exists(), reason="the head model is not built")
+def test_the_shipped_head_passes_too_and_is_small(tmp_path: Path) -> None:
+    head = load_head()
+    picture = Picture(encode_png(toy_texture(576, 384).texture, srgb=True), "image/png")
+    neutral = head.shape(np.full(5, 0.7))
+    data = glb_bytes(head, neutral, picture, generator="g", copyright_notice="c", expression={}, extras={})
+    issues = validator_report(data, tmp_path)["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    assert len(data) - len(picture.data) < 3_000_000
+
+
+def test_neutral_and_morphs_add_up_to_the_head(avatar: Avatar, glb: Glb) -> None:
+    """Base plus weighted targets at every split vertex is head.shape(identity, expression)."""
+    head = avatar.head
+    weights = np.array([0.7, 0.2, 1.0, 0.5])
+    wanted = head.shape(avatar.fit.identity, weights)
+    for index, mesh in enumerate(glb.json["meshes"]):
+        assert mesh["extras"]["targetNames"] == list(head.expression_names)
+        assert mesh["weights"] == [0.0] * len(head.expression_names), "the file's own pose is neutral"
+        primitive = mesh["primitives"][0]
+        base = glb.accessor(primitive["attributes"]["POSITION"])
+        targets = [glb.accessor(target["POSITION"]) for target in primitive["targets"]]
+        posed = base + sum(w * t for w, t in zip(weights, targets, strict=True))
+        triangles = glb.accessor(primitive["indices"]).reshape(-1, 3)
+        chosen = head.triangles[head.triangle_part == index]
+        np.testing.assert_allclose(base[triangles], avatar.fit.neutral[chosen], atol=1e-7)
+        np.testing.assert_allclose(posed[triangles], wanted[chosen], atol=4e-6)
+
+
+def test_morphs_are_stored_sparsely_where_that_is_smaller(glb: Glb) -> None:
+    kinds = {}
+    targets = glb.json["meshes"][0]["primitives"][0]["targets"]
+    for name, target in zip(toy_head().expression_names, targets, strict=True):
+        accessor = glb.json["accessors"][target["POSITION"]]
+        kinds[name] = "sparse" if "sparse" in accessor else "dense" if "bufferView" in accessor else "none"
+    assert kinds["eyeBlinkLeft"] == "sparse", "moves twelve vertices"
+    assert kinds["tongueOut"] == "none", "moves nothing"
+    blink = glb.json["meshes"][0]["primitives"][0]["targets"][2]["POSITION"]
+    moved = glb.accessor(blink).any(1).sum()
+    assert glb.json["accessors"][blink]["sparse"]["count"] == moved >= 12, "twelve, some of them split at the cut"
+
+
+def test_bounds_and_winding(avatar: Avatar, glb: Glb) -> None:
+    for mesh in glb.json["meshes"]:
+        primitive = mesh["primitives"][0]
+        points = glb.accessor(primitive["attributes"]["POSITION"])
+        accessor = glb.json["accessors"][primitive["attributes"]["POSITION"]]
+        np.testing.assert_array_equal(np.float32(accessor["min"]), points.min(0))
+        np.testing.assert_array_equal(np.float32(accessor["max"]), points.max(0))
+        triangles = glb.accessor(primitive["indices"]).reshape(-1, 3)
+        a, b, c = (points[triangles[:, i]].astype(float) for i in range(3))
+        normals = glb.accessor(primitive["attributes"]["NORMAL"])[triangles].mean(1)
+        facing = (np.cross(b - a, c - a) * normals).sum(1)
+        assert (facing > 0).all(), f"{mesh['name']}: a triangle is wound against its normal"
+
+
+def test_the_photos_expression_is_kept_beside_the_neutral_pose(glb: Glb) -> None:
+    node = next(node for node in glb.json["nodes"] if node["name"] == "head")
+    expected = {"jawOpen": 0.5, "mouthStretchLeft": 0.0, "eyeBlinkLeft": 0.25, "tongueOut": 0.0}
+    assert node["extras"]["expressionWeights"] == expected
+    assert glb.json["asset"]["copyright"] and glb.json["asset"]["generator"].startswith("avatarme")
+    assert "tangents" not in json.dumps(glb.json).lower()
+
+
+def test_parts_have_their_materials(avatar: Avatar, glb: Glb) -> None:
+    names = [material["name"] for material in glb.json["materials"]]
+    assert len(set(names)) == len(names)
+    for mesh in glb.json["meshes"]:
+        assert names[mesh["primitives"][0]["material"]] == material_of(mesh["name"]).name
+    lashes = glb.json["materials"][names.index("lashes")]
+    assert lashes["alphaMode"] == "BLEND" and lashes["doubleSided"]
+    skin = glb.json["materials"][names.index("skin")]["pbrMetallicRoughness"]
+    assert skin["baseColorTexture"] == {"index": 0} and skin["metallicFactor"] == 0
+
+
+def test_trimesh_reads_the_glb(avatar: Avatar, members: dict[str, bytes]) -> None:
+    scene: Any = trimesh.load(io.BytesIO(members["mesh/head.glb"]), file_type="glb")
+    assert set(scene.geometry) == set(avatar.head.part_names)
+    low, high = scene.bounds
+    np.testing.assert_allclose(low, avatar.fit.neutral.min(0), atol=1e-6)
+    np.testing.assert_allclose(high, avatar.fit.neutral.max(0), atol=1e-6)
+    for index, name in enumerate(avatar.head.part_names):
+        assert len(scene.geometry[name].faces) == (avatar.head.triangle_part == index).sum()
+
+
+def test_a_marked_texel_lands_on_the_same_vertex_in_obj_and_glb(
+    avatar: Avatar, obj: Obj, glb: Glb, members: dict[str, bytes]
+) -> None:
+    """v grows upwards in OBJ and downwards in glTF: both must read the same pixel of the same picture at a vertex."""
+    head, neutral = avatar.head, avatar.fit.neutral
+    height, width = avatar.texture.texture.shape[:2]
+    rng = np.random.default_rng(0)
+    for face in rng.choice(len(obj.faces), 40, replace=False):
+        vertex, uv, _ = obj.faces[face][0]
+        from_obj = (int(obj.vt[uv, 0] * width), int((1 - obj.vt[uv, 1]) * height))  # OBJ: origin bottom left
+        part = int(head.polygon_part[np.flatnonzero((head.polygons == vertex).any(1))[0]])
+        primitive = glb.json["meshes"][part]["primitives"][0]
+        here = np.abs(glb.accessor(primitive["attributes"]["POSITION"]) - neutral[vertex]).max(1) < 1e-9
+        texture_points = glb.accessor(primitive["attributes"]["TEXCOORD_0"])[here]
+        from_glb = {(int(u * width + 1e-4), int(v * height + 1e-4)) for u, v in texture_points}  # glTF: origin top left
+        assert any(abs(x - from_obj[0]) <= 1 and abs(y - from_obj[1]) <= 1 for x, y in from_glb)
+    flipped = 1 - obj.vt[:, 1]
+    assert np.abs(flipped - obj.vt[:, 1]).mean() > 0.1, "the toy's chart would not show a flip"
+
+
+def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    picture = Picture(encode_png(toy_texture().texture, srgb=True), "image/png")
+    facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
+    broken = avatar.fit.neutral.copy()
+    broken[0, 0] = np.nan
+    with pytest.raises(NumericFault):
+        glb_bytes(avatar.head, broken, picture, **facts)
+    still = replace(avatar.head, expression=avatar.head.expression[:0], expression_names=())
+    content = Glb.read(glb_bytes(still, avatar.fit.neutral, picture, **facts)).json
+    assert all("targets" not in mesh["primitives"][0] and "extras" not in mesh for mesh in content["meshes"])
+
+
+def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], tmp_path: Path) -> None:
+    usd: Any = pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
+    modules: list[Any] = [importlib.import_module(f"{usd.__name__}.{name}") for name in ("Usd", "UsdGeom", "UsdShade")]
+    Usd, UsdGeom, UsdShade = modules
+    for name in ("mesh/head.usda", "maps/texture.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(members[name])
+    stage = Usd.Stage.Open(str(tmp_path / "mesh" / "head.usda"))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert stage.GetDefaultPrim().GetName() == "Head"
+    head = avatar.head
+    for index, name in enumerate(head.part_names):
+        mesh = UsdGeom.Mesh.Get(stage, f"/Head/{name}")
+        polygons = head.polygons[head.polygon_part == index]
+        flat_uv = head.polygon_uv[head.polygon_part == index]
+        points, corners = np.array(mesh.GetPointsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
+        assert UsdGeom.Mesh.ValidateTopology(corners.tolist(), mesh.GetFaceVertexCountsAttr().Get(), len(points))[0]
+        np.testing.assert_allclose(points[corners], avatar.fit.vertices[polygons[polygons >= 0]], atol=1e-6)
+        st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+        assert st.GetInterpolation() == "faceVarying"
+        np.testing.assert_allclose(np.array(st.Get()), head.uv[flat_uv[flat_uv >= 0]], atol=1e-6)
+        bound = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()[0]
+        assert bound.GetPrim().GetName() == material_of(name).name
+    file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Texture").GetInput("file").Get()
+    assert Path(file.resolvedPath).resolve() == (tmp_path / "maps" / "texture.png").resolve()

@@ -1,0 +1,126 @@
+"""The archive as a whole."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.archive.container import MEMBER_NAMES
+from service.archive.images import decode_normals8
+from service.archive.licences import licences_text
+from service.archive.pack import GLB_TEXTURE_PX, archive_members, glb_texture, write_archive
+from service.errors import NumericFault
+from tests.service.archive.toys import toy_avatar, toy_texture
+
+
+@pytest.fixture(scope="module")
+def members() -> dict[str, bytes]:
+    return archive_members(toy_avatar())
+
+
+def decode(data: bytes) -> npt.NDArray[np.uint8]:
+    image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.uint8)
+    return image if image.ndim == 2 else image[..., ::-1]
+
+
+def test_the_same_avatar_gives_the_same_bytes_to_file_and_stream(tmp_path: Path) -> None:
+    """Two avatars made apart, and other timings and memory: those differ between any two runs."""
+    stream = io.BytesIO()
+    write_archive(toy_avatar(), stream)
+    write_archive(toy_avatar(timings_s={"decode": 9.9}, peak_rss_mb=1.0), tmp_path / "a.zip")
+    assert (tmp_path / "a.zip").read_bytes() == stream.getvalue()
+
+
+def test_timings_only_when_asked(members: dict[str, bytes]) -> None:
+    silent = json.loads(members["manifest.json"])
+    assert silent["timings_s"] is None and silent["peak_rss_mb"] is None
+    asked = json.loads(archive_members(toy_avatar(), timings=True)["manifest.json"])
+    assert asked["timings_s"] == {"decode": 0.1} and asked["peak_rss_mb"] == 321.0
+
+
+def test_strict_extraction_into_a_folder(tmp_path: Path) -> None:
+    write_archive(toy_avatar(), tmp_path / "a.zip")
+    root = (tmp_path / "out").resolve()
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        for entry in archive.infolist():
+            target = (root / entry.filename).resolve()
+            assert target.is_relative_to(root) and target != root
+            assert not entry.is_dir()
+        archive.extractall(root)
+        assert archive.namelist() == [name for name in MEMBER_NAMES if name in archive.namelist()]
+    assert len([path for path in root.rglob("*") if path.is_file()]) == len(archive.namelist())
+
+
+def test_the_manifest_lists_every_file_as_it_is(members: dict[str, bytes]) -> None:
+    manifest = json.loads(members["manifest.json"])
+    listed = {entry["path"]: entry for entry in manifest["files"]}
+    assert set(listed) == set(members) - {"manifest.json"}
+    for path, entry in listed.items():
+        assert entry["size"] == len(members[path])
+        assert entry["sha256"] == hashlib.sha256(members[path]).hexdigest()
+    for entry in manifest["maps"]:
+        image = decode(members[entry["path"]])
+        assert image.shape[:2] == (entry["height"], entry["width"]) == (64, 96)
+        assert entry["channels"] == (image.shape[2] if image.ndim == 3 else 1)
+        assert entry["bits"] == 8 * image.dtype.itemsize
+        assert entry["sha256"] == listed[entry["path"]]["sha256"]
+
+
+def test_maps_hold_the_values_that_the_manifest_says(members: dict[str, bytes]) -> None:
+    maps = toy_texture()
+    coding = {entry["role"]: entry["coding"] for entry in json.loads(members["manifest.json"])["maps"]}
+    np.testing.assert_array_equal(decode(members["maps/texture.png"]), maps.texture)
+    np.testing.assert_array_equal(decode(members["maps/confidence.png"]), maps.confidence)
+    codes = decode(members["maps/shape_normal.png"])
+    values = (codes.astype(float) - coding["shape_normal"]["zero"]) / coding["shape_normal"]["scale"]
+    np.testing.assert_allclose(values, maps.shape_normal_object, atol=0.5 / 127 + 1e-6)
+    np.testing.assert_allclose(values, decode_normals8(codes), atol=1e-6)
+
+
+def test_only_the_maps_that_were_asked_for() -> None:
+    members = archive_members(toy_avatar(options={"maps": ["confidence"]}))
+    assert [name for name in members if name.startswith("maps/")] == ["maps/confidence.png"]
+    assert b"map_Kd" not in members["mesh/head.mtl"], "no path to a file that is not there"
+    assert b"asset inputs:file" not in members["mesh/head.usda"]
+
+
+def test_relative_paths_lead_to_files_of_the_archive(members: dict[str, bytes]) -> None:
+    lines = members["mesh/head.mtl"].decode().splitlines()
+    targets = {line.split(maxsplit=1)[1] for line in lines if line.startswith("map_")}
+    assert targets and all(target.removeprefix("../") in members for target in targets)
+
+
+def test_the_licences_name_the_models_and_the_terms(members: dict[str, bytes]) -> None:
+    text = members["LICENSES.md"].decode()
+    assert "CC0-1.0" in text and "cd" * 32 in text and "without asking" in text
+    head = replace(toy_avatar().head, licence="LicenseRef-other")
+    assert "without asking" not in licences_text(toy_avatar(head=head))
+
+
+def test_nothing_is_written_where_a_result_is_not_finite(tmp_path: Path) -> None:
+    avatar = toy_avatar()
+    broken = avatar.fit.vertices.copy()
+    broken[5, 1] = np.nan
+    with pytest.raises(NumericFault):
+        write_archive(replace(avatar, fit=replace(avatar.fit, vertices=broken)), tmp_path / "a.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_large_texture_is_made_smaller_for_the_glb() -> None:
+    flat = np.full((2048, 3072, 3), (200, 40, 90), np.uint8)
+    picture = glb_texture(flat)
+    image = decode(picture.data)
+    assert picture.mime == "image/jpeg" and picture.data[:2] == b"\xff\xd8"
+    assert image.shape == (1366, GLB_TEXTURE_PX, 3) or image.shape == (1365, GLB_TEXTURE_PX, 3)
+    assert np.abs(image.astype(int) - (200, 40, 90)).max() <= 3
+    small = glb_texture(flat[:64, :96])
+    assert small.mime == "image/png" and decode(small.data).shape == (64, 96, 3)
