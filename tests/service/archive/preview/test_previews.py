@@ -53,7 +53,7 @@ def test_over_a_background_only_the_head_hides_it() -> None:
 
 
 def test_the_texture_is_the_right_way_round() -> None:
-    """Subject's left (u > 0.5) red, right green, upper part (v > 0.6) blue too; from the front, left is on the right."""
+    """Subject's left (u > 0.5) red, right green, the top blue too; from the front, left is on the right."""
     texture = np.zeros((64, 96, 3), np.uint8)
     texture[:, 48:, 0] = 255
     texture[:, :48, 1] = 255
