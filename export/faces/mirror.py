@@ -1,8 +1,8 @@
 """Derives which landmark of the face mesh mirrors which, and prints the table of ``service/faces/topology.py``.
 
 The mesh of a mirrored picture, mirrored back, is the mesh of the picture with left and right points exchanged, up to
-the network's noise. Distances are summed over crops of the sample photo that are shifted, scaled and turned a little, and
-the assignment with the smallest sum is taken. It is refused unless it is its own inverse::
+the network's noise. Distances are summed over crops of the sample photo, shifted, scaled and turned a little, and the
+assignment with the smallest sum is taken. It is refused unless it is its own inverse::
 
     python -m export.faces.mirror
 """

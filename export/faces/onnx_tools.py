@@ -70,7 +70,7 @@ def worst_difference(reference: Arrays, candidate: Arrays) -> float:
     """Largest difference over all outputs; ParityError when names, sizes or finiteness differ.
 
     Absolute up to magnitudes of 256 (a crop's width in pixels), relative to the largest value / 256 beyond: on flat
-    black the short-range detector answers in the tens of thousands, where float32 itself is coarser than the bounds.
+    black, detectors can answer in the tens of thousands, where float32 itself is coarser than the bounds.
     """
     if set(reference) != set(candidate):
         raise ParityError(f"outputs {sorted(candidate)} instead of {sorted(reference)}")

@@ -48,8 +48,8 @@ def choose_face(faces: list[Face], which: int | Literal["largest"] | None, photo
     size = float(np.max(face.box[2:] - face.box[:2]))
     if size < SMALLEST_FACE:
         raise FaceTooSmall(
-            f"the face is {size:.0f} pixels wide; it has to have {SMALLEST_FACE:.0f}, and {GOOD_FACE:.0f} or more for a "
-            "good result",
+            f"the face is {size:.0f} pixels wide; {SMALLEST_FACE:.0f} are needed, "
+            f"and {GOOD_FACE:.0f} or more for a good result",
             box=_box(face),
         )
     x, y = face.landmarks[:, 0], face.landmarks[:, 1]

@@ -21,7 +21,7 @@ OVAL = (
 )  # fmt: skip
 
 DARK = 0.05
-"""Linear luminance that three quarters of an under-exposed face stay below (0.15 for the darkest skin in good light)."""
+"""Linear luminance that three quarters of an under-exposed face stay below (dark skin in good light: 0.15)."""
 EYE_GROWTH = 1.6
 """Eye outlines are enlarged by this much, so that lids and lashes are inside."""
 COVERED_LEVEL, COVERED_CONTRAST = 0.35, 0.4
@@ -48,7 +48,7 @@ def warnings(pixels: Pixels, landmarks: Float) -> tuple[str, ...]:
 
 
 def _covered(pixels: Pixels, eye: Float, cheek: Float) -> bool:
-    """Whether an eye is much darker than its cheek and has no contrast of its own; False where either is not in view."""
+    """Whether an eye is much darker than its cheek and has no contrast of its own; False where one is out of view."""
     centre = eye.mean(0)
     inside, skin = _luminance(pixels, centre + (eye - centre) * EYE_GROWTH), _luminance(pixels, cheek)
     if not inside.size or not skin.size:

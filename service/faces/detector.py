@@ -1,7 +1,7 @@
 """BlazeFace: anchors, decoding and merging of boxes.
 
 Bazarevsky et al., "BlazeFace: Sub-millisecond Neural Face Detection on Mobile GPUs", 2019; constants as in MediaPipe's
-``face_detection_back`` (256 pixels, strides 16, 32, 32, 32) and ``face_detection_short_range`` graphs.
+``face_detection_back`` graph (256 pixels, strides 16, 32, 32, 32).
 """
 
 from __future__ import annotations

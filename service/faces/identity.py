@@ -3,8 +3,8 @@
 Alignment as in dlib's ``get_face_chip_details`` for the 5-point model (150 pixels, padding 0.25). The raw cosine of two
 descriptors says nothing, since all lie in one narrow cone (different people have 0.87 on average); what counts is the
 Euclidean distance (King: under 0.6 the same person) or the cosine after the population mean is taken off. The file
-``face_identity_population.json`` holds that mean and how different people compare; ``python -m export.faces.population``
-makes it.
+``face_identity_population.json``, made by ``python -m export.faces.population``, holds that mean and how different
+people compare.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Population:
     Attributes:
         mean: (128,) float64.
         faces: number of faces, each of another person, that it was measured on.
-        impostor: "distance_mean", "distance_p05", "centred_cosine_mean", "centred_cosine_p95" over all pairs; each pair's
+        impostor: "distance_mean", "distance_p05", "centred_cosine_mean", "centred_cosine_p95" over all pairs; a pair's
             cosine is centred by the mean of all other faces.
     """
 

@@ -35,7 +35,7 @@ CLEAR = 20.0
 HOPELESS = -6.0
 """Presence logit below which no other start is tried: not even a full profile gets this little."""
 LOGIT_SCALE = 10.0
-"""Difference of presence logits that weights the better of two answers e : 1 (chosen by a yaw sweep of a known head)."""
+"""Difference of presence logits that weights the better of two answers e : 1 (from a yaw sweep of a known head)."""
 FADED = 10.0
 """A step that loses this much presence logit is not taken."""
 STRAYED = 0.6
