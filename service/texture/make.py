@@ -91,7 +91,7 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
     likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown])
     likely = _calm(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
-    excused = np.maximum(zones.features, zones.scalp)
+    excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
     likely = excused + (1 - excused) * likely
     # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
     squarely = opacity(unwrapped.weight - SQUARELY)
@@ -112,11 +112,12 @@ def _calm(chart: Chart, likely: Float, seen: Float) -> Float:
 
 
 def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
-    """(3,) sRGB median of the scalp where the photo shows it well."""
-    chosen = (zones.scalp > 0.7) & zones.skin & (unwrapped.weight > 0.15)
-    if chosen.sum() < LEAST_SCALP_TEXELS:
-        return None
-    return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
+    """(3,) sRGB median of the scalp where the photo shows it, well behind the hairline if it shows that."""
+    for inside in (0.95, 0.7):
+        chosen = (zones.scalp > inside) & zones.skin & (unwrapped.weight > 0.08)
+        if chosen.sum() >= LEAST_SCALP_TEXELS:
+            return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
+    return None
 
 
 def _paint_parts(
