@@ -18,12 +18,14 @@ from contextlib import contextmanager
 
 from service.archive.avatar import Avatar
 from service.archive.cards import model_cards
-from service.faces.finder import FaceFinder, choose_face
-from service.faces.likeness import likeness
+from service.faces.choice import choose_face
+from service.faces.finder import FaceFinder
+from service.faces.identity import Recogniser
 from service.fit.fit import fit_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.likeness import likeness
 from service.options import Options
 from service.photo.gate import read_photo
 from service.texture.make import make_texture
@@ -57,8 +59,9 @@ def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage
         timings[name] = time.perf_counter() - begin
 
     # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(3) as pool:
         finder_job = pool.submit(FaceFinder)
+        recogniser_job = pool.submit(Recogniser)
         head_job = pool.submit(_head_and_chart, options)
         with stage("decode"):
             photo = read_photo(data)
@@ -71,7 +74,7 @@ def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage
     with stage("texture"):
         texture = make_texture(photo, head, fit, chart)
     with stage("compare"):
-        similarity = likeness(photo, face, head, fit, texture.texture)
+        similarity = likeness(photo, face, head, fit, texture.texture, recogniser_job.result())
     return Avatar(
         photo=photo,
         face=face,

@@ -12,6 +12,13 @@ from service.head.model import HeadModel
 Array = npt.NDArray[np.float64]
 
 
+def surface_points(
+    values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer], weights: npt.NDArray[np.floating]
+) -> Array:
+    """(..., V, C) per-vertex values -> (..., L, C) at barycentric points: corners (L, 3) vertices, weights (L, 3)."""
+    return np.asarray((values[..., corners, :].astype(np.float64) * weights.astype(np.float64)[..., None]).sum(-2))
+
+
 @dataclass(frozen=True)
 class LandmarkBasis:
     """Landmark positions as a linear function of the coefficients.
@@ -54,18 +61,13 @@ class LandmarkModel:
 
     def _gather(self, head: HeadModel, corners: npt.NDArray[np.int32], weights: npt.NDArray[np.float32]) -> list[Array]:
         """[mean (L, 3), modes (K + E, L, 3), normals (L, 3)] at barycentric points of the mesh."""
-        used, local = np.unique(corners, return_inverse=True)
-        local = local.reshape(corners.shape)
-        w = weights.astype(np.float64)[..., None]
-
-        def at(values: npt.NDArray[np.float32]) -> Array:
-            return np.asarray((values[..., used, :][..., local, :].astype(np.float64) * w).sum(-2))
-
-        modes = np.concatenate([at(head.identity[: self.identity_count]), at(head.expression)])
+        parts = (head.identity[: self.identity_count], head.expression)
+        modes = np.concatenate([surface_points(part, corners, weights) for part in parts])
         p = head.mean[corners].astype(np.float64)
         normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return [at(head.mean), modes, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)]
+        mean = surface_points(head.mean, corners, weights)
+        return [mean, modes, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)]
 
     def at_yaw(self, yaw_deg: float) -> LandmarkBasis:
         """The basis for a head turned by ``yaw_deg``; contour landmarks are interpolated between the calibrated yaws."""

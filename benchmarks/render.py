@@ -1,0 +1,178 @@
+"""Photos with known truth, by Mitsuba 3.
+
+A photo is written with a ``.npz`` beside it: ``position`` (H, W, 3) and ``normal`` in the head's frame, metres; ``mask``;
+``eyes`` (2, 2) pixels of the pupils, image-left first; ``fov``, ``yaw`` degrees; ``centre`` and ``distance`` of the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.heads import TexturedHead
+from service.colour import linear_to_srgb
+from service.geometry.normals import vertex_normals
+
+Float = npt.NDArray[np.float64]
+
+LIGHTS = ("soft", "harsh")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One photo to take.
+
+    Attributes:
+        yaw: degrees by which the camera goes round the head, positive towards the subject's left.
+        light: "soft" (a bright sky and a dim floor) or "harsh" (a key from one side, little else).
+        distance: metres to the middle of the face.
+        fov: degrees, of the whole width.
+        size: pixels of the square photo.
+        seed: turns the light.
+    """
+
+    yaw: float
+    light: str
+    distance: float
+    fov: float
+    size: int = 512
+    seed: int = 0
+
+    @property
+    def origin(self) -> Float:
+        """Camera position, metres."""
+        y = np.radians(self.yaw)
+        return self.target + self.distance * np.array([np.sin(y), 0.05, np.cos(y)])
+
+    @property
+    def target(self) -> Float:
+        """What the camera looks at: the middle of the face."""
+        return np.array([0.0, -0.02, 0.03])
+
+    def pixels_of(self, points: Float) -> Float:
+        """(N, 2) pixels of (N, 3) points."""
+        forward = self.target - self.origin
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        d = points - self.origin
+        focal = self.size / 2 / np.tan(np.radians(self.fov / 2))
+        z = d @ forward
+        return np.stack([self.size / 2 + focal * (d @ right) / z, self.size / 2 - focal * (d @ up) / z], 1)
+
+
+def write_ply(path: Path, vertices: Float, triangles: npt.NDArray[np.int64], colours: Float) -> None:
+    """Binary PLY with normals and a linear colour per vertex, in the layout that Mitsuba reads as ``vertex_color``."""
+    names = ("x", "y", "z", "nx", "ny", "nz", "r", "g", "b")
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property float {n}" for n in names]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header", ""]
+    table = np.concatenate([vertices, vertex_normals(vertices, triangles), colours], 1).astype("<f4")
+    faces = np.zeros(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])
+    faces["n"], faces["v"] = 3, triangles
+    path.write_bytes("\n".join(header).encode() + table.tobytes() + faces.tobytes())
+
+
+def eyeball(centre: Float, radius: float, iris: Float) -> tuple[Float, npt.NDArray[np.int64], Float]:
+    """Vertices, triangles and colours of an eye that looks along +Z."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    angle = np.degrees(np.arccos(np.clip(ball.vertices[:, 2], -1, 1)))
+    white, black = np.array([0.62, 0.58, 0.55]), np.array([0.01, 0.01, 0.01])
+    ring = np.clip((angle - 27.0) / 3.0, 0, 1)[:, None]
+    pupil = np.clip((angle - 9.0) / 1.5, 0, 1)[:, None]
+    colours = pupil * (ring * white + (1 - ring) * iris) + (1 - pupil) * black
+    return np.asarray(ball.vertices) * radius + centre, np.asarray(ball.faces), colours
+
+
+def environment(light: str, seed: int) -> npt.NDArray[np.float32]:
+    """(32, 64, 3) radiance of the surroundings."""
+    rng = np.random.default_rng(seed)
+    up = np.cos(np.linspace(0, np.pi, 32))[:, None, None]
+    around = np.linspace(0, 2 * np.pi, 64, endpoint=False)[None, :, None]
+    tint = 1 + 0.1 * rng.normal(size=3)
+    sky = (0.35 + 0.45 * np.clip(up + 0.3, 0, 1)) * np.ones((32, 64, 3)) * tint
+    sky = sky * (1 + 0.35 * np.cos(around - rng.uniform(0, 2 * np.pi)))
+    return np.asarray(sky if light == "soft" else 0.12 * sky, np.float32)
+
+
+def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
+    """Render ``out.png`` and ``out.npz`` (written last, so that its presence means done)."""
+    import cv2
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb" if _llvm(mi) else "scalar_rgb")
+    scene = _scene(mi, head, shot, out)
+    integrator = mi.load_dict({"type": "path", "max_depth": 4})
+    image = np.array(mi.render(scene, integrator=integrator, spp=samples))[..., :3]
+    coded = (linear_to_srgb(np.clip(image, 0, 1).astype(np.float32)) * 255).astype(np.uint8)
+    coded = cv2.fastNlMeansDenoisingColored(coded, None, 2, 2, 5, 15)
+    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"}), spp=1))
+    normal, position = truth[..., -6:-3], truth[..., -3:]
+    pupils = head.eyes + np.array([0.0, 0.0, head.eye_radius])
+    eyes = shot.pixels_of(pupils)[np.argsort(shot.pixels_of(pupils)[:, 0])]
+    cv2.imwrite(f"{out}.png", coded[..., ::-1])
+    np.savez_compressed(
+        f"{out}.npz",
+        normal=normal.astype(np.float16),
+        position=position.astype(np.float32),
+        mask=np.linalg.norm(normal, axis=-1) > 0.9,
+        eyes=np.clip(np.rint(eyes), 0, shot.size - 1).astype(int),
+        fov=shot.fov,
+        yaw=shot.yaw,
+        distance=shot.distance,
+    )
+
+
+def _llvm(mi: Any) -> bool:
+    """True where the vectorised variant finds its LLVM library."""
+    try:
+        mi.set_variant("llvm_ad_rgb")
+        import drjit
+
+        return bool(drjit.any(mi.Float(1) + 1 == 2))
+    except Exception:  # drjit raises various errors without the library
+        return False
+
+
+def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
+    colour = {"type": "mesh_attribute", "name": "vertex_color"}
+    skin = {"type": "twosided", "b": {"type": "principled", "roughness": 0.42, "specular": 0.35, "base_color": colour}}
+    wet = {"type": "principled", "roughness": 0.1, "specular": 0.5, "base_color": colour}
+    meshes = {"head": (head.vertices, head.triangles, head.colours, skin)}
+    iris = np.random.default_rng(shot.seed).uniform([0.02, 0.02, 0.01], [0.12, 0.10, 0.12])
+    for i, centre in enumerate(head.eyes):
+        meshes[f"eye{i}"] = (*eyeball(centre, head.eye_radius, iris), wet)
+    camera = mi.ScalarTransform4f().look_at(origin=shot.origin.tolist(), target=shot.target.tolist(), up=[0, 1, 0])
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "fov": shot.fov,
+            "to_world": camera,
+            "film": {"type": "hdrfilm", "width": shot.size, "height": shot.size, "rfilter": {"type": "box"}},
+        },
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(environment(shot.light, shot.seed))},
+    }
+    for name, (vertices, triangles, colours, bsdf) in meshes.items():
+        path = out.with_name(f"{out.name}.{name}.ply")
+        write_ply(path, vertices, triangles, colours)
+        scene[name] = {"type": "ply", "filename": str(path), "bsdf": bsdf}
+    side = 1 if shot.seed % 2 else -1
+    if shot.light == "harsh":
+        scene["key"] = {"type": "sphere", "center": [side * 1.2, 0.7, 1.2], "radius": 0.12, "emitter": _lamp(45.0)}
+        scene["fill"] = {"type": "sphere", "center": [-side * 1.3, 0.1, 1.4], "radius": 0.3, "emitter": _lamp(1.0)}
+    loaded = mi.load_dict(scene)
+    for name in meshes:
+        out.with_name(f"{out.name}.{name}.ply").unlink()
+    return loaded
+
+
+def _lamp(radiance: float) -> dict[str, Any]:
+    return {"type": "area", "radiance": {"type": "rgb", "value": [radiance, radiance * 0.95, radiance * 0.88]}}
