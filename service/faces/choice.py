@@ -13,8 +13,8 @@ SMALLEST_FACE = 40.0
 """Face box in pixels below which no fit is attempted.
 
 Landmarks of real photos that were shrunk differ from those of the full photo, in root mean square over the
-inter-ocular distance, by 1.8 % for faces of 40 pixels, 2.5 % for 30, 3.4 % for 24 (median of 17 photos, largest 3.2,
-5.4 and 7.0 %): below 40 the landmarks' own noise takes all of what a good fit may be off.
+inter-ocular distance, by 0.7 % for faces of 80 pixels, 2.0 % for 40, 2.7 % for 30, 3.3 % for 24 (median of 17 photos;
+largest 1.2, 3.4, 5.0 and 5.5 %): below 40 the landmarks' own noise takes more than a good fit may be off.
 """
 GOOD_FACE = 80.0
 """Face box in pixels that the messages recommend."""

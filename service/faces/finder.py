@@ -19,7 +19,7 @@ from service.faces.choice import RIVAL_AREA, choose_face
 from service.faces.detector import INPUT_SIZE as DETECTOR_SIZE
 from service.faces.detector import Detection, Detector, merge, overlap
 from service.faces.face import Face
-from service.faces.mesh import REGION_SCALE, Mesh, MeshNetwork, locate
+from service.faces.mesh import REGION_SCALE, STRONG, Mesh, MeshNetwork, locate
 from service.faces.region import Region
 
 __all__ = ["FaceFinder", "choose_face"]
@@ -37,11 +37,9 @@ MOST_CANDIDATES = 12
 HINT, CERTAIN = 0.4, 0.5
 """Detector scores that make a candidate, and that its second look needs."""
 UNCERTAIN = 10.0
-"""Presence logit below which the mesh carries the warning ``landmarks-uncertain``; full profiles lie here."""
-ABSENT = -2.0
-"""Presence logit below which there is no face."""
-STRONG = 0.85
-"""Detector score that an uncertain mesh needs to count as a face at all."""
+"""Presence logit below which the mesh carries the warning ``landmarks-uncertain``; yaw of 75 degrees and more."""
+ABSENT = 1.0
+"""Presence logit below which there is no face; a full profile, whose landmarks would be guesses, counts as none."""
 CONSISTENT = 0.12
 """Largest mean distance between mesh and detector keypoints, over the box size, that counts as agreement.
 
@@ -64,7 +62,7 @@ class FaceFinder:
 
         Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
         Warnings a face may carry: ``low-resolution`` (box under 80 pixels), ``landmarks-inconsistent`` (mesh and
-        detector disagree), ``landmarks-uncertain`` (weak evidence, as in a full profile), ``turned-90``, ``turned-180``
+        detector disagree), ``landmarks-uncertain`` (weak evidence, as in a near profile), ``turned-90``, ``turned-180``
         or ``turned-270`` (degrees clockwise by which the face is turned, to the nearest quarter), ``under-exposed``,
         ``eyes-covered``.
 

@@ -34,6 +34,8 @@ CLEAR = 20.0
 """Presence logit from which a region is taken without trying others."""
 HOPELESS = -6.0
 """Presence logit below which no other start is tried: not even a full profile gets this little."""
+STRONG = 0.85
+"""Detector score from which a mesh without evidence is worth other starts; textures stay below."""
 LOGIT_SCALE = 10.0
 """Difference of presence logits that weights the better of two answers e : 1 (from a yaw sweep of a known head)."""
 FADED = 10.0
@@ -117,11 +119,14 @@ def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
     """The most convincing mesh near a detection.
 
     The detector sees faces whichever way they are turned but takes each for upright, so the four quarter turns are
-    tried first, until one is clear; if none is, wider, narrower and shifted regions follow. The best is iterated.
+    tried first, until one is clear; if none is, wider, narrower, turned and shifted regions follow, unless the evidence
+    so far speaks against a face. The best is iterated.
     """
     region = detection.region(REGION_SCALE)
     best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
-    if HOPELESS < best[1].logit < CLEAR:
+    if best[1].logit < (HOPELESS if detection.score >= STRONG else 0.0):
+        return best[1]
+    if best[1].logit < CLEAR:
         best = _first_clear(network, pixels, _around(best[0]), best)
     return _settle(network, pixels, best[1], detection)
 

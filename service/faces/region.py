@@ -50,20 +50,19 @@ class Region:
     def cut(self, pixels: npt.NDArray[np.uint8], size: int) -> npt.NDArray[np.uint8]:
         """(size, size, 3) uint8 crop of an (H, W, 3) photo; black outside. Shrinking averages, it does not alias."""
         height, width = pixels.shape[:2]
-        reach = self.side * 0.7072 + 2
+        shrink = max(1, round(self.side / size))  # whole numbers are what OpenCV averages fast
+        reach = self.side * 0.7072 + 2 * shrink
         x0, x1 = (int(np.clip(self.x + s * reach, 0, width)) for s in (-1, 1))
         y0, y1 = (int(np.clip(self.y + s * reach, 0, height)) for s in (-1, 1))
-        if x1 - x0 < 1 or y1 - y0 < 1:
+        columns, rows = (x1 - x0) // shrink, (y1 - y0) // shrink
+        if columns < 1 or rows < 1:
             return np.zeros((size, size, 3), np.uint8)
-        patch = pixels[y0:y1, x0:x1]
-        shrink = max(1.0, self.side / size)
-        if shrink > 1.5:
-            small = (max(1, round((x1 - x0) / shrink)), max(1, round((y1 - y0) / shrink)))
-            patch = np.asarray(cv2.resize(patch, small, interpolation=cv2.INTER_AREA), np.uint8)
-        scale = np.array([patch.shape[1] / (x1 - x0), patch.shape[0] / (y1 - y0)])
+        patch = pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+        if shrink > 1:
+            patch = np.asarray(cv2.resize(patch, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
         matrix = self.matrix(size)
-        linear = matrix[:, :2] * scale[:, None]
-        shift = (matrix[:, 2] - [x0, y0]) * scale + linear @ [0.5, 0.5] - 0.5  # cv2 puts pixel centres at integers
+        linear = matrix[:, :2] / shrink
+        shift = (matrix[:, 2] - [x0, y0]) / shrink + linear @ [0.5, 0.5] - 0.5  # cv2 puts pixel centres at integers
         warp = np.concatenate([linear, shift[:, None]], 1)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
