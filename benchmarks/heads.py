@@ -1,7 +1,7 @@
 """Heads that our model has never seen, with skins that a face detector takes for people.
 
-ICT-FaceKit gives the shapes (its identity basis comes from real scans); the textured head of FFHQ-UV gives the skin, which
-is carried over by a thin-plate warp between the 468 landmarks of both and a search for the closest point.
+ICT-FaceKit gives the shapes (its identity basis comes from real scans); the textured head of FFHQ-UV gives the skin,
+which is carried over by a thin-plate warp between the 468 landmarks of both and a search for the closest point.
 Both are read from a folder that the caller names; nothing of them is part of this project.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +107,7 @@ class Skin:
         import cv2
         import trimesh
 
-        mesh = trimesh.load(folder / "head.obj", process=False)
+        mesh: Any = trimesh.load(folder / "head.obj", process=False)
         image = cv2.imread(str(folder / "texture.png"))
         if image is None:
             raise FileNotFoundError(folder / "texture.png")

@@ -1,7 +1,8 @@
 """Photos with known truth, by Mitsuba 3.
 
-A photo is written with a ``.npz`` beside it: ``position`` (H, W, 3) and ``normal`` in the head's frame, metres; ``mask``;
-``eyes`` (2, 2) pixels of the pupils, image-left first; ``fov``, ``yaw`` degrees; ``centre`` and ``distance`` of the camera.
+A photo is written with a ``.npz`` beside it: ``position`` (H, W, 3) and ``normal`` in the head's frame, metres;
+``mask``; ``eyes`` (2, 2) pixels of the pupils, image-left first; ``fov``, ``yaw`` degrees; ``centre`` and ``distance``
+of the camera.
 """
 
 from __future__ import annotations
@@ -112,12 +113,13 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
     integrator = mi.load_dict({"type": "path", "max_depth": 4})
     image = np.array(mi.render(scene, integrator=integrator, spp=samples))[..., :3]
     coded = (linear_to_srgb(np.clip(image, 0, 1).astype(np.float32)) * 255).astype(np.uint8)
-    coded = cv2.fastNlMeansDenoisingColored(coded, None, 2, 2, 5, 15)
-    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"}), spp=1))
+    calm = cv2.fastNlMeansDenoisingColored(coded, None, 2, 2, 5, 15)
+    geometry = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
+    truth = np.array(mi.render(scene, integrator=geometry, spp=1))
     normal, position = truth[..., -6:-3], truth[..., -3:]
     pupils = head.eyes + np.array([0.0, 0.0, head.eye_radius])
     eyes = shot.pixels_of(pupils)[np.argsort(shot.pixels_of(pupils)[:, 0])]
-    cv2.imwrite(f"{out}.png", coded[..., ::-1])
+    cv2.imwrite(f"{out}.png", calm[..., ::-1])
     np.savez_compressed(
         f"{out}.npz",
         normal=normal.astype(np.float16),
@@ -145,7 +147,7 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
     colour = {"type": "mesh_attribute", "name": "vertex_color"}
     skin = {"type": "twosided", "b": {"type": "principled", "roughness": 0.42, "specular": 0.35, "base_color": colour}}
     wet = {"type": "principled", "roughness": 0.1, "specular": 0.5, "base_color": colour}
-    meshes = {"head": (head.vertices, head.triangles, head.colours, skin)}
+    meshes: dict[str, tuple[Any, ...]] = {"head": (head.vertices, head.triangles, head.colours, skin)}
     iris = np.random.default_rng(shot.seed).uniform([0.02, 0.02, 0.01], [0.12, 0.10, 0.12])
     for i, centre in enumerate(head.eyes):
         meshes[f"eye{i}"] = (*eyeball(centre, head.eye_radius, iris), wet)

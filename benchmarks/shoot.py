@@ -1,7 +1,7 @@
 """Take the benchmark's photos: ``python -m benchmarks.shoot --data DIR [--out build/bench] [--heads 20]``.
 
-DIR holds ``ict_facekit_head.npz`` and ``ffhq_uv_head/``. Every ICT head is photographed at yaw 0, 25 and 45 under two lights,
-the FFHQ-UV head likewise from near and from far. Photos that exist are kept, so a run can be broken off and resumed.
+DIR holds ``ict_facekit_head.npz`` and ``ffhq_uv_head/``. Every ICT head is photographed at yaw 0, 25 and 45 under
+two lights, the FFHQ-UV head likewise from near and from far. Photos that exist are kept, so a run can be broken off and resumed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def landmarks_on(head: TexturedHead, folder: Path, name: str) -> Float:
     shot = Shot(0, "soft", 1.6, 16.0)
     path = folder / name
     take(head, shot, path)
-    photo = cv2.imread(f"{path}.png")[..., ::-1].copy()
+    photo = np.asarray(cv2.imread(f"{path}.png"), np.uint8)[..., ::-1].copy()
     faces = FaceFinder().find(photo)
     if not faces:
         raise SystemExit(f"no face found in the reference photo {path}.png")
@@ -63,7 +63,7 @@ def ffhq_head(skin: Skin) -> TexturedHead:
 
 
 def ict_colours(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle: Float, folder: Path) -> Float:
-    """Linear colours for the subdivided ICT mesh: its landmarks are found on plain skin first, then on the carried one."""
+    """Linear colours for the subdivided ICT mesh: landmarks are found on plain skin first, then on the carried one."""
     cache = folder / "skin.npy"
     if cache.is_file():
         return np.asarray(np.load(cache))

@@ -1,7 +1,7 @@
 """Does the finished head look like the photo? The last stage compares the two by the identity network.
 
-The head is rendered from the front, whatever the pose in the photo, so that a likeness has to come from shape and texture
-and not from projecting the photo back to where it came from.
+The head is rendered from the front, whatever the pose in the photo, so that a likeness has to come from shape and
+texture and not from projecting the photo back to where it came from.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ def likeness(
     """Distance and centred cosine between the photo and a frontal render of the textured head.
 
     Args:
-        photo, face: what the head was made from.
-        head, fit: the fitted head.
+        photo: what the head was made from.
+        face: its landmarks in that photo.
+        head: the head model.
+        fit: the fitted head.
         texture: (h, w, 3) uint8 sRGB on the chart.
         recogniser: the identity network.
     """

@@ -70,7 +70,7 @@ class LandmarkModel:
         return [mean, modes, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)]
 
     def at_yaw(self, yaw_deg: float) -> LandmarkBasis:
-        """The basis for a head turned by ``yaw_deg``; contour landmarks are interpolated between the calibrated yaws."""
+        """The basis for a head turned by ``yaw_deg``; contour landmarks are interpolated between calibrated yaws."""
         mean, modes, normals = (a.copy() for a in self._fixed)
         count = len(self._contour)
         if count and len(self._yaw):

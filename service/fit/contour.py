@@ -110,7 +110,8 @@ def outline_term(
         middle: (2,) principal point, pixels.
         state: current pose.
         outline: N contour points at that pose.
-        mean, modes: (N, 3), (M, N, 3) metres, the contour points as a linear function of the coefficients.
+        mean: (N, 3) metres, the contour points where all coefficients are zero.
+        modes: (M, N, 3) metres, what each coefficient adds.
         reach_m: how far to look along the normals, metres on the face.
 
     Returns:

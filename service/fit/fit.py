@@ -80,7 +80,8 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else float("inf")
     if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
         raise FitFailed(
-            f"the head does not fit the landmarks: rms {rms:.1f} px at an inter-ocular distance of {inter_ocular:.1f} px"
+            f"the head does not fit the landmarks: rms {rms:.1f} px with eyes {inter_ocular:.1f} px apart; "
+            f"at most {FAIL_RMS * inter_ocular:.1f} px would do"
         )
     warnings = []
     yaw = abs(camera.yaw_pitch_roll_deg()[0])

@@ -127,7 +127,8 @@ def shading_term(
     """Shading term at a state.
 
     Args:
-        head, model: the head and how many of its components are fitted.
+        head: the head model.
+        model: how many of its components are fitted.
         linear: (H, W, 3) float32 linear RGB.
         middle: (2,) principal point in pixels.
         state: current pose and shape.

@@ -75,7 +75,8 @@ def minimise(
     Args:
         state: start, finite, inside the bounds.
         terms: addends of the energy.
-        lower, upper: (n,) bounds of the unknowns, infinite where there are none.
+        lower: (n,) least value of each unknown, minus infinity where there is none.
+        upper: (n,) greatest value, infinity where there is none.
         damping: updated in place.
         steps: how many steps to try at most.
         active: (n,) unknowns that may move.

@@ -1,6 +1,6 @@
 """The terms of the fit's energy, each with its residuals and its share of the normal equations.
 
-A term adds J^T J and J^T r in place and returns half its sum of squares; ``energy`` and ``linearise`` sum over the terms.
+A term returns half its sum of squares and adds J^T J and J^T r in place; ``energy`` and ``linearise`` sum over terms.
 """
 
 from __future__ import annotations
@@ -52,10 +52,12 @@ class PointTerm:
         return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
 
     def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
         r = self._residual(project(state, self._points(state)).uv)
         return 0.5 * float((self.precision[:, None] * r**2).sum())
 
     def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
         projection = project(state, self._points(state))
         jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
         if self.normal is not None:
@@ -90,9 +92,11 @@ class DepthTerm:
         return turned, np.asarray(r - self._share() @ r)
 
     def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
         return 0.5 * float((self.precision * self._residual(state)[1] ** 2).sum())
 
     def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
         turned, r = self._residual(state)
         jacobian = np.zeros((len(r), len(gradient)))
         jacobian[:, 0], jacobian[:, 1] = turned[:, 1], -turned[:, 0]
@@ -127,10 +131,12 @@ class Prior:
         return a, b
 
     def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
         a, b = self._offsets(state)
         return 0.5 * float(a**2 + b**2 + (self.shape_precision * state.coefficients**2).sum())
 
     def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
         a, b = self._offsets(state)
         rows = np.zeros((2, len(gradient)))
         rows[0, 6] = 1 / self.log_distance_sigma

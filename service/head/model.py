@@ -38,7 +38,8 @@ class HeadModel:
         landmark_barycentric: (L, 3) float32.
         landmark_spread: (L,) float32 metres, scatter of the detector around the embedded point, measured by rendering.
         contour_landmarks: (C,) int32 landmarks that slide over the surface with the pose (face outline).
-        contour_yaw_deg: (B,) float32 bin centres; contour_triangle: (B, C) int32; contour_barycentric: (B, C, 3) float32.
+        contour_yaw_deg: (B,) float32 bin centres; contour_triangle: (B, C) int32;
+            contour_barycentric: (B, C, 3) float32.
         region_names: names of soft vertex masks ("face", "lips", "ear_left", "neck", "scalp", ...).
         regions: (R, V) float32 in [0, 1].
     """

@@ -1,4 +1,4 @@
-"""The fit on landmarks made from the head model itself, where the truth is known, and on every way in which they go bad."""
+"""The fit on landmarks made from the head model itself, where the truth is known, and on every way they go bad."""
 
 from dataclasses import replace
 
@@ -55,7 +55,9 @@ def surface_error_mm(head: HeadModel, found: np.ndarray, identity: np.ndarray) -
     return float(np.median(np.linalg.norm(ours - truth, axis=1)) * 1e3)
 
 
-@pytest.mark.parametrize(("yaw", "pitch", "roll"), [(0, 0, 0), (30, 0, 0), (-45, 10, 0), (0, 15, 30), (60, 0, 0), (0, 0, 90)])
+@pytest.mark.parametrize(
+    ("yaw", "pitch", "roll"), [(0, 0, 0), (30, 0, 0), (-45, 10, 0), (0, 15, 30), (60, 0, 0), (0, 0, 90)]
+)
 def test_pose_and_shape_come_back(head: HeadModel, yaw: float, pitch: float, roll: float) -> None:
     face, photo, camera, identity = make(head, yaw, pitch, roll)
     fit = fit_face(face, photo, head)
@@ -68,7 +70,7 @@ def test_pose_and_shape_come_back(head: HeadModel, yaw: float, pitch: float, rol
 
 def test_exif_focal_length_decides_the_distance(head: HeadModel) -> None:
     """Scale is all that landmarks tell well: without the EXIF prior the distance stays near the typical portrait."""
-    face, photo, camera, _ = make(head, distance=0.45)
+    face, photo, _, _ = make(head, distance=0.45)
     film = FOCAL * 43.27 / np.hypot(WIDTH, HEIGHT)
     known = fit_face(face, replace(photo, focal_35mm=film), head)
     assert known.camera.translation[2] == pytest.approx(0.45, rel=0.15)
@@ -77,7 +79,7 @@ def test_exif_focal_length_decides_the_distance(head: HeadModel) -> None:
 
 def test_a_quarter_of_wild_landmarks_is_outvoted(head: HeadModel) -> None:
     """Without robust weights hair or a hand over a cheek drags the whole pose along."""
-    face, photo, camera, identity = make(head, noise=0.5)
+    face, photo, _, identity = make(head, noise=0.5)
     bad = face.landmarks.copy()
     wild = np.random.default_rng(0).choice(468, 117, replace=False)
     bad[wild, :2] += np.random.default_rng(1).uniform(20, 60, (117, 2))

@@ -10,7 +10,7 @@ RNG = np.random.default_rng(5)
 
 def sphere(n: int) -> np.ndarray:
     v = RNG.normal(size=(n, 3))
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
 def test_irradiance_of_a_smooth_sky_agrees_with_monte_carlo() -> None:

@@ -41,7 +41,7 @@ def test_gradient_agrees_with_finite_differences(name: str, state: State) -> Non
 def test_without_belief_only_the_prior_is_left(state: State) -> None:
     """All landmarks disbelieved: without guards the weighted mean depth would divide zero by zero."""
     none = np.zeros(COUNT)
-    terms = [PointTerm(MEAN, MODES, TARGET, none), DepthTerm(MEAN, MODES, none, none), TERMS["prior"]]
+    terms: list[Term] = [PointTerm(MEAN, MODES, TARGET, none), DepthTerm(MEAN, MODES, none, none), TERMS["prior"]]
     hessian, gradient = linearise(terms, state)
     assert np.isfinite(hessian).all() and np.isfinite(gradient).all()
     assert np.allclose(gradient[:5], 0) and (np.diag(hessian)[POSE:] > 0).all()
