@@ -1,7 +1,8 @@
 """Take the benchmark's photos: ``python -m benchmarks.shoot --data DIR [--out build/bench] [--heads 20]``.
 
 DIR holds ``ict_facekit_head.npz`` and ``ffhq_uv_head/``. Every ICT head is photographed at yaw 0, 25 and 45 under
-two lights, the FFHQ-UV head likewise from near and from far. Photos that exist are kept, so a run can be broken off and resumed.
+two lights, the FFHQ-UV head likewise from near and from far. Photos that exist are kept, so a run can be broken off
+and resumed.
 """
 
 from __future__ import annotations
