@@ -225,3 +225,29 @@ def test_control_c_ends_with_130_and_no_archive(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 130
     assert not (tmp_path / "slow.zip").exists()
+
+
+AT_NUMPY = """
+import os, sys
+
+class Stop:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            sys.exit("threads=" + os.environ.get("OPENBLAS_NUM_THREADS", "unset"))
+
+sys.meta_path.insert(0, Stop())
+sys.argv = ["avatarme", "make", sys.argv[1], "-o", sys.argv[2]]
+from service.cli.app import main
+main()
+"""
+
+
+@pytest.mark.parametrize(("given", "seen"), [(None, "1"), ("2", "2")])
+def test_openblas_has_one_thread_before_numpy_loads(tmp_path: Path, given: str | None, seen: str) -> None:
+    """Set any later it does nothing, and a fit beside a busy process takes many times as long. The caller decides."""
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    if given is not None:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    program = [sys.executable, "-c", AT_NUMPY, str(diagnosis.SAMPLE), str(tmp_path / "out.zip")]
+    stopped = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, env=environment)
+    assert stopped.stderr.strip().endswith(f"threads={seen}"), stopped.stderr
