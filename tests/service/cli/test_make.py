@@ -1,15 +1,13 @@
-"""The command itself, with a pipeline that answers at once where only the plumbing matters, and with the real one."""
+"""The command line's plumbing, with a pipeline that answers at once; ``tests/end_to_end`` has the real one."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -38,10 +36,6 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
         return int(leaving.value.code or 0), out, err
 
     return call
-
-
-def child(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([sys.executable, "-m", "service", *arguments], cwd=ROOT, capture_output=True, **kwargs)
 
 
 @pytest.fixture
@@ -195,27 +189,6 @@ def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     drawn = terminal(monkeypatch, capsys)
     assert "texture" in drawn
     assert "\x1b[3" not in drawn
-
-
-def test_the_sample_becomes_an_archive_twice_the_same(tmp_path: Path) -> None:
-    """The whole program as a user starts it; the pipe must give the bytes that the file has."""
-    target = tmp_path / "out.zip"
-    made = child("make", str(diagnosis.SAMPLE), "-o", str(target))
-    assert (made.returncode, made.stdout.decode()) == (0, f"{target}\n"), made.stderr.decode()
-    piped = child("make", "-", input=diagnosis.SAMPLE.read_bytes())
-    assert piped.returncode == 0, piped.stderr.decode()
-    assert hashlib.sha256(piped.stdout).digest() == hashlib.sha256(target.read_bytes()).digest()
-    with zipfile.ZipFile(target) as archive:
-        assert archive.testzip() is None
-        assert {"manifest.json", "mesh/head.obj", "mesh/head.glb", "maps/texture.png"} <= set(archive.namelist())
-    assert [path.name for path in tmp_path.iterdir()] == ["out.zip"], "temporary files were left behind"
-
-
-def test_bytes_that_are_no_photo_end_with_four(tmp_path: Path) -> None:
-    (tmp_path / "text.jpg").write_text("hello")
-    refused = child("make", str(tmp_path / "text.jpg"), "--json")
-    assert refused.returncode == 4, refused.stderr.decode()
-    assert json.loads(refused.stdout)["error"]["code"] == "unsupported-format"
 
 
 def test_control_c_ends_with_130_and_no_archive(tmp_path: Path) -> None:

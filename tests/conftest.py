@@ -1,0 +1,22 @@
+"""What holds for every test."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+# As the command line does, and before any test loads numpy: OpenBLAS spins where another process has the core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+@pytest.fixture(autouse=True)
+def _environment_as_it_was() -> Iterator[None]:
+    """A variable that a test or the tested code leaves behind would reach every test after it."""
+    before = dict(os.environ)
+    yield
+    kept = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    if kept != {name: value for name, value in before.items() if name != "PYTEST_CURRENT_TEST"}:
+        os.environ.clear()
+        os.environ.update(before)

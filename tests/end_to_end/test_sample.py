@@ -1,0 +1,121 @@
+"""The sample photo through the whole program, judged from outside: by the files that a user gets."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from PIL import Image
+
+from service import diagnosis
+from service.archive.avatar import Avatar
+from service.fit.basis import surface_points
+from tests.end_to_end.command import ROOT, avatarme
+from tests.end_to_end.conftest import Pixels, Sample, png
+from tests.service.archive.test_meshes import validator_report
+
+EXPECTED = [
+    "manifest.json",
+    "LICENSES.md",
+    "maps/texture.png",
+    "maps/confidence.png",
+    "maps/shape_normal.png",
+    "mesh/head.obj",
+    "mesh/head.mtl",
+    "mesh/head.glb",
+    "mesh/head.usda",
+    "preview/overlay.jpg",
+    "preview/sheet.jpg",
+]
+
+
+def test_the_archive_is_complete(sample: Sample) -> None:
+    assert list(sample.members) == EXPECTED
+    with zipfile.ZipFile(sample.path) as archive:
+        for entry in archive.infolist():
+            assert entry.compress_type == zipfile.ZIP_STORED
+            assert entry.date_time == (1980, 1, 1, 0, 0, 0)
+
+
+def test_a_second_process_pipes_the_same_bytes(sample: Sample) -> None:
+    """Also through ``-``: anything that depends on the clock, on hashing order, on threads or on memory shows."""
+    piped = avatarme("make", "-", stdin=diagnosis.SAMPLE.read_bytes())
+    assert (piped.status, piped.stderr) == (0, "")
+    assert hashlib.sha256(piped.stdout).digest() == hashlib.sha256(sample.path.read_bytes()).digest()
+    assert [path.name for path in sample.path.parent.iterdir()] == ["sample.zip"], "temporary files were left behind"
+
+
+def test_the_manifest_obeys_its_schema_and_describes_the_files(sample: Sample) -> None:
+    jsonschema.validate(sample.manifest, json.loads((ROOT / "docs" / "manifest.schema.json").read_text("utf-8")))
+    listed = {entry["path"]: (entry["size"], entry["sha256"]) for entry in sample.manifest["files"]}
+    found = {name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in sample.members.items()}
+    assert listed == {name: facts for name, facts in found.items() if name != "manifest.json"}
+    for entry in sample.manifest["maps"]:
+        with Image.open(io.BytesIO(sample.members[entry["path"]])) as image:
+            assert image.size == (entry["width"], entry["height"]) == (576, 384)
+
+
+def test_the_models_of_the_manifest_are_the_shipped_files(sample: Sample) -> None:
+    shipped = {file.sha256 for file in diagnosis.shipped_files()}
+    used = {model["sha256"] for model in sample.manifest["models"]}
+    assert len(used) >= 4 and used <= shipped
+
+
+def test_the_khronos_validator_accepts_the_head(sample: Sample, tmp_path: Path) -> None:
+    report = validator_report(sample.members["mesh/head.glb"], tmp_path)
+    issues = report["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    names = json.loads(sample.members["mesh/head.glb"][20:].split(b"BIN\0")[0][:-4].rstrip())["meshes"][0]["extras"]
+    assert len(names["targetNames"]) == 52
+
+
+def test_the_camera_puts_the_head_where_the_face_is(sample: Sample, plain: Avatar) -> None:
+    """The manifest's formula on the vertices of the OBJ file meets the detector's landmarks.
+
+    A transposed rotation, a flipped axis, a principal point half a pixel off its convention by the size of the image,
+    or an OBJ in another unit puts the head somewhere else.
+    """
+    lines = sample.members["mesh/head.obj"].decode().splitlines()
+    vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], float)
+    head, camera = plain.head, sample.manifest["camera"]
+    assert vertices.shape == head.mean.shape
+    points = surface_points(vertices, head.triangles[head.landmark_triangle], head.landmark_barycentric)
+    x, y, z = np.array(camera["rotation"]) @ points.T + np.array(camera["translation"])[:, None]
+    assert (z > 0.2).all() and camera["rotation"][2][2] < 0, "the face looks at the camera, in front of it"
+    pixels = camera["focal_px"] * np.stack([x, y], 1) / z[:, None] + camera["principal_point"]
+    gap = np.linalg.norm(pixels - plain.face.landmarks[:, :2], axis=1)
+    steady = ~np.isin(np.arange(len(gap)), head.contour_landmarks)
+    eyes = np.linalg.norm(np.subtract(*plain.face.landmarks[[[33, 133], [362, 263]], :2].mean(1)))
+    assert np.sqrt(np.mean(gap[steady] ** 2)) < 0.04 * eyes
+
+
+def test_the_summary_is_that_of_the_manifest(sample: Sample) -> None:
+    facts = sample.run.json
+    assert facts["bytes"] == sample.path.stat().st_size
+    assert facts["options"] == sample.manifest["options"]
+    assert facts["fit"]["focal_px"] == pytest.approx(sample.manifest["camera"]["focal_px"])
+    assert facts["warnings"] == sample.manifest["fit"]["warnings"] == []
+
+
+def test_what_it_costs(sample: Sample) -> None:
+    """One gigabyte, and three seconds on two cores: six of processor time, which other programs hardly change."""
+    assert sample.run.rss_mb < 1000, str(sample.run)
+    assert sample.run.cpu_s < 6, str(sample.run)
+
+
+def test_a_turn_in_the_exif_data_changes_nothing(sample: Sample, portrait: Pixels, tmp_path: Path) -> None:
+    """The photo on its side with the tag that says so is the same photo: the same mesh, to the byte."""
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90 degrees clockwise to see it upright
+    (tmp_path / "side.png").write_bytes(png(np.ascontiguousarray(np.rot90(portrait)), exif=exif))
+    run = avatarme("make", tmp_path / "side.png", "-o", "-")
+    assert run.status == 0, run.stderr
+    with zipfile.ZipFile(io.BytesIO(run.stdout)) as archive:
+        for name in ("mesh/head.obj", "mesh/head.glb", "maps/texture.png", "maps/confidence.png"):
+            assert archive.read(name) == sample.members[name], name
