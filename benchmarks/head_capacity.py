@@ -1,9 +1,10 @@
 """How near our head model can come to heads that it has never seen: ``python -m benchmarks.head_capacity FILE``.
 
-Draws heads from another linear model (the layout of ``models.head.import_ict``), brings them to an inter-ocular distance of
-63 mm and fits ours to them in three dimensions: similarity and identity, point to plane, every coefficient held within a number
-of standard deviations. Prints the distance from the other head's face to our fitted surface. This is a bound on what any fit
-to a photo can reach; nothing of our model is built or tuned with these heads.
+Draws heads from another linear model (the layout of ``models.head.import_ict``), brings them to an inter-ocular
+distance of 63 mm and fits ours to them in three dimensions: similarity and identity, point to plane, every
+coefficient held within a number of standard deviations. Prints the distance from the other head's face to our fitted
+surface. This is a bound on what any fit to a photo can reach; nothing of our model is built or tuned with these
+heads.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from models.head.register import Cloud, Fitter
+from models.head.register import Cloud, Fitter, hidden_behind
 from models.head.shoot import vertex_normals
 from service.head.files import load_head
 
@@ -42,21 +43,9 @@ def unseen_heads(path: Path, count: int, seed: int) -> list[Cloud]:
         middle = np.array([0.0, -0.55 * IOD_M, vertices[landmarks[27:31], 2].mean() - 0.3 * IOD_M])
         keep = np.isin(np.arange(len(vertices)), triangles) & (normals[:, 2] > 0.25)
         keep &= np.linalg.norm(vertices - middle, axis=1) < 1.45 * IOD_M
-        keep &= ~_inside(vertices, keep)
+        keep &= ~hidden_behind(vertices, keep)
         out.append(Cloud(vertices[keep], normals[keep]))
     return out
-
-
-def _inside(vertices: Float, candidates: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Vertices more than 6 mm behind the foremost surface within 2 mm sideways (mouth lining, nostrils)."""
-    cell = np.round(vertices[:, :2] / 0.002).astype(int)
-    key = cell[:, 0] * 100003 + cell[:, 1]
-    order = np.unique(key[candidates], return_inverse=True)
-    front = np.full(len(order[0]), -np.inf)
-    np.maximum.at(front, order[1], vertices[candidates, 2])
-    behind = np.zeros(len(vertices), bool)
-    behind[candidates] = vertices[candidates, 2] < front[order[1]] - 0.006
-    return behind
 
 
 def main() -> None:
@@ -83,7 +72,10 @@ def main() -> None:
             results = [fitter.fit(cloud, min(count, len(model.identity)), bound) for cloud in clouds]
             d = [r.distance * 1e3 for r in results]
             median, mean = np.mean([np.median(x) for x in d]), np.mean([x.mean() for x in d])
-            p95, size = np.mean([np.percentile(x, 95) for x in d]), np.sqrt(np.mean([(r.identity**2).mean() for r in results]))
+            p95, size = (
+                np.mean([np.percentile(x, 95) for x in d]),
+                np.sqrt(np.mean([(r.identity**2).mean() for r in results])),
+            )
             write(f"{count:10d} {bound:6.1f} {median:8.3f} {mean:6.3f} {p95:6.3f} {size:10.2f}\n")
             sys.stdout.flush()
 

@@ -1,7 +1,7 @@
 """Build the head model in the box from the MakeHuman data: ``python -m models.head.build``.
 
-Deterministic: the same data and seed give the same bytes on the same machine. The landmark embedding is taken over from the
-existing file's calibration where there is one (``calibrate.py`` makes it); see ``docs/head-model.md``.
+Deterministic: the same data and seed give the same bytes on the same machine. The landmark embedding is taken over
+from the existing file's calibration where there is one (``calibrate.py`` makes it); see ``docs/head-model.md``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import json
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,9 @@ COMPONENTS = 100
 REST_WEIGHT = 0.08
 """Weight of a vertex's variance outside the face, relative to the face."""
 
+BASE_NAME = "avatarme-cc0-head-1"
+LICENCE = "CC0-1.0"
+
 log = logging.getLogger(__name__)
 
 
@@ -48,12 +52,27 @@ def eye_centres(crop: Crop, vertices: Float) -> Float:
     return np.array(out)
 
 
-def sample_heads(population: Population, weight: Float, count: int, random: np.random.Generator) -> Float:
+def sample_heads(
+    population: Population, weight: Float, count: int, random: np.random.Generator
+) -> npt.NDArray[np.float32]:
     """(count, V, 3) float32 heads, turned and moved onto the template over the weighted face."""
     heads = population.draw(count, random)
     for k in range(count):
         heads[k] = align(heads[k].astype(float), population.template, weight)
     return heads
+
+
+def _weights(area: Float, skin: npt.NDArray[np.bool_], inner: npt.NDArray[Any], face: npt.NDArray[Any]) -> Float:
+    return area * np.where(skin & (inner < 0.5), np.maximum(face, REST_WEIGHT), 0.2 * REST_WEIGHT)
+
+
+def variance_weights(head: HeadModel) -> Float:
+    """(V,) weights under which the identity components are orthogonal: areas on the mean head, times importance."""
+    skin = np.zeros(len(head.mean), bool)
+    skin[head.triangles[head.triangle_part == 0]] = True
+    area = vertex_areas(head.mean.astype(float), head.triangles.astype(np.int64))
+    inner = head.region("mouth_inner") + head.region("eye_socket")
+    return _weights(area, skin, inner, head.region("face"))
 
 
 def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed: int = SEED) -> HeadModel:
@@ -67,10 +86,11 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     random = np.random.default_rng(seed)
     population = Population(data, crop.operator, template, crop.mirror, rigid_groups(crop), random)
     area = vertex_areas(template, triangles)
-    seen = (crop.body_index >= 0) & (regions["mouth_inner"] + regions["eye_socket"] < 0.5)
-    weight = area * np.where(seen, np.maximum(regions["face"], REST_WEIGHT), 0.2 * REST_WEIGHT)
+    inner = regions["mouth_inner"] + regions["eye_socket"]
     log.info("drawing %d heads", samples)
     heads = sample_heads(population, area * regions["face"], samples, random)
+    middle = heads.mean(0, dtype=np.float64)
+    weight = _weights(vertex_areas(middle, triangles), crop.body_index >= 0, inner, regions["face"])
     identity = identity_basis(heads, crop.mirror, weight, COMPONENTS)
     eyes = eye_centres(crop, identity.mean)
     mean = identity.mean - eyes.mean(0)
@@ -84,8 +104,8 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     polygon_uv = chart.polygon_uv.astype(np.int32)
     embedding = embedding or Embedding.empty()
     return HeadModel(
-        name="avatarme-cc0-head-1",
-        licence="CC0-1.0",
+        name=BASE_NAME,
+        licence=LICENCE,
         mean=mean.astype(np.float32),
         identity=identity.components.astype(np.float16).astype(np.float32),
         expression=units.astype(np.float16).astype(np.float32),
@@ -122,7 +142,7 @@ def main() -> None:
 def write_digest(path: Path) -> None:
     """Write ``head.json`` beside the file: its name, licence and sha256."""
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    facts = {"file": path.name, "licence": "CC0-1.0", "name": "avatarme-cc0-head-1", "sha256": digest}
+    facts = {"file": path.name, "licence": LICENCE, "name": BASE_NAME, "sha256": digest}
     path.with_suffix(".json").write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
 

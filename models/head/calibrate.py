@@ -1,9 +1,10 @@
 """Where on our head does the landmark network put its 468 points: ``python -m models.head.calibrate``.
 
-Renders random painted heads in random poses, lights and mild expressions, runs the very face finder of the service on them and
-carries every landmark back to the surface. Expressed on the mean head, the robust centre of the hits of a landmark is its
-embedding and their scatter its spread. The network's habits (where it thinks a nose tip is) are so part of the embedding
-and cancel when a photo is fitted. Points of the face outline slide with the pose; they get one place per 15 degrees of yaw.
+Renders random painted heads in random poses, lights and mild expressions, runs the very face finder of the service on
+them and carries every landmark back to the surface. Expressed on the mean head, the robust centre of the hits of a
+landmark is its embedding and their scatter its spread. The network's habits (where it thinks a nose tip is) are so
+part of the embedding and cancel when a photo is fitted. Points of the face outline slide with the pose; they get one
+place per 15 degrees of yaw.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from models.head.build import write_digest
 from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
+from models.head.nearest import nearest_on_triangles
 from models.head.paint import Canvas, paint
 from models.head.shoot import Shot, look_at, shoot, vertex_normals
 from service.faces.face import LANDMARK_COUNT
@@ -28,9 +30,10 @@ Float = npt.NDArray[np.float64]
 
 YAW_BINS = np.arange(-60.0, 61.0, 15.0)
 IMAGE = 512
-CANVAS = (1536, 1024)
+CANVAS = (1056, 704)
 MILD = (
-    "mouthSmileLeft", "mouthSmileRight", "browInnerUp", "browDownLeft", "browDownRight", "eyeSquintLeft", "eyeSquintRight",
+    "mouthSmileLeft", "mouthSmileRight", "browInnerUp", "browDownLeft", "browDownRight", "eyeSquintLeft",
+    "eyeSquintRight",
     "jawOpen", "mouthPucker", "mouthFrownLeft", "mouthFrownRight", "eyeBlinkLeft", "eyeBlinkRight",
 )  # fmt: skip
 GROUPS = {
@@ -77,7 +80,9 @@ def back_project(head: HeadModel, shot: Shot, landmarks: Float, allowance_px: fl
 
 
 def collect(head: HeadModel, count: int, seed: int) -> Hits:
-    """Render, detect and back-project ``count`` random subjects, each as rendered and (by symmetry) as its mirror image."""
+    """Render, detect and back-project ``count`` random subjects, each as rendered and (by symmetry) as its mirror
+    image.
+    """
     from service.faces.finder import FaceFinder
 
     finder = FaceFinder()
@@ -93,12 +98,18 @@ def collect(head: HeadModel, count: int, seed: int) -> Hits:
         vertices = head.shape(identity, expression).astype(float)
         yaw = random.uniform(-30, 30) if k % 5 < 3 else random.uniform(-66, 66)
         distance = random.uniform(0.6, 2.0)
-        focal = IMAGE * random.uniform(1.9, 2.6) * distance
+        focal = IMAGE * random.uniform(2.6, 3.4) * distance
         camera = look_at(yaw, random.normal(0, 8), random.normal(0, 5), distance, IMAGE, focal)
         light = np.array([random.uniform(-0.7, 0.7), random.uniform(-0.1, 0.8), 1.0])
         background = np.full((IMAGE, IMAGE, 3), 0.0, np.float32) + random.uniform(0.05, 0.8, 3).astype(np.float32)
         shot = shoot(
-            head, vertices, paint(head, canvas, random), camera, light / np.linalg.norm(light), random.uniform(0.25, 0.6), background
+            head,
+            vertices,
+            paint(head, canvas, random),
+            camera,
+            light / np.linalg.norm(light),
+            random.uniform(0.25, 0.6),
+            background,
         )
         slot = int(np.argmin(np.abs(YAW_BINS - yaw)))
         hits.tried[slot] += 1
@@ -148,14 +159,11 @@ class Surface:
 
     def project(self, point: Float) -> tuple[int, Float]:
         """Triangle and barycentric coordinates of the surface point nearest to (3,) a point."""
-        from trimesh.triangles import closest_point, points_to_barycentric
-
         near = self.tree.query(point, k=24)[1]
-        foot = closest_point(self.corner[near], np.repeat(point[None], len(near), axis=0))
+        weights = nearest_on_triangles(self.corner[near], np.repeat(point[None], len(near), axis=0))
+        foot = np.einsum("nk,nkc->nc", weights, self.corner[near])
         best = int(np.argmin(np.linalg.norm(foot - point, axis=1)))
-        weight = points_to_barycentric(self.corner[near[best]][None], foot[best][None], method="cross")[0]
-        weight = np.clip(weight, 0, 1)
-        return int(self.index[near[best]]), weight / weight.sum()
+        return int(self.index[near[best]]), weights[best]
 
 
 def mirror_pairs(centres: Float) -> npt.NDArray[np.int64]:
@@ -228,7 +236,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--head", type=Path, default=DEFAULT_HEAD)
-    parser.add_argument("--count", type=int, default=240)
+    parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--out", type=Path, default=EMBEDDING_FILE, help="embedding file that the builder takes over")
     arguments = parser.parse_args()

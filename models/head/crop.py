@@ -1,7 +1,7 @@
 """Which vertices and polygons of the body make the head, and how its vertices follow from the body's.
 
-Everything that is done to the geometry (crop, finer eyeballs) is linear, so it is one sparse matrix: applied to the base mesh
-it gives the template, applied to a target it gives that target's offset on our head.
+Everything that is done to the geometry (crop, finer eyeballs) is linear, so it is one sparse matrix: applied to the
+base mesh it gives the template, applied to a target it gives that target's offset on our head.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ class Crop:
 
     Attributes:
         operator: (V, 19158) sparse; ``operator @ body`` are the head's vertices in the body's unit.
-        polygons: (Q, 4) vertex indices, counter-clockwise from outside; the split into corners 0, 1, 2 and 0, 2, 3 is the
+        polygons: (Q, 4) vertex indices, counter-clockwise from outside; the split into corners 0, 1, 2 and 0, 2, 3 is
+        the
             same on both sides.
         part: (Q,) uint8 index into PART_NAMES.
         mirror: (V,) partner of each vertex.
@@ -137,7 +138,8 @@ def crop_head(base: BaseMesh) -> Crop:
     """
     body = base.quads[base.groups == "body"]
     neck = _neck_loop(base, body)
-    blocks, parts = [], []
+    blocks: list[sparse.csr_matrix] = []
+    parts: list[npt.NDArray[np.uint8]] = []
     polygons: list[Int] = []
     mirrors: list[Int] = []
     body_index: list[Int] = []

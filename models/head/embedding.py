@@ -1,6 +1,7 @@
 """The landmark embedding as a file of its own: made by ``calibrate.py``, put into the head by ``build.py``.
 
-It is kept in terms of triangles, so it is valid for every head of the same topology whatever its identity basis or chart.
+It is kept in terms of triangles, so it is valid for every head of the same topology whatever its identity basis or
+chart.
 """
 
 from __future__ import annotations

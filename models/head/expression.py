@@ -30,13 +30,11 @@ PARTNERS: dict[str, str] = {
 ARKIT = tuple(sorted(PARTNERS))
 
 
-def read_units(
-    data: Path, operator: sparse.csr_matrix, mirror: npt.NDArray[np.int64]
-) -> npt.NDArray[np.float64]:
+def read_units(data: Path, operator: sparse.csr_matrix, mirror: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
     """(52, V, 3) float64 offsets in metres at full activation, in the order of ARKIT.
 
-    The units of the pack move eyeballs, lower teeth, tongue and lashes as well. Where left and right differ slightly, both
-    become the mean of the one and the mirror image of the other.
+    The units of the pack move eyeballs, lower teeth, tongue and lashes as well. Where left and right differ slightly,
+    both become the mean of the one and the mirror image of the other.
     """
     raw = {
         name: UNIT_M * (operator @ read_target(face_unit_path(data, name), operator.shape[1]).astype(float))

@@ -1,8 +1,9 @@
 """Smooth eyeballs that follow the coarse ones of the base mesh linearly.
 
-The base mesh marks each eyeball by 72 vertices on a sphere. Ours are finer, with rings around the line of sight so that iris
-and pupil have round edges. Every point of our sphere is written as an affine combination of the 72 vertices that reproduces
-every affine map exactly; so whatever moves, turns, scales or shears the coarse eyeball does the same to the fine one.
+The base mesh marks each eyeball by 72 vertices on a sphere. Ours are finer, with rings around the line of sight so
+that iris and pupil have round edges. Every point of our sphere is written as an affine combination of the 72 vertices
+that reproduces every affine map exactly; so whatever moves, turns, scales or shears the coarse eyeball does the same
+to the fine one.
 """
 
 from __future__ import annotations
@@ -25,7 +26,11 @@ def sphere() -> tuple[Float, Int]:
     theta = np.radians(RINGS_DEG)[:, None]
     phi = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     ring = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.broadcast_to(np.cos(theta), (len(theta), SEGMENTS))],
+        [
+            np.sin(theta) * np.cos(phi),
+            np.sin(theta) * np.sin(phi),
+            np.broadcast_to(np.cos(theta), (len(theta), SEGMENTS)),
+        ],
         -1,
     )
     points = np.concatenate([[[0.0, 0.0, 1.0]], ring.reshape(-1, 3), [[0.0, 0.0, -1.0]]])

@@ -1,14 +1,15 @@
 """From sampled heads to a mean and identity components in standard deviations.
 
-Heads are brought into one frame by rotation and translation over the face (orthogonal Procrustes, no scale: size stays a
-property of the head). Each is split into a part that is symmetric and one that is antisymmetric under mirroring, and both get
-their own principal components, so every component is one or the other exactly. This equals the PCA of the sample together with
-its mirror images.
+Heads are brought into one frame by rotation and translation over the face (orthogonal Procrustes, no scale: size
+stays a property of the head). Each is split into a part that is symmetric and one that is antisymmetric under
+mirroring, and both get their own principal components, so every component is one or the other exactly. This equals
+the PCA of the sample together with its mirror images.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,9 @@ FLIP = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Identity:
-    """mean (V, 3) and components (K, V, 3) in metres per standard deviation, by variance; share: (K,) of all variance."""
+    """mean (V, 3) and components (K, V, 3) in metres per standard deviation, by variance; share: (K,) of all
+    variance.
+    """
 
     mean: Float
     components: Float
@@ -30,7 +33,7 @@ def vertex_areas(vertices: Float, triangles: npt.NDArray[np.int64]) -> Float:
     """(V,) a third of the area of the triangles around each vertex."""
     corner = vertices[triangles]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    return np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(vertices))
+    return np.asarray(np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(vertices)), np.float64)
 
 
 def align(points: Float, target: Float, weight: Float) -> Float:
@@ -42,7 +45,7 @@ def align(points: Float, target: Float, weight: Float) -> Float:
     return np.asarray((points - centre) @ (u @ vt) + goal)
 
 
-def _components(rows: npt.NDArray[np.float32], weight: Float, count: int) -> tuple[Float, Float]:
+def _components(rows: npt.NDArray[np.floating[Any]], weight: Float, count: int) -> tuple[Float, Float]:
     """Leading principal directions of (N, V, 3) offsets without mean: (count, V, 3) times their standard deviation."""
     n = len(rows)
     scaled = (rows * np.sqrt(weight).astype(np.float32)[None, :, None]).reshape(n, -1)
@@ -53,7 +56,9 @@ def _components(rows: npt.NDArray[np.float32], weight: Float, count: int) -> tup
     return np.asarray(directions), np.asarray(values[order])
 
 
-def identity_basis(heads: npt.NDArray[np.float32], mirror: npt.NDArray[np.int64], weight: Float, count: int) -> Identity:
+def identity_basis(
+    heads: npt.NDArray[np.floating[Any]], mirror: npt.NDArray[np.int64], weight: Float, count: int
+) -> Identity:
     """Mean and components of (N, V, 3) aligned heads.
 
     Args:

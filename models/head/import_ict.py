@@ -1,9 +1,9 @@
 """Import ICT-FaceKit: ``python -m models.head.import_ict ICT.npz OUT.npz``.
 
-Reads ``neutral, identity, expression, expression_names, quads, quads_uv, uv, landmarks68`` (centimetres), renames the units to
-ARKit's, merges the pairs that ARKit does not split, and puts the UDIM tiles into one 3:2 image: the face tile is a square at
-the left, the back of the head a smaller square at the upper right. Units that ARKit lacks keep an ``ict_`` prefix; the
-model has no ``tongueOut``.
+Reads ``neutral, identity, expression, expression_names, quads, quads_uv, uv, landmarks68`` (centimetres), renames the
+units to ARKit's, merges the pairs that ARKit does not split, and puts the UDIM tiles into one 3:2 image: the face
+tile is a square at the left, the back of the head a smaller square at the upper right. Units that ARKit lacks keep an
+``ict_`` prefix; the model has no ``tongueOut``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Import any linear head model from an ``.npz``: ``python -m models.head.import_npz IN.npz OUT.npz --unit-m 0.01``.
 
 Wanted arrays: ``neutral`` (V, 3), ``identity`` (K, V, 3) per standard deviation, ``expression`` (E, V, 3) with
-``expression_names``, ``quads`` and ``quads_uv`` (Q, 4) with -1 for triangles, ``uv`` (U, 2) in a 3:2 image, ``eyes`` (2, 3)
-eyeball centres, left first. +Y up, +Z forward.
+``expression_names``, ``quads`` and ``quads_uv`` (Q, 4) with -1 for triangles, ``uv`` (U, 2) in a 3:2 image, ``eyes``
+(2, 3) eyeball centres, left first. +Y up, +Z forward.
 """
 
 from __future__ import annotations

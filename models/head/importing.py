@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from models.head.register import Cloud, Fitter
+from models.head.nearest import nearest_on_triangles
+from models.head.register import Cloud, Fitter, hidden_behind
 from models.head.shoot import vertex_normals
 from service.errors import ModelFault
 from service.head.files import split_polygons, triangle_fields
@@ -118,6 +119,7 @@ class _Transfer:
         eye = 0.5 * ipd
         front = (normals[:, 2] > 0.2) & (np.linalg.norm(mean - [0, -0.55 * ipd, 0.02], axis=1) < 1.5 * ipd)
         front &= np.linalg.norm(np.abs(mean) - [eye, 0, 0], axis=1) > 0.2 * ipd  # neither socket nor eyeball
+        front &= ~hidden_behind(mean, front)
         if front.sum() < 200:
             raise ModelFault(f"only {front.sum()} vertices face forward near the eyes: +Y up, +Z forward, right unit?")
         fitter = Fitter(ours)
@@ -136,21 +138,22 @@ class _Transfer:
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Triangles and barycentric coordinates on the other mesh for points of ours, by nearest agreeing surface."""
         from scipy.spatial import cKDTree
-        from trimesh.triangles import closest_point, points_to_barycentric
 
         corners = self.ours.triangles[triangle]
         points = np.einsum("nk,nkc->nc", weight, self.fitted[corners])
         normals = np.einsum("nk,nkc->nc", weight, self.fitted_normals[corners])
         near = cKDTree(self.corner.mean(1)).query(points, k=48)[1]
         flat = near.ravel()
-        foot = closest_point(self.corner[flat], np.repeat(points, near.shape[1], axis=0)).reshape(*near.shape, 3)
+        weights = nearest_on_triangles(self.corner[flat], np.repeat(points, near.shape[1], axis=0)).reshape(
+            *near.shape, 3
+        )
+        foot = np.einsum("nmk,nmkc->nmc", weights, self.corner[near])
         gap = np.linalg.norm(foot - points[:, None], axis=2)
         agree = np.einsum("nkc,nc->nk", self.face_normals[near], normals) > 0.3
         best = np.argmin(np.where(agree | ~agree.any(1, keepdims=True), gap, np.inf), axis=1)
         row = np.arange(len(points))
         chosen = near[row, best]
-        out = np.clip(points_to_barycentric(self.corner[chosen], foot[row, best], method="cross"), 0, 1)
-        return chosen.astype(np.int32), (out / out.sum(1, keepdims=True)).astype(np.float32)
+        return chosen.astype(np.int32), weights[row, best].astype(np.float32)
 
     def regions(self, ours: HeadModel) -> npt.NDArray[np.float32]:
         """(R, V) our masks at the nearest vertex of our fitted skin that faces the same way."""

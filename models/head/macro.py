@@ -1,7 +1,7 @@
 """Weights of MakeHuman's macro targets (ancestry, gender, age, muscle, weight) for one person.
 
-Each macro target is a corner of a grid; its weight is the product of linear hat functions of the parameters, as in MakeHuman's
-own ``macro.json``.
+Each macro target is a corner of a grid; its weight is the product of linear hat functions of the parameters, as in
+MakeHuman's own ``macro.json``.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ Not a skin model: colours of skin, lips, brows, hair and eyes with some mottling
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +23,17 @@ SKIN_SRGB = (
 )  # fmt: skip
 """Skin from very light to dark (melanin series of a two-layer skin model)."""
 IRIS_SRGB = ((70, 45, 28), (92, 60, 34), (110, 90, 55), (96, 110, 84), (98, 122, 146), (120, 140, 160), (48, 32, 24))
+PART_COLOURS = {
+    "teeth_upper": (0.72, 0.66, 0.55),
+    "teeth_lower": (0.66, 0.60, 0.50),
+    "tongue": (0.42, 0.15, 0.14),
+    "lashes": (0.02, 0.015, 0.012),
+}
 HAIR_SRGB = ((22, 18, 16), (38, 28, 22), (62, 44, 30), (96, 68, 44), (150, 118, 78), (140, 136, 130))
 
 
 def to_linear(srgb: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """sRGB in [0, 1] -> linear (IEC 61966-2-1)."""
+    """SRGB in [0, 1] -> linear (IEC 61966-2-1)."""
     x = np.asarray(srgb, np.float64)
     return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
 
@@ -40,16 +47,20 @@ class Canvas:
         part: (H, W) uint8 part, 255 outside.
         position: (H, W, 3) float32 metres on the mean head.
         regions: region name -> (H, W) float32.
+        nearest: (2, H, W) row and column of the nearest texel inside an island.
     """
 
     mask: npt.NDArray[np.bool_]
     part: npt.NDArray[np.uint8]
     position: Image
     regions: dict[str, Image]
+    nearest: npt.NDArray[np.int32]
 
     @classmethod
     def of(cls, head: HeadModel, width: int, height: int) -> Canvas:
         """Rasterise the chart at a size (width : height should be 3 : 2)."""
+        from scipy.ndimage import distance_transform_edt
+
         pixels = np.stack([head.uv[:, 0] * width, (1 - head.uv[:, 1]) * height], 1)
         raster = rasterise(pixels, np.zeros(len(pixels)), head.triangle_uv, width, height)
         mask, triangle = raster.mask, raster.triangle
@@ -64,7 +75,8 @@ class Canvas:
         part = np.full((height, width), 255, np.uint8)
         part[mask] = head.triangle_part[triangle[mask]]
         regions = {name: spread(head.regions[k]) for k, name in enumerate(head.region_names)}
-        return cls(mask, part, spread(head.mean), regions)
+        nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+        return cls(mask, part, spread(head.mean), regions, np.asarray(nearest, np.int32))
 
 
 def _mottle(position: Image, scale_mm: float, random: np.random.Generator, waves: int = 24) -> Image:
@@ -79,7 +91,7 @@ def _pick(table: tuple[tuple[int, int, int], ...], random: np.random.Generator) 
 
 
 def paint(head: HeadModel, canvas: Canvas, random: np.random.Generator) -> Image:
-    """(H, W, 3) float32 linear RGB albedo in [0, 1] of a random subject; outside the islands the mean skin colour."""
+    """(H, W, 3) float32 linear RGB albedo in [0, 1] of a random subject, grown beyond the islands."""
     place = random.uniform(0, len(SKIN_SRGB) - 1)
     low = int(place)
     table = to_linear(np.array(SKIN_SRGB) / 255.0)
@@ -90,13 +102,17 @@ def paint(head: HeadModel, canvas: Canvas, random: np.random.Generator) -> Image
     out = np.clip(tone, 0.6, 1.4)[..., None] * skin
     red = 0.5 * (r["cheek_left"] + r["cheek_right"] + r["nose_tip"]) + 0.4 * (r["ear_left"] + r["ear_right"])
     out *= 1 - (random.uniform(0.1, 0.6) * np.clip(red, 0, 1))[..., None] * (1 - flush)
-    lip = skin * np.array([0.85, 0.5, 0.5]) * random.uniform(0.75, 1.1) + random.uniform(0, 0.06) * np.array([1, 0.1, 0.2])
+    lip = skin * np.array([0.85, 0.5, 0.5]) * random.uniform(0.75, 1.1) + random.uniform(0, 0.06) * np.array(
+        [1, 0.1, 0.2]
+    )
     out = _blend(out, lip, r["lips"] * random.uniform(0.6, 1.0))
     hair = _pick(HAIR_SRGB, random)
     if random.random() < 0.85:
         out = _blend(out, hair, r["scalp"])
     hairs = np.clip(0.75 + 0.4 * _mottle(canvas.position, 1.2, random), 0, 1)
-    out = _blend(out, hair * 0.8, np.clip((r["brow_left"] + r["brow_right"]) * hairs * random.uniform(0.5, 1.2), 0, 0.95))
+    out = _blend(
+        out, hair * 0.8, np.clip((r["brow_left"] + r["brow_right"]) * hairs * random.uniform(0.5, 1.2), 0, 0.95)
+    )
     if random.random() < 0.3:
         out = _blend(out, hair, r["beard"] * random.uniform(0.1, 0.7))
     out = _blend(out, skin * np.array([0.55, 0.35, 0.33]), np.clip(r["mouth_inner"] + r["eye_socket"], 0, 1))
@@ -107,21 +123,20 @@ def paint(head: HeadModel, canvas: Canvas, random: np.random.Generator) -> Image
     for name in ("eye_left", "eye_right"):
         if name in names:
             _paint_eye(out, head, canvas, names.index(name), eye_seed)
-    for name, colour in (("teeth_upper", (0.72, 0.66, 0.55)), ("teeth_lower", (0.66, 0.6, 0.5)), ("tongue", (0.42, 0.15, 0.14)),
-                         ("lashes", (0.02, 0.015, 0.012))):  # fmt: skip
+    for name, colour in PART_COLOURS.items():
         if name in names:
             out[canvas.part == names.index(name)] = colour
-    out[~canvas.mask] = skin
+    out = out[canvas.nearest[0], canvas.nearest[1]]  # grow the islands, so that filtering never reaches beyond them
     return np.clip(out, 0, 1).astype(np.float32)
 
 
-def _blend(image: npt.NDArray[np.float64], colour: npt.NDArray[np.float64], weight: Image) -> npt.NDArray[np.float64]:
+def _blend(
+    image: npt.NDArray[np.float64], colour: npt.NDArray[np.float64], weight: npt.NDArray[np.floating[Any]]
+) -> npt.NDArray[np.float64]:
     return np.asarray(image + weight[..., None] * (colour - image))
 
 
-def _paint_eye(
-    out: npt.NDArray[np.float64], head: HeadModel, canvas: Canvas, part: int, seed: int
-) -> None:
+def _paint_eye(out: npt.NDArray[np.float64], head: HeadModel, canvas: Canvas, part: int, seed: int) -> None:
     """Sclera, iris with a dark rim, pupil; the same seed gives both eyes of a subject the same colours."""
     texels = canvas.part == part
     members = np.unique(head.triangles[head.triangle_part == part])

@@ -1,7 +1,8 @@
-"""Soft vertex masks of the regions of the head, painted from MakeHuman's own region textures, its chart and the geometry.
+"""Soft vertex masks of the regions of the head, painted from MakeHuman's own region textures, its chart and the
+geometry.
 
-All positions are millimetres on the template (origin between the eyeballs, +X subject's left, +Y up, +Z forward); offsets are
-relative to landmarks found on the mesh, so they follow the template.
+All positions are millimetres on the template (origin between the eyeballs, +X subject's left, +Y up, +Z forward);
+offsets are relative to landmarks found on the mesh, so they follow the template.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from models.head.chart.islands import skin_kind
 from models.head.crop import PART_NAMES, Crop
 from models.head.source import BaseMesh
+from service.errors import ModelFault
 
 Float = npt.NDArray[np.float64]
 TEXTURES = "mpfb2/textures"
@@ -27,8 +29,12 @@ def smooth(value: Float, low: float, high: float) -> Float:
 
 
 def painted(data: Path, base: BaseMesh, crop: Crop, name: str) -> Float:
-    """(V,) MakeHuman's mask ``mpfb_<name>.jpg`` at the skin's vertices, 0 elsewhere (mean over the corners of each vertex)."""
+    """(V,) MakeHuman's mask ``mpfb_<name>.jpg`` at the skin's vertices, 0 elsewhere (mean over the corners of each
+    vertex).
+    """
     image = cv2.imread(str(data / TEXTURES / f"mpfb_{name}.jpg"), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise ModelFault(f"mask {name} is missing from {data / TEXTURES}")
     image = cv2.GaussianBlur(image.astype(np.float32) / 255, (0, 0), 4)
     height, width = image.shape
     column = np.clip((base.uv[:, 0] * width).astype(int), 0, width - 1)
@@ -82,13 +88,17 @@ def build_regions(data: Path, base: BaseMesh, crop: Crop, template_mm: Float) ->
     lid_distance = np.sqrt(((mirrored[:, None] - lid[None]) ** 2).sum(2).min(1))
     near_lid = smooth(lid_distance, 13.0, 4.0) * seen
     above = smooth(p[:, 1] - np.interp(mirrored[:, 0], *_profile(lid[:, 0], lid[:, 1])), -1.0, 1.0)
-    brow_line = eye[1] + 17.0 - 0.012 * np.maximum(mirrored[:, 0] - 38.0, 0) ** 2 + 1.5 * smooth(mirrored[:, 0], 14.0, 36.0)
+    brow_line = (
+        eye[1] + 17.0 - 0.012 * np.maximum(mirrored[:, 0] - 38.0, 0) ** 2 + 1.5 * smooth(mirrored[:, 0], 14.0, 36.0)
+    )
     brow = np.exp(-(((p[:, 1] - brow_line) / 4.5) ** 2)) * smooth(mirrored[:, 0], 9.0, 14.0)
     brow *= smooth(mirrored[:, 0], 60.0, 50.0) * seen * (p[:, 2] > -25)
-    nose = _blob(mirrored, tip + [6.0, 2.0, -6.0], (17.0, 13.0, 17.0)) + _blob(mirrored, tip + [0, 20.0, -10], (11, 18, 14))
+    nose = _blob(mirrored, tip + np.array([6.0, 2.0, -6.0]), (17.0, 13.0, 17.0)) + _blob(
+        mirrored, tip + np.array([0.0, 20.0, -10.0]), (11, 18, 14)
+    )
     nose = np.clip(1.3 * nose, 0, 1) * smooth(p[:, 1], tip[1] - 16, tip[1] - 9) * seen
     cheek = _blob(mirrored, np.array([45.0, tip[1] + 3.0, tip[2] - 38.0]), (20.0, 20.0, 30.0)) * seen
-    chin_mask = _blob(mirrored, chin + [0.0, 9.0, 2.0], (19.0, 14.0, 22.0)) * seen * (1 - lips)
+    chin_mask = _blob(mirrored, chin + np.array([0.0, 9.0, 2.0]), (19.0, 14.0, 22.0)) * seen * (1 - lips)
     jaw = smooth(p[:, 1] + 0.35 * p[:, 2], chin[1] - 2.0, chin[1] + 8.0)
     neck = seen * (1 - jaw) * smooth(p[:, 1], chin[1] + 20, chin[1] + 5) * (1 - ears)
     forehead = seen * face * smooth(p[:, 1], eye[1] + 20, eye[1] + 32) * smooth(p[:, 1], 88.0, 70.0)

@@ -39,13 +39,35 @@ class Registration:
     distance: Float
 
 
+def hidden_behind(vertices: Float, candidates: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """(V,) candidates more than 6 mm behind the foremost one within a 2 mm cell (mouth lining, sockets, nostrils).
+
+    Cells are looked at with their eight neighbours, so that a coarse mesh hides what lies behind it too.
+    """
+    here = np.flatnonzero(candidates)
+    cell = np.round(vertices[here, :2] / 0.002).astype(int)
+    key = cell[:, 0] * 100003 + cell[:, 1]
+    cells, which = np.unique(key, return_inverse=True)
+    front = np.full(len(cells), -np.inf)
+    np.maximum.at(front, which, vertices[here, 2])
+    nearest = front.copy()
+    for step in [dx * 100003 + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1)]:
+        at = np.minimum(np.searchsorted(cells, cells + step), len(cells) - 1)
+        nearest = np.where(cells[at] == cells + step, np.maximum(nearest, front[at]), nearest)
+    behind = np.zeros(len(vertices), bool)
+    behind[here] = vertices[here, 2] < nearest[which] - 0.006
+    return behind
+
+
 class Fitter:
     """Fits the identity of a head model to clouds."""
 
     def __init__(self, model: HeadModel) -> None:
         """Sample the model's front skin: vertices, edge middles and centroids as barycentric points."""
         skin = model.triangles[model.triangle_part == 0]
-        inner = model.region("mouth_inner") + model.region("eye_socket") if "mouth_inner" in model.region_names else None
+        inner = (
+            model.region("mouth_inner") + model.region("eye_socket") if "mouth_inner" in model.region_names else None
+        )
         if inner is not None:
             skin = skin[(inner[skin] < 0.5).all(1)]
         self.triangles = skin
@@ -105,12 +127,12 @@ def _rotation(turn: Float) -> Float:
 def surface_distance(points: Float, vertices: Float, triangles: npt.NDArray[np.integer], candidates: int = 16) -> Float:
     """(N,) exact distance to the nearest of each point's closest triangles (by centroid)."""
     from scipy.spatial import cKDTree
-    from trimesh.triangles import closest_point
+
+    from models.head.nearest import nearest_on_triangles
 
     corner = vertices[triangles]
     near = cKDTree(corner.mean(1)).query(points, k=candidates)[1]
-    foot = closest_point(corner[near.ravel()], np.repeat(points, candidates, axis=0))
-    gap = np.linalg.norm(foot - np.repeat(points, candidates, axis=0), axis=1)
+    chosen, many = corner[near.ravel()], np.repeat(points, candidates, axis=0)
+    foot = np.einsum("nk,nkc->nc", nearest_on_triangles(chosen, many), chosen)
+    gap = np.linalg.norm(foot - many, axis=1)
     return np.asarray(gap.reshape(len(points), candidates).min(1))
-
-

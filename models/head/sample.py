@@ -1,9 +1,9 @@
 """Plausible heads: random people and random local features, as offsets of the template.
 
-The prior is drawn, not measured: macro parameters cover adults (with some adolescents) of all ancestries; every local slider
-of MakeHuman's face and head gets a normal amplitude, the same on both sides up to a little asymmetry; on top comes a smooth
-random field (a Gaussian process with a few length scales, as in Luethi et al. 2018, "Gaussian Process Morphable Models") for
-all that no slider describes.
+The prior is drawn, not measured: macro parameters cover adults (with some adolescents) of all ancestries; every local
+slider of MakeHuman's face and head gets a normal amplitude, the same on both sides up to a little asymmetry; on top
+comes a smooth random field (a Gaussian process with a few length scales, as in Luethi et al. 2018, "Gaussian Process
+Morphable Models") for all that no slider describes.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ OPPOSITES = (
 MEAN_SHIFT = {
     "l-eye-trans-in": -0.54, "r-eye-trans-in": -0.54, "mouth-scale-horiz-decr": -0.42, "nose-scale-horiz-decr": 0.27,
 }  # fmt: skip
-"""Mean of sliders that is not 0: MakeHuman's average eyes are 58 mm apart and its mouth 44 mm wide; these bring eyes, mouth and
-nose to the means of adults (63, 49 and 36 mm; Zhuang and Bradtmiller 2005)."""
+"""Mean of sliders that is not 0: MakeHuman's average eyes are 58 mm apart and its mouth 44 mm wide; these bring eyes,
+mouth and nose to the means of adults (63, 49 and 36 mm; Zhuang and Bradtmiller 2005)."""
 
 FIELDS = ((45.0, 1.3), (22.0, 0.8), (11.0, 0.35))
 """Length scale and standard deviation (mm) of the smooth random fields."""
@@ -64,6 +64,19 @@ class Slider:
     negative: Offsets
     sigma: float
 
+    @classmethod
+    def read(
+        cls, data: Path, operator: sparse.csr_matrix, folder: str, name: str, opposite: str | None, sigma: float
+    ) -> Slider:
+        """Read the target ``name`` and, for negative amplitudes, its opposite (none: negative ones do nothing)."""
+        up, down = (
+            np.asarray(UNIT_M * (operator @ read_target(target_path(data, folder, n), operator.shape[1])), np.float32)
+            if n
+            else np.zeros((operator.shape[0], 3), np.float32)
+            for n in (name, opposite)
+        )
+        return cls(name, up, down, sigma)
+
 
 def _split(name: str) -> tuple[str, str | None]:
     for low, high in OPPOSITES:
@@ -75,11 +88,6 @@ def _split(name: str) -> tuple[str, str | None]:
 
 def read_sliders(data: Path, operator: sparse.csr_matrix) -> tuple[list[Slider], list[tuple[Slider, Slider]]]:
     """Sliders of the middle (one control) and of the sides (left and right control)."""
-    count = operator.shape[1]
-
-    def offset(folder: str, name: str) -> Offsets:
-        return np.asarray(UNIT_M * (operator @ read_target(target_path(data, folder, name), count)), np.float32)
-
     middle: list[Slider] = []
     sides: list[tuple[Slider, Slider]] = []
     for folder, sigma in FOLDERS.items():
@@ -92,20 +100,15 @@ def read_sliders(data: Path, operator: sparse.csr_matrix) -> tuple[list[Slider],
             partner = stem + other if other and stem + other in names else None
             done.update((name, partner or name))
 
-            def control(prefix: str, name: str = name, partner: str | None = partner) -> Slider:
-                fix = (lambda n: prefix + n[2:]) if name.startswith("l-") else (lambda n: n)
-                up = offset(folder, fix(name))  # noqa: B023 (called at once)
-                down = offset(folder, fix(partner)) if partner else np.zeros_like(up)  # noqa: B023
-                return Slider(fix(name), up, down, sigma)  # noqa: B023
-
             if name.startswith("l-"):
-                sides.append((control("l-"), control("r-")))
+                other_side = partner and "r-" + partner[2:]
+                left = Slider.read(data, operator, folder, name, partner, sigma)
+                sides.append((left, Slider.read(data, operator, folder, "r-" + name[2:], other_side, sigma)))
             else:
-                middle.append(control(""))
+                middle.append(Slider.read(data, operator, folder, name, partner, sigma))
     for name in target_names(data, "asym"):
         if name.endswith("-l") and not name.startswith("asymm"):
-            up, down = offset("asym", name), offset("asym", name[:-1] + "r")
-            middle.append(Slider(name, up, down, ASYMMETRY_SLIDER))
+            middle.append(Slider.read(data, operator, "asym", name, name[:-1] + "r", ASYMMETRY_SLIDER))
     return middle, sides
 
 

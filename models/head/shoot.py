@@ -40,7 +40,9 @@ def look_at(yaw_deg: float, pitch_deg: float, roll_deg: float, distance: float, 
     about_z = np.array([[np.cos(r), np.sin(r), 0], [-np.sin(r), np.cos(r), 0], [0, 0, 1]])
     rotation = np.diag([1.0, -1.0, -1.0]) @ about_z @ about_x @ about_y
     middle = np.array([0.0, -0.03, -0.06])
-    return Camera(size, size, focal, np.array([size / 2, size / 2]), rotation, np.array([0, 0, distance]) - rotation @ middle)
+    return Camera(
+        size, size, focal, np.array([size / 2, size / 2]), rotation, np.array([0, 0, distance]) - rotation @ middle
+    )
 
 
 def vertex_normals(vertices: Float, triangles: npt.NDArray[np.integer]) -> Float:
@@ -87,7 +89,10 @@ def shoot(
     y = ((1 - uv[:, 1]) * height - 0.5).astype(np.float32)
     rows = 16384  # cv2.remap takes at most 32767 rows
     colour = np.concatenate(
-        [cv2.remap(albedo, x[i : i + rows, None], y[i : i + rows, None], cv2.INTER_LINEAR)[:, 0] for i in range(0, len(x), rows)]
+        [
+            cv2.remap(albedo, x[i : i + rows, None], y[i : i + rows, None], cv2.INTER_LINEAR)[:, 0]
+            for i in range(0, len(x), rows)
+        ]
     )
     shade = ambient + (1 - ambient) * np.clip(normal @ light, 0, 1) ** 0.9
     image = background.astype(np.float64).copy()

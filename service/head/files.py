@@ -37,7 +37,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "landmark_spread": ("L",), "contour_landmarks": ("C",), "contour_yaw_deg": ("B",), "contour_triangle": ("B", "C"),
     "contour_barycentric": ("B", "C", 3), "regions": ("R", "V"),
 }  # fmt: skip
-"""Axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart points ...)."""
+"""Axes of every array: letters must agree everywhere (V vertices, K components, E units, Q polygons, U chart points
+...)."""
 _RANGES = {
     "polygons": "V", "polygon_uv": "U", "mirror": "V", "triangles": "V", "triangle_uv": "U", "landmark_triangle": "T",
     "contour_landmarks": "L", "contour_triangle": "T",
@@ -54,7 +55,7 @@ def split_polygons(polygons: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
 def save_head(model: HeadModel, path: Path) -> None:
     """Write a head model; the same model gives the same bytes.
 
-    Bases and regions are stored as float16 (half a micrometre at most per coefficient), all else exactly.
+    Bases and regions are stored as float16 (a few micrometres at most), all else exactly.
 
     Raises:
         ModelFault: the model would not be accepted by ``load_head``.
@@ -85,7 +86,7 @@ def load_head(path: Path | None = None) -> HeadModel:
     """
     path = DEFAULT_HEAD if path is None else path
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             raw = {key: archive[key] for key in archive.files}
     except FileNotFoundError:
         raise ModelFault(f"head model {path} is missing; build it with python -m models.head.build") from None

@@ -1,12 +1,13 @@
 """Lay a disc-like patch flat with little distortion: Tutte's embedding, then symmetric Dirichlet energy.
 
-Tutte (1963): with the boundary on a convex curve and every inner vertex at the mean of its neighbours no triangle flips.
-From there the symmetric Dirichlet energy (Schreiner et al. 2004; Smith and Schaefer 2015)
+Tutte (1963): with the boundary on a convex curve and every inner vertex at the mean of its neighbours no triangle
+flips. From there the symmetric Dirichlet energy (Schreiner et al. 2004; Smith and Schaefer 2015)
 
     E = sum_t w_t A_t (|J_t|^2 + |J_t^-1|^2)
 
-is lowered by L-BFGS preconditioned with the patch's Laplacian; J_t maps triangle t, laid flat and scaled to its wanted size,
-to the image. E is infinite for a flat triangle and every step stops short of one, so no triangle ever flips.
+is lowered by L-BFGS preconditioned with the patch's Laplacian; J_t maps triangle t, laid flat and scaled to its
+wanted size, to the image. E is infinite for a flat triangle and every step stops short of one, so no triangle ever
+flips.
 """
 
 from __future__ import annotations
@@ -29,11 +30,10 @@ class Patch:
 
     Attributes:
         triangles: (T, 3) indices, counter-clockwise from outside.
-        rest: (T, 2, 2) columns are the two edge vectors of each triangle in its own plane, at the wanted size in pixels.
-        weight: (T,) weight of each triangle's distortion, area included.
-        boundary: (B,) vertex indices in counter-clockwise order.
-        pinned: indices of the vertices whose first coordinate stays 0 (the midline), or empty.
-        walls: (W, 3) lines (a, b, c), a^2 + b^2 = 1; no vertex may leave a x + b y + c > 0 (pixels).
+        rest: (T, 2, 2) columns are the two edge vectors of each triangle in its own plane, at the wanted size in
+        pixels. weight: (T,) weight of each triangle's distortion, area included. boundary: (B,) vertex indices in
+        counter-clockwise order. pinned: indices of the vertices whose first coordinate stays 0 (the midline), or
+        empty. walls: (W, 3) lines (a, b, c), a^2 + b^2 = 1; no vertex may leave a x + b y + c > 0 (pixels).
         wall_strength: weight of the barrier along the walls.
     """
 
@@ -143,7 +143,9 @@ def _barrier(patch: Patch, x: Float) -> tuple[float, Float]:
 
 
 def _longest_step(patch: Patch, x: Float, direction: Float) -> float:
-    """First step at which a triangle loses its area along a direction (smallest positive root, Smith and Schaefer 2015)."""
+    """First step at which a triangle loses its area along a direction (smallest positive root, Smith and Schaefer
+    2015).
+    """
     t = patch.triangles
     a1, a2 = x[t[:, 1]] - x[t[:, 0]], x[t[:, 2]] - x[t[:, 0]]
     b1, b2 = direction[t[:, 1]] - direction[t[:, 0]], direction[t[:, 2]] - direction[t[:, 0]]

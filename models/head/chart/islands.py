@@ -20,8 +20,8 @@ class Island:
     """One connected piece of the left half.
 
     Attributes:
-        name: "face" (all of the skin that is seen), "mouth", "socket", "teeth_upper", "teeth_lower", "tongue", "lashes_0" ...
-        polygons: indices of the head's polygons (left half).
+        name: "face" (all of the skin that is seen), "mouth", "socket", "teeth_upper", "teeth_lower", "tongue",
+        "lashes_0" ... polygons: indices of the head's polygons (left half).
     """
 
     name: str
@@ -55,7 +55,9 @@ def skin_kind(base: BaseMesh, crop: Crop) -> Int:
     skin = np.flatnonzero(crop.part == 0)
     rows = np.array([table[tuple(sorted(q))] for q in crop.body_index[crop.polygons[skin]].tolist()])
     label = components(base.quads_uv[rows])
-    centre = np.array([base.vertices[base.quads[rows[label == k]]].reshape(-1, 3).mean(0) for k in range(label.max() + 1)])
+    centre = np.array(
+        [base.vertices[base.quads[rows[label == k]]].reshape(-1, 3).mean(0) for k in range(label.max() + 1)]
+    )
     count = np.bincount(label)
     largest = int(np.argmax(count))
     kind = np.zeros(label.max() + 1, np.int64)

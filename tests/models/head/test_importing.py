@@ -1,0 +1,90 @@
+"""Another head model in our file format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.head.import_ict import arkit_units, one_image
+from models.head.import_npz import read_npz
+from models.head.importing import Source, convert, mirror_table
+from service.errors import ModelFault
+from service.head.files import load_head, save_head
+
+
+def foreign() -> Source:
+    """Our own skin in centimetres under another numbering and without parts: the landmarks' true places are known."""
+    head = load_head()
+    skin = head.polygons[head.polygon_part == 0]
+    used = np.unique(skin)[::-1]
+    place = np.full(len(head.mean), -1)
+    place[used] = np.arange(len(used))
+    balls = [head.mean[head.triangles[head.triangle_part == p]].reshape(-1, 3).astype(float) for p in (1, 2)]
+    eyes = np.stack([0.5 * (ball.min(0) + ball.max(0)) for ball in balls])
+    shift = np.array([3.0, -7.0, 11.0])
+    return Source(
+        name="foreign",
+        licence="MIT",
+        unit_m=0.01,
+        neutral=head.shape(np.eye(len(head.identity))[2] * 1.5)[used] * 100.0 + shift,
+        identity=head.identity[:5, used].astype(float) * 100,
+        expression=head.expression[:3, used].astype(float) * 100,
+        names=head.expression_names[:3],
+        polygons=place[skin],
+        polygon_uv=head.polygon_uv[head.polygon_part == 0].astype(np.int64),
+        uv=head.uv.astype(float),
+        eyes=eyes * 100 + shift,
+    )
+
+
+def test_landmarks_arrive_at_the_same_places(tmp_path: Path) -> None:
+    ours, source = load_head(), foreign()
+    head = convert(source, ours)
+    save_head(head, tmp_path / "foreign.npz")
+    head = load_head(tmp_path / "foreign.npz")
+    got = (head.mean[head.triangles[head.landmark_triangle]] * head.landmark_barycentric[..., None]).sum(1)
+    true = ours.shape(np.eye(len(ours.identity))[2] * 1.5)
+    true = (true[ours.triangles[ours.landmark_triangle]] * ours.landmark_barycentric[..., None]).sum(1)
+    eyes = source.eyes.mean(0) / 100 - np.array([3.0, -7.0, 11.0]) / 100
+    error = np.linalg.norm(got - (true - eyes), axis=1)
+    assert np.median(error) < 0.0012
+    assert np.percentile(error, 95) < 0.006
+    assert np.abs(head.region("lips") - 0).max() > 0.9
+    assert head.shape(np.zeros(5), np.zeros(3)).shape == head.mean.shape
+
+
+def test_wrong_unit_is_noticed() -> None:
+    source = foreign()
+    wrong = Source(**{**source.__dict__, "neutral": source.neutral * [1, 1, -1]})
+    with pytest.raises(ModelFault, match=r"\+Z forward"):
+        convert(wrong, load_head())
+
+
+def test_mirror_table_pairs_only_mutual_neighbours() -> None:
+    points = np.array([[0.03, 0, 0], [-0.03, 0, 0], [0, 0.05, 0], [0.09, 0, 0]])
+    np.testing.assert_array_equal(mirror_table(points), [1, 0, 2, 3])
+
+
+def test_ict_names_become_arkits() -> None:
+    offsets = np.arange(5, dtype=float)[:, None, None] * np.ones((5, 2, 3))
+    names, units = arkit_units(["browInnerUp_L", "browInnerUp_R", "eyeBlink_L", "jawOpen", "PupilDilate_L"], offsets)
+    assert names == ("browInnerUp", "eyeBlinkLeft", "jawOpen", "ict_PupilDilate_L")
+    np.testing.assert_allclose(units[:, 0, 0], [1, 2, 3, 4])
+
+
+def test_ict_tiles_share_one_image() -> None:
+    uv = np.array([[0.0, 0.0], [0.99, 0.99], [1.0, 0.0], [1.99, 0.99]])
+    out = one_image(uv, np.array([[0, 1, 2, 3]]))
+    assert out.min() >= 0
+    assert out.max() <= 1
+    assert out[:2, 0].max() < 2 / 3 <= out[2:, 0].min()
+    with pytest.raises(ModelFault, match="tiles"):
+        one_image(uv + np.array([2, 0]), np.array([[0, 1, 2, 3]]))
+
+
+def test_generic_import_names_what_is_missing(tmp_path: Path) -> None:
+    np.savez(tmp_path / "half.npz", neutral=np.zeros((4, 3)))
+    with pytest.raises(ModelFault, match="lacks identity"):
+        read_npz(tmp_path / "half.npz", 1.0, "x", "y")
