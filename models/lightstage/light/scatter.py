@@ -1,0 +1,147 @@
+"""Light that wanders under the skin: irradiance blurred by a sum of Gaussians in millimetres, one set per colour.
+
+Profile: d'Eon and Luebke, GPU Gems 3, ch. 14. Light crosses the surface twice, so half of the albedo colours it on the way
+in and half on the way out: radiosity = sqrt(A) * blur(sqrt(A) * E).
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+PROFILE: tuple[tuple[float, tuple[float, float, float]], ...] = (
+    (0.0064, (0.233, 0.455, 0.649)),
+    (0.0484, (0.100, 0.336, 0.344)),
+    (0.187, (0.118, 0.198, 0.0)),
+    (0.567, (0.113, 0.007, 0.007)),
+    (1.99, (0.358, 0.004, 0.0)),
+    (7.41, (0.078, 0.0, 0.0)),
+)
+"""Variance in mm^2 and weights of red, green and blue; each colour's weights add to 1."""
+
+_SIGMAS = 3.0
+_FIRST = 0.25  # variance in texels^2 of the first level
+
+
+def _levels(widest: float) -> list[tuple[int, float]]:
+    """(halvings, variance in full-size texels^2) of blurs whose variance doubles, from narrow to at least ``widest``^2."""
+    levels, variance = [], _FIRST
+    while True:
+        sigma = math.sqrt(variance)
+        # Blurs are at least 3 texels wide on the halved image: its grid then does not show.
+        levels.append((max(0, math.floor(math.log2(sigma / 3.0))) if sigma > 3.0 else 0, variance))
+        if variance >= widest * widest:
+            return levels
+        variance *= 2.0
+
+
+def alignment(texels_per_mm: float, scale: float = 1.0) -> int:
+    """Windows must begin and end at multiples of this for a crop to equal the whole."""
+    return int(2 ** _levels(_widest(texels_per_mm, scale))[-1][0])
+
+
+def reach(texels_per_mm: float, scale: float = 1.0) -> int:
+    """Texels beyond which nothing can change the result, for skin of at most ``texels_per_mm``."""
+    total, before = 0.0, 0.0
+    for halvings, variance in _levels(_widest(texels_per_mm, scale)):
+        total += math.ceil(_SIGMAS * math.sqrt(variance - before)) + 2.0 * 2**halvings
+        before = variance
+    return math.ceil(total)
+
+
+def _widest(texels_per_mm: float, scale: float) -> float:
+    return math.sqrt(PROFILE[-1][0]) * scale * texels_per_mm
+
+
+def _blur(image: Tensor, sigma: float) -> Tensor:
+    """Gaussian of exactly this variance on the last two axes; terms are added in the same order whatever the size."""
+    if sigma < 0.05:
+        return image
+    radius = max(1, math.ceil(_SIGMAS * sigma))
+    raw = [math.exp(-0.5 * (i / sigma) ** 2) for i in range(-radius, radius + 1)]
+    if sigma < 0.8:  # sampled so coarsely a Gaussian is too narrow or wide: three taps with the right variance
+        outer = min(0.5 * sigma * sigma, 0.5)
+        radius, raw = 1, [outer, 1.0 - 2.0 * outer, outer]
+    weights = [w / sum(raw) for w in raw]
+    for axis in (image.ndim - 1, image.ndim - 2):
+        n = image.shape[axis]
+        index = torch.arange(-radius, n + radius, device=image.device).clamp(0, n - 1)
+        padded = image.index_select(axis, index)
+        total = padded.narrow(axis, 0, n) * weights[0]
+        for i in range(1, len(weights)):
+            total = total.add(padded.narrow(axis, i, n), alpha=weights[i])
+        image = total
+    return image
+
+
+def _halved(image: Tensor) -> Tensor:
+    height, width = image.shape[-2] // 2 * 2, image.shape[-1] // 2 * 2
+    even = image[..., :height, :width]
+    rows = even[..., 0::2, :] + even[..., 1::2, :]
+    return 0.25 * (rows[..., 0::2] + rows[..., 1::2])
+
+
+def _enlarged(image: Tensor, factor: int, height: int, width: int) -> Tensor:
+    """Bilinear, corners of both grids together."""
+    for axis, size in ((image.ndim - 2, height), (image.ndim - 1, width)):
+        at = (torch.arange(size, device=image.device, dtype=torch.float32) + 0.5) / factor - 0.5
+        low = at.floor()
+        share = (at - low).to(image.dtype)
+        share = share[:, None] if axis == image.ndim - 2 else share
+        last = image.shape[axis] - 1
+        first = image.index_select(axis, low.long().clamp(0, last))
+        second = image.index_select(axis, (low.long() + 1).clamp(0, last))
+        image = first + (second - first) * share
+    return image
+
+
+def scattered(light: Tensor, texels_per_mm: Tensor, mask: Tensor, densest: float, scale: float = 1.0) -> Tensor:
+    """(3, h, w) light blurred by the profile of each colour, its width in mm everywhere.
+
+    A blur of any width is a mixture of the two nearest of a ladder whose variances double; blurs narrower than half a texel
+    are left out. Light outside ``mask`` takes no part: what reaches the mask's edge is scaled up by what is missing, so
+    even light stays as it is.
+
+    Args:
+        light: (3, h, w) >= 0, float32.
+        texels_per_mm: (h, w).
+        mask: (h, w) in [0, 1], 1 on skin.
+        densest: greatest ``texels_per_mm`` that is allowed for; widths beyond are cut.
+        scale: width of the profile relative to the published one.
+    """
+    height, width = light.shape[1:]
+    levels = _levels(_widest(densest, scale))
+    variances = [0.0, *(v for _, v in levels)]
+    weights = _shares(texels_per_mm, variances, scale)
+    current, halvings, before = torch.cat([light * mask, mask[None]]), 0, 0.0
+    total = weights[0] * current[:3]
+    share = weights[0] * mask
+    for level, (wanted, variance) in enumerate(levels, 1):
+        step = variance - before
+        while halvings < wanted:
+            current = _halved(current)
+            step -= 0.25 * 4**halvings
+            halvings += 1
+        current = _blur(current, math.sqrt(max(step, 0.0)) / 2**halvings)
+        before = variance
+        full = current if halvings == 0 else _enlarged(current, 2**halvings, height, width)
+        total = total + weights[level] * full[:3]
+        share = share + weights[level] * full[3]
+    return torch.where(share > 1e-4, total / share.clamp(min=1e-4), light)
+
+
+def _shares(texels_per_mm: Tensor, variances: list[float], scale: float) -> list[Tensor]:
+    """(3, h, w) weight of each level."""
+    shares = [torch.zeros(3, *texels_per_mm.shape, device=texels_per_mm.device) for _ in variances]
+    for v, colours in PROFILE:
+        variance = (texels_per_mm * texels_per_mm * (v * scale * scale)).clamp(max=variances[-1] * (1.0 - 1e-6))
+        colour = torch.tensor(colours, device=texels_per_mm.device).view(3, 1, 1)
+        for k in range(len(variances) - 1):
+            low, high = variances[k], variances[k + 1]
+            t = (variance - low) / (high - low)
+            inside = (variance >= low) & (variance < high)
+            shares[k] += colour * torch.where(inside, 1.0 - t, 0.0)
+            shares[k + 1] += colour * torch.where(inside, t, 0.0)
+    return shares
