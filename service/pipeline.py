@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 from service.archive.avatar import Avatar
 from service.archive.cards import model_cards
@@ -37,13 +38,16 @@ STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare
 """Stages in their order, with the share of the work done after each; the rest is writing."""
 
 
-def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage, done: None) -> Avatar:
+def make_avatar(
+    data: bytes, options: Options, progress: Progress = lambda stage, done: None, head_file: Path | None = None
+) -> Avatar:
     """Make an avatar from the bytes of an image file.
 
     Args:
         data: a JPEG, PNG or WebP file.
         options: what to make.
         progress: told when a stage begins.
+        head_file: head model to fit; None for the one in the box.
 
     Raises:
         AvatarError: any of its subclasses; see ``service.errors``.
@@ -62,7 +66,7 @@ def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage
     with ThreadPoolExecutor(3) as pool:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
-        head_job = pool.submit(_head_and_chart, options)
+        head_job = pool.submit(_head_and_chart, options, head_file)
         with stage("decode"):
             photo = read_photo(data)
         with stage("detect"):
@@ -83,19 +87,26 @@ def make_avatar(data: bytes, options: Options, progress: Progress = lambda stage
         texture=texture,
         options=options.to_json(),
         seed=options.seed,
-        models=model_cards(head),
+        models=model_cards(head, head_file),
         similarity=similarity,
         timings_s=timings,
         peak_rss_mb=_peak_rss_mb(),
     )
 
 
-def _head_and_chart(options: Options) -> tuple[HeadModel, Chart]:
-    head = load_head()
+def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
+    head = load_head(head_file)
     return head, Chart.build(head, *options.size)
 
 
 def _peak_rss_mb() -> float:
-    """Largest resident memory of this process so far."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+    """Largest resident memory of this process so far.
+
+    Linux counts into ``ru_maxrss`` what the program that started this one held at that moment, hence /proc first.
+    """
+    try:
+        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
+            return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
+    except (OSError, StopIteration):
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20

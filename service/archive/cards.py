@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from service.archive.avatar import ModelCard
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
@@ -15,12 +17,20 @@ ROLES = {
 """Networks of the pipeline; those of models.json that no stage loads have no card."""
 
 
-def model_cards(head: HeadModel) -> tuple[ModelCard, ...]:
-    """Cards of the head model and of the networks that ran; ModelFault when the table of networks is broken."""
+def model_cards(head: HeadModel, head_file: Path | None = None) -> tuple[ModelCard, ...]:
+    """Cards of the head model and of the networks that ran.
+
+    Args:
+        head: the head model.
+        head_file: where it was read from; None for the one in the box.
+
+    Raises:
+        ModelFault: the table of networks is broken.
+    """
     from hashlib import sha256
 
     table = model_table()
-    digest = sha256(DEFAULT_HEAD.read_bytes()).hexdigest()
+    digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
     cards = [ModelCard(head.name, digest, head.licence, "head model")]
     for name, role in ROLES.items():
         if name in table:

@@ -60,6 +60,9 @@ def make(
     fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
+    head: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Head model to fit instead of the one in the box.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Make an avatar from a photo.
@@ -80,7 +83,7 @@ def make(
             "iterations": iterations,
         }
         options = Options(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
-        run(photo, output, options, as_json=as_json)
+        run(photo, output, options, head=head, as_json=as_json)
 
 
 @app.command()

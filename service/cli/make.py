@@ -13,33 +13,39 @@ import typer
 
 from service.cli.progress import progress_bar
 from service.cli.source import PIPE, destination, read_photo
+from service.errors import UsageError
 from service.options import Options
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
 
 
-def make(photo: str, output: str | None, options: Options, *, as_json: bool) -> None:
+def make(photo: str, output: str | None, options: Options, *, head: str | None = None, as_json: bool) -> None:
     """Read ``photo``, run the pipeline, write the archive, say what came of it.
 
     Args:
         photo: path, or ``-`` for standard input.
         output: path, ``-`` for standard output, or None for beside the photo.
         options: the request.
+        head: path of a head model file, None for the one in the box.
         as_json: print facts of the run as one JSON object instead of the path.
 
     Raises:
+        UsageError: there is no head model file of that name.
         AvatarError: whatever a stage found wrong.
     """
     begin = time.perf_counter()
     target = destination(photo, output, as_json=as_json)
+    head_file = None if head is None else Path(head)
+    if head_file is not None and not head_file.is_file():
+        raise UsageError(f"there is no head model file {head}; docs/head-model.md says how one is made", field="head")
     data = read_photo(photo)
     with progress_bar() as progress:
         # The numeric libraries take a large part of a second to import: first the cheap checks, then those.
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
 
-        avatar = make_avatar(data, options, progress)
+        avatar = make_avatar(data, options, progress, head_file)
         write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
     seconds = time.perf_counter() - begin
     for code in avatar.all_warnings():

@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -15,9 +16,12 @@ from PIL import Image
 
 from service import diagnosis
 from service.archive.avatar import Avatar
+from service.archive.pack import archive_members
 from service.fit.basis import surface_points
+from service.head.files import save_head
+from service.pipeline import make_avatar
 from tests.end_to_end.command import ROOT, avatarme
-from tests.end_to_end.conftest import Pixels, Sample, png
+from tests.end_to_end.conftest import QUICK, Pixels, Sample, png
 from tests.service.archive.test_meshes import validator_report
 
 EXPECTED = [
@@ -119,3 +123,36 @@ def test_a_turn_in_the_exif_data_changes_nothing(sample: Sample, portrait: Pixel
     with zipfile.ZipFile(io.BytesIO(run.stdout)) as archive:
         for name in ("mesh/head.obj", "mesh/head.glb", "maps/texture.png", "maps/confidence.png"):
             assert archive.read(name) == sample.members[name], name
+
+
+def test_another_head_model_takes_the_place_of_ours(portrait: Pixels, plain: Avatar, tmp_path: Path) -> None:
+    """A user's own file, here a bare skin without blendshapes: the archive is of that head and says whose it is."""
+    skin = plain.head.polygon_part == 0
+    flat = plain.head.triangle_part == 0
+    bare = replace(
+        plain.head,
+        name="another",
+        licence="LicenseRef-mine",
+        identity=plain.head.identity[:20],
+        expression=plain.head.expression[:0],
+        expression_names=(),
+        polygons=plain.head.polygons[skin],
+        polygon_uv=plain.head.polygon_uv[skin],
+        polygon_part=plain.head.polygon_part[skin],
+        part_names=("skin",),
+        triangles=plain.head.triangles[flat],
+        triangle_uv=plain.head.triangle_uv[flat],
+        triangle_part=plain.head.triangle_part[flat],
+        landmark_triangle=(np.cumsum(flat) - 1)[plain.head.landmark_triangle].astype(np.int32),
+        contour_triangle=(np.cumsum(flat) - 1)[plain.head.contour_triangle].astype(np.int32),
+    )
+    assert flat[plain.head.landmark_triangle].all(), "landmarks lie on the skin"
+    save_head(bare, tmp_path / "another.npz")
+    members = archive_members(make_avatar(png(portrait), QUICK, head_file=tmp_path / "another.npz"))
+    manifest = json.loads(members["manifest.json"])
+    assert (manifest["head"]["name"], manifest["head"]["licence"]) == ("another", "LicenseRef-mine")
+    assert manifest["head"]["parts"] == ["skin"] and manifest["head"]["blendshapes"] == []
+    digest = hashlib.sha256((tmp_path / "another.npz").read_bytes()).hexdigest()
+    assert [model["sha256"] for model in manifest["models"] if model["name"] == "another"] == [digest]
+    assert b"LicenseRef-mine" in members["LICENSES.md"]
+    assert members["mesh/head.obj"].count(b"\nf ") == skin.sum()

@@ -50,7 +50,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bytes, Options]]:
     calls: list[tuple[bytes, Options]] = []
     camera = SimpleNamespace(focal_px=1.0, yaw_pitch_roll_deg=lambda: (1.0, 2.0, 3.0))
 
-    def make_avatar(data: bytes, options: Options, progress: Any) -> SimpleNamespace:
+    def make_avatar(data: bytes, options: Options, progress: Any, head_file: Path | None) -> SimpleNamespace:
         calls.append((data, options))
         progress("fit", 0.5)
         return SimpleNamespace(
@@ -119,6 +119,7 @@ def test_json_is_one_object_with_what_a_machine_needs(run: Run, photo: Path, ask
         ["make", "a.jpg", "--seed", "1.5"],
         ["make", "a.jpg", "--face", "-1"],
         ["make", "a.jpg", "--fit", "magic"],
+        ["make", "a.jpg", "--head", "no-such-head.npz"],
         ["no-such-command"],
     ],
 )
