@@ -33,7 +33,8 @@ def _shipped() -> dict[str, npt.NDArray[np.float16]]:
             return {name: archive[name] for name in sorted(archive.files)}
     except (OSError, ValueError, EOFError) as fault:
         raise ModelFault(
-            f"environment maps {FILE} cannot be read ({fault}); build them with python -m models.lightstage.light.environments"
+            f"environment maps {FILE} cannot be read ({fault}); "
+            "build them with python -m models.lightstage.light.environments"
         ) from fault
 
 
@@ -96,7 +97,7 @@ class Illumination:
 
 
 def illumination(scene: Scene) -> Illumination:
-    """Point lights and sky of a scene. Suns become point lights, for a few directions cannot give them sharp shadows."""
+    """Point lights and sky of a scene. Suns become point lights: a few directions cannot give them sharp shadows."""
     sky, suns = without_suns(radiance(scene.environment))
     return Illumination((*scene.lights, *suns), sky)
 

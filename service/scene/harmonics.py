@@ -39,7 +39,7 @@ def project(radiance: npt.NDArray[np.floating]) -> Array:
     """(9, 3) coefficients of a latitude-longitude image (H, W, 3) of linear radiance."""
     height, width = radiance.shape[:2]
     weighted = basis(pixel_directions(height, width)) * pixel_solid_angles(height, width)[..., None]
-    return np.einsum("hwk,hwc->kc", weighted, np.asarray(radiance, np.float64))
+    return np.asarray(np.einsum("hwk,hwc->kc", weighted, np.asarray(radiance, np.float64)))
 
 
 def irradiance(coefficients: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Array:

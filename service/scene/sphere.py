@@ -1,7 +1,8 @@
 """Directions on the sphere: latitude-longitude images, evenly spread directions, and the way from one to the other.
 
 Directions are in head space: +X the subject's left, +Y up, +Z out of the face. A latitude-longitude image has +Y at its
-top and the direction +Z, from where light falls on the face, at its middle column; a column further right is nearer to +X.
+top and the direction +Z, from where light falls on the face, at its middle column; a column further right is nearer to
++X.
 """
 
 from __future__ import annotations

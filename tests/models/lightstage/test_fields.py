@@ -1,9 +1,13 @@
 """Noise, blur, marks and random streams: what they promise, and that a crop equals the whole to the bit."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+if TYPE_CHECKING:
+    from torch import Tensor
 
 from models.lightstage.skin.atlas import Atlas, Metric, enlarge  # noqa: E402
 from models.lightstage.skin.sites import scatter  # noqa: E402
@@ -86,7 +90,7 @@ def test_marks_do_not_depend_on_order_or_window() -> None:
     whole = ChartWindow(0, 0, 384, 256, 384, 256)
     part = ChartWindow(100, 70, 130, 90, 384, 256)
 
-    def drawn(listed: Marks, window: ChartWindow) -> torch.Tensor:
+    def drawn(listed: Marks, window: ChartWindow) -> "Tensor":
         total = accumulator(window)
         for s in stamps(listed, window):
             add(total, s.texel, s.values[0] * torch.exp(-(s.a**2 + s.b**2)))

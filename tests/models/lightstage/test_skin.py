@@ -2,11 +2,14 @@
 
 import dataclasses
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+if TYPE_CHECKING:
+    from torch import Tensor
 
 from models.lightstage.measures import band, correlation, log_luminance  # noqa: E402
 from models.lightstage.skin import Anatomy, Atlas, ChartWindow, Skin, SkinMaps, Subject  # noqa: E402
@@ -28,7 +31,7 @@ def maps(seed: int) -> SkinMaps:
     return cheek(seed).maps(WINDOW)
 
 
-def fields(m: SkinMaps) -> dict[str, torch.Tensor]:
+def fields(m: SkinMaps) -> dict[str, "Tensor"]:
     return {f.name: getattr(m, f.name) for f in dataclasses.fields(m)}
 
 
