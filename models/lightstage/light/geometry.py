@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,6 +137,15 @@ class Geometry:
         for part in range(0, len(flux), 64):
             light += each[part : part + 64].float().T @ (seen[part : part + 64].float() / 255.0)
         return enlarged(light.view(9, *self.visible.shape[1:]), window)
+
+    def density(self, window: ChartWindow) -> float:
+        """Texels per mm of the densest part of the face on a chart of the window's size (98th percentile)."""
+        inside = self.face[0] > 0.5
+        area = (self.maps[9] * self.maps[12])[inside if inside.any() else self.mask[0] > 0.5]
+        if not area.numel():
+            return 1.0
+        smallest = max(float(area.quantile(0.02)), 1.0)
+        return math.sqrt(window.chart_width * window.chart_height / smallest)
 
     def openness(self, window: ChartWindow) -> Tensor:
         """(h, w) ambient occlusion in [0, 1]: share of evenly bright surroundings' irradiance that arrives."""

@@ -1,0 +1,48 @@
+"""Choosing the exposure as a photographer would: from the face, once a scene and subject, not per crop."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from models.lightstage.light.bake import LitMaps, radiance
+from models.lightstage.light.geometry import Geometry
+from models.lightstage.light.sampling import enlarged
+from models.lightstage.skin.window import ChartWindow
+from service.colour import LUMA
+from service.scene.plan import Plan
+from service.scene.scene import Response, Scene
+
+
+def level_of(response: Response) -> float:
+    """Linear value that the response codes as its target."""
+    coded = response.target ** (1.0 / response.gamma)
+    linear = coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
+    knee = 1.0 - response.shoulder
+    if response.shoulder > 0.0 and linear > knee:
+        return knee - response.shoulder * math.log(max(1.0 - (linear - knee) / response.shoulder, 1e-6))
+    return linear
+
+
+def expose(skin: LitMaps, geometry: Geometry, scene: Scene, window: ChartWindow) -> Scene:
+    """The scene with the exposure that brings the 90th percentile of the face's luminance to the response's target.
+
+    A scene that already has an exposure is returned as it is; in complete darkness the exposure is 1.
+
+    Args:
+        skin: maps of the whole chart, small (192 x 128 will do).
+        geometry: the head.
+        scene: what lights it.
+        window: the whole chart at the size of the maps.
+    """
+    if scene.response.exposure is not None:
+        return scene
+    views = radiance(skin, geometry, scene, Plan.everything(scene), window)
+    blend = sum((light * weight for light, weight in views), torch.zeros((), device=geometry.device))
+    balance = torch.tensor(scene.response.white_balance, device=geometry.device) * torch.from_numpy(LUMA).to(geometry.device)
+    luminance = (blend * balance.view(3, 1, 1)).sum(0)
+    face = (enlarged(geometry.face, window)[0] > 0.5) & (skin.mask[0] > 0.5)
+    chosen = luminance[face] if face.any() else luminance.flatten()
+    bright = float(chosen.float().quantile(0.9))
+    return scene.exposed(min(level_of(scene.response) / bright, 1e9) if bright > 1e-9 else 1.0)

@@ -1,0 +1,47 @@
+"""Sample points of a lit surface: all that the planner needs to know of a head and its skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+RING_MM = (0.0, 0.6, 0.6, 0.6, 0.6, 2.0, 2.0, 2.0, 2.0)
+"""Distance of each place of a sample from its centre."""
+
+AZIMUTHS = 8
+
+
+@dataclass(frozen=True)
+class Surface:
+    """K samples spread over the face; S = 9 places each: the point and two rings of four about it (``RING_MM``).
+
+    Attributes:
+        position: (S, K, 3) metres.
+        diffuse_normal: (S, K, 3) unit, head space.
+        albedo: (S, K, 3) linear diffuse albedo.
+        normal, tangent, bitangent: (K, 3) smooth frame.
+        specular_normal: (K, 3) unit, head space.
+        specular: (K,) specular albedo s.
+        alpha: (K, 2) GGX alpha of both lobes; ``share`` (K,) of the first.
+        visible: (K, D) in [0, 1], which of D spread directions the point sees.
+        horizon: (K, 8) slope of the fine relief's horizon, azimuths counter-clockwise from the tangent.
+        weight: (K,) share of the face's texels that the sample stands for, sum 1.
+    """
+
+    position: Array
+    diffuse_normal: Array
+    albedo: Array
+    normal: Array
+    tangent: Array
+    bitangent: Array
+    specular_normal: Array
+    specular: Array
+    alpha: Array
+    share: Array
+    visible: Array
+    horizon: Array
+    weight: Array
