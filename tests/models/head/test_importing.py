@@ -10,8 +10,12 @@ import pytest
 from models.head.import_ict import arkit_units, one_image
 from models.head.import_npz import read_npz
 from models.head.importing import Source, convert, mirror_table
+from models.head.shoot import look_at
 from service.errors import ModelFault
+from service.faces.face import Face
+from service.fit.fit import fit_face
 from service.head.files import load_head, save_head
+from service.photo.photo import Photo
 
 
 def foreign() -> Source:
@@ -53,6 +57,21 @@ def test_landmarks_arrive_at_the_same_places(tmp_path: Path) -> None:
     assert np.percentile(error, 95) < 0.006
     assert np.abs(head.region("lips") - 0).max() > 0.9
     assert head.shape(np.zeros(5), np.zeros(3)).shape == head.mean.shape
+
+
+def test_the_fitter_takes_an_imported_head() -> None:
+    """Landmarks of the imported head itself under a known camera: the fit must find the pose again."""
+    head = convert(foreign(), load_head())
+    camera = look_at(18.0, 4.0, 0.0, 0.9, 800, 1500.0)
+    points = (head.mean[head.triangles[head.landmark_triangle]] * head.landmark_barycentric[..., None]).sum(1)
+    pixels = camera.project(points)
+    box = np.r_[pixels.min(0), pixels.max(0)]
+    landmarks = np.c_[pixels, np.zeros(len(pixels))]
+    face = Face(box, 1.0, np.zeros((6, 2)), landmarks, 1.0)
+    fit = fit_face(face, Photo(np.full((800, 800, 3), 128, np.uint8)), head)
+    assert fit.landmark_rms_px < 0.03 * fit.inter_ocular_px
+    assert abs(fit.camera.yaw_pitch_roll_deg()[0] - 18.0) < 4.0
+    assert fit.vertices.shape == head.mean.shape
 
 
 def test_wrong_unit_is_noticed() -> None:
