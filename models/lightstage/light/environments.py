@@ -54,8 +54,8 @@ def decode(module: str) -> npt.NDArray[np.float32]:
 def mended(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Give suns of the package whose red and green were lost in its compression the tint of the glow around them.
 
-    In two panoramas the 8 x 8 blocks that hold the sun have red and green of exactly 0 (their codes overflowed) beside blue
-    in the thousands.
+    In two panoramas the 8 x 8 blocks that hold the sun have red and green of exactly 0 (their codes overflowed) beside
+    blue in the thousands.
     """
     from scipy.ndimage import binary_dilation
 
@@ -70,7 +70,7 @@ def mended(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def reduced(image: npt.NDArray[np.floating], height: int = HEIGHT, width: int = WIDTH) -> npt.NDArray[np.float16]:
-    """(height, width, 3) float16 means of an image whose sides are multiples; scaled so that its mean over the sphere is 1.
+    """(height, width, 3) float16 means of an image whose sides are multiples, scaled to a mean of 1 over the sphere.
 
     The package's lossy compression rings below zero beside suns; averaging comes first, so the ringing cancels.
     """
@@ -98,7 +98,8 @@ def convert(package: Path, out: Path) -> list[str]:
         for file in files:
             name = file.name.removesuffix(".exr.js")
             buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, reduced(mended(decode(file.read_text("utf-8")))), version=(1, 0), allow_pickle=False)
+            image = reduced(mended(decode(file.read_text("utf-8"))))
+            np.lib.format.write_array(buffer, image, version=(1, 0), allow_pickle=False)
             entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(entry, buffer.getvalue())
@@ -113,7 +114,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("-o", "--out", type=Path, default=FILE)
     chosen = parser.parse_args(arguments)
     names = convert(chosen.package, chosen.out)
-    sys.stdout.write(f"{chosen.out}: {len(names)} environments, {chosen.out.stat().st_size} bytes: {', '.join(names)}\n")
+    size = chosen.out.stat().st_size
+    sys.stdout.write(f"{chosen.out}: {len(names)} environments, {size} bytes: {', '.join(names)}\n")
 
 
 if __name__ == "__main__":

@@ -88,7 +88,7 @@ def _table(device: str) -> Tensor:
 
 
 def directional_albedo(f0: Tensor, alpha: Tensor, n_v: Tensor, *, rising: bool = True) -> Tensor:
-    """(h, w) share of even light that a lobe sends to the viewer, at most 1; without Fresnel's rise where not ``rising``."""
+    """(h, w) share of even light that a lobe sends to the viewer, at most 1; no Fresnel rise where not ``rising``."""
     table = _table(str(alpha.device)).to(alpha.dtype)
     row = (n_v * _TABLE_COSINES - 0.5).clamp(0.0, _TABLE_COSINES - 1.0)
     column = (alpha * _TABLE_ALPHAS - 0.5).clamp(0.0, _TABLE_ALPHAS - 1.0)

@@ -9,7 +9,7 @@ from models.lightstage.skin.window import ChartWindow
 
 
 def enlarged(image: Tensor, window: ChartWindow) -> Tensor:
-    """(C, h, w) of a map (C, H, W) of the whole chart at the window's texels, bilinear; borders go on beyond the chart."""
+    """(C, h, w) of a map (C, H, W) of the whole chart at the window's texels, bilinear; borders go on outside it."""
     result = image
     for axis, position in ((1, window.rows(image.shape[1])), (2, window.columns(image.shape[2]))):
         count = image.shape[axis]

@@ -1,7 +1,7 @@
 """Light that wanders under the skin: irradiance blurred by a sum of Gaussians in millimetres, one set per colour.
 
-Profile: d'Eon and Luebke, GPU Gems 3, ch. 14. Light crosses the surface twice, so half of the albedo colours it on the way
-in and half on the way out: radiosity = sqrt(A) * blur(sqrt(A) * E).
+Profile: d'Eon and Luebke, GPU Gems 3, ch. 14. Light crosses the surface twice, so half of the albedo colours it on the
+way in and half on the way out: radiosity = sqrt(A) * blur(sqrt(A) * E).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FIRST = 0.25  # variance in texels^2 of the first level
 
 
 def _levels(widest: float) -> list[tuple[int, float]]:
-    """(halvings, variance in full-size texels^2) of blurs whose variance doubles, from narrow to at least ``widest``^2."""
+    """(halvings, variance in full-size texels^2) of blurs whose variance doubles, up to at least ``widest``^2."""
     levels, variance = [], _FIRST
     while True:
         sigma = math.sqrt(variance)
@@ -100,8 +100,8 @@ def _enlarged(image: Tensor, factor: int, height: int, width: int) -> Tensor:
 def scattered(light: Tensor, texels_per_mm: Tensor, mask: Tensor, densest: float, scale: float = 1.0) -> Tensor:
     """(3, h, w) light blurred by the profile of each colour, its width in mm everywhere.
 
-    A blur of any width is a mixture of the two nearest of a ladder whose variances double; blurs narrower than half a texel
-    are left out. Light outside ``mask`` takes no part: what reaches the mask's edge is scaled up by what is missing, so
+    A blur of any width is a mixture of the two nearest of a ladder whose variances double; blurs narrower than half a
+    texel are left out. Light outside ``mask`` takes no part: what reaches the mask's edge is scaled up by what is missing, so
     even light stays as it is.
 
     Args:

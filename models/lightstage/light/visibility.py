@@ -81,7 +81,8 @@ def lit_from_direction(occluders: Tensor, spacing_mm: float, points: Points, dir
     """(N,) share in [0, 1] of parallel light from a unit ``direction`` that reaches each point; 0 behind the horizon.
 
     Args:
-        occluders: (M, 3) float32 mm, about ``spacing_mm`` apart.
+        occluders: (M, 3) float32 mm.
+        spacing_mm: how far apart they are, about.
         points: where.
         direction: (3,) towards the light.
     """
@@ -104,7 +105,7 @@ def _tangent(cosine: Tensor) -> Tensor:
 
 
 def _around(offset: Tensor, right: Tensor, up: Tensor, towards: Tensor) -> tuple[Tensor, Tensor]:
-    """(2, N) angles about the axis ``towards`` (azimuthal equidistant) and (N,) distances of offsets (3, N) from a light."""
+    """(2, N) angles about ``towards`` (azimuthal equidistant) and (N,) distances of offsets (3, N) from a light."""
     distance = offset.square().sum(0).sqrt().clamp(min=1e-6)
     x, y, z = right @ offset, up @ offset, towards @ offset
     across = (x * x + y * y).sqrt()
@@ -122,7 +123,7 @@ def lit_from_point(occluders: Tensor, spacing_mm: float, points: Points, light_m
     plane, distance = _around((occluders - light_mm).T, right, up, towards)
     low = plane.amin(1)
     extent = (plane.amax(1) - low).max()
-    # Cells as wide as the points are apart where most of the head is; what is much nearer to the light has its own size.
+    # Cells as wide as the points are apart where most of the head is; what is much nearer to the light has its own.
     typical = distance.median().clamp(min=10.0)
     cell = (1.6 * spacing_mm / typical).clamp(min=1e-7)
     size = int((extent / cell).ceil().clamp(1, 2048)) + 1
