@@ -13,6 +13,7 @@ import argparse
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -144,22 +145,32 @@ def robust_centre(points: Float, start: Float | None = None) -> tuple[Float, flo
     return np.asarray(centre), float(np.median(distance) / 1.1774)
 
 
+UPPER_INNER = (191, 80, 81, 82, 13, 312, 311, 310, 415)
+LOWER_INNER = (95, 88, 178, 87, 14, 317, 402, 318, 324)
+"""Landmarks of the inner edge of each lip. On closed lips they fall on one line, so the hits cannot tell them apart."""
+
+
 class Surface:
     """The outside of the mean head's skin, to put points back onto it."""
 
-    def __init__(self, head: HeadModel) -> None:
-        """Collect the skin's triangles without mouth lining and sockets."""
+    def __init__(self, head: HeadModel, lip: Literal["upper", "lower"] | None = None) -> None:
+        """Collect the skin's triangles without mouth lining and sockets, or those of one lip: the lower goes with the jaw."""
         from scipy.spatial import cKDTree
 
         inner = head.region("mouth_inner") + head.region("eye_socket")
         outside = (head.triangle_part == 0) & (inner[head.triangles] < 0.5).all(1)
+        if lip is not None:
+            outside &= (head.region("lips")[head.triangles] > 0.5).all(1)
+            drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]
+            moving = (drop > 0.25 * drop.max())[head.triangles]
+            outside &= moving.all(1) if lip == "lower" else ~moving.any(1)
         self.index = np.flatnonzero(outside)
         self.corner = head.mean[head.triangles[self.index]].astype(float)
         self.tree = cKDTree(self.corner.mean(1))
 
     def project(self, point: Float) -> tuple[int, Float]:
         """Triangle and barycentric coordinates of the surface point nearest to (3,) a point."""
-        near = self.tree.query(point, k=24)[1]
+        near = self.tree.query(point, k=min(24, len(self.index)))[1]
         weights = nearest_on_triangles(self.corner[near], np.repeat(point[None], len(near), axis=0))
         foot = np.einsum("nk,nkc->nc", weights, self.corner[near])
         best = int(np.argmin(np.linalg.norm(foot - point, axis=1)))
@@ -200,7 +211,9 @@ def embed(head: HeadModel, hits: Hits) -> tuple[Embedding, Float]:
             centres[k], spreads[k] = robust_centre(both[use, k] if use.any() else both[:, k])
         centres = 0.5 * (centres + centres[pairs] * flip)
         spreads = 0.5 * (spreads + spreads[pairs])
-    places = [surface.project(c) for c in centres]
+    upper, lower = Surface(head, "upper"), Surface(head, "lower")
+    lips = {**dict.fromkeys(UPPER_INNER, upper), **dict.fromkeys(LOWER_INNER, lower)}
+    places = [lips.get(k, surface).project(c) for k, c in enumerate(centres)]
     table, weights = [], []
     for middle in YAW_BINS:
         inside = np.abs(both_yaw - middle) <= 10.0

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 SAMPLES = 25
 """Odd number of samples along each search line."""
-SIGMA_M = 0.0012
+SIGMA_M = 0.0008
 """Expected distance of a true edge from the outline, metres on the face."""
 CONTRAST = 0.04
 """Edge strength (sRGB step in [0, 1]) at which an edge is believed half."""

@@ -32,7 +32,7 @@ ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
 """Geman-McClure scale in standard deviations, round by round; the first round moves the pose alone."""
 GRAZING = 0.1
 """A landmark whose surface normal has a smaller cosine to the viewing direction is taken as hidden."""
-DEPTH_SIGMA_M = 0.012
+DEPTH_SIGMA_M = 0.03
 """Scatter of the landmark network's own relative depth, metres."""
 
 

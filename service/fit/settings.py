@@ -25,7 +25,7 @@ class FitSettings:
     identity_components: int = 80
     refine: Literal["landmarks", "pixels"] = "landmarks"
     identity_prior: float = 1.0
-    expression_prior: float = 0.25
+    expression_prior: float = 0.5
     distance_m: float = 1.2
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 SIGMA = 0.10
 """Expected deviation of log-like relative intensity from one-albedo shading."""
-SHARE = 0.02
+SHARE = 0.005
 """Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
 
