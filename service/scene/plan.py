@@ -1,8 +1,9 @@
 """Only what the scene calls for: which effects of light run, and how much leaving out the others can cost.
 
-Every effect's worth is estimated on a few hundred points of the very surface and scene (``service.scene.estimate``); what
-may be left out is what costs little, as long as the sum of all bounds stays within the tolerance. There is no list of
-special cases: a frontal lamp, an overcast sky or a matt skin make effects drop out because their estimates are small.
+Every effect's worth is estimated on a few hundred points of the very surface and scene (``service.scene.estimate``);
+what may be left out is what costs little, as long as the sum of all bounds stays within the tolerance. There is no
+list of special cases: a frontal lamp, an overcast sky or a matt skin make effects drop out because their estimates are
+small.
 """
 
 from __future__ import annotations
@@ -131,7 +132,9 @@ def plan(scene: Scene, surface: Surface, tolerance: float = 1.0) -> Plan:
         chosen.append(item)
         spent += bounds[item]
     left = set(chosen)
-    decisions = [Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], estimates)) for e, i in items]
+    decisions = [
+        Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], estimates)) for e, i in items
+    ]
     return Plan(tuple(decisions), float(tolerance))
 
 

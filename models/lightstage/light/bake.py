@@ -1,7 +1,7 @@
 """The light stage's camera: skin, head and scene -> a photo-like texture with the light baked in (method.md 2.2).
 
-For every texel and viewpoint: diffuse light that scattered under the skin, highlights of the lamps, the mirror image of the
-surroundings, shadows on all of them; then the camera's response; then a blend of the viewpoints, as textures are
+For every texel and viewpoint: diffuse light that scattered under the skin, highlights of the lamps, the mirror image of
+the surroundings, shadows on all of them; then the camera's response; then a blend of the viewpoints, as textures are
 stitched from photos. What the skin mirrors is missing from what it scatters, so no light is gained.
 """
 
@@ -58,7 +58,10 @@ class LitMaps(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Lamp:
-    """A light at the texels: unit direction (3, h, w), (h, w) distance in m, irradiance (3, h, w) when facing, shade (h, w)."""
+    """A light at the texels.
+
+    Unit direction (3, h, w), distance (h, w) in m, irradiance (3, h, w) when facing, shade (h, w).
+    """
 
     towards: Tensor
     distance: Tensor
@@ -223,7 +226,8 @@ def _towards(
     cosine = dot(normal, view)
     n_v = cosine.clamp(1e-3, 1.0).to(dtype)
     rising = plan.runs("fresnel")
-    parts = [directional_albedo(gloss.f0, a, n_v, rising=rising) * w for a, w in zip(gloss.alphas, gloss.shares, strict=True)]
+    lobes = zip(gloss.alphas, gloss.shares, strict=True)
+    parts = [directional_albedo(gloss.f0, a, n_v, rising=rising) * w for a, w in lobes]
     kept = 1.0 - torch.stack(parts).sum(0).clamp(0.0, 1.0)
     total = diffuse.to(dtype) * kept
     for lamp in shining:

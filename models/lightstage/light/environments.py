@@ -1,7 +1,7 @@
 """Small environment maps from the npm package ``@pmndrs/assets``: ``python -m models.lightstage.light.environments``.
 
-The package (CC0-1.0) has 18 panoramas of Poly Haven (CC0) at 512 x 256 as base64 EXR. They are averaged to 128 x 64, which
-keeps the light of every region, and brought to a mean of 1: a scene sets its own strength.
+The package (CC0-1.0) has 18 panoramas of Poly Haven (CC0) at 512 x 256 as base64 EXR. They are averaged to 128 x 64,
+which keeps the light of every region, and brought to a mean of 1: a scene sets its own strength.
 
     npm pack @pmndrs/assets@1.7.0 && tar xzf pmndrs-assets-1.7.0.tgz
     python -m models.lightstage.light.environments --package package

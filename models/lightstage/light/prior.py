@@ -10,7 +10,7 @@ from service.scene.scene import Environment, PointLight, Response, Scene, Softbo
 
 
 def blackbody(kelvin: float) -> Triple:
-    """Linear sRGB of a black body, luminance 1, by Planck's law and the CIE 1931 observer (lobes of Wyman et al. 2013)."""
+    """Linear sRGB of a black body, luminance 1: Planck's law, CIE 1931 observer (lobes of Wyman et al. 2013)."""
     nm = np.arange(380.0, 781.0, 5.0)
 
     def lobe(mean: float, below: float, above: float) -> np.ndarray:
@@ -66,7 +66,8 @@ def _made_up(s: Stream) -> Environment:
     for _ in range(1 + int(s.one(0.0, 6.0))):
         yaw, pitch = s.one(-np.pi, np.pi), np.arcsin(s.one(-0.4, 1.0))
         direction = (float(np.sin(yaw) * np.cos(pitch)), float(np.sin(pitch)), float(np.cos(yaw) * np.cos(pitch)))
-        boxes.append(Softbox(direction, _colour(s, float(s.log_normal(2.0, 0.8)[0])), float(s.log_normal(25.0, 0.7)[0])))
+        colour = _colour(s, float(s.log_normal(2.0, 0.8)[0]))
+        boxes.append(Softbox(direction, colour, float(s.log_normal(25.0, 0.7)[0])))
     return Environment(
         zenith=_colour(s, s.one(0.2, 1.5)), horizon=_colour(s, s.one(0.2, 1.2)), ground=_colour(s, s.one(0.05, 0.6)),
         softboxes=tuple(boxes), strength=float(s.log_normal(0.6, 0.6)[0]),
@@ -90,7 +91,8 @@ def sample_scene(seed: int) -> Scene:
     if s.chance(0.5):
         chosen = names()
         name = chosen[min(int(s.one() * len(chosen)), len(chosen) - 1)]
-        surroundings = Environment(name=name, rotation_deg=s.one(-180.0, 180.0), strength=float(s.log_normal(0.7, 0.6)[0]))
+        turn = s.one(-180.0, 180.0)
+        surroundings = Environment(name=name, rotation_deg=turn, strength=float(s.log_normal(0.7, 0.6)[0]))
     else:
         surroundings = _made_up(s)
     lamps = _lamps(s, float(s.log_normal(2.0, 0.7)[0]))

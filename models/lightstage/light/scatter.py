@@ -101,8 +101,8 @@ def scattered(light: Tensor, texels_per_mm: Tensor, mask: Tensor, densest: float
     """(3, h, w) light blurred by the profile of each colour, its width in mm everywhere.
 
     A blur of any width is a mixture of the two nearest of a ladder whose variances double; blurs narrower than half a
-    texel are left out. Light outside ``mask`` takes no part: what reaches the mask's edge is scaled up by what is missing, so
-    even light stays as it is.
+    texel are left out. Light outside ``mask`` takes no part: what reaches the mask's edge is scaled up by what is
+    missing, so even light stays as it is.
 
     Args:
         light: (3, h, w) >= 0, float32.
