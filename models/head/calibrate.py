@@ -154,7 +154,7 @@ class Surface:
     """The outside of the mean head's skin, to put points back onto it."""
 
     def __init__(self, head: HeadModel, lip: Literal["upper", "lower"] | None = None) -> None:
-        """Collect the skin's triangles without mouth lining and sockets, or those of one lip: the lower goes with the jaw."""
+        """The skin's triangles without mouth lining and sockets, or those of one lip; the lower goes with the jaw."""
         from scipy.spatial import cKDTree
 
         inner = head.region("mouth_inner") + head.region("eye_socket")
