@@ -23,7 +23,7 @@ class FitSettings:
 
     iterations: int = 24
     identity_components: int = 80
-    refine: Literal["landmarks", "pixels"] = "landmarks"
+    refine: Literal["landmarks", "pixels"] = "pixels"
     identity_prior: float = 1.0
     expression_prior: float = 0.5
     distance_m: float = 1.2

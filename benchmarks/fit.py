@@ -1,0 +1,210 @@
+"""Error of the fit against its cost: ``python -m benchmarks.fit [--photos build/bench] [--write docs]``.
+
+Takes the photos of ``benchmarks.shoot``, finds each face once, fits it with a list of settings and prints, for every
+setting, the surface error in mm at 63 mm inter-ocular distance (median of the photos' medians, mean, 90th percentile),
+the landmark error and the time; for the default also by yaw, by light and for the heads that no default was chosen on.
+``--write`` puts the tables into ``fit-accuracy.md`` with a plot beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program itself does
+
+import numpy as np
+
+from benchmarks.metrics import Score, Truth, score
+from service.errors import AvatarError
+from service.faces.face import Face
+from service.faces.finder import FaceFinder
+from service.fit.fit import fit_face
+from service.fit.settings import FitSettings
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.photo.photo import Photo
+
+HELD_OUT = range(110, 1000)
+"""ICT heads on which no setting was looked at while defaults were chosen."""
+SETTINGS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "average head, pose only": {"identity_components": 0, "refine": "landmarks"},
+    "10 components": {"identity_components": 10},
+    "20 components": {"identity_components": 20},
+    "40 components": {"identity_components": 40},
+    "100 components": {"identity_components": 100},
+    "landmarks only": {"refine": "landmarks"},
+    "landmarks only, 4 iterations": {"refine": "landmarks", "iterations": 4},
+    "landmarks only, 8 iterations": {"refine": "landmarks", "iterations": 8},
+    "landmarks only, 48 iterations": {"refine": "landmarks", "iterations": 48},
+    "identity prior 0.3": {"identity_prior": 0.3},
+    "identity prior 3": {"identity_prior": 3.0},
+}
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A photo with its face and truth."""
+
+    name: str
+    photo: Photo
+    face: Face
+    truth: Truth
+
+    @property
+    def head_number(self) -> int:
+        """Number of the ICT head, -1 for another head."""
+        head = self.name.split("_")[0]
+        return int(head[3:]) if head.startswith("ict") else -1
+
+
+@dataclass(frozen=True)
+class Result:
+    """One fit, scored."""
+
+    shot: Shot
+    score: Score
+    landmark_percent: float
+    pose_error_deg: float
+    seconds: float
+
+
+def load_shots(folder: Path) -> tuple[list[Shot], int]:
+    """Photos in which a face was found, and the number of those in which none was."""
+    import cv2
+
+    finder, shots, missed = FaceFinder(), [], 0
+    for path in sorted(folder.glob("*_*_*.npz")):
+        image = cv2.imread(str(path.with_suffix(".png")))
+        if image is None:
+            raise SystemExit(f"{path}: its photo is missing")
+        pixels = np.ascontiguousarray(image[..., ::-1]).astype(np.uint8, copy=False)
+        faces = finder.find(pixels)
+        missed += not faces
+        if faces:
+            shots.append(Shot(path.stem, Photo(pixels), faces[0], Truth.load(str(path))))
+    return shots, missed
+
+
+def run(shots: list[Shot], head: HeadModel, settings: FitSettings) -> tuple[list[Result], int]:
+    """Fit and score every shot; the number that could not be fitted comes second."""
+    results, failed = [], 0
+    for shot in shots:
+        begin = time.process_time()
+        try:
+            fit = fit_face(shot.face, shot.photo, head, settings)
+            seconds = time.process_time() - begin
+            scored = score(fit, head, shot.truth)
+        except (AvatarError, ValueError):
+            failed += 1
+            continue
+        pose = abs(-fit.camera.yaw_pitch_roll_deg()[0] - shot.truth.yaw)
+        percent = 100 * fit.landmark_rms_px / fit.inter_ocular_px
+        results.append(Result(shot, scored, percent, pose, seconds))
+    return results, failed
+
+
+def row(name: str, results: list[Result]) -> str:
+    """One line of a Markdown table."""
+    if not results:
+        return f"| {name} | 0 | | | | | | |"
+    median = np.array([r.score.median_mm for r in results])
+    columns = [
+        f"{np.median(median):.2f}",
+        f"{np.mean([r.score.mean_mm for r in results]):.2f}",
+        f"{np.percentile(median, 90):.2f}",
+        f"{np.mean([r.landmark_percent for r in results]):.2f}",
+        f"{np.median([r.pose_error_deg for r in results]):.1f}",
+        f"{np.median([r.seconds for r in results]):.2f}",
+    ]
+    return f"| {name} | {len(results)} | " + " | ".join(columns) + " |"
+
+
+HEADER = (
+    "| | photos | median mm | mean mm | 90th percentile of medians | landmark rms, % of eye distance "
+    "| yaw error, deg | CPU s |\n"
+    "|---|---|---|---|---|---|---|---|"
+)
+
+
+def parts(results: list[Result]) -> list[tuple[str, list[Result]]]:
+    """The default's results by yaw, light and set of heads."""
+    out = [(f"yaw {yaw}", [r for r in results if f"_{yaw}_" in r.shot.name]) for yaw in (0, 25, 45)]
+    out += [(f"{light} light", [r for r in results if r.shot.name.endswith(light)]) for light in ("soft", "harsh")]
+    out.append(("FFHQ-UV head", [r for r in results if r.shot.head_number < 0]))
+    out.append(("ICT heads", [r for r in results if r.shot.head_number >= 0]))
+    out.append(("ICT heads, held out", [r for r in results if r.shot.head_number in HELD_OUT]))
+    return out
+
+
+def plot(points: dict[str, tuple[float, float]], path: Path) -> None:
+    """Error against time, one point a setting, the default marked."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7.5, 4.5))
+    for name, (seconds, error) in points.items():
+        chosen = name == "default"
+        axes.plot(seconds, error, "o", color="tab:red" if chosen else "tab:blue", markersize=9 if chosen else 5)
+        axes.annotate(name, (seconds, error), xytext=(5, 4), textcoords="offset points", fontsize=7)
+    axes.set_xlabel("CPU seconds per photo")
+    axes.set_ylabel("median surface error, mm")
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--photos", type=Path, default=Path("build/bench"))
+    parser.add_argument("--write", type=Path)
+    parser.add_argument("--only", help="run settings whose name contains this")
+    arguments = parser.parse_args()
+    shots, missed = load_shots(arguments.photos)
+    if not shots:
+        raise SystemExit(f"{arguments.photos}: no photos; take them by python -m benchmarks.shoot")
+    heads = len({shot.name.split("_")[0] for shot in shots if shot.head_number >= 0})
+    head = load_head()
+    lines = [f"{len(shots) + missed} photos ({heads} ICT heads and the FFHQ-UV head); no face found in {missed}.", ""]
+    lines += ["## By setting", "", HEADER]
+    points: dict[str, tuple[float, float]] = {}
+    default: list[Result] = []
+    for name, values in SETTINGS.items():
+        if arguments.only and arguments.only not in name:
+            continue
+        results, failed = run(shots, head, FitSettings(**values))
+        lines.append(row(name + (f" ({failed} failed)" if failed else ""), results))
+        _say(lines[-1])
+        points[name] = (_median([r.seconds for r in results]), _median([r.score.median_mm for r in results]))
+        default = results if name == "default" else default
+    lines += ["", "## The default in parts", "", HEADER, *(row(name, part) for name, part in parts(default))]
+    _say("\n".join(lines))
+    if arguments.write:
+        plot(points, arguments.write / "fit-accuracy.png")
+        text = "# Accuracy of the fit\n\nWritten by `python -m benchmarks.fit --write docs`"
+        text += " on photos of `python -m benchmarks.shoot`.\n\n![error against time](fit-accuracy.png)\n\n"
+        (arguments.write / "fit-accuracy.md").write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values)) if values else float("nan")
+
+
+def _say(text: str) -> None:
+    import sys
+
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""How far a fitted head is from the truth of a rendered photo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from service.fit.result import Fit
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+
+INTER_OCULAR_MM = 63.0
+"""Every face is scaled to this distance of the pupils: the absolute size cannot be seen in a photo."""
+FACE_RADIUS = 1.45
+"""Radius of the scored face about its centre, inter-ocular distances."""
+FACING = 0.35
+ROUNDS = 12
+SAMPLES = 6000
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the renderer knows; see ``benchmarks.render``."""
+
+    position: Float
+    normal: Float
+    mask: npt.NDArray[np.bool_]
+    eyes: npt.NDArray[np.int64]
+    yaw: float
+
+    @classmethod
+    def load(cls, path: str) -> Truth:
+        """Read a ``.npz`` of the photo benchmark."""
+        with np.load(path, allow_pickle=False) as data:
+            position, normal = data["position"].astype(np.float64), data["normal"].astype(np.float64)
+            return cls(position, normal, data["mask"], data["eyes"], float(data["yaw"]))
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of one fit: surface distances in mm at 63 mm inter-ocular distance, silhouette overlap in [0, 1]."""
+
+    median_mm: float
+    mean_mm: float
+    silhouette_iou: float
+
+
+def similarity(source: Float, target: Float) -> tuple[float, Float, Float]:
+    """(scale, rotation, offset) with ``scale * source @ rotation + offset`` nearest to target (Umeyama 1991).
+
+    Scale one and no rotation where all source points coincide.
+    """
+    a, b = source.mean(0), target.mean(0)
+    spread = float(((source - a) ** 2).sum())
+    if spread < 1e-18:
+        return 1.0, np.eye(3), b - a
+    u, s, vt = np.linalg.svd((source - a).T @ (target - b))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
+    rotation = u @ np.diag(sign) @ vt
+    scale = float((s * sign).sum() / spread)
+    return scale, rotation, b - scale * a @ rotation
+
+
+def aligned_distance(surface: Float, matched: tuple[Float, Float], truth: Float) -> Float:
+    """Distances from truth (N, 3) to a dense surface (M, 3) after a trimmed similarity ICP that starts from matches."""
+    scale, rotation, offset = similarity(*matched)
+    for _ in range(ROUNDS):
+        distance, nearest = cKDTree(scale * surface @ rotation + offset).query(truth)
+        keep = distance <= np.percentile(distance, 90)
+        scale, rotation, offset = similarity(surface[nearest[keep]], truth[keep])
+    return np.asarray(cKDTree(scale * surface @ rotation + offset).query(truth)[0])
+
+
+def score(fit: Fit, head: HeadModel, truth: Truth) -> Score:
+    """Compare what the fitted head shows to the camera with what the renderer's head showed.
+
+    Raises:
+        ValueError: the fitted head and the true face share no pixel.
+    """
+    height, width = truth.mask.shape
+    in_camera = fit.camera.to_camera(fit.vertices)
+    raster = rasterise(
+        fit.camera.project(fit.vertices), in_camera[:, 2], head.triangles, width, height, perspective=True
+    )
+    hit = raster.mask
+    ours = np.zeros((height, width, 3))
+    ours[hit] = (in_camera[head.triangles[raster.triangle[hit]]] * raster.barycentric[hit][..., None]).sum(1)
+    ours *= np.array([1.0, -1.0, -1.0])
+    pupils = truth.position[truth.eyes[:, 1], truth.eyes[:, 0]]
+    inter_ocular = float(np.linalg.norm(pupils[0] - pupils[1]))
+    turn = np.radians(truth.yaw)
+    view = np.array([np.sin(turn), 0.05, np.cos(turn)])
+    centre = pupils.mean(0) - 0.55 * inter_ocular * np.array([0.0, 1.0, 0.0])
+    near = np.linalg.norm(truth.position - centre, axis=-1) < FACE_RADIUS * inter_ocular
+    face = truth.mask & near & (truth.normal @ (view / np.linalg.norm(view)) > FACING)
+    both = face & hit
+    if int(both.sum()) < 100:
+        raise ValueError(f"the fitted head and the true face share {int(both.sum())} pixels; at least 100 are needed")
+    visible, true = ours[hit], truth.position[face]
+    distance = aligned_distance(
+        visible[:: max(1, len(visible) // (10 * SAMPLES))],
+        (ours[both], truth.position[both]),
+        true[:: max(1, len(true) // SAMPLES)],
+    )
+    mm = distance / inter_ocular * INTER_OCULAR_MM
+    overlap = float((hit & truth.mask).sum() / max(int((hit | truth.mask).sum()), 1))
+    return Score(float(np.median(mm)), float(mm.mean()), overlap)
