@@ -26,7 +26,7 @@ def corner(subject: Subject) -> str | None:
         return "dark and old"
     if angle > 45.0 and subject.spots.freckles > 120.0:
         return "pale and freckled"
-    if subject.surface.pore_diameter > 0.27 and subject.surface.primary_depth > 0.038:
+    if subject.surface.pore_diameter > 0.27 and subject.surface.primary_depth > 0.044:
         return "coarse"
     if subject.coupling.cavity_darkening > 0.14 and subject.coupling.free_noise < 0.013:
         return "colour follows height"

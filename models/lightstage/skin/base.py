@@ -113,7 +113,7 @@ def base_maps(subject: Subject, anatomy: Anatomy, device: torch.device | str = "
     relief = (
         1.0 - 0.25 * a["nose"] - 0.2 * a["forehead"] + 0.3 * a["neck"] + 0.25 * np.maximum(a["eyelid_upper"], lower)
     )
-    relief = (relief - 0.3 * a["ear"]) * _asymmetric(subject, "relief", shape, 0.1)
+    relief = (relief + 0.35 * a["chin"] - 0.3 * a["ear"]) * _asymmetric(subject, "relief", shape, 0.1)
     across = np.clip(a["forehead"] + a["eyelid_upper"] + lower + 0.8 * a["neck"] + 0.6 * a["brow"], 0.0, 1.0)
     shadow = beard_cover(subject, anatomy) * subject.hair.beard_shadow * _asymmetric(subject, "shadow", shape, 0.2)
     hidden = np.maximum(a["mouth_inner"], a["eye_socket"])

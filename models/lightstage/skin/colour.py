@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from models.lightstage.skin.synthesis import Drawn
 
 CAVITY_COLOUR = (0.6, 0.85, 1.0)
+_DARKEST = 0.75
+"""Melanosome fraction beyond which the two-layer model turns bluish."""
 _SEBUM = (0.62, 0.55, 0.38)
 _WHITE_HAIR = (0.5, 0.48, 0.45)
 
@@ -37,7 +39,7 @@ class Paint:
         places = {name: Placement.sample(subject.seed, f"paint {name}") for name in ("mottle", "grain", "streaks")}
         # Hair of the scalp runs down and back from the crown.
         places["streaks"] = places["streaks"].stretched(np.array([0.0, 0.85, -0.5]), 14.0)
-        return cls(noise(4).to(device), noise(3, 0.8).to(device), places)
+        return cls(noise(4, 0.95).to(device), noise(3, 0.8).to(device), places)
 
     def noises(self, position: Tensor, dense: bool) -> tuple[Tensor, Tensor]:
         """(4, h, w) each: mottling of 0.8 to 6.4 mm and grain of 0.14 to 0.56 mm, variance 1."""
@@ -116,7 +118,10 @@ def _pigment(
     lip_b = regions.lip_blood * torch.exp(0.1 * mottle[1] + 0.08 * grain[1] + 0.15 * hole - 0.15 * ridge)
     fm = fm * (1.0 - lips + lips * lip_m)
     fb = torch.exp(torch.lerp(fb.clamp(min=1e-5).log(), lip_b.log(), lips))
-    fm = fm * (1.0 + coupling.cavity_melanin * hole) + drawn.spots.melanin * evenness
+    fm = fm * (1.0 + coupling.cavity_melanin * hole) + drawn.spots.melanin * evenness * (
+        1.0 + 0.22 * mottle[2] + 0.2 * grain[3]
+    ).clamp(0.2, 1.8)
+    fm = fm.clamp(max=_DARKEST)
     return fm, fb, drawn.base["thickness"] * (1.0 - 0.6 * lips)
 
 
@@ -172,4 +177,4 @@ def _hairs(subject: Subject, paint: Paint, drawn: Drawn, colour: Tensor, mottle:
     strands = drawn.hair
     colour = colour * (1.0 - 0.3 * strands.shadow.clamp(0.0, 1.0))
     colour = torch.lerp(colour, own.expand_as(colour), strands.dark.clamp(0.0, 1.0))
-    return torch.lerp(colour, _tint(colour, _WHITE_HAIR).expand_as(colour), strands.grey.clamp(0.0, 1.0))
+    return torch.lerp(colour, _tint(colour, _WHITE_HAIR).expand_as(colour), 0.6 * strands.grey.clamp(0.0, 1.0))

@@ -58,7 +58,7 @@ def roughness(subject: Subject, drawn: Drawn) -> Tensor:
     lost = (
         lost + (1.0 - fade(drawn.texel_mm, 0.5 * s.primary_spacing)) * (2.2 * s.primary_depth / s.primary_spacing) ** 2
     )
-    lost = lost + (1.0 - fade(drawn.texel_mm, 0.16)) * (6.3 * s.grain_rms / 0.16) ** 2
+    lost = lost + (1.0 - fade(drawn.texel_mm, 0.22)) * (6.3 * s.grain_rms / 0.22) ** 2
     narrow = ((g.alpha_narrow * factor) ** 2 + 2.0 * lost * drawn.base["relief"].clamp(min=0.0) ** 2).sqrt()
     broad = ((g.alpha_broad * factor) ** 2 + 2.0 * lost * drawn.base["relief"].clamp(min=0.0) ** 2).sqrt()
     mix = torch.full_like(narrow, g.mix)

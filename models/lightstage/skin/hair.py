@@ -82,7 +82,7 @@ def list_stubble(subject: Subject, anatomy: Anatomy) -> Marks:
     angle = -np.pi / 2 + side * 0.35 * (y > chin) + s.normal(0.0, 0.28, n)
     length = 0.1 + h.beard_length * s.uniform(0.25, 1.0, n)
     uv = grown(a, root, angle, s.normal(0.0, 0.25, n), length, 2 if h.beard_length > 0.8 else 1)
-    return _strands(a, s, uv, h.grey, s.uniform(0.06, 0.12, n))
+    return _strands(a, s, uv, h.grey, s.uniform(0.045, 0.1, n))
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,24 @@ class HairMaps:
 def draw_strands(marks: Marks, window: ChartWindow, device: torch.device | str = "cpu") -> HairMaps:
     """Anti-aliased strands; the nearer of two crossing strands is not told apart."""
     dark, grey, height = (peak(window, device) for _ in range(3))
-    shadow = accumulator(window, device)
+    shadow, thick_dark, thick_grey = (accumulator(window, device) for _ in range(3))
     for s in stamps(marks, window, device):
         _, away = distance(s)
         width, white, bright, share = s.values[OWN_VALUES:]
         cover = coverage(away, width, s.size_mm) * bright
         raise_to(dark, s.texel, cover * (1.0 - white))
         raise_to(grey, s.texel, cover * white)
+        # Where texels are wider than strands several share one: their covers combine as independent ones do.
+        half = s.values[0]
+        many = cover * (s.size_mm / width.clamp(min=1e-3) - 1.0).clamp(0.0, 1.0) * half / (half + 0.5 * s.size_mm)
+        add(thick_dark, s.texel, many * (1.0 - white))
+        add(thick_grey, s.texel, many * white)
         raise_to(height, s.texel, _HAIR_HEIGHT * share * cover)
         soft = (width * width + s.size_mm * s.size_mm).sqrt()
         add(shadow, s.texel, (1.0 - white) * width / soft * torch.exp(-((away / (1.6 * soft)) ** 2)))
-    return HairMaps(*(finished(t, window) for t in (dark, grey, height, shadow)))
+    own, white, rise, under, many_dark, many_grey = (
+        finished(t, window) for t in (dark, grey, height, shadow, thick_dark, thick_grey)
+    )
+    both = 1.0 - torch.exp(-many_dark - many_grey)
+    share = many_dark / (many_dark + many_grey).clamp(min=1e-6)
+    return HairMaps(torch.maximum(own, both * share), torch.maximum(white, both * (1.0 - share)), rise, under)

@@ -12,6 +12,7 @@ from models.lightstage.skin.subject import Subject
 from models.lightstage.skin.volumes import Placement, Volume, furrows, noise
 
 _ACROSS = np.array([1.0, 0.0, 0.0])
+_CREASE = np.array([0.95, 0.2, 0.2])
 _OBLIQUE = np.array([0.62, 0.78, 0.0])
 
 
@@ -29,14 +30,13 @@ class Relief:
     def of(cls, subject: Subject, device: torch.device | str = "cpu") -> Relief:
         """Place the volumes."""
         seed, stretch = subject.seed, subject.surface.anisotropy
-        places = {
-            name: Placement.sample(seed, f"relief {name}") for name in ("secondary", "grain", "bumps", "warp", "lips")
-        }
+        places = {name: Placement.sample(seed, f"relief {name}") for name in ("secondary", "grain", "bumps", "lips")}
         # Skin lines run across on the forehead and round the eyes, obliquely down the cheeks, mirrored left to right.
         first = Placement.sample(seed, "relief primary")
         places["across"] = first.stretched(_ACROSS, stretch)
         places["left"] = first.stretched(_OBLIQUE * [-1.0, 1.0, 1.0], stretch)
         places["right"] = first.stretched(_OBLIQUE, stretch)
+        places["crease"] = Placement.sample(seed, "relief crease").stretched(_CREASE, 1.2 + 1.0 * stretch)
         lips = np.diag([1.0, 0.09, 0.2])
         places["lip_lines"] = Placement(places["lips"].rotation @ lips, places["lips"].shift)
         return cls(subject, furrows().to(device), noise(2).to(device), noise(3).to(device), places)
@@ -57,10 +57,10 @@ class Relief:
         s, places = self.subject.surface, self.places
         bumps = self.broad.coarse(position, 0.9, places["bumps"], dense)
         if (
-            float(fade(texel_mm, 0.5 * max(s.primary_spacing, s.lip_spacing)).max()) == 0.0
+            float(fade(texel_mm, 0.5 * max(s.primary_spacing, s.lip_spacing, s.crease_spacing)).max()) == 0.0
         ):  # from afar only the bumps are left
             return s.bump_rms * (0.4 + 0.6 * strength.clamp(0.0, 1.0)) * bumps[0] * (1.0 - 0.7 * lips)
-        grain = self.fine(position, 0.11, places["grain"])
+        grain = self.fine(position, 0.16, places["grain"])
         # The net is bent a little, or its straight edges give the Voronoi cells away.
         bent = position + 0.16 * s.primary_spacing * bumps[1:4]
         side = torch.sigmoid(position[0] / 6.0)
@@ -70,12 +70,16 @@ class Relief:
         secondary = self.net(
             position + 0.05 * grain[1:4] * s.secondary_spacing, s.secondary_spacing, places["secondary"]
         )
+        crease = self.net.coarse(bent + 0.25 * bumps[1:4], s.crease_spacing, places["crease"], dense)
         visible = fade(texel_mm, 0.5 * s.secondary_spacing)
         depth = 1.0 + 0.35 * bumps[0]
         height = -s.primary_depth * depth * primary[0] + s.dome_depth * (primary[1] - 0.5 + 0.35 * primary[2])
         height = height * fade(texel_mm, 0.5 * s.primary_spacing)
+        height = height - s.crease_depth * (0.6 + 0.4 * bumps[3]) * fade(texel_mm, 0.5 * s.crease_spacing) * (
+            crease[0] - 0.35 * crease[1]
+        )
         height = height + visible * (0.35 * s.dome_depth * (secondary[1] - 0.5) - s.secondary_depth * secondary[0])
-        height = height + fade(texel_mm, 0.16) * s.grain_rms * grain[0]
+        height = height + fade(texel_mm, 0.22) * s.grain_rms * grain[0]
         height = strength * height + s.bump_rms * (0.4 + 0.6 * strength.clamp(0.0, 1.0)) * bumps[0]
         height = height * (1.0 - 0.7 * lips)
         return height + lips * self._lip_lines(position, texel_mm, bumps) if float(lips.max()) > 0.0 else height

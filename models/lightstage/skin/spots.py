@@ -78,8 +78,8 @@ def list_spots(subject: Subject, anatomy: Anatomy) -> Marks:
     lists = [
         _list(a, stream("freckles"), spots.freckles, sunny,
               radius=0.5 * many("freckles", 1.3, 0.4, 0.5, 4.0), edge=0.35, melanin=freckle),
-        _list(a, stream("lentigines"), spots.lentigines, sunny, radius=0.5 * many("lentigines", 5.0, 0.4, 2.5, 12.0),
-              edge=0.5, melanin=s.uniform(0.3, 1.0, 4096) * (0.03 + 0.5 * m)),
+        _list(a, stream("lentigines"), spots.lentigines, sunny, radius=0.5 * many("lentigines", 3.6, 0.45, 1.8, 11.0),
+              edge=0.5, melanin=s.uniform(0.15, 0.8, 4096) * (0.03 + 0.5 * m)),
         _list(a, stream("moles"), spots.moles * 1.6, bare, radius=0.5 * many("moles", 1.9, 0.4, 0.9, 5.5), edge=0.3,
               melanin=mole, height=np.where(s.uniform(size=4096) < 0.25, s.uniform(0.15, 0.6, 4096), 0.02)),
         _list(a, stream("acne"), spots.acne, beard, radius=0.5 * many("acne", 2.6, 0.3, 1.2, 5.0), edge=1.1,

@@ -74,6 +74,8 @@ class Surface:
     dome_depth: float
     grain_rms: float
     bump_rms: float
+    crease_spacing: float
+    crease_depth: float
     lip_spacing: float
     lip_depth: float
     forehead_lines: float
@@ -273,7 +275,7 @@ def _regions(s: Stream, tone: Tone, age: float) -> Regions:
         perioral_melanin=about(1.12 if dark else 1.03, 0.08),
         tan=max(0.0, s.one(-0.25, 0.45)),
         blotch_blood=float(np.clip(about(0.15, 0.45), 0.04, 0.45)),
-        mottle_blood=float(np.clip(about(0.11, 0.35), 0.04, 0.3)),
+        mottle_blood=float(np.clip(about(0.1, 0.35), 0.04, 0.2)),
         mottle_melanin=float(np.clip(even * about(0.09, 0.35) * (1.0 + 0.6 * _onset(age, 50)), 0.015, 0.3)),
         grain_melanin=float(np.clip(even * about(0.06, 0.4), 0.01, 0.18)),
         yellow=s.one(0.0, 1.0),
@@ -294,16 +296,18 @@ def _surface(s: Stream, age: float, masculine: float) -> Surface:
         pore_density=about(1.0, 0.25),
         pore_diameter=float(np.clip(0.2 * coarse * (1.0 + 0.25 * _onset(age, 32)), 0.13, 0.34)),
         pore_spread=s.one(0.3, 0.5),
-        pore_depth=about(0.7, 0.3) * coarse,
+        pore_depth=about(0.52, 0.35) * coarse,
         pore_elongation=1.0 + 0.6 * _onset(age, 45) * about(1.0, 0.2),
         primary_spacing=float(np.clip(about(0.95 + 0.35 * old, 0.15), 0.75, 1.7)),
-        primary_depth=float(np.clip(about(0.026 * coarse, 0.3), 0.011, 0.055)),
+        primary_depth=float(np.clip(about(0.03 * coarse, 0.3), 0.014, 0.06)),
         secondary_spacing=float(np.clip(about(0.42, 0.12), 0.33, 0.56)),
-        secondary_depth=float(np.clip(about(0.018 * (1.0 - 0.3 * old) * coarse, 0.3), 0.006, 0.032)),
+        secondary_depth=float(np.clip(about(0.025 * (1.0 - 0.3 * old) * coarse, 0.3), 0.009, 0.04)),
         anisotropy=1.15 + 0.7 * old * about(1.0, 0.3),
         dome_depth=float(np.clip(about(0.010, 0.35), 0.003, 0.025)),
-        grain_rms=float(np.clip(about(0.0052, 0.3), 0.0025, 0.0095)),
-        bump_rms=float(np.clip(about(0.012 * (1.0 + 0.6 * old), 0.35), 0.004, 0.04)),
+        grain_rms=float(np.clip(about(0.0075 * coarse**0.5, 0.22), 0.0045, 0.013)),
+        bump_rms=float(np.clip(about(0.009 * (1.0 + 0.6 * old), 0.35), 0.003, 0.03)),
+        crease_spacing=s.one(1.7, 3.0),
+        crease_depth=float(np.clip(about(0.03 * (1.0 + 0.9 * old) * coarse, 0.35), 0.01, 0.1)),
         lip_spacing=s.one(0.75, 1.3),
         lip_depth=float(np.clip(about(0.07 * (1.0 + 0.3 * old), 0.3), 0.03, 0.2)),
         forehead_lines=lines(42),
@@ -383,7 +387,7 @@ def _hair(s: Stream, tone: Tone, age: float, masculine: float) -> Hair:
         brow_width=s.one(0.08, 0.12),
         brow_spread=s.one(0.75, 1.3) * (1.1 if masculine else 0.85),
         lash_strength=s.one(0.4, 1.0),
-        beard_density=s.one(30, 70) if stubble else 0.0,
+        beard_density=s.one(35, 100) if stubble else 0.0,
         beard_length=length,
         beard_shadow=s.one(0.05, 0.25) if stubble else 0.0,
         moustache=s.one(0.7, 1.2),

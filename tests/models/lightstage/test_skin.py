@@ -138,3 +138,16 @@ def test_expressions_move_wrinkles_on_the_head() -> None:
     calm, raised = (stage.skin(21, pose).draw(window) for pose in ("neutral", "surprise"))
     assert raised.folds.mean() > 1.5 * calm.folds.mean()
     assert torch.equal(calm.spots.melanin, raised.spots.melanin)  # freckles stay where they are
+
+
+@pytest.mark.slow
+def test_a_small_map_shows_as_much_brow_as_a_large_one() -> None:
+    """Would break: strands thinner than a texel lost, so that brows turn pale in the texture that networks see."""
+    from models.lightstage.stage import Stage
+
+    stage = Stage.open()
+    skin, place = stage.skin(1034), stage.places()["brow"]
+    large, small = skin.maps(stage.window(*place, 512)), skin.maps(stage.window(*place, 128, 1536))
+    assert float(small.regions[1].mean()) == pytest.approx(float(large.regions[1].mean()), rel=0.12)
+    for a, b in zip(large.diffuse_albedo.mean((1, 2)), small.diffuse_albedo.mean((1, 2)), strict=True):
+        assert float(b) == pytest.approx(float(a), rel=0.03)
