@@ -155,26 +155,28 @@ class Estimates:
                 kinds[name].append((value * n_l)[:, None] * lamp.irradiance_at)
             half.append(float(np.degrees(np.arccos(v_h)).mean()))
         self.half_angle_deg = max(half, default=0.0)
-        mirror, mirror_flat = self._mirror(v, n, n_v, f0, flux)
+        mirror, mirror_flat, mirror_one = self._mirror(v, n, n_v, f0, flux)
         empty = np.zeros((0, len(f0), 3))
         spread = {name: np.stack(each) if each else empty for name, each in kinds.items()}
         lost = np.minimum(f0 + (1 - f0) * (1 - n_v) ** 5 * 0.6, 1.0)
         geometric = np.einsum("kx,kx->k", s.normal, v)
-        return {**spread, "mirror": mirror, "mirror_flat": mirror_flat, "geometric": geometric, "lost": lost, "f0": f0}
+        mirrors = {"mirror_both": mirror, "mirror_flat": mirror_flat, "mirror_one": mirror_one}
+        return {**spread, **mirrors, "geometric": geometric, "lost": lost, "f0": f0}
 
-    def _mirror(self, v: Array, n: Array, n_v: Array, f0: Array, flux: Array) -> tuple[Array, Array]:
+    def _mirror(self, v: Array, n: Array, n_v: Array, f0: Array, flux: Array) -> tuple[Array, Array, Array]:
         s = self.surface
         d = self.directions[None]
         h = _unit(d + v[:, None])
         n_h = np.clip(np.einsum("kx,kdx->kd", n, h), 0.0, 1.0)
         v_h = np.clip(np.einsum("kx,kdx->kd", v, h), 0.0, 1.0)
         n_l = np.clip(n @ self.directions.T, 0.0, 1.0)
-        lobe = sum(
-            w[:, None] * _lobe(s.alpha[:, i : i + 1], n_h, n_l, n_v[:, None]) for i, w in ((0, s.share), (1, 1 - s.share))
-        )
-        even = lobe * n_l * s.visible
+        seen = n_l * s.visible
+        first, second = (_lobe(s.alpha[:, i : i + 1], n_h, n_l, n_v[:, None]) for i in (0, 1))
+        both = (s.share[:, None] * first + (1 - s.share[:, None]) * second) * seen
+        mean = s.share * s.alpha[:, 0] + (1 - s.share) * s.alpha[:, 1]
+        one = _lobe(mean[:, None], n_h, n_l, n_v[:, None]) * seen
         rise = f0[:, None] + (1 - f0[:, None]) * (1 - v_h) ** 5
-        return (even * rise) @ flux, (even * f0[:, None]) @ flux
+        return (both * rise) @ flux, (both * f0[:, None]) @ flux, (one * rise) @ flux
 
     def _facts(self, sky: Array) -> None:
         s = self.surface
@@ -192,7 +194,7 @@ class Estimates:
         marks = [float((s.weight @ self.views[0]["both"][i]).mean()) for i in range(len(self.lamps))]
         self.light_highlights = [m / diffuse for m in marks]
         self.highlights = sum(marks) / diffuse
-        self.reflected = float((s.weight @ self.views[0]["mirror"]).mean()) / diffuse
+        self.reflected = float((s.weight @ self.views[0]["mirror_both"]).mean()) / diffuse
         steady, local = self._diffuse(set()), self._diffuse({("scattering", None)})
         self.contrast = float((s.weight @ np.abs(steady - local)).mean()) / (np.pi * diffuse)
 
@@ -227,7 +229,7 @@ class Estimates:
             for i in shine:
                 light = light + view[kind][i] * self._seen(i, out)[:, None]
             if mirror_runs:
-                light = light + view["mirror_flat" if ("fresnel", None) in out else "mirror"]
+                light = light + view[f"mirror_{kind}"]
             total += self.view_weight[k][:, None] * develop(light, self.scene.response)
         return total
 
@@ -247,9 +249,7 @@ class Estimates:
             return not self.lamps[light].irradiance_at.any()
         if effect in ("occlusion", "reflection"):
             return not (self.sky_open.any() or self.sky_blocked.any())
-        if effect == "second_lobe":
-            return not any(lamp.irradiance_at.any() for lamp in self.lamps)
-        return False
+        return not (self.sky_open.any() or any(lamp.irradiance_at.any() for lamp in self.lamps))
 
     def _change(self, items: list[Item]) -> Array:
         """(K,) absolute change, the worse of two guesses about where shadows lie."""

@@ -19,7 +19,7 @@ from service.scene.scene import PointLight
 from service.scene.sphere import spread_directions
 
 _CASTERS = ("skin", "eye_left", "eye_right")
-_FINE_MM, _COARSE_MM = 0.9, 2.2
+_CASTERS_MM = (0.9, 1.8)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Geometry:
         maps: (13, H, W) float32 of the whole chart: position, normal, tangent (3 each), change of position per unit of u
             and of v as (length along the tangent, along the bitangent) in mm.
         mask: (1, H, W) 1 on the skin.
-        occluders: (M, 3) mm, about 0.9 mm apart; ``coarse`` about 2.2 mm.
+        occluders, coarse: (M, 3) mm, points that cast hard and soft shadows, about ``casters_mm`` apart.
         visible: (D, h, w) uint8, 255 where the texel sees the direction (and the direction is above its horizon).
         face: (1, H, W) soft mask of the face, for exposure and errors.
     """
@@ -66,6 +66,7 @@ class Geometry:
     face: Tensor
     occluders: Tensor
     coarse: Tensor
+    casters_mm: tuple[float, float]
     visible: Tensor
     _shadows: dict[PointLight, Tensor] = field(default_factory=dict, repr=False, compare=False)
 
@@ -78,6 +79,7 @@ class Geometry:
         size: tuple[int, int] = (384, 256),
         sky_size: tuple[int, int] = (192, 128),
         directions: int = 256,
+        casters_mm: tuple[float, float] = _CASTERS_MM,
         device: torch.device | str = "cpu",
     ) -> Geometry:
         """Prepare (V, 3) vertices in metres; a few seconds on a CPU core.
@@ -88,6 +90,7 @@ class Geometry:
             size: columns and rows of the maps and of shadows.
             sky_size: columns and rows of the visibility of the surroundings.
             directions: how many directions the surroundings are divided into.
+            casters_mm: spacing of the points that cast hard shadows, and soft ones and those of the surroundings.
             device: where everything lives.
         """
         chart = Chart.build(head, *size)
@@ -96,10 +99,10 @@ class Geometry:
         triangles = head.triangles[casters]
         fine, coarse = (
             torch.from_numpy(surface_points(np.asarray(vertices) * 1000.0, triangles, spacing)).to(device)
-            for spacing in (_FINE_MM, _COARSE_MM)
+            for spacing in casters_mm
         )
-        visible = _sky(maps, coarse, sky_size, directions)
-        return cls(maps, mask, face, fine, coarse, visible)
+        visible = _sky(maps, coarse, casters_mm[1], sky_size, directions)
+        return cls(maps, mask, face, fine, coarse, casters_mm, visible)
 
     @property
     def device(self) -> torch.device:
@@ -161,14 +164,19 @@ class Geometry:
             self._shadows[light] = self._cast(light)
         return enlarged(self._shadows[light], window)[0].clamp(0.0, 1.0)
 
+    def forget_shadows(self) -> None:
+        """Give back the memory of remembered shadows."""
+        self._shadows.clear()
+
     def _cast(self, light: PointLight) -> Tensor:
         height, width = self.maps.shape[1:]
         points = Points(self.maps[:3].reshape(3, -1), self.maps[3:6].reshape(3, -1))
         at = torch.tensor(light.position_m, device=self.device) * 1000.0
         centre = 0.5 * (self.occluders.amin(0) + self.occluders.amax(0))
         angle = light.radius_m * 1000.0 / max(float((centre - at).norm()), 1.0)
-        samples = 1 if angle < 0.002 else int(min(24, 8 + 80 * angle))
-        lit = lit_from_ball(self.occluders, _FINE_MM, points, at, light.radius_m * 1000.0, samples)
+        samples = 1 if angle < 0.002 else int(min(16, 6 + 60 * angle))
+        occluders, spacing = (self.occluders if samples == 1 else self.coarse), self.casters_mm[samples > 1]
+        lit = lit_from_ball(occluders, spacing, points, at, light.radius_m * 1000.0, samples)
         return lit.view(1, height, width)
 
 
@@ -189,12 +197,12 @@ def _maps(chart: Chart, vertices: npt.NDArray[np.floating]) -> tuple[npt.NDArray
     return np.ascontiguousarray(maps.transpose(2, 0, 1), np.float32), skin[None], face.astype(np.float32)[None]
 
 
-def _sky(maps: Tensor, occluders: Tensor, size: tuple[int, int], count: int) -> Tensor:
+def _sky(maps: Tensor, occluders: Tensor, spacing_mm: float, size: tuple[int, int], count: int) -> Tensor:
     """(count, h, w) uint8 visibility of spread directions at the texels of a smaller map."""
     small = reduced(maps[:6], size[1], size[0])
     points = Points(small[:3].reshape(3, -1), unit(small[3:]).reshape(3, -1))
     directions = torch.from_numpy(spread_directions(count)).to(maps)
     visible = torch.zeros(count, size[1] * size[0], dtype=torch.uint8, device=maps.device)
     for k in range(count):
-        visible[k] = (lit_from_direction(occluders, _COARSE_MM, points, directions[k]) * 255.0 + 0.5).to(torch.uint8)
+        visible[k] = (lit_from_direction(occluders, spacing_mm, points, directions[k]) * 255.0 + 0.5).to(torch.uint8)
     return visible.view(count, size[1], size[0])

@@ -1,0 +1,325 @@
+"""Closed forms and hard cases of the baked light."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from tests.toyhead import sphere_head as toy_head
+
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+
+from models.lightstage.light import scatter  # noqa: E402
+from models.lightstage.light.bake import bake, facing, footprint, radiance  # noqa: E402
+from models.lightstage.light.expose import expose, level_of  # noqa: E402
+from models.lightstage.light.geometry import Geometry  # noqa: E402
+from models.lightstage.light.lobes import directional_albedo, fresnel, ggx  # noqa: E402
+from models.lightstage.light.plain import PlainSkin  # noqa: E402
+from models.lightstage.light.prior import blackbody, sample_scene  # noqa: E402
+from models.lightstage.light.relief import relief_shadow  # noqa: E402
+from models.lightstage.light.response import developed  # noqa: E402
+from models.lightstage.light.survey import survey  # noqa: E402
+from models.lightstage.skin.window import ChartWindow  # noqa: E402
+from service.errors import UsageError  # noqa: E402
+from service.scene import estimate  # noqa: E402
+from service.scene.plan import Plan, plan  # noqa: E402
+from service.scene.scene import Environment, PointLight, Response, Scene  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+WHOLE = ChartWindow.whole(96, 64)
+EVEN = Environment(zenith=(1.0,) * 3, horizon=(1.0,) * 3, ground=(1.0,) * 3)
+VIEW = ((0.0, 0.0, 1.2),)
+
+
+@lru_cache(maxsize=1)
+def geometry() -> Geometry:
+    head = toy_head()
+    return Geometry.of(head, head.mean, size=(96, 64), sky_size=(96, 64), casters_mm=(3.0, 3.0))
+
+
+def skin(**changes: object) -> PlainSkin:
+    return PlainSkin.even(WHOLE, **changes)  # type: ignore[arg-type]
+
+
+def front() -> torch.Tensor:
+    """(h, w) skin texels that face the camera."""
+    site = geometry().site(WHOLE)
+    return (site.normal[2] > 0.3) & (geometry().mask[0] > 0.5) & (site.position[2] > -60.0)
+
+
+def light_of(scene: Scene, maps: PlainSkin, chosen: Plan | None = None) -> torch.Tensor:
+    return radiance(maps, geometry(), scene, chosen or Plan.everything(scene), WHOLE)[0][0]
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("cosine", [0.02, 0.3, 1.0])
+def test_the_lobe_sends_what_its_table_says_and_never_more_than_all(alpha: float, cosine: float) -> None:
+    """Independent quadrature of f n.l over the hemisphere of lights, fine around the mirror direction."""
+    n = 1200
+    theta = (torch.arange(n, dtype=torch.float64) + 0.5) / n * (math.pi / 2)
+    phi = (torch.arange(n, dtype=torch.float64) + 0.5) / n * math.pi
+    t, p = torch.meshgrid(theta, phi, indexing="ij")
+    light = torch.stack([-t.sin() * p.cos(), t.sin() * p.sin(), t.cos()])
+    view = torch.tensor([math.sqrt(1 - cosine**2), 0.0, cosine], dtype=torch.float64).view(3, 1, 1)
+    half = light + view
+    half = half / half.norm(dim=0)
+    value = ggx(torch.tensor(alpha, dtype=torch.float64), 1.0 - half[2] ** 2, light[2], view[2])
+    cell = t.sin() * (math.pi / 2 / n) * (math.pi / n) * 2.0
+    for f0 in (0.0278, 1.0):
+        shine = fresnel(torch.tensor(f0, dtype=torch.float64), (half * view).sum(0))
+        wanted = float((value * shine * light[2] * cell).sum())
+        one = torch.tensor([cosine])
+        made = float(directional_albedo(torch.full((1,), f0), torch.full((1,), alpha), one))
+        assert made <= 1.0
+        assert wanted <= 1.02
+        if cosine >= 0.3:  # the table ends at cosine 1/64
+            assert made == pytest.approx(wanted, abs=0.02)
+
+
+@pytest.mark.parametrize("albedo", [0.0, 0.5, 1.0])
+def test_white_furnace_gains_nothing(albedo: float) -> None:
+    scene = Scene(EVEN, viewpoints=VIEW, response=Response(exposure=1.0))
+    seen = light_of(scene, skin(albedo=(albedo,) * 3, specular=1.0))[:, front()]
+    assert seen.max() <= 1.01
+    if albedo == 1.0:
+        assert seen.min() > 0.9  # and a white convex body loses next to nothing
+    if albedo == 0.0:
+        assert seen.max() < 0.35  # the mirror alone, strongest at a slant
+
+
+def test_black_skin_without_mirror_is_black() -> None:
+    scene = Scene(EVEN, (PointLight((0.3, 0.2, 0.9), (1.0,) * 3),), VIEW, Response(exposure=1.0))
+    assert light_of(scene, skin(albedo=(0.0,) * 3, specular=0.0))[:, front()].max() < 0.2  # Fresnel's rise only
+    no_mirror = Plan.everything(scene).without("reflection").without("specular", 0)
+    assert light_of(scene, skin(albedo=(0.0,) * 3, specular=0.0), no_mirror).max() == 0.0
+
+
+def test_lambert_under_one_lamp() -> None:
+    """Albedo / pi * intensity * cos / d^2, by hand, where nothing is in the way."""
+    lamp = PointLight((0.0, 0.0, 2.0), (3.0, 2.0, 1.0))
+    scene = Scene(Environment(), (lamp,), VIEW, Response(exposure=1.0))
+    chosen = Plan.everything(scene).without("specular", 0).without("scattering")
+    seen = light_of(scene, skin(specular=0.0), chosen)
+    site = geometry().site(WHOLE)
+    offset = torch.tensor([0.0, 0.0, 2.0]).view(3, 1, 1) - site.position / 1000.0
+    d = offset.norm(dim=0)
+    wanted = 0.6 / math.pi * 3.0 * (offset * site.normal).sum(0) / d**3
+    inside = front() & (site.normal[2] > 0.6)
+    torch.testing.assert_close(seen[0][inside], wanted[inside], rtol=0.02, atol=1e-4)
+
+
+def test_the_far_side_is_dark_and_a_board_casts_a_shadow() -> None:
+    lamp = PointLight((0.0, 0.0, 2.0), (3.0,) * 3)
+    shade = geometry().shadow(lamp, WHOLE)
+    site = geometry().site(WHOLE)
+    skin_mask = geometry().mask[0] > 0.5
+    assert shade[front() & (site.normal[2] > 0.6) & (site.position[0].abs() > 50)].min() > 0.9
+    assert shade[skin_mask & (site.normal[2] < -0.3)].max() < 0.05
+
+
+def test_a_ball_below_the_horizon_fades_smoothly() -> None:
+    cosine, size = torch.linspace(-1, 1, 401), torch.full((401,), 0.3)
+    value = facing(cosine, size)
+    assert value.min() >= 0.0
+    assert value.diff().min() >= -1e-7
+    assert value.diff().abs().max() < 0.0051
+    torch.testing.assert_close(facing(cosine, torch.full((401,), 1e-6)), cosine.clamp(min=0.0))
+
+
+HARD = {
+    "light on the skin": Scene(Environment(), (PointLight((0.0, 0.0, 0.01), (1e-4,) * 3),), VIEW),
+    "light inside the head": Scene(Environment(), (PointLight((0.0, 0.0, -0.08), (1.0,) * 3, 0.01),), VIEW),
+    "light at a grazing angle": Scene(Environment(), (PointLight((5.0, 0.0, -0.05), (1.0,) * 3),), VIEW),
+    "point": Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3, 0.0),), VIEW),
+    "huge ball": Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3, 50.0),), VIEW),
+    "blinding sky": Scene(dataclasses.replace(EVEN, strength=1e4), (), VIEW),
+    "blinding lamp": Scene(Environment(), (PointLight((0.3, 0.3, 0.7), (1e8,) * 3),), VIEW),
+    "complete darkness": Scene(Environment(), (), VIEW),
+    "dark lamp": Scene(Environment(), (PointLight((0.0, 0.0, 1.0), (0.0,) * 3),), VIEW),
+    "grazing view": Scene(EVEN, (), ((1.0, 0.0, -0.08),)),
+    "view from within": Scene(EVEN, (), ((0.0, 0.0, -0.08),)),
+    "view on the skin": Scene(EVEN, (PointLight((0.0, 0.0, 0.5), (1.0,) * 3),), ((0.0, 0.0, 0.01),)),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_hard_scenes_stay_finite_and_positive(name: str, dtype: torch.dtype) -> None:
+    scene = HARD[name].exposed(1.0)
+    maps = PlainSkin.even(WHOLE, alpha=(0.02, 1.0), share=0.5, dtype=dtype)
+    everything = Plan.everything(scene)
+    for light, weight in radiance(maps, geometry(), scene, everything, WHOLE, dtype=dtype):
+        assert light.isfinite().all()
+        assert light.min() >= 0.0
+        assert weight.isfinite().all()
+    image = bake(maps, geometry(), scene, everything, WHOLE, dtype=dtype)
+    assert image.dtype == dtype
+    assert image.isfinite().all()
+    assert 0.0 <= float(image.min()) <= float(image.max()) <= 1.0
+    made = plan(scene, survey(maps, geometry(), WHOLE, count=64))
+    assert np.isfinite([d.bound for d in made.decisions]).all()
+
+
+def test_half_precision_changes_little() -> None:
+    scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3, 0.02),), VIEW, Response(exposure=0.6))
+    exact = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    half = bake(
+        PlainSkin.even(WHOLE, dtype=torch.bfloat16), geometry(), scene, Plan.everything(scene), WHOLE, dtype=torch.bfloat16
+    )
+    assert (exact - half.float())[:, front()].abs().mean() < 1.5 / 255
+
+
+def test_normals_of_no_length_or_all_alike_do_no_harm() -> None:
+    scene = HARD["point"].exposed(1.0)
+    for vector in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (float("nan"), 0.0, 0.0)):
+        bad = torch.tensor(vector).view(3, 1, 1).expand(3, 64, 96)
+        maps = dataclasses.replace(skin(), specular_normal=bad, diffuse_normal=bad)
+        image = bake(maps, geometry(), scene, Plan.everything(scene), WHOLE)
+        assert image.isfinite().all()
+        assert image.min() >= 0.0
+
+
+def test_a_triangle_without_area_on_the_chart_does_no_harm() -> None:
+    head = toy_head()
+    uv = head.uv.copy()
+    a, b, _ = head.triangle_uv[10]
+    uv[b] = uv[a]
+    head = dataclasses.replace(head, uv=uv)
+    broken = Geometry.of(head, head.mean, size=(96, 64), sky_size=(48, 32), directions=32, casters_mm=(6.0, 6.0))
+    scene = HARD["point"].exposed(1.0)
+    image = bake(skin(), broken, scene, Plan.everything(scene), WHOLE)
+    assert image.isfinite().all()
+
+
+def test_a_half_lit_plane_scatters_as_the_sum_of_error_functions() -> None:
+    """Closed form: sum of weights times Phi(x / sigma) behind a straight edge; 6 texels per mm."""
+    ppm, width = 6.0, 320
+    x = (torch.arange(width) + 0.5 - width / 2) / ppm
+    step = (x > 0).float().expand(3, 64, width)
+    density = torch.full((64, width), ppm)
+    made = scatter.scattered(step, density, torch.ones(64, width), ppm)[:, 32]
+    for c in range(3):
+        wanted = sum(
+            w[c] * 0.5 * (1.0 + torch.erf(x / math.sqrt(2.0 * v))) for v, w in scatter.PROFILE
+        )
+        middle = slice(60, width - 60)
+        assert (made[c] - wanted)[middle].abs().max() < 0.02 + 0.5 * (0.233, 0.455, 0.649)[c] * (x[middle].abs() < 0.2).any() * 0.3
+        assert (made[c] - wanted)[middle].abs().mean() < 0.004
+    assert scatter.PROFILE[-1][1][1] == 0.0
+
+
+def test_even_light_scatters_to_itself_and_stays_on_the_skin() -> None:
+    mask = torch.zeros(96, 96)
+    mask[20:70, 20:70] = 1.0
+    density = torch.linspace(0.3, 8.0, 96).expand(96, 96)
+    made = scatter.scattered(torch.full((3, 96, 96), 0.7), density, mask, 8.0)
+    torch.testing.assert_close(made[:, mask > 0], torch.full((3, int(mask.sum())), 0.7), rtol=1e-4, atol=1e-4)
+    outside = torch.where(mask > 0, 0.0, 5.0).expand(3, 96, 96)
+    assert scatter.scattered(outside, density, mask, 8.0)[:, mask > 0].max() == 0.0
+    for _, weights in zip(range(1), scatter.PROFILE, strict=False):
+        assert weights
+    np.testing.assert_allclose(np.sum([w for _, w in scatter.PROFILE], 0), 1.0, atol=1e-6)
+
+
+def test_a_pit_is_in_the_shade_of_a_low_light() -> None:
+    window = ChartWindow.whole(96, 64)
+    site = geometry().site(window)
+    pitch = 1.0 / float(site.step[0, 0][32, 48])
+    height = torch.zeros(1, 64, 96)
+    height[0, :, 50:] = 3.0 * pitch if pitch < 1 else 1.0
+    site = dataclasses.replace(site, step=torch.tensor([[8.0, 0.0], [0.0, 8.0]]).view(2, 2, 1, 1).expand(2, 2, 64, 96))
+    low = torch.tensor([0.95, 0.0, 0.31]).view(3, 1, 1).expand(3, 64, 96)
+    high = torch.tensor([0.0, 0.0, 1.0]).view(3, 1, 1).expand(3, 64, 96)
+    assert relief_shadow(height, low, site)[32, 48] < 0.05
+    assert relief_shadow(height, low, site)[32, 60] == 1.0
+    assert relief_shadow(height, high, site).min() == 1.0
+    assert relief_shadow(height, -low, site)[32, 60] < 0.05  # a light below the horizon
+
+
+def test_a_crop_is_the_same_as_the_whole() -> None:
+    big = ChartWindow.whole(384, 256)
+    scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3),), VIEW, Response(exposure=0.5))
+    everything = Plan.everything(scene)
+    noise = torch.rand(1, 512, 640, generator=torch.Generator().manual_seed(1))
+
+    def maps(window: ChartWindow) -> PlainSkin:
+        plain = PlainSkin.even(window)
+        part = noise[:, window.y + 128 : window.y + 128 + window.height, window.x + 128 : window.x + 128 + window.width]
+        return dataclasses.replace(plain, diffuse_albedo=plain.diffuse_albedo * part, height_mm=0.1 * part)
+
+    crop = ChartWindow(150, 90, 64, 48, 384, 256)
+    outer, whole_outer = (footprint(w, geometry(), everything) for w in (crop, big))
+    assert outer.x <= crop.x - 2
+    part = bake(maps(outer), geometry(), scene, everything, crop, maps_window=outer)
+    whole = bake(maps(whole_outer), geometry(), scene, everything, big, maps_window=whole_outer)
+    torch.testing.assert_close(part, crop.cut(whole, big), rtol=0, atol=2e-4)
+    again = bake(maps(outer), geometry(), scene, everything, crop, maps_window=outer)
+    assert torch.equal(part, again)
+
+
+def test_maps_of_another_size_are_refused() -> None:
+    scene = HARD["point"].exposed(1.0)
+    with pytest.raises(UsageError, match="texels"):
+        bake(skin(), geometry(), scene, Plan.everything(scene), ChartWindow.whole(48, 32))
+    with pytest.raises(UsageError, match="exposure"):
+        bake(skin(), geometry(), HARD["point"], Plan.everything(HARD["point"]), WHOLE)
+
+
+@pytest.mark.parametrize("shoulder", [0.0, 0.4])
+def test_exposure_brings_the_face_to_its_target(shoulder: float) -> None:
+    response = Response(target=0.8, shoulder=shoulder, gamma=1.05)
+    scene = Scene(EVEN, (), VIEW, response)
+    assert developed(torch.full((3, 1), level_of(response)), dataclasses.replace(response, exposure=1.0)).allclose(
+        torch.tensor(0.8), atol=1e-4
+    )
+    fixed = expose(skin(), geometry(), scene, WHOLE)
+    assert fixed.response.exposure is not None
+    assert expose(skin(), geometry(), fixed, WHOLE) == fixed
+    twice = expose(skin(), geometry(), dataclasses.replace(scene, environment=dataclasses.replace(EVEN, strength=2.0)), WHOLE)
+    assert twice.response.exposure == pytest.approx(fixed.response.exposure / 2, rel=1e-3)
+
+
+def test_the_response_is_monotone_and_the_same_in_both_places() -> None:
+    """The planner has its own copy in numpy; the two must agree."""
+    response = Response(exposure=1.3, white_balance=(1.1, 1.0, 0.9), shoulder=0.3, gamma=0.95)
+    light = torch.linspace(0, 4, 999).expand(3, 999)
+    made = developed(light, response)
+    assert made.diff().min() >= 0.0
+    np.testing.assert_allclose(made.numpy().T, estimate.develop(light.numpy().T.astype(float), response), atol=1e-5)
+
+
+def test_the_planner_shades_as_the_camera_does() -> None:
+    """The estimates' pictures of samples against the baked texels, everything on, no lamp in the way."""
+    scene = Scene(EVEN, (PointLight((0.2, 0.3, 1.5), (2.0,) * 3),), VIEW)
+    scene = expose(skin(), geometry(), scene, WHOLE)
+    samples = survey(skin(), geometry(), WHOLE, count=256)
+    made = estimate.estimate(scene, samples).picture(set()).mean()
+    image = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    face = (geometry().face[0] > 0.5)
+    assert float(image[:, face].mean()) == pytest.approx(float(made), abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_planned_stays_within_the_stated_bound(seed: int) -> None:
+    scene = expose(skin(), geometry(), sample_scene(seed), WHOLE)
+    chosen = plan(scene, survey(skin(), geometry(), WHOLE))
+    whole = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    planned = bake(skin(), geometry(), scene, chosen, WHOLE)
+    face = geometry().face[0] > 0.5
+    assert float((whole - planned).abs()[:, face].mean()) * 255 <= chosen.bound + 1e-3
+
+
+def test_scenes_are_named_by_their_seed_and_cover_the_prior() -> None:
+    scenes = [sample_scene(seed) for seed in range(200)]
+    assert scenes[:5] == [sample_scene(seed) for seed in range(5)]
+    assert {len(s.lights) for s in scenes} == {0, 1, 3}
+    named = np.mean([s.environment.name is not None for s in scenes])
+    assert 0.4 < named < 0.6
+    assert 0.1 < np.mean([len(s.viewpoints) == 1 for s in scenes]) < 0.3
+    warm, cold = blackbody(2800.0), blackbody(9000.0)
+    assert warm[0] > warm[2]
+    assert cold[2] > cold[0]
