@@ -22,7 +22,7 @@ def run(photo: Path, out: Path) -> tuple[float, float, dict[str, float], float]:
     command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(out), "--face", "largest", "--json"]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own program
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     wall = time.perf_counter() - begin
     if done.returncode:
         raise SystemExit(f"exit status {done.returncode}: {done.stderr.strip()}")
@@ -35,8 +35,9 @@ def run(photo: Path, out: Path) -> tuple[float, float, dict[str, float], float]:
 def imports(top: int = 12) -> list[str]:
     """The modules with the longest import times of their own, milliseconds."""
     command = [sys.executable, "-X", "importtime", "-c", "import service.pipeline, service.archive.pack"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - our own program
-    rows = [line.split("|") for line in done.stderr.splitlines() if line.count("|") == 2 and "self" not in line]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = [line for line in done.stderr.splitlines() if line.count("|") == 2 and "self" not in line]
+    rows = [line.split("|") for line in lines]
     times = sorted(((int(own.split(":")[-1]), name.strip()) for own, _, name in rows), reverse=True)
     total = sum(t for t, _ in times)
     return [f"all {total / 1000:.0f} ms"] + [f"{name} {t / 1000:.0f} ms" for t, name in times[:top]]
@@ -57,7 +58,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         runs = [run(arguments.photo, Path(folder) / "out.zip") for _ in range(max(1, arguments.runs))]
     lines = [
-        f"{len(runs)} runs, load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; minimum / median / maximum",
+        f"{len(runs)} runs, load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; lowest / median / highest",
         f"wall s       {spread([r[0] for r in runs])}",
         f"processor s  {spread([r[1] for r in runs])}",
         f"peak MB      {spread([r[3] for r in runs])}",

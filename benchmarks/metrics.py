@@ -20,7 +20,7 @@ FACE_RADIUS = 1.45
 """Radius of the scored face about its centre, inter-ocular distances."""
 FACING = 0.35
 ROUNDS = 12
-SAMPLES = 6000
+SAMPLES = 3000
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 def make(photo: Path, archive: Path) -> dict[str, Any]:
     """One run of the command line; its JSON with ``status`` and, where it failed, ``error``."""
     command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(archive), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own program
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     out: dict[str, Any] = {"photo": photo.name, "status": done.returncode}
     try:
         out |= json.loads(done.stdout)
@@ -75,8 +75,9 @@ def table(results: list[dict[str, Any]]) -> list[str]:
             lines.append(f"{r['photo']:34} {r['status']:4}  {r.get('error', r.get('code', ''))}")
             continue
         fit, alike = r["manifest_fit"], r["manifest_fit"]["identity_similarity"]
+        yaw = r["fit"]["yaw_pitch_roll_deg"][0]
         lines.append(
-            f"{r['photo']:34} {r['status']:4} {100 * fit['landmark_rms_iod']:5.2f} {r['fit']['yaw_pitch_roll_deg'][0]:6.1f}"
+            f"{r['photo']:34} {r['status']:4} {100 * fit['landmark_rms_iod']:5.2f} {yaw:6.1f}"
             f" {alike['distance']:5.2f} {alike['centred_cosine']:5.2f}  {' '.join(fit['warnings'])}"
         )
     return lines
