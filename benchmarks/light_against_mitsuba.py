@@ -1,7 +1,7 @@
 """The light against a reference renderer: ``python -m benchmarks.light_against_mitsuba [--size N] [--samples N]``.
 
-The neutral head with an even skin (Lambert and one GGX lobe, shadows on, no scattering) is rendered by Mitsuba 3 under an
-environment, three lamps, and both; our texture is read where each pixel's surface point lies on the chart. Mitsuba
+The neutral head with an even skin (Lambert and one GGX lobe, shadows on, no scattering) is rendered by Mitsuba 3 under
+an environment, three lamps, and both; our texture is read where each pixel's surface point lies on the chart. Mitsuba
 draws the diffuse and the mirror-like part apart (``diffuse`` and ``roughconductor`` with a real index of 1.4, whose
 Fresnel term is the exact one); the diffuse part is then lessened by what the mirror takes, as our model says.
 """
@@ -76,7 +76,8 @@ class Reference:
         self.mi: Any = mitsuba
         self.size = size
         positions, normals, triangles = chart_mesh(head)
-        mesh = mitsuba.Mesh("head", len(positions), len(triangles), has_vertex_normals=True, has_vertex_texcoords=True)
+        counts = (len(positions), len(triangles))
+        mesh = mitsuba.Mesh("head", *counts, has_vertex_normals=True, has_vertex_texcoords=True)
         fields = mitsuba.traverse(mesh)
         fields["vertex_positions"] = positions.astype(np.float32).ravel()
         fields["vertex_normals"] = normals.astype(np.float32).ravel()
@@ -89,15 +90,15 @@ class Reference:
     def _scene(self, bsdf: dict[str, Any], emitters: dict[str, Any], integrator: dict[str, Any], samples: int) -> Any:
         transform = self.mi.ScalarTransform4f
         look = transform().look_at(origin=[0.0, -0.03, 1.2], target=[0.0, -0.03, 0.0], up=[0.0, 1.0, 0.0])
-        film = {
-            "type": "hdrfilm", "width": self.size, "height": self.size, "rfilter": {"type": "box"}, "pixel_format": "rgb",
-        }  # fmt: skip
+        film = {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb"}
+        film["rfilter"] = {"type": "box"}
         sensor = {
             "type": "perspective", "fov": _FOV_DEG, "to_world": look, "film": film,
             "sampler": {"type": "independent", "sample_count": samples},
         }  # fmt: skip
         shape = {"type": "ply", "filename": self.file, "bsdf": bsdf}
-        return self.mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, "head": shape, **emitters})
+        whole = {"type": "scene", "integrator": integrator, "sensor": sensor, "head": shape, **emitters}
+        return self.mi.load_dict(whole)
 
     def _emitters(self, scene: Scene) -> dict[str, Any]:
         out: dict[str, Any] = {}
@@ -110,8 +111,8 @@ class Reference:
             if light.radius_m > 0.0:
                 glow = [c / (np.pi * light.radius_m**2) for c in light.intensity]
                 emitter = {"type": "area", "radiance": {"type": "rgb", "value": glow}}
-                ball = {"type": "sphere", "center": list(light.position_m), "radius": light.radius_m, "emitter": emitter}
-                out[f"light{i}"] = ball
+                ball = {"type": "sphere", "center": list(light.position_m), "radius": light.radius_m}
+                out[f"light{i}"] = {**ball, "emitter": emitter}
             else:
                 intensity = {"type": "rgb", "value": list(light.intensity)}
                 out[f"light{i}"] = {"type": "point", "position": list(light.position_m), "intensity": intensity}
@@ -132,7 +133,7 @@ class Reference:
         return total
 
     def surface(self, samples: int = 64) -> tuple[Float, Float, Float]:
-        """Chart coordinates (size, size, 2), normals (size, size, 3) and positions (size, size, 3) of what pixels show."""
+        """Chart coordinates (size, size, 2), normals and positions (size, size, 3) of what pixels show."""
         integrator = {"type": "aov", "aovs": "uv:uv,n:sh_normal,p:position"}
         made = self._scene({"type": "diffuse"}, {}, integrator, samples)
         image = np.asarray(self.mi.render(made, seed=1), np.float64)[..., -8:]
@@ -167,7 +168,7 @@ def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = 
     """Render all scenes both ways."""
     head = load_head()
     window = ChartWindow.whole(*chart)
-    geometry = Geometry.of(head, head.mean, size=chart)
+    geometry = Geometry.of(head, head.mean, size=chart, sky_size=(384, 256), casters_mm=(0.9, 1.2))
     f0 = ((INDEX - 1.0) / (INDEX + 1.0)) ** 2
     skin = PlainSkin.even(window, ALBEDO, f0 / 0.04, (ALPHA, ALPHA))
     with tempfile.TemporaryDirectory() as folder:
@@ -195,13 +196,14 @@ def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = 
         ours = radiance(skin, geometry, scene, chosen, window)[0][0].permute(1, 2, 0).numpy().astype(np.float64)
         pair = [_coded(image, scene) for image in (read(ours, uv), drawn[name])]
         difference = np.abs(pair[0] - pair[1])[mask].mean(-1) * 255.0
-        results[name] = Comparison(float(difference.mean()), float(np.percentile(difference, 95)), int(mask.sum()), *pair, mask)
+        mean, high = float(difference.mean()), float(np.percentile(difference, 95))
+        results[name] = Comparison(mean, high, int(mask.sum()), pair[0], pair[1], mask)
     return results
 
 
 def _coded(linear: Float, scene: Scene) -> Float:
     light = torch.from_numpy(np.ascontiguousarray(linear.transpose(2, 0, 1))).float()
-    return developed(light, scene.response).permute(1, 2, 0).numpy().astype(np.float64)
+    return np.asarray(developed(light, scene.response).permute(1, 2, 0).numpy(), np.float64)
 
 
 def main() -> None:
@@ -219,9 +221,8 @@ def main() -> None:
     if chosen.image:
         import cv2
 
-        rows = [
-            np.concatenate([r.ours, r.theirs, np.abs(r.ours - r.theirs) * 8 * r.face[..., None]], 1) for r in results.values()
-        ]
+        error = {name: np.abs(r.ours - r.theirs) * 8 * r.face[..., None] for name, r in results.items()}
+        rows = [np.concatenate([r.ours, r.theirs, error[name]], 1) for name, r in results.items()]
         picture = (np.clip(np.concatenate(rows), 0, 1) * 255).astype(np.uint8)[..., ::-1]
         cv2.imwrite(str(chosen.image), picture)
 

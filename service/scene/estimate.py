@@ -1,7 +1,7 @@
 """What each effect of light is worth on a surface: the sample points shaded with and without it.
 
-The shading is that of ``models/lightstage/light`` in short; a test holds the two together. A bound is the mean change over
-the samples plus two standard errors, times a factor for what a few hundred points and a few directions cannot see.
+The shading is that of ``models/lightstage/light`` in short; a test holds the two together. A bound is the mean change
+over the samples plus two standard errors, times a factor for what a few hundred points and a few directions cannot see.
 """
 
 from __future__ import annotations

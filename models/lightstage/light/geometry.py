@@ -53,10 +53,10 @@ class Geometry:
     """What light needs to know of a head; made once a subject and expression, used for all its lightings.
 
     Attributes:
-        maps: (13, H, W) float32 of the whole chart: position, normal, tangent (3 each), change of position per unit of u
-            and of v as (length along the tangent, along the bitangent) in mm.
+        maps: (13, H, W) float32 of the whole chart: position, normal, tangent (3 each), and the change of position per
+            unit of u and of v, (p, q; 0, r) mm along tangent and bitangent, as (p, q, 0, r).
         mask: (1, H, W) 1 on the skin.
-        occluders, coarse: (M, 3) mm, points that cast hard and soft shadows, about ``casters_mm`` apart.
+        occluders, coarse: (M, 3) mm, points that cast hard and soft shadows, ``casters_mm`` apart.
         visible: (D, h, w) uint8, 255 where the texel sees the direction (and the direction is above its horizon).
         face: (1, H, W) soft mask of the face, for exposure and errors.
     """
@@ -189,7 +189,8 @@ def _maps(chart: Chart, vertices: npt.NDArray[np.floating]) -> tuple[npt.NDArray
     p = np.sqrt(np.maximum(metric[..., 0], 1e-8))
     q = metric[..., 1] / p
     r = np.sqrt(np.maximum(metric[..., 2] - q * q, 1e-8))
-    parts = (chart.interpolate(np.asarray(vertices) * 1000.0), frame.normal, frame.tangent, np.stack([p, q, 0 * r, r], -1))
+    position, steps = chart.interpolate(np.asarray(vertices) * 1000.0), np.stack([p, q, 0 * r, r], -1)
+    parts = (position, frame.normal, frame.tangent, steps)
     maps = chart.fill_outside(np.concatenate(parts, -1))
     skin = (chart.part == chart.head.part_names.index("skin")).astype(np.float32)
     has_face = "face" in chart.head.region_names

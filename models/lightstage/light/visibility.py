@@ -16,6 +16,7 @@ from torch import Tensor
 
 _BIAS_MM = 0.6
 _SOFT_MM = 0.8
+_CELLS = 1.5  # a point of the nearest four cells is at most this far away
 _STEEPEST = 8.0
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
@@ -94,7 +95,7 @@ def lit_from_direction(occluders: Tensor, spacing_mm: float, points: Points, dir
     size = int(((plane.amax(1) - low).max() / cell).ceil().clamp(1, 2048)) + 1
     depth = _splat(plane, height, low, cell, size)
     cosine = direction @ points.normal
-    slack = _BIAS_MM + cell * _tangent(cosine)
+    slack = _BIAS_MM + _CELLS * cell * _tangent(cosine)
     lit = _lit(depth, frame @ points.position, direction @ points.position, slack, low, cell)
     return torch.where(cosine > 0.0, lit, 0.0)
 
@@ -131,11 +132,13 @@ def lit_from_point(occluders: Tensor, spacing_mm: float, points: Points, light_m
     offset = points.position - light_mm[:, None]
     at, far = _around(offset, right, up, towards)
     cosine = -(offset * points.normal).sum(0) / far
-    slack = _BIAS_MM + cell * far * _tangent(cosine)
+    slack = _BIAS_MM + _CELLS * cell * far * _tangent(cosine)
     lit = _lit(depth, at, -far, slack, low, cell)
     # Points outside the frame of the depth map have nothing before them.
     outside = ((at < low[:, None]) | (at > low[:, None] + cell * size)).any(0)
-    return torch.where(outside, 1.0, lit)
+    lit = torch.where(outside, 1.0, lit)
+    # Relief may tilt towards a light just below the smooth horizon, not to one far below it.
+    return lit * ((cosine + 0.25) / 0.25).clamp(0.0, 1.0)
 
 
 def lit_from_ball(

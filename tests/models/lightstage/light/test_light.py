@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
+
 from tests.toyhead import sphere_head as toy_head
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
@@ -45,13 +47,13 @@ def skin(**changes: object) -> PlainSkin:
     return PlainSkin.even(WHOLE, **changes)  # type: ignore[arg-type]
 
 
-def front() -> torch.Tensor:
-    """(h, w) skin texels that face the camera."""
+def front() -> Any:
+    """(h, w) skin texels that face the camera, away from the eyeballs, which stick out of the toy's sphere."""
     site = geometry().site(WHOLE)
-    return (site.normal[2] > 0.3) & (geometry().mask[0] > 0.5) & (site.position[2] > -60.0)
+    return (site.normal[2] > 0.3) & (geometry().mask[0] > 0.5) & (site.position[1].abs() > 45.0)
 
 
-def light_of(scene: Scene, maps: PlainSkin, chosen: Plan | None = None) -> torch.Tensor:
+def light_of(scene: Scene, maps: PlainSkin, chosen: Plan | None = None) -> Any:
     return radiance(maps, geometry(), scene, chosen or Plan.everything(scene), WHOLE)[0][0]
 
 
@@ -112,12 +114,12 @@ def test_lambert_under_one_lamp() -> None:
     torch.testing.assert_close(seen[0][inside], wanted[inside], rtol=0.02, atol=1e-4)
 
 
-def test_the_far_side_is_dark_and_a_board_casts_a_shadow() -> None:
+def test_the_far_side_is_dark_and_the_near_side_lit() -> None:
     lamp = PointLight((0.0, 0.0, 2.0), (3.0,) * 3)
     shade = geometry().shadow(lamp, WHOLE)
     site = geometry().site(WHOLE)
     skin_mask = geometry().mask[0] > 0.5
-    assert shade[front() & (site.normal[2] > 0.6) & (site.position[0].abs() > 50)].min() > 0.9
+    assert shade[front() & (site.normal[2] > 0.6)].min() > 0.9
     assert shade[skin_mask & (site.normal[2] < -0.3)].max() < 0.05
 
 
@@ -148,7 +150,7 @@ HARD = {
 
 @pytest.mark.parametrize("name", HARD)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
-def test_hard_scenes_stay_finite_and_positive(name: str, dtype: torch.dtype) -> None:
+def test_hard_scenes_stay_finite_and_positive(name: str, dtype: Any) -> None:
     scene = HARD[name].exposed(1.0)
     maps = PlainSkin.even(WHOLE, alpha=(0.02, 1.0), share=0.5, dtype=dtype)
     everything = Plan.everything(scene)
@@ -167,9 +169,8 @@ def test_hard_scenes_stay_finite_and_positive(name: str, dtype: torch.dtype) -> 
 def test_half_precision_changes_little() -> None:
     scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3, 0.02),), VIEW, Response(exposure=0.6))
     exact = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
-    half = bake(
-        PlainSkin.even(WHOLE, dtype=torch.bfloat16), geometry(), scene, Plan.everything(scene), WHOLE, dtype=torch.bfloat16
-    )
+    rounded = PlainSkin.even(WHOLE, dtype=torch.bfloat16)
+    half = bake(rounded, geometry(), scene, Plan.everything(scene), WHOLE, dtype=torch.bfloat16)
     assert (exact - half.float())[:, front()].abs().mean() < 1.5 / 255
 
 
@@ -207,9 +208,13 @@ def test_a_half_lit_plane_scatters_as_the_sum_of_error_functions() -> None:
             w[c] * 0.5 * (1.0 + torch.erf(x / math.sqrt(2.0 * v))) for v, w in scatter.PROFILE
         )
         middle = slice(60, width - 60)
-        assert (made[c] - wanted)[middle].abs().max() < 0.02 + 0.5 * (0.233, 0.455, 0.649)[c] * (x[middle].abs() < 0.2).any() * 0.3
         assert (made[c] - wanted)[middle].abs().mean() < 0.004
-    assert scatter.PROFILE[-1][1][1] == 0.0
+        beyond = middle_of(x, 0.4)  # nearer to the edge a texel is as wide as the narrowest Gaussian
+        assert (made[c] - wanted)[beyond].abs().max() < 0.02
+
+
+def middle_of(x: Any, from_edge: float) -> Any:
+    return (x.abs() > from_edge) & (x.abs() < 15.0)
 
 
 def test_even_light_scatters_to_itself_and_stays_on_the_skin() -> None:
@@ -220,8 +225,6 @@ def test_even_light_scatters_to_itself_and_stays_on_the_skin() -> None:
     torch.testing.assert_close(made[:, mask > 0], torch.full((3, int(mask.sum())), 0.7), rtol=1e-4, atol=1e-4)
     outside = torch.where(mask > 0, 0.0, 5.0).expand(3, 96, 96)
     assert scatter.scattered(outside, density, mask, 8.0)[:, mask > 0].max() == 0.0
-    for _, weights in zip(range(1), scatter.PROFILE, strict=False):
-        assert weights
     np.testing.assert_allclose(np.sum([w for _, w in scatter.PROFILE], 0), 1.0, atol=1e-6)
 
 
@@ -279,7 +282,8 @@ def test_exposure_brings_the_face_to_its_target(shoulder: float) -> None:
     fixed = expose(skin(), geometry(), scene, WHOLE)
     assert fixed.response.exposure is not None
     assert expose(skin(), geometry(), fixed, WHOLE) == fixed
-    twice = expose(skin(), geometry(), dataclasses.replace(scene, environment=dataclasses.replace(EVEN, strength=2.0)), WHOLE)
+    brighter = dataclasses.replace(scene, environment=dataclasses.replace(EVEN, strength=2.0))
+    twice = expose(skin(), geometry(), brighter, WHOLE)
     assert twice.response.exposure == pytest.approx(fixed.response.exposure / 2, rel=1e-3)
 
 
@@ -299,7 +303,7 @@ def test_the_planner_shades_as_the_camera_does() -> None:
     samples = survey(skin(), geometry(), WHOLE, count=256)
     made = estimate.estimate(scene, samples).picture(set()).mean()
     image = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
-    face = (geometry().face[0] > 0.5)
+    face = geometry().face[0] > 0.5
     assert float(image[:, face].mean()) == pytest.approx(float(made), abs=0.03)
 
 
