@@ -10,10 +10,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import multiprocessing
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +106,19 @@ def trials(people: list[Subject], scenes: range, tolerance: float) -> Iterator[T
         yield Trial(number, error(whole, planned, subject.face), chosen.bound, full_s, planned_s, plan_s, names)
 
 
+def _share(width: int, height: int, count: int, scenes: range, tolerance: float) -> list[Trial]:
+    """What one process does."""
+    with contextlib.suppress(RuntimeError):
+        torch.set_num_threads(1)
+    done = []
+    for trial in trials(subjects(range(100, 100 + count), width, height), scenes, tolerance):
+        done.append(trial)
+        wrong = " !" if trial.error > trial.bound + 1e-3 else ""
+        line = f"scene {trial.scene}: error {trial.error:.3f}, bound {trial.bound:.3f}{wrong}"
+        print(line, file=sys.stderr, flush=True)
+    return done
+
+
 def by_effect(people: list[Subject], scenes: range) -> dict[str, list[tuple[float, float, float, bool]]]:
     """For every effect: (error, bound, seconds saved, within) of leaving it out alone, for all lights at once."""
     out: dict[str, list[tuple[float, float, float, bool]]] = defaultdict(list)
@@ -168,20 +183,17 @@ def main() -> None:
     parser.add_argument("--subjects", type=int, default=4)
     parser.add_argument("--size", default="192x128", help="chart, WxH")
     parser.add_argument("--tolerance", type=float, default=1.0)
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", type=Path)
     chosen = parser.parse_args()
     width, height = (int(part) for part in chosen.size.split("x"))
-    with contextlib.suppress(RuntimeError):
-        torch.set_num_threads(1)
-    people = subjects(range(100, 100 + chosen.subjects), width, height)
-    done = []
-    for trial in trials(people, range(chosen.scenes), chosen.tolerance):
-        done.append(trial)
-        if trial.error > trial.bound + 1e-3:
-            print(f"scene {trial.scene}: error {trial.error:.3f} > bound {trial.bound:.3f}", file=sys.stderr)
-        if trial.scene % 10 == 0:
-            print(f"scene {trial.scene}: error {trial.error:.3f}, bound {trial.bound:.3f}", file=sys.stderr, flush=True)
-    single = by_effect(people, range(chosen.single))
+    jobs = chosen.jobs
+    shares = [range(k * chosen.scenes // jobs, (k + 1) * chosen.scenes // jobs) for k in range(jobs)]
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        sizes = (width, height, chosen.subjects)
+        work = [pool.submit(_share, *sizes, share, chosen.tolerance) for share in shares if len(share)]
+        done = [trial for each in work for trial in each.result()]
+    single = by_effect(subjects(range(100, 100 + chosen.subjects), width, height), range(chosen.single))
     text = tables(done, single, chosen.size)
     print(text)
     if chosen.write:

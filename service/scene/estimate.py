@@ -22,6 +22,8 @@ Item = tuple[str, int | None]
 
 MARGIN = 1.4
 FLOOR = 0.01
+MIRROR_DOUBT = 0.04
+"""Share of the sky's mirror image by which two lobes and one may differ: directions are too few to tell them apart."""
 _F0 = 0.04
 _WIDE = np.array([0.55, 0.02, 0.01])
 _NARROW = np.array([0.22, 0.53, 0.34])
@@ -258,6 +260,9 @@ class Estimates:
         change = np.abs(self.picture(out) - self.picture(dark))
         if ("scattering", None) in out:
             change = change + self._edges()
+        if ("second_lobe", None) in out:
+            mirror = np.abs(self.picture({("reflection", None)}) - self.picture(set()))
+            change = change + MIRROR_DOUBT * mirror
         return np.asarray(change.mean(1))
 
     def _edges(self) -> Array:
