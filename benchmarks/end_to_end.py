@@ -1,7 +1,7 @@
 """The whole program from process start to written archive: ``python -m benchmarks.end_to_end PHOTO [--runs N]``.
 
-Prints wall and processor seconds and the peak resident memory (minimum, median, maximum over the runs), the seconds of
-each stage in the last run, the load of the machine, and the modules that take longest to import.
+Prints wall and processor seconds and the main process's peak resident memory (lowest, median, highest of the runs), the
+seconds of each stage in the last run, the load of the machine before, and the modules that take longest to import.
 """
 
 from __future__ import annotations
@@ -55,10 +55,11 @@ def main() -> None:
     parser.add_argument("photo", type=Path)
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
+    load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         runs = [run(arguments.photo, Path(folder) / "out.zip") for _ in range(max(1, arguments.runs))]
     lines = [
-        f"{len(runs)} runs, load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; lowest / median / highest",
+        f"{len(runs)} runs, load average {load:.1f} before, on {os.cpu_count()} cores; lowest / median / highest",
         f"wall s       {spread([r[0] for r in runs])}",
         f"processor s  {spread([r[1] for r in runs])}",
         f"peak MB      {spread([r[3] for r in runs])}",

@@ -167,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photos", type=Path, default=Path("build/bench"))
     parser.add_argument("--write", type=Path)
-    parser.add_argument("--every", type=int, default=1, help="compare settings on every n-th photo only")
+    parser.add_argument("--compare", type=int, default=60, help="compare settings on this many photos at most")
     arguments = parser.parse_args()
     shots, missed = load_shots(arguments.photos)
     if not shots:
@@ -178,14 +178,17 @@ def main() -> None:
     default, failed = run(shots, head, FitSettings())
     lines += [f"## The default ({failed} photos could not be fitted)", "", HEADER, row("all", default)]
     lines += [row(name, part) for name, part in parts(default)]
-    some = shots[:: max(1, arguments.every)]
-    lines += ["", f"## By setting, on {len(some)} of the photos", "", HEADER]
+    _say("\n".join(lines))
+    open_shots = [shot for shot in shots if shot.head_number not in HELD_OUT]
+    order = np.random.default_rng(0).permutation(len(open_shots))[: max(1, arguments.compare)]
+    some = [open_shots[k] for k in sorted(order)]
+    lines += ["", f"## By setting, on {len(some)} random photos of heads that are not held out", "", HEADER]
     points: dict[str, tuple[float, float]] = {}
     for name, values in SETTINGS.items():
         results, failed = run(some, head, FitSettings(**values))
         lines.append(row(name + (f" ({failed} failed)" if failed else ""), results))
+        _say(lines[-1])
         points[name] = (_median([r.seconds for r in results]), _median([r.score.median_mm for r in results]))
-    _say("\n".join(lines))
     if arguments.write:
         plot(points, arguments.write / "fit-accuracy.png")
         text = "# Accuracy of the fit\n\nWritten by `python -m benchmarks.fit --write docs`"

@@ -19,8 +19,8 @@ INTER_OCULAR_MM = 63.0
 FACE_RADIUS = 1.45
 """Radius of the scored face about its centre, inter-ocular distances."""
 FACING = 0.35
-ROUNDS = 12
-SAMPLES = 3000
+ROUNDS = 10
+SAMPLES = 2000
 
 
 @dataclass(frozen=True)

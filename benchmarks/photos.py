@@ -72,7 +72,9 @@ def table(results: list[dict[str, Any]]) -> list[str]:
     lines = [f"{'photo':34} exit  rms%   yaw  dist  cos   warnings"]
     for r in results:
         if r["status"]:
-            lines.append(f"{r['photo']:34} {r['status']:4}  {r.get('error', r.get('code', ''))}")
+            fault = r.get("error", "")
+            said = f"{fault['code']}: {fault['message']}" if isinstance(fault, dict) else str(fault)
+            lines.append(f"{r['photo']:34} {r['status']:4}  {said}")
             continue
         fit, alike = r["manifest_fit"], r["manifest_fit"]["identity_similarity"]
         yaw = r["fit"]["yaw_pitch_roll_deg"][0]
