@@ -41,14 +41,15 @@ def windows(count: int, size: int) -> list[ChartWindow]:
     ]
 
 
-def measure(skin: Skin, places: list[ChartWindow]) -> tuple[float, dict[str, float]]:
-    """Seconds a window without the profiler, and seconds a window of each part with it."""
+def measure(skin: Skin, places: list[ChartWindow]) -> tuple[float, float, dict[str, float]]:
+    """Seconds and processor seconds a window without the profiler, and seconds a window of each part with it."""
     skin.maps(places[0])
-    start = time.perf_counter()
+    start, busy = time.perf_counter(), time.process_time()
     for window in places:
         skin.maps(window)
     synchronise(skin)
     plain = (time.perf_counter() - start) / len(places)
+    processor = (time.process_time() - busy) / len(places)
     profile = cProfile.Profile()
     profile.enable()
     for window in places:
@@ -59,7 +60,7 @@ def measure(skin: Skin, places: list[ChartWindow]) -> tuple[float, dict[str, flo
         for name, (wanted, called) in PARTS.items():
             if file.endswith(f"skin/{wanted}") and function == called:
                 parts[name] += row[3] / len(places)
-    return plain, parts
+    return plain, processor, parts
 
 
 def synchronise(skin: Skin) -> None:
@@ -85,9 +86,10 @@ def main(
     skin = stage.skin(seed + 1, device=device)
     prepared = time.perf_counter() - start
     places = windows(count, size)
-    plain, parts = measure(skin, places)
+    plain, processor, parts = measure(skin, places)
     halo = skin.halo(places[0])
-    typer.echo(f"stage {opened:.1f} s once, person {prepared:.2f} s, window {size}^2 {plain:.2f} s (halo {halo})")
+    typer.echo(f"stage {opened:.1f} s once, person {prepared:.2f} s")
+    typer.echo(f"window {size}^2: {plain:.2f} s, {processor:.2f} s of processor, halo {halo}")
     typer.echo(f"{size * size / 512**2 / plain:.2f} patches of 512^2 a second on {threads} threads of {device}")
     for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
         typer.echo(f"  {name:24s} {1000 * seconds:7.1f} ms")

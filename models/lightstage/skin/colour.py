@@ -75,7 +75,9 @@ def diffuse_albedo(
     lips = _lips(subject, drawn, mottle)
     fm, fb, thickness = _pigment(subject, drawn, mottle, grain, hole, ridge, lips)
     colour = colours(fm, fb, thickness, drawn.base["oxygenation"])
-    colour = colour * _tint(colour, (1.0, 1.0 - 0.01 * subject.regions.yellow, 1.0 - 0.07 * subject.regions.yellow))
+    # Carotene and bilirubin: a yellow that the two chromophores do not have.
+    yellow = (subject.regions.yellow + 0.3 * mottle[3] + 0.12 * grain[3])[None]
+    colour = colour * (1.0 - yellow * (1.0 - _tint(colour, (1.0, 0.99, 0.93))))
     dim = subject.coupling.cavity_darkening * hole
     colour = colour * (1.0 - dim * _tint(colour, CAVITY_COLOUR))
     colour = colour * (1.0 + subject.coupling.free_noise * (0.8 * grain[2] + 0.5 * mottle[3])).clamp(0.5, 1.5)

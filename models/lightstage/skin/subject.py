@@ -242,7 +242,7 @@ def _onset(age: float, start: float) -> float:
 def _tone(s: Stream) -> Tone:
     angle = s.one(*ANGLE_RANGE)
     eumelanin, oxygenation = s.one(0.6, 0.95), s.one(0.65, 0.85)
-    blood = float(np.clip(s.log_normal(0.011, 0.35)[0], 0.004, 0.03))
+    blood = float(np.clip(s.log_normal(0.013, 0.35)[0], 0.005, 0.034))
     thickness = float(np.clip(s.log_normal(0.008, 0.15)[0], 0.0055, 0.012))
     melanin = melanin_for_angle(angle, blood, thickness, oxygenation, eumelanin)
     return Tone(angle, melanin, eumelanin, blood, oxygenation, thickness)
