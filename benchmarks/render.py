@@ -169,7 +169,7 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
     side = 1 if shot.seed % 2 else -1
     if shot.light == "harsh":
         scene["key"] = {"type": "sphere", "center": [side * 1.2, 0.7, 1.2], "radius": 0.12, "emitter": _lamp(45.0)}
-        scene["fill"] = {"type": "sphere", "center": [-side * 1.3, 0.1, 1.4], "radius": 0.3, "emitter": _lamp(1.0)}
+        scene["fill"] = {"type": "sphere", "center": [-side * 2.6, 0.2, 2.8], "radius": 0.6, "emitter": _lamp(1.0)}
     loaded = mi.load_dict(scene)
     for name in meshes:
         out.with_name(f"{out.name}.{name}.ply").unlink()

@@ -1,4 +1,4 @@
-"""The light against an independent renderer, small; ``python -m benchmarks.light_against_mitsuba`` for the full size."""
+"""The light against an independent renderer, small; ``benchmarks.light_against_mitsuba`` has the full size."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 pytest.importorskip("mitsuba", reason="mitsuba is not installed: pip install '.[dev]'")
 
-from benchmarks.light_against_mitsuba import compare  # noqa: E402
+from benchmarks.light_against_mitsuba import compare
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 
