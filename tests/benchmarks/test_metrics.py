@@ -11,7 +11,7 @@ RNG = np.random.default_rng(4)
 
 def ellipsoid(n: int, axes: tuple[float, float, float] = (0.07, 0.1, 0.08)) -> np.ndarray:
     v = RNG.normal(size=(n, 3))
-    return v / np.linalg.norm(v, axis=1, keepdims=True) * np.array(axes)
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True) * np.array(axes))
 
 
 def test_similarity_is_recovered() -> None:
