@@ -21,7 +21,7 @@ from service.head.model import HeadModel
 
 Array = npt.NDArray[np.float64]
 
-REACH_M = (0.009, 0.006, 0.004)
+REACH_M = (0.008, 0.004)
 """Search reach of the outline, metres on the face, round by round."""
 BLUR_M = 0.0012
 """Blur of the photo for the outline, metres on the face."""

@@ -21,7 +21,7 @@ class FitSettings:
         distance_m: most likely distance of camera and face in metres, where EXIF does not give the focal length.
     """
 
-    iterations: int = 24
+    iterations: int = 8
     identity_components: int = 80
     refine: Literal["landmarks", "pixels"] = "pixels"
     identity_prior: float = 1.0

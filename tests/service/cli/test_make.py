@@ -194,10 +194,18 @@ def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 def test_control_c_ends_with_130_and_no_archive(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "slow.jpg")
-    process = subprocess.Popen([sys.executable, "-m", "service", "make", str(tmp_path / "slow.jpg")], cwd=ROOT)
-    with (tmp_path / "slow.jpg").open("wb"):  # opens when the program does; it then waits for bytes that never come
+    # A shell starts background jobs with SIGINT ignored, and children inherit that: the tests may run in one.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen([sys.executable, "-m", "service", "make", str(tmp_path / "slow.jpg")], cwd=ROOT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with process, (tmp_path / "slow.jpg").open("wb"):  # opens when the program does; it waits for bytes that never come
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 130
+        try:
+            assert process.wait(20) == 130
+        finally:
+            process.kill()
     assert not (tmp_path / "slow.zip").exists()
 
 
