@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
+from service.head.files import split_polygons
 
 Float = npt.NDArray[np.float64]
 
@@ -44,12 +45,6 @@ class TexturedHead:
     eye_radius: float
 
 
-def triangulate(quads: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """(Q, 4) with -1 for triangles -> (T, 3)."""
-    four = quads[quads[:, 3] >= 0]
-    return np.concatenate([quads[:, :3], four[:, [0, 2, 3]]]).astype(np.int64)
-
-
 class IctHeads:
     """Random heads of ICT-FaceKit in metres."""
 
@@ -59,7 +54,7 @@ class IctHeads:
             self.identity = data["identity"].astype(np.float64) * 0.01
             self.expression = data["expression"].astype(np.float64) * 0.01
             self.names = [str(n) for n in data["expression_names"]]
-            self.triangles = triangulate(data["quads"])
+            self.triangles = split_polygons(data["quads"]).astype(np.int64)
             self.lids = data["landmarks68"][36:48]
 
     def eyes_of(self, vertices: Float) -> Float:
