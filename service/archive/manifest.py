@@ -149,7 +149,11 @@ class IdentitySimilarity(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Light(_Strict):
-    """Spherical-harmonic irradiance over pi, linear RGB, in the camera frame (x right, y down, z forward)."""
+    """Light on the face as spherical harmonics of radiance up to degree 2, linear RGB; docs/archive.md has the formula.
+
+    Scaled so that irradiance over pi has a mean luminance of one over the seen skin: how bright the light is cannot be
+    told from how dark the skin is. The skin's mean colour is in it for the same reason.
+    """
 
     basis: Literal["sh9"]
     frame: Literal["camera"]
@@ -167,6 +171,7 @@ class FitReport(_Strict):
     """Share of the face that the photo shows."""
     identity_similarity: IdentitySimilarity | None
     light: Light | None
+    """Null where options.fit is "landmarks", or, with the warning "no-light", where too little lit skin is seen."""
     identity: list[float]
     """Coefficients of the head model in standard deviations."""
     expression: dict[str, float]

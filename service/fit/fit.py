@@ -16,6 +16,12 @@ from service.fit.terms import Prior
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 
+UNKNOWN_FOCAL = 1.2
+"""Most likely focal length over the longer side of a photo that does not say: a phone's main lens to a portrait crop."""
+UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA = 1.0, 0.35
+"""Standard deviations of the logarithms of focal length and distance without EXIF: the distance is known better."""
+EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA = 0.1, 0.8
+"""The same with EXIF. Crops and digital zoom change the true focal length, so it is believed to about 10 %."""
 FILM_DIAGONAL_MM = 43.27
 """Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers."""
 DISTRUST_RMS = 0.06
@@ -27,11 +33,11 @@ WIDE_YAW_DEG = 60.0
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
     """What is known before looking: portrait distance, EXIF focal length, population of heads."""
-    focal, focal_sigma, distance_sigma = 1.2 * max(photo.size), 1.0, 0.35
+    focal = UNKNOWN_FOCAL * max(photo.size)
+    focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
     if photo.focal_35mm:
-        # Crops and digital zoom change the true value, so it is believed to about 10 %.
         focal = photo.focal_35mm * float(np.hypot(*photo.size)) / FILM_DIAGONAL_MM
-        focal_sigma, distance_sigma = 0.1, 0.8
+        focal_sigma, distance_sigma = EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA
     precision = np.full(model.shape_count, settings.identity_prior)
     precision[model.identity_count :] = settings.expression_prior**-2
     return Prior(float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision)
@@ -60,11 +66,13 @@ def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | 
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
     stage = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
-    if settings.refine == "pixels":
-        from service.fit.pixels import PixelStage
+    if settings.refine == "landmarks":
+        return _result(face, photo, head, model, stage)
+    from service.fit.pixels import PixelStage
 
-        stage = replace(stage, state=PixelStage(head, model).refine(stage, photo.pixels, middle))
-    return _result(face, photo, head, model, stage)
+    state, light = PixelStage(head, model).refine(stage, photo.pixels, middle)
+    fit = _result(face, photo, head, model, replace(stage, state=state))
+    return replace(fit, light=light, warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"))
 
 
 def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, stage: LandmarkFit) -> Fit:

@@ -13,7 +13,7 @@ from service.colour import srgb_to_linear
 from service.fit.basis import LandmarkModel
 from service.fit.contour import OutlineFinder, outline_term
 from service.fit.landmarks import LandmarkFit, bounds
-from service.fit.shading import shading_term
+from service.fit.shading import light_on_face, shading_term
 from service.fit.solver import Damping, minimise
 from service.fit.state import POSE, State
 from service.fit.terms import Term
@@ -35,8 +35,10 @@ class PixelStage:
         self.head, self.model = head, model
         self.outline = OutlineFinder(head)
 
-    def refine(self, stage: LandmarkFit, pixels: npt.NDArray[np.uint8], middle: Array) -> State:
-        """The refined state; the landmark state itself where the photo has neither edges nor shading to offer.
+    def refine(self, stage: LandmarkFit, pixels: npt.NDArray[np.uint8], middle: Array) -> tuple[State, Array | None]:
+        """The refined state, and the light on the face there (:func:`light_on_face`).
+
+        The state is that of the landmarks where the photo has neither edges nor shading to offer.
 
         Args:
             stage: the landmark fit.
@@ -56,7 +58,7 @@ class PixelStage:
             ]
             terms = (*stage.terms, *(term for term in extra if term is not None))
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
-        return state
+        return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
 
     def _vertices(self, state: State) -> npt.NDArray[np.float64]:
         identity, expression = np.split(state.coefficients, [self.model.identity_count])

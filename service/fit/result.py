@@ -20,7 +20,9 @@ class Fit:
         expression: (E,) float64 in [0, 1].
         vertices: (V, 3) float32 metres, head space, the photo's expression.
         neutral: (V, 3) float32 metres, head space, no expression.
-        light: (9, 3) float64 spherical-harmonic irradiance over pi, linear RGB, camera frame, or None if not estimated.
+        light: (9, 3) float64 spherical-harmonic radiance, linear RGB, camera frame: ``sh_basis(n) @ light`` of
+            ``service.fit.light`` is irradiance over pi, scaled so that the seen skin has a mean luminance of one. None
+            if the fit stopped at the landmarks, or, with the warning ``no-light``, if too little lit skin is seen.
         landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.
         inter_ocular_px: distance of the eye centres in the photo plane, scaled up to a frontal view.
         warnings: stable codes; ``low-confidence`` means the fit is not to be trusted.

@@ -116,6 +116,62 @@ def sh_gradient(normals: Array, light: Array) -> Array:
     return np.stack([along_x, along_y, along_z], 1)
 
 
+@dataclass(frozen=True)
+class SkinSamples:
+    """Skin vertices that the photo shows.
+
+    Attributes:
+        vertex: (N,) indices.
+        normal: (N, 3) unit, head frame.
+        colour: (N, 3) linear RGB in [0, 1].
+        weight: (N,) in (0.05, 1].
+    """
+
+    vertex: npt.NDArray[np.intp]
+    normal: Array
+    colour: Array
+    weight: Array
+
+
+def seen_skin(
+    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
+) -> SkinSamples:
+    """What a photo shows of the face's skin, at the vertices.
+
+    Args:
+        head: the head model.
+        linear: (H, W, 3) float32 linear RGB.
+        middle: (2,) principal point in pixels.
+        state: pose.
+        vertices: (V, 3) metres at that state.
+    """
+    height, width = linear.shape[:2]
+    projection = project(state, vertices)
+    normals = vertex_normals(vertices, head.triangles).astype(np.float64)
+    where = np.floor(projection.uv + middle).astype(int)
+    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
+    weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
+    # Steep skin is seen badly and is where the outline term speaks.
+    view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
+    weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
+    used = np.flatnonzero(weight > 0.05)
+    colour = linear[where[used, 1], where[used, 0]].astype(np.float64)
+    return SkinSamples(used, normals[used], colour, weight[used])
+
+
+def light_on_face(
+    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
+) -> Array | None:
+    """Light on the fitted face; the arguments are those of :func:`seen_skin`.
+
+    Returns:
+        (9, 3) coefficients in the camera frame (x right, y down, z forward), see :func:`estimate_light`; None where
+        fewer than 30 vertices of skin are seen or they are black.
+    """
+    skin = seen_skin(head, linear, middle, state, vertices)
+    return estimate_light(skin.normal @ state.rotation.T, skin.colour, skin.weight)
+
+
 def shading_term(
     head: HeadModel,
     model: LandmarkModel,
@@ -137,30 +193,18 @@ def shading_term(
     Returns:
         The term, or None where no light can be estimated.
     """
-    height, width = linear.shape[:2]
-    projection = project(state, vertices)
-    normals = vertex_normals(vertices, head.triangles).astype(np.float64)
-    where = np.floor(projection.uv + middle).astype(int)
-    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
-    weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
-    # Steep skin is seen badly and is where the outline term speaks.
-    view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
-    weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
-    used = np.flatnonzero(weight > 0.05)
-    if len(used) < 30:
-        return None
-    colour = linear[where[used, 1], where[used, 0]].astype(np.float64)
-    light = estimate_light(normals[used], colour, weight[used])
+    skin = seen_skin(head, linear, middle, state, vertices)
+    light = estimate_light(skin.normal, skin.colour, skin.weight)
     if light is None:
         return None
     grey = light @ np.array([0.2126, 0.7152, 0.0722])
-    seen = colour @ np.array([0.2126, 0.7152, 0.0722])
-    shaded = np.maximum(sh_basis(normals[used]) @ grey, 0.05)
+    seen = skin.colour @ np.array([0.2126, 0.7152, 0.0722])
+    shaded = np.maximum(sh_basis(skin.normal) @ grey, 0.05)
     albedo = float(np.median(seen / shaded))
     residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
     robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
-    root = np.sqrt(SHARE * weight[used] * robust) / SIGMA
-    slope = sh_gradient(normals[used], grey) * (shaded > 0.05)[:, None] / shaded[:, None]
-    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, used)
+    root = np.sqrt(SHARE * skin.weight * robust) / SIGMA
+    slope = sh_gradient(skin.normal, grey) * (shaded > 0.05)[:, None] / shaded[:, None]
+    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
     jacobian = np.einsum("ni,nik->nk", slope, turn)
     return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed, UsageError
 from service.faces.face import Face
 from service.fit.basis import LandmarkModel
 from service.fit.fit import fit_face
 from service.fit.settings import FitSettings
 from service.geometry.camera import Camera
+from service.geometry.normals import vertex_normals
+from service.geometry.raster import rasterise
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -181,3 +184,37 @@ def test_the_same_input_gives_the_same_fit(head: HeadModel) -> None:
 def test_settings_name_the_bad_value(wrong: dict[str, object]) -> None:
     with pytest.raises(UsageError, match=repr(next(iter(wrong.values())))):
         FitSettings(**wrong)  # type: ignore[arg-type]
+
+
+def lit(head: HeadModel, camera: Camera, identity: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 photo of a matt head under a yellow lamp, direction in camera axes, and a faint blue sky."""
+    vertices = head.shape(identity).astype(float)
+    depth = camera.to_camera(vertices)[:, 2]
+    raster = rasterise(camera.project(vertices), depth, head.triangles, WIDTH, HEIGHT, perspective=True)
+    normals = vertex_normals(vertices, head.triangles) @ camera.rotation.T
+    shade = np.maximum(normals @ towards, 0)[:, None] * [1.0, 0.9, 0.7] + np.array([0.12, 0.14, 0.2])
+    corner = (shade * [0.55, 0.4, 0.33])[head.triangles[raster.triangle[raster.mask]]]
+    image = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
+    image[raster.mask] = np.einsum("nk,nkc->nc", raster.barycentric[raster.mask], corner)
+    return to_bytes(linear_to_srgb(image))
+
+
+@pytest.mark.parametrize("yaw", [0, 30])
+@pytest.mark.parametrize("towards", [(0.0, 0.0, -1.0), (-0.7, -0.3, -0.65), (0.6, -0.2, -0.77), (0.1, -0.7, -0.7)])
+def test_known_light_comes_back(head: HeadModel, yaw: float, towards: tuple[float, float, float]) -> None:
+    """In the head's frame instead of the camera's, or with an axis turned over, the direction would be far off."""
+    face, photo, camera, identity = make(head, yaw)
+    direction = np.array(towards) / np.linalg.norm(towards)
+    fit = fit_face(face, replace(photo, pixels=lit(head, camera, identity, direction)), head)
+    assert fit.light is not None and "no-light" not in fit.warnings
+    linear = (fit.light @ [0.2126, 0.7152, 0.0722])[[3, 1, 2]]
+    assert np.degrees(np.arccos(linear @ direction / np.linalg.norm(linear))) < 15.0
+
+
+def test_light_is_null_only_where_the_photo_says_nothing_or_is_not_asked(head: HeadModel) -> None:
+    """Black skin divides by zero; the manifest has to say which of the two reasons it was."""
+    face, photo, _, _ = make(head)
+    black = fit_face(face, replace(photo, pixels=np.zeros_like(photo.pixels)), head)
+    assert black.light is None and "no-light" in black.warnings
+    asked = fit_face(face, photo, head, FitSettings(refine="landmarks"))
+    assert asked.light is None and "no-light" not in asked.warnings
