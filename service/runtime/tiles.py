@@ -1,0 +1,138 @@
+"""A network over a map of any size, in tiles whose result is that of the whole.
+
+A tile is read with a margin as wide as the network looks (its halo), computed, and only its inside is kept, so no pixel
+knows about tiles. At the border of the map the margin is the map's own mirror image, also where there is only one tile.
+Tile origins are multiples of the network's stride, because down-sampling makes a network's output depend on that phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault
+from service.runtime.describe import Description
+from service.runtime.networks import Network
+
+Float = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.int64]
+
+Read = Callable[[Indices, Indices], Float]
+"""Rows (h,) and columns (w,) of the map, each within it but in any order -> (C, h, w) float32."""
+
+DEFAULT_TILE = 1024
+"""Inner side of a tile in input pixels: small enough for a gigabyte, large enough that halos cost little."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A rectangle of the map in input pixels: rows ``top`` to ``bottom`` - 1, columns ``left`` to ``right`` - 1."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+    def scaled(self, scale: int) -> tuple[slice, slice]:
+        """Where the rectangle lies in the output."""
+        return slice(self.top * scale, self.bottom * scale), slice(self.left * scale, self.right * scale)
+
+
+Write = Callable[[Tile, Float], None]
+"""Takes a tile and its result (K, scale h, scale w)."""
+
+
+def tiles(width: int, height: int, tile: int, stride: int) -> list[Tile]:
+    """Cut a map into tiles of nearly equal size, at most ``tile`` rounded up to ``stride``, row by row."""
+    rows, columns = _cuts(height, tile, stride), _cuts(width, tile, stride)
+    return [Tile(top, left, bottom, right) for top, bottom in rows for left, right in columns]
+
+
+def run_tiles(
+    network: Network,
+    read: Read,
+    size: tuple[int, int],
+    write: Write,
+    *,
+    tile: int = DEFAULT_TILE,
+    progress: Callable[[float], None] = lambda done: None,
+) -> None:
+    """Compute a network over a map; memory does not grow with the map.
+
+    Args:
+        network: a loaded network that may be cut into tiles.
+        read: gives the input; the next tile is read, in another thread, while one is computed.
+        size: (width, height) of the map in input pixels.
+        write: takes each tile's result, in order.
+        tile: inner side of a tile in input pixels.
+        progress: told the share that is done, in (0, 1], after each tile.
+
+    Raises:
+        ModelFault: the network takes whole maps of one size only, or fails.
+        NumericFault: a value that goes in or comes out is NaN or Inf.
+        ValueError: tile < 1 or an empty map.
+    """
+    what = network.description
+    if what.whole is not None:
+        raise ModelFault(f"network {network.name} takes whole maps of {what.whole}; it cannot run in tiles")
+    todo = tiles(*size, tile, what.stride)
+    for index, (one, maps) in enumerate(_read_ahead(read, todo, size, what)):
+        result = network.run(maps)
+        rows, columns = Tile(
+            what.halo, what.halo, what.halo + one.bottom - one.top, what.halo + one.right - one.left
+        ).scaled(what.scale)
+        write(one, result[:, rows, columns])
+        progress((index + 1) / len(todo))
+
+
+def run_whole(network: Network, maps: Float) -> Float:
+    """(K, ...) result of a network that takes one whole map (C, H, W) of the size that it names.
+
+    Raises:
+        ModelFault: the map has another size, or as :meth:`Network.run`.
+        NumericFault: as :meth:`Network.run`.
+    """
+    whole = network.description.whole
+    if whole is not None and maps.shape[:0:-1] != whole:
+        raise ModelFault(f"network {network.name} takes maps of {whole}, not {maps.shape[:0:-1]}")
+    return network.run(maps)
+
+
+def reflected(count: int, start: int, stop: int) -> Indices:
+    """Indices ``start`` to ``stop`` - 1 of a line of ``count`` that goes on as its mirror image, edges not repeated."""
+    period = max(2 * (count - 1), 1)
+    index = np.arange(start, stop) % period
+    return np.minimum(index, period - index) if count > 1 else np.zeros(stop - start, np.int64)
+
+
+def _cuts(length: int, tile: int, stride: int) -> list[tuple[int, int]]:
+    if tile < 1 or length < 1:
+        raise ValueError(f"cannot cut {length} pixels into tiles of {tile}")
+    count = -(-length // tile)
+    step = -(-length // (count * stride)) * stride
+    return [(start, min(start + step, length)) for start in range(0, length, step)]
+
+
+def _read_ahead(
+    read: Read, todo: Sequence[Tile], size: tuple[int, int], what: Description
+) -> Iterator[tuple[Tile, Float]]:
+    def load(tile: Tile) -> Float:
+        rows = reflected(size[1], *_window(tile.top, tile.bottom, what))
+        columns = reflected(size[0], *_window(tile.left, tile.right, what))
+        return read(rows, columns)
+
+    with ThreadPoolExecutor(1) as pool:
+        ahead = pool.submit(load, todo[0])
+        for index, tile in enumerate(todo):
+            maps = ahead.result()
+            if index + 1 < len(todo):
+                ahead = pool.submit(load, todo[index + 1])
+            yield tile, maps
+
+
+def _window(start: int, stop: int, what: Description) -> tuple[int, int]:
+    return start - what.halo, start + -(-(stop - start) // what.stride) * what.stride + what.halo

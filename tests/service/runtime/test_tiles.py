@@ -1,0 +1,143 @@
+"""Any tiling gives what the whole gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.errors import ModelFault, NumericFault
+from service.runtime.networks import Engine, Network, open_network
+from service.runtime.tiles import Tile, reflected, run_tiles, run_whole, tiles
+from tests.service.runtime.toynets import toy_net, write_models
+
+Float = npt.NDArray[np.float32]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    models = {
+        "plain": toy_net("plain", ["a", "b"], ["x", "y", "z"]),
+        "tail": toy_net("tail", ["a", "b"], ["x"], scale=4),
+        "short": toy_net("short", ["a", "b"], ["x"], halo=2),
+        "whole": toy_net("whole", ["a", "b"], ["x"], whole=(24, 16)),
+    }
+    return write_models(tmp_path_factory.mktemp("models"), models)
+
+
+@pytest.fixture(scope="module")
+def plain(folder: Path) -> Iterator[Network]:
+    with open_network("plain", Engine(threads=1, folder=folder)) as network:
+        yield network
+
+
+def image(height: int, width: int) -> Float:
+    return np.random.default_rng(2).uniform(-1, 1, (2, height, width)).astype(np.float32)
+
+
+def tiled(network: Network, maps: Float, tile: int) -> Float:
+    """The result, its untouched places marked with 99."""
+    scale = network.description.scale
+    shape = (len(network.description.outputs), maps.shape[1] * scale, maps.shape[2] * scale)
+    result = np.full(shape, 99, np.float32)
+
+    def write(one: Tile, part: Float) -> None:
+        result[:, *one.scaled(scale)] = part
+
+    size = (maps.shape[2], maps.shape[1])
+    run_tiles(network, lambda rows, columns: maps[:, rows][:, :, columns], size, write, tile=tile)
+    return result
+
+
+def untiled(network: Network, maps: Float) -> Float:
+    """The definition: the map with its mirror image around it, computed at once, by numpy's own padding."""
+    what = network.description
+    odd = [-side % what.stride for side in maps.shape[1:]]
+    pads = [(0, 0), *((what.halo, what.halo + more) for more in odd)]
+    result = network.run(np.pad(maps, pads, "reflect"))
+    margin = what.halo * what.scale
+    tall, wide = (side * what.scale for side in maps.shape[1:])
+    return result[:, margin : margin + tall, margin : margin + wide]
+
+
+@pytest.mark.parametrize("name", ["plain", "tail"])
+@pytest.mark.parametrize("tile", [16, 30, 50, 1000])
+def test_every_tile_size_gives_the_whole(folder: Path, name: str, tile: int) -> None:
+    """A halo too small, an origin off the stride, or zeros instead of the mirror image at the border show here."""
+    maps = image(61, 83)
+    with open_network(name, Engine(threads=1, folder=folder)) as network:
+        np.testing.assert_allclose(tiled(network, maps, tile), untiled(network, maps), atol=1e-5)
+
+
+def test_a_halo_shorter_than_the_reach_would_show(folder: Path) -> None:
+    """The test above can fail: with a halo of 2 where the network looks further, tiles differ from the whole."""
+    maps = image(64, 64)
+    with open_network("short", Engine(threads=1, folder=folder)) as network:
+        assert np.abs(tiled(network, maps, 16) - tiled(network, maps, 64)).max() > 1e-3
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (3, 2)])
+def test_maps_smaller_than_the_halo(plain: Network, size: tuple[int, int]) -> None:
+    maps = image(*size)
+    np.testing.assert_allclose(tiled(plain, maps, 4), tiled(plain, maps, 64), atol=1e-5)
+    assert np.abs(tiled(plain, maps, 4)).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "tile", "stride"), [(6144, 4096, 1024, 8), (579, 386, 100, 8), (5, 3, 1, 4)]
+)
+def test_tiles_cover_the_map_once_and_start_on_the_stride(width: int, height: int, tile: int, stride: int) -> None:
+    count = np.zeros((height, width), np.uint8)
+    for one in tiles(width, height, tile, stride):
+        assert one.top % stride == one.left % stride == 0
+        assert max(one.bottom - one.top, one.right - one.left) <= tile + stride - 1
+        count[one.scaled(1)] += 1
+    assert (count == 1).all()
+
+
+def test_reflection_is_numpy_s() -> None:
+    line = np.arange(7)
+    np.testing.assert_array_equal(reflected(7, -20, 30), np.pad(line, (20, 23), "reflect"))
+    np.testing.assert_array_equal(reflected(1, -3, 4), np.zeros(7))
+    np.testing.assert_array_equal(reflected(2, -2, 4), [0, 1, 0, 1, 0, 1])
+
+
+def test_progress_ends_at_one_and_never_falls(plain: Network) -> None:
+    told: list[float] = []
+    maps = image(40, 40)
+    run_tiles(plain, lambda r, c: maps[:, r][:, :, c], (40, 40), lambda t, x: None, tile=16, progress=told.append)
+    assert told == sorted(told) and len(told) == 9 and told[-1] == 1
+
+
+def test_nan_in_one_tile_is_named_by_channel(plain: Network) -> None:
+    maps = image(40, 40)
+    maps[1, 30, 30] = np.nan
+    with pytest.raises(NumericFault, match="plain: input b has"):
+        tiled(plain, maps, 16)
+
+
+def test_a_failing_reader_is_heard(plain: Network) -> None:
+    """Reading happens in another thread; its exception must not vanish there."""
+
+    def read(rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]) -> Float:
+        raise KeyError("no such channel")
+
+    with pytest.raises(KeyError, match="no such channel"):
+        run_tiles(plain, read, (40, 40), lambda t, x: None)
+
+
+def test_whole_networks_are_not_cut(folder: Path) -> None:
+    with open_network("whole", Engine(threads=1, folder=folder)) as network:
+        with pytest.raises(ModelFault, match="cannot run in tiles"):
+            tiled(network, image(16, 24), 8)
+        with pytest.raises(ModelFault, match=r"\(24, 16\)"):
+            run_whole(network, image(24, 16))
+        assert run_whole(network, image(16, 24)).shape == (1, 16, 24)
+
+
+def test_a_tile_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="0"):
+        tiles(10, 10, 0, 1)
