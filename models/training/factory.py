@@ -1,0 +1,84 @@
+"""Draws captures of the light stage into files for training: ``python -m models.training.factory -o DIR``.
+
+Files that exist are left alone, so an interrupted run goes on where it stopped, and several processes can share the
+work by ``--jobs``. On a machine with an accelerator give ``--device cuda``.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+import typer
+
+from models.lightstage.poses import EXPRESSIONS
+from models.lightstage.split import FIRST_SEED, HELD_OUT, TRAIN, subject_part
+from models.training.capture import Recipe, Sitting, Studio, capture
+from service.errors import UsageError
+
+
+def pose_of(seed: int, round_: int) -> str:
+    """The expression of a subject in a round; every subject goes through all of them."""
+    return EXPRESSIONS[(seed * 3 + round_) % len(EXPRESSIONS)]
+
+
+def draw(seed: int, pose: str, part: str, folder: Path, device: str) -> Path | None:
+    """Write one capture, whole or not at all; None where it was there already."""
+    path = folder / part / f"{seed}_{pose}.npz"
+    if path.exists():
+        return None
+    arrays = capture(Sitting.of(Studio.open(), seed, pose, part, device), Recipe())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(f".{os.getpid()}.part")
+    with unfinished.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **arrays)
+    unfinished.replace(path)
+    return path
+
+
+def _share(seeds: list[int], round_: int, part: str, folder: Path, device: str, threads: int) -> int:
+    torch.set_num_threads(threads)
+    written = 0
+    for seed in seeds:
+        begin = time.perf_counter()
+        if draw(seed, pose_of(seed, round_), part, folder, device):
+            written += 1
+            typer.echo(f"{part} {seed} {pose_of(seed, round_)}: {time.perf_counter() - begin:.1f} s")
+    return written
+
+
+def main(
+    output: Annotated[Path, typer.Option("-o", help="Folder for the captures.")],
+    first: Annotated[int, typer.Option(help="First subject's seed.")] = FIRST_SEED,
+    count: Annotated[int, typer.Option(min=1, help="Subjects of this part.")] = 140,
+    part: Annotated[str, typer.Option(help="train or held-out.")] = TRAIN,
+    rounds: Annotated[int, typer.Option(min=1, max=len(EXPRESSIONS), help="Expressions of each subject.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1)] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Of each job.")] = 1,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+) -> None:
+    """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions."""
+    if part not in (TRAIN, HELD_OUT):
+        raise UsageError(f"part is {part!r}; it has to be {TRAIN!r} or {HELD_OUT!r}")
+    seeds: list[int] = []
+    seed = first
+    while len(seeds) < count:
+        if subject_part(seed) == part:
+            seeds.append(seed)
+        seed += 1
+    for round_ in range(rounds):
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            shares = [seeds[i::jobs] for i in range(jobs)]
+            work = [pool.submit(_share, share, round_, part, output, device, threads) for share in shares if share]
+            written = sum(job.result() for job in work)
+        typer.echo(f"round {round_}: {written} written, {len(seeds) - written} there already")
+
+
+if __name__ == "__main__":
+    typer.run(main)
