@@ -23,6 +23,10 @@
     +-- ModelFault                  a data file of ours is missing or changed      exit 1, HTTP 500
     +-- NumericFault                NaN or Inf would have left a stage             exit 1, HTTP 500
     +-- OutputFault                 the result could not be written                exit 1, HTTP 507
+    +-- JobFault                    the process of a job ended without an answer   exit 1, HTTP 500
+        +-- Crashed                 it crashed, time after time
+        +-- OutOfMemory             it needed more memory than is allowed
+        +-- OutOfTime               it took longer than is allowed
 
 ``code`` is stable and meant for machines; the message names the value that was wrong and what would be right.
 """
@@ -142,3 +146,19 @@ class NumericFault(AvatarError):
 class OutputFault(AvatarError):
     code = "output"
     http_status = 507
+
+
+class JobFault(AvatarError):
+    code = "job"
+
+
+class Crashed(JobFault):
+    code = "crashed"
+
+
+class OutOfMemory(JobFault):
+    code = "out-of-memory"
+
+
+class OutOfTime(JobFault):
+    code = "out-of-time"

@@ -29,6 +29,7 @@ from service.head.model import HeadModel
 from service.likeness import likeness
 from service.options import Options
 from service.photo.gate import read_photo
+from service.stages import Stages, Unkept
 from service.texture.make import make_texture
 
 Progress = Callable[[str, float], None]
@@ -39,7 +40,11 @@ STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare
 
 
 def make_avatar(
-    data: bytes, options: Options, progress: Progress = lambda stage, done: None, head_file: Path | None = None
+    data: bytes,
+    options: Options,
+    progress: Progress = lambda stage, done: None,
+    head_file: Path | None = None,
+    stages: Stages = Unkept(),  # noqa: B008 - holds nothing
 ) -> Avatar:
     """Make an avatar from the bytes of an image file.
 
@@ -48,6 +53,7 @@ def make_avatar(
         options: what to make.
         progress: told when a stage begins.
         head_file: head model to fit; None for the one in the box.
+        stages: keeps the results of finished stages for a run that was cut off and begins again.
 
     Raises:
         AvatarError: any of its subclasses; see ``service.errors``.
@@ -68,17 +74,18 @@ def make_avatar(
         recogniser_job = pool.submit(Recogniser)
         head_job = pool.submit(_head_and_chart, options, head_file)
         with stage("decode"):
-            photo = read_photo(data)
+            photo = stages.keep("decode", lambda: read_photo(data))
         with stage("detect"):
-            faces = finder_job.result().find(photo.pixels)
-            face = choose_face(faces, options.face, photo.size)
+            find = lambda: choose_face(finder_job.result().find(photo.pixels), options.face, photo.size)  # noqa: E731
+            face = stages.keep("detect", find)
         with stage("fit"):
             head, chart = head_job.result()
-            fit = fit_face(face, photo, head, options.fit_settings())
+            fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings()))
     with stage("texture"):
-        texture = make_texture(photo, head, fit, chart)
+        texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart))
     with stage("compare"):
-        similarity = likeness(photo, face, head, fit, texture.texture, recogniser_job.result())
+        compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
+        similarity = stages.keep("compare", compare)
     return Avatar(
         photo=photo,
         face=face,
