@@ -56,6 +56,18 @@ def test_the_check_knows_names_from_prefixes() -> None:
     assert not trespasses("import torchlike\nfrom service.client import x", {"torch", "service.cli"})
 
 
+FETCHERS = {"httpx", "httpcore", "requests", "aiohttp", "urllib3", "urllib.request", "http.client", "service.client"}
+"""Whatever fetches from an address."""
+
+
+def test_what_serves_fetches_nothing() -> None:
+    """A server without an HTTP client cannot be talked into asking an address of a stranger's choice."""
+    clients = {ROOT / "service" / "client", ROOT / "service" / "batch"}
+    files = [file for file in sorted((ROOT / "service").rglob("*.py")) if not clients & set(file.parents)]
+    found = {str(file.relative_to(ROOT)): trespasses(file.read_text("utf-8"), FETCHERS) for file in files}
+    assert not {file: names for file, names in found.items() if names}
+
+
 WALK = """
 import importlib, importlib.abc, pkgutil, sys
 refused = set(sys.argv[1].split(","))
@@ -95,5 +107,5 @@ def test_the_command_line_starts_without_numeric_libraries() -> None:
     """`avatarme --help` must not pay for numpy, OpenCV or onnxruntime."""
     program = "import sys, service.cli.app; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     child = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    heavy = {"numpy", "scipy", "cv2", "onnxruntime", "PIL", "trimesh", "rich"}
+    heavy = {"numpy", "scipy", "cv2", "onnxruntime", "PIL", "trimesh", "rich", "httpx"}
     assert not heavy & set(child.stdout.split())

@@ -1,0 +1,206 @@
+"""Downloads over connections that break, from servers that change their mind."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.client.client import Client
+from service.client.errors import Conflict, DownloadFailed, NoSuchJob, ServerBusy, ServerUnreachable
+from service.client.retry import Retry
+from service.errors import OutputFault
+from tests.service.client.archives import archive
+from tests.service.client.fake import Fake, answer, hang_up, problem
+
+
+@pytest.fixture
+def job(client: Client) -> str:
+    return client.submit(b"photo").id
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    return tmp_path / "out" / "me.zip"
+
+
+@pytest.fixture(autouse=True)
+def _folder(target: Path) -> None:
+    target.parent.mkdir()
+
+
+def ranges(fake: Fake) -> list[str | None]:
+    return [seen.headers.get("Range") for seen in fake.requests("GET", "archive")]
+
+
+def only(target: Path) -> list[str]:
+    return [path.name for path in target.parent.iterdir()]
+
+
+def test_every_break_goes_on_at_the_byte_where_it_was(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.cut_archive.extend([1000, 1, 5000])
+    told: list[tuple[int, int | None]] = []
+    digest = client.download(job, target, progress=lambda done, total: told.append((done, total)))
+    assert target.read_bytes() == fake.archive
+    assert digest == hashlib.sha256(fake.archive).hexdigest()
+    assert ranges(fake) == [None, "bytes=1000-", "bytes=1001-", "bytes=6001-"]
+    assert told[-1] == (len(fake.archive), len(fake.archive))
+    assert only(target) == ["me.zip"]
+
+
+def test_more_breaks_than_attempts_as_long_as_something_comes(
+    client: Client, fake: Fake, job: str, target: Path
+) -> None:
+    fake.cut_archive.extend([100] * 30)
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+
+
+def test_a_line_that_brings_nothing_is_given_up_and_a_later_call_goes_on(
+    client: Client, fake: Fake, job: str, target: Path, slept: list[float]
+) -> None:
+    fake.cut_archive.extend([3000] + [0] * 8)
+    with pytest.raises(ServerUnreachable, match=f"3000 of {len(fake.archive)} bytes"):
+        client.download(job, target)
+    assert not target.exists()
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+    assert ranges(fake)[-1] == "bytes=3000-"
+    assert only(target) == ["me.zip"]
+
+
+def test_an_archive_that_changed_in_between_begins_anew(client: Client, fake: Fake, job: str, target: Path) -> None:
+    """Bytes of two versions in one file would be worse than no file; If-Range prevents it."""
+    fake.cut_archive.append(4000)
+    second = archive({"a": bytes(9000)})
+
+    def change(request: Any) -> None:
+        fake.archive = second
+        request._archive()
+
+    fake.fail("GET", "archive", lambda request: request._archive(), change)
+    client.download(job, target)
+    assert target.read_bytes() == second
+
+
+@pytest.mark.parametrize("etag", ["", 'W/"weak"'])
+def test_without_a_strong_etag_nothing_is_patched_together(
+    client: Client, fake: Fake, job: str, target: Path, etag: str
+) -> None:
+    fake.etag = etag
+    fake.cut_archive.append(4000)
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+    assert ranges(fake) == [None, None]
+    assert only(target) == ["me.zip"]
+
+
+def test_a_server_without_ranges(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.cut_archive.append(4000)
+
+    def whole(request: Any) -> None:
+        request.headers.replace_header("Range", "nonsense")
+        request._archive()
+
+    fake.fail("GET", "archive", lambda request: request._archive(), whole)
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+
+
+def test_a_part_from_another_place_is_thrown_away(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.cut_archive.append(4000)
+
+    def shifted(request: Any) -> None:
+        data = fake.archive[4001:]
+        headers = {
+            "Content-Range": f"bytes 4001-{len(fake.archive) - 1}/{len(fake.archive)}",
+            "ETag": fake.etag_header(),
+        }
+        request.reply(206, data, headers)
+
+    fake.fail("GET", "archive", lambda request: request._archive(), shifted)
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+
+
+def test_busy_in_the_middle(client: Client, fake: Fake, job: str, target: Path, slept: list[float]) -> None:
+    fake.fail("GET", "archive", answer(503, problem(503, "draining"), Retry_After="9"), hang_up)
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+    assert slept[0] >= 9
+
+
+def test_busy_for_ever(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.fail("GET", "archive", *[answer(503, problem(503, "draining", "going down"))] * 8)
+    with pytest.raises(ServerBusy, match="going down"):
+        client.download(job, target)
+    assert only(target) == []
+
+
+def test_another_content_than_the_stated_one(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.etag = f'"{"0" * 64}"'
+    target.write_bytes(b"what was there before")
+    with pytest.raises(DownloadFailed, match="0000"):
+        client.download(job, target)
+    assert target.read_bytes() == b"what was there before"
+    assert only(target) == ["me.zip"], "damaged bytes must not be gone on from"
+
+
+def test_a_digest_header_is_checked(client: Client, fake: Fake, job: str, target: Path) -> None:
+    wrong = {"Repr-Digest": f"sha-256=:{'A' * 43}=:", "ETag": '"1"'}
+    fake.fail("GET", "archive", *[lambda request: request.reply(200, fake.archive, wrong)] * 2)
+    with pytest.raises(DownloadFailed, match="stated"):
+        client.download(job, target)
+
+
+def test_a_file_that_is_not_that_of_the_manifest(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.archive = archive({"a": b"content", "b": b"x"}, {"a": b"content", "b": b"y"})
+    with pytest.raises(DownloadFailed, match="b in the archive"):
+        client.download(job, target)
+    assert only(target) == []
+
+
+def test_damage_on_the_way_is_mended_by_a_second_try(client: Client, fake: Fake, job: str, target: Path) -> None:
+    damaged = bytearray(fake.archive)
+    damaged[2000] ^= 255
+    fake.fail("GET", "archive", lambda request: request.reply(200, bytes(damaged), {"ETag": fake.etag_header()}))
+    client.download(job, target)
+    assert target.read_bytes() == fake.archive
+
+
+def test_too_early_and_too_late(client: Client, fake: Fake, job: str, target: Path) -> None:
+    fake.fail("GET", "archive", answer(409, problem(409, "not-ready")))
+    with pytest.raises(Conflict):
+        client.download(job, target)
+    with pytest.raises(NoSuchJob):
+        client.download("f" * 32, target)
+    assert only(target) == []
+
+
+def test_a_folder_that_is_not_there(client: Client, job: str, target: Path) -> None:
+    with pytest.raises(OutputFault, match=r"no such file"):
+        client.download(job, target.parent / "nowhere" / "me.zip")
+
+
+def test_more_bytes_than_stated(fake: Fake, job: str, target: Path) -> None:
+    """Chunked, so that the connection does not end at the stated length: the disk would fill."""
+    size = len(fake.archive)
+
+    def endless(request: Any) -> None:
+        request.send_response(206)
+        request.send_header("Content-Range", f"bytes 100-{size - 1}/{size}")
+        request.send_header("ETag", fake.etag_header())
+        request.send_header("Transfer-Encoding", "chunked")
+        request.end_headers()
+        for _ in range(1000):
+            request.wfile.write(b"1000\r\n" + bytes(0x1000) + b"\r\n")
+
+    for _ in range(10):
+        fake.cut_archive.append(100)
+        fake.fail("GET", "archive", lambda request: request._archive(), endless)
+    impatient = Client(fake.url, retry=Retry(attempts=2, sleep=lambda seconds: None))
+    with impatient, pytest.raises(DownloadFailed, match="stated"):
+        impatient.download(job, target)
+    assert only(target) == []
