@@ -22,7 +22,7 @@ class Description:
     Attributes:
         network: role, for example "rho".
         channels: C names of the input planes in order.
-        outputs: K names of the output planes in order.
+        outputs: K names of the output planes in order; or one name for any number of planes of a kind.
         stride: H and W have to be multiples of it.
         halo: input pixels at each side beyond which nothing matters, a multiple of ``stride``.
         scale: output pixels per input pixel.
@@ -36,6 +36,12 @@ class Description:
     halo: int = 0
     scale: int = 1
     whole: tuple[int, int] | None = None
+
+    def planes(self, count: int) -> tuple[str, ...]:
+        """Names of ``count`` output planes: ``outputs``, or the one name numbered from 0 where there are several."""
+        if len(self.outputs) == 1 and count > 1:
+            return tuple(f"{self.outputs[0].removesuffix('s')}_{index}" for index in range(count))
+        return self.outputs
 
     @classmethod
     def parse(cls, text: str, name: str) -> Description:

@@ -88,10 +88,11 @@ class Network:
             result = self._compiled(np.ascontiguousarray(maps[None], np.float32))
         except Exception as error:  # the runtimes' own exception types are not public
             raise ModelFault(f"network {self.name} failed on maps {maps.shape}: {error}") from error
-        expected = (1, len(what.outputs), height * what.scale, width * what.scale)
+        names = what.planes(result.shape[1] if result.ndim == 4 else 0)
+        expected = (1, len(names), height * what.scale, width * what.scale)
         if result.shape != expected:
             raise ModelFault(f"network {self.name} gave {result.shape}; its description promises {expected}")
-        _require_finite(self.name, "output", result[0], what.outputs)
+        _require_finite(self.name, "output", result[0], names)
         return np.asarray(result[0])
 
 

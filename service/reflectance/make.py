@@ -1,0 +1,160 @@
+"""From texture and head to reflectance, stage by stage (AvatarMe, figure 3).
+
+::
+
+    T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
+                                             --rho--> specular normals --integrate--> displacement
+                                             --sigma--> diffuse normals
+
+Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from service.reflectance import normals
+from service.reflectance.diffuse_albedo import diffuse_albedo
+from service.reflectance.displacement import Steps, displacement, encode
+from service.reflectance.plan import Plan
+from service.reflectance.planes import Codes, Planes
+from service.reflectance.result import Integration, Reflectance
+from service.reflectance.specular_albedo import specular_albedo
+from service.reflectance.subject import GEOMETRY, Subject
+from service.reflectance.super_resolution import enlarge, resample
+from service.reflectance.translate import Job
+from service.runtime.networks import Engine
+from service.runtime.tiles import DEFAULT_TILE
+from service.stages import Stages, Unkept
+
+T = TypeVar("T")
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and the share of all the reflectance work that is done."""
+
+
+def make_reflectance(
+    texture: npt.NDArray[np.uint8],
+    subject: Subject,
+    plan: Plan,
+    size: tuple[int, int],
+    engine: Engine,
+    *,
+    seed: int = 0,
+    tile: int = DEFAULT_TILE,
+    progress: Progress = lambda stage, done: None,
+    stages: Stages = Unkept(),  # noqa: B008 - holds nothing
+) -> Reflectance:
+    """Make the maps that a plan asks for.
+
+    Args:
+        texture: (h, w, 3) uint8 sRGB with the photo's light in it, filled outside the islands.
+        subject: the head that the texture lies on.
+        plan: the stages to run.
+        size: (width, height) of the maps.
+        engine: what the networks run on.
+        seed: of made-up detail.
+        tile: inner side of tiles in texels; the result does not depend on it.
+        progress: told when a stage begins and after each tile.
+        stages: keeps the maps of finished stages.
+
+    Raises:
+        ModelFault: a network is missing, changed, or does not fit.
+        NumericFault: a network's output is not finite.
+    """
+    run = _Run(plan, stages, progress)
+    geometry = subject.geometry()
+    source = texture.astype(np.uint16) * np.uint16(257)
+    if "super_resolution" in plan.stages:
+        small = Planes((texture.shape[1], texture.shape[0]))
+        small.add_codes("texture", source)
+        small.add_coarse(GEOMETRY, geometry)
+        source = run("super_resolution", lambda told: enlarge(small, seed, engine, tile, told))
+        del small
+    planes = Planes(size)
+    planes.add_coarse(GEOMETRY, geometry)
+    skin = subject.skin(size)
+    made = _Maps()
+
+    def job(told: Callable[[float], None]) -> Job:
+        return Job(planes, skin, engine, tile, told)
+
+    if "diffuse_albedo" in plan.stages:
+        full = resample(source, size)
+        planes.add_codes("texture", full)
+        made.diffuse_albedo = run("diffuse_albedo", lambda told: diffuse_albedo(full, job(told)))
+        planes.drop("texture")
+        del full
+        planes.add_codes("albedo", made.diffuse_albedo)
+    if "specular_albedo" in plan.stages:
+        made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
+    if "specular_normal" in plan.stages:
+        made.specular_normal = run("specular_normal", lambda told: normals.tangent_normals(normals.SPECULAR, job(told)))
+    if "diffuse_normal" in plan.stages:
+        made.diffuse_normal = run("diffuse_normal", lambda told: normals.tangent_normals(normals.DIFFUSE, job(told)))
+    if "displacement" in plan.stages and made.specular_normal is not None:
+        bumps = made.specular_normal
+        found = run("displacement", lambda told: _displaced(bumps, subject, size, skin))
+        made.displacement, made.integration = found[0], Integration(*found[1:])
+    return Reflectance(
+        size=size,
+        diffuse_albedo=made.diffuse_albedo,
+        specular_albedo=made.specular_albedo,
+        specular_normal=made.specular_normal,
+        diffuse_normal=made.diffuse_normal,
+        displacement=made.displacement,
+        runtime=engine.runtime,
+        precision=engine.precision,
+        tile=tile,
+        super_resolution="super_resolution" in plan.stages,
+        models=plan.networks,
+        integration=made.integration,
+        timings_s=run.timings,
+    )
+
+
+class _Maps:
+    """What has been made so far."""
+
+    diffuse_albedo: Codes | None = None
+    specular_albedo: Codes | None = None
+    specular_normal: npt.NDArray[np.int16] | None = None
+    diffuse_normal: npt.NDArray[np.int16] | None = None
+    displacement: Codes | None = None
+    integration: Integration | None = None
+
+
+class _Run:
+    """Runs stages one after the other: times them, keeps their results, tells how far all of it is."""
+
+    def __init__(self, plan: Plan, stages: Stages, progress: Progress) -> None:
+        self.timings: dict[str, float] = {}
+        self._shares = plan.shares()
+        self._stages = stages
+        self._progress = progress
+        self._done = 0.0
+
+    def __call__(self, name: str, make: Callable[[Callable[[float], None]], T]) -> T:
+        share = self._shares[name]
+        self._progress(name, self._done)
+        begin = time.perf_counter()
+        result = self._stages.keep(name, lambda: make(lambda done: self._progress(name, self._done + share * done)))
+        self.timings[name] = time.perf_counter() - begin
+        self._done += share
+        return result
+
+
+def _displaced(
+    bumps: npt.NDArray[np.int16], subject: Subject, size: tuple[int, int], skin: npt.NDArray[np.uint8]
+) -> tuple[Codes, int, float, float]:
+    """Displacement codes, and the numbers of :class:`Integration`."""
+    steps = Steps.of(subject.chart, subject.vertices)
+    surface = subject.islands(size) == subject.head.part_names.index("skin")
+    height, facts = displacement(bumps, steps, surface & (skin > 0))
+    height *= skin * np.float32(1 / 255)
+    return encode(height), facts.iterations, facts.residual, facts.ignored_fraction

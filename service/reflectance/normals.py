@@ -1,0 +1,47 @@
+"""rho and sigma: normals for mirrored and for diffused light, in tangent space (AvatarMe, section 4.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.reflectance.result import NORMAL_ONE
+from service.reflectance.translate import Job, translate
+
+Float = npt.NDArray[np.float32]
+
+SPECULAR, DIFFUSE = "rho", "sigma"
+
+STEEPEST_Z = 0.17
+"""Normals tilt by 80 degrees at most: beyond, a slope means nothing, and 8 bits cannot tell it from the horizon."""
+
+
+def tangent_normals(name: str, job: Job) -> npt.NDArray[np.int16]:
+    """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin.
+
+    Raises:
+        ModelFault: the network is missing, changed, or does not fit.
+    """
+    result = np.zeros((*job.skin.shape, 2), np.int16)
+
+    def keep(place: tuple[slice, slice], values: Float, skin: Float) -> None:
+        result[place] = pack_normals(skin * values[0], skin * values[1], skin * values[2] + (1 - skin))
+
+    translate(name, job, 3, keep)
+    return result
+
+
+def pack_normals(x: Float, y: Float, z: Float) -> npt.NDArray[np.int16]:
+    """(..., 2) int16 codes of vectors of any length.
+
+    Those without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are raised to it.
+    """
+    z = np.maximum(z, 0)
+    length = np.sqrt(x * x + y * y + z * z)
+    sound = np.isfinite(length) & (length > 1e-3)
+    inverse = np.where(sound, 1 / np.where(sound, length, 1), 0)
+    x, y = (np.where(sound, part, 0) * inverse for part in (x, y))
+    across = np.sqrt(x * x + y * y)
+    most = np.float32(np.sqrt(1 - STEEPEST_Z**2))
+    shorter = np.where(across > most, most / np.maximum(across, most), 1) * np.float32(NORMAL_ONE)
+    return np.stack([np.rint(x * shorter), np.rint(y * shorter)], -1).astype(np.int16)

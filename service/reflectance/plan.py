@@ -1,0 +1,74 @@
+"""Which stages the asked-for maps need, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+STAGES = (
+    "super_resolution", "diffuse_albedo", "specular_albedo", "specular_normal", "diffuse_normal", "displacement",
+)  # fmt: skip
+"""In the order in which they run."""
+
+ROLES = STAGES[1:]
+"""Maps of reflectance that can be asked for."""
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "super_resolution": (),
+    "diffuse_albedo": ("super_resolution",),
+    "specular_albedo": ("diffuse_albedo",),
+    "specular_normal": ("diffuse_albedo",),
+    "diffuse_normal": ("diffuse_albedo",),
+    "displacement": ("specular_normal",),
+}
+"""What a stage takes from other stages (AvatarMe, figure 3)."""
+
+NETWORKS: dict[str, tuple[str, ...]] = {
+    "super_resolution": ("zeta_body", "zeta_tail"),
+    "diffuse_albedo": ("delta_context", "delta"),
+    "specular_albedo": ("psi",),
+    "specular_normal": ("rho",),
+    "diffuse_normal": ("sigma",),
+    "displacement": (),
+}
+"""Models that a stage loads."""
+
+COST: dict[str, float] = {
+    "super_resolution": 4.0, "diffuse_albedo": 8.0, "specular_albedo": 4.0, "specular_normal": 8.0,
+    "diffuse_normal": 4.0, "displacement": 8.0,
+}  # fmt: skip
+"""Rough share of each stage in the time of all, for progress only."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will run.
+
+    Attributes:
+        stages: in order.
+    """
+
+    stages: tuple[str, ...]
+
+    @classmethod
+    def of(cls, roles: Collection[str], *, super_resolution: bool = True, fine_mesh: bool = False) -> Plan:
+        """Stages for maps ``roles`` (names of other maps are ignored), and for the displaced mesh."""
+        wanted = {role for role in roles if role in ROLES} | ({"displacement"} if fine_mesh else set())
+        waiting = list(wanted)
+        while waiting:
+            new = [stage for stage in NEEDS[waiting.pop()] if stage not in wanted]
+            wanted.update(new)
+            waiting += new
+        if not super_resolution:
+            wanted.discard("super_resolution")
+        return cls(tuple(stage for stage in STAGES if stage in wanted))
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Models that will be loaded, in order."""
+        return tuple(name for stage in self.stages for name in NETWORKS[stage])
+
+    def shares(self) -> dict[str, float]:
+        """Share of the whole time that each stage takes, about."""
+        total = sum(COST[stage] for stage in self.stages)
+        return {stage: COST[stage] / total for stage in self.stages}

@@ -1,0 +1,71 @@
+"""What the reflectance stages hand on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+NORMAL_ONE = 32767
+"""Code of 1 in the int16 components of normals."""
+
+MID = 32768
+SCALE_MM = 5e-5
+"""Displacement: height in mm = (code - MID) * SCALE_MM: 50 nm a step, +-1.6 mm in all, of which +-1 mm occurs."""
+
+
+@dataclass(frozen=True)
+class Integration:
+    """How heights were found from normals.
+
+    Attributes:
+        iterations: of the solver.
+        residual: norm of what is left of the equations, as a share of the right-hand side's.
+        ignored_fraction: share of the texels whose normals were not usable.
+    """
+
+    iterations: int
+    residual: float
+    ignored_fraction: float
+
+
+@dataclass(frozen=True)
+class Reflectance:
+    """Maps on the head's chart, (H, W) texels, row 0 = top (v = 1), filled also outside the islands; None: not made.
+
+    Attributes:
+        size: (width, height).
+        diffuse_albedo: (H, W, 3) uint16, sRGB coded, 65535 = 1.
+        specular_albedo: (H, W) uint16, linear, 65535 = 1: F0 = 0.04 times it.
+        specular_normal: (H, W, 2) int16, x and y of unit normals times ``NORMAL_ONE``, z > 0; tangent space, +Y up.
+        diffuse_normal: the same for diffuse light.
+        displacement: (H, W) uint16 along the normal, see ``MID`` and ``SCALE_MM``.
+        runtime, precision: what the networks ran on.
+        tile: inner side of the tiles, in texels.
+        super_resolution: whether the texture was enlarged by a network; else it was resampled.
+        models: names of the networks that ran.
+        integration: of the displacement.
+        timings_s: seconds of each stage.
+    """
+
+    size: tuple[int, int]
+    diffuse_albedo: npt.NDArray[np.uint16] | None = None
+    specular_albedo: npt.NDArray[np.uint16] | None = None
+    specular_normal: npt.NDArray[np.int16] | None = None
+    diffuse_normal: npt.NDArray[np.int16] | None = None
+    displacement: npt.NDArray[np.uint16] | None = None
+    runtime: str = "onnxruntime"
+    precision: str = "fp32"
+    tile: int = 0
+    super_resolution: bool = False
+    models: tuple[str, ...] = ()
+    integration: Integration | None = None
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def unpack_normals(codes: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    """(..., 3) float32 unit normals of (..., 2) int16 codes."""
+    x, y = (codes[..., axis] * np.float32(1 / NORMAL_ONE) for axis in (0, 1))
+    return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)

@@ -1,0 +1,96 @@
+"""What the networks are told of the head: its geometry on the chart, and where they may speak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import NO_PART, Chart, chart_points
+from service.head.model import HeadModel
+from service.texture.shape import depth_map, shape_normals
+from service.texture.zones import vertex_mask
+
+Float = npt.NDArray[np.float32]
+
+GEOMETRY_SIZE = (768, 512)
+"""Chart on which geometry is drawn once; larger maps interpolate it, as the meshes have no finer detail."""
+
+UNIT_MM = 128.0
+"""Positions and depth go into networks in this unit, which keeps them within about [-1, 1]."""
+
+GEOMETRY = (
+    "depth",
+    *(f"{name}_{axis}" for name in ("normal_object", "normal_tangent", "position") for axis in "xyz"),
+    "mask",
+)
+"""Channels of :meth:`Subject.geometry` in order."""
+
+_SHIFT = 4
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One fitted head.
+
+    Attributes:
+        head: the model.
+        vertices: (V, 3) metres with the photo's expression.
+        chart: of ``head`` at ``GEOMETRY_SIZE``.
+    """
+
+    head: HeadModel
+    vertices: npt.NDArray[np.floating]
+    chart: Chart
+
+    @classmethod
+    def of(cls, head: HeadModel, vertices: npt.NDArray[np.floating]) -> Subject:
+        """Draw the chart of a head."""
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE))
+
+    def geometry(self) -> Float:
+        """(11, h, w) float32 at ``GEOMETRY_SIZE``, named by ``GEOMETRY``, continued beyond the islands.
+
+        Depth is z of the head in units of 128 mm; normals are unit vectors in object space and in the tangent space
+        of the head's overall form; position is where the texel lies on the mean head, the same for everybody, a code
+        of the region; mask is 1 inside the islands.
+        """
+        chart, scale = self.chart, 1000.0 / UNIT_MM
+        exact, tangent = shape_normals(chart, self.vertices)
+        position = chart.fill_outside(chart.interpolate(self.head.mean)) * np.float32(scale)
+        depth = depth_map(chart, self.vertices) * np.float32(scale)
+        mask = chart.mask.astype(np.float32)
+        planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
+        return np.stack([np.asarray(plane, np.float32) for plane in planes])
+
+    def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+        """(H, W) uint8: 255 where a texel is skin, which is what the networks learnt; 0 on eyes, teeth, tongue, lashes.
+
+        Also falls to 0 inside the mouth and the eye sockets. Texels outside the islands count as skin, as they
+        continue it.
+        """
+        import cv2
+
+        hidden = self.chart.fill_outside(
+            self.chart.interpolate(vertex_mask(self.head, "mouth_inner", "eye_socket"))[..., 0]
+        )
+        coarse = np.rint(255 * (1 - np.clip(hidden, 0, 1))).astype(np.uint8)
+        result = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+        part = self.islands(size)
+        others = ((part != self.head.part_names.index("skin")) & (part != NO_PART)).astype(np.uint8)
+        grown = cv2.dilate(others, np.ones((3, 3), np.uint8), iterations=max(size[0] // 768, 1))
+        result[np.asarray(grown) > 0] = 0
+        return result
+
+    def islands(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+        """(H, W) uint8 part of each texel, ``NO_PART`` outside; a texel that an outline crosses is inside."""
+        import cv2
+
+        points = np.rint((chart_points(self.head, *size) - 0.5) * 2**_SHIFT).astype(np.int32)
+        result = np.full(size[::-1], NO_PART, np.uint8)
+        for index in range(len(self.head.part_names)):
+            chosen = self.head.triangle_uv[self.head.triangle_part == index]
+            for triangle in points[chosen]:
+                cv2.fillConvexPoly(result, triangle, index, cv2.LINE_8, _SHIFT)
+        return result

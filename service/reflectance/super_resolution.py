@@ -1,0 +1,84 @@
+"""zeta: the texture of 576 x 384, eight times as large (AvatarMe, section 4.2; RCAN, Zhang et al. 2018).
+
+Channel attention looks at the whole map, so the body of the network sees it whole; the enlarging tail looks at a few
+texels only and runs in tiles.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault
+from service.reflectance.planes import Codes, Planes, to_codes
+from service.runtime.networks import Engine, open_network
+from service.runtime.tiles import Tile, run_tiles, run_whole
+
+BODY, TAIL = "zeta_body", "zeta_tail"
+NOISE = "noise_"
+BODY_SHARE = 0.5
+
+Progress = Callable[[float], None]
+
+
+def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Progress = lambda done: None) -> Codes:
+    """(8 H, 8 W, 3) codes of a texture of (H, W) texels; the factor is the network's.
+
+    A texel of the texture covers dozens of pores that it does not show. A network that asks for channels ``noise_*``
+    makes some up of them: standard normal numbers, the same for the same seed.
+
+    Args:
+        planes: ``texture_*`` and geometry, of the size that the networks were made for.
+        seed: of the noise.
+        engine: what to run on.
+        tile: inner side of tiles in texels of the result.
+        progress: told the share that is done.
+
+    Raises:
+        ModelFault: a network is missing, changed, or does not fit the texture.
+    """
+    width, height = planes.size
+    with open_network(BODY, engine) as body:
+        what = body.description
+        _add_noise(planes, what.channels, seed)
+        features = run_whole(body, planes.shrunk(what.channels, planes.size))
+    progress(BODY_SHARE)
+    planes.add_full(what.planes(len(features)), features)
+    with open_network(TAIL, engine) as tail:
+        scale = tail.description.scale
+        if len(tail.description.outputs) != 3:
+            raise ModelFault(f"network {TAIL} gives {tail.description.outputs}; it has to give red, green and blue")
+        _add_noise(planes, tail.description.channels, seed)
+        result = np.zeros((height * scale, width * scale, 3), np.uint16)
+
+        def write(one: Tile, values: npt.NDArray[np.float32]) -> None:
+            result[one.scaled(scale)] = np.moveaxis(to_codes(values), 0, 2)
+
+        def told(done: float) -> None:
+            progress(BODY_SHARE + (1 - BODY_SHARE) * done)
+
+        read = planes.read(tail.description.channels)
+        run_tiles(tail, read, (width, height), write, tile=max(tile // scale, 1), progress=told)
+    return result
+
+
+def _add_noise(planes: Planes, channels: tuple[str, ...], seed: int) -> None:
+    names = [name for name in channels if name.startswith(NOISE) and name not in planes.channels]
+    for name in names:
+        # Keyed by the channel, so that its numbers do not depend on which others there are.
+        generator = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(name.encode())]))
+        width, height = planes.size
+        planes.add_full([name], generator.standard_normal((1, height, width), np.float32))
+
+
+def resample(texture: Codes, size: tuple[int, int]) -> Codes:
+    """(height, width, 3) codes of a texture brought to ``size`` (width, height): by area down, cubic up."""
+    import cv2
+
+    if texture.shape[1::-1] == size:
+        return texture
+    way = cv2.INTER_AREA if size[0] < texture.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(texture, size, interpolation=way), np.uint16)
