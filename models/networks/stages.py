@@ -1,0 +1,131 @@
+"""The networks by their task: what goes in, what comes out, and in which units (AvatarMe, section 4.2 to 4.4)."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+
+from models.networks.blocks import linear, srgb_coded
+from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
+from models.networks.context import DARKEST
+from models.networks.translator import Translator, TranslatorSize
+
+TEXTURE = ("texture_r", "texture_g", "texture_b")
+ALBEDO = ("albedo_r", "albedo_g", "albedo_b")
+GREY = ("albedo_grey",)
+DEPTH = ("depth",)
+OBJECT = tuple(f"normal_object_{axis}" for axis in "xyz")
+TANGENT = tuple(f"normal_tangent_{axis}" for axis in "xyz")
+POSITION = tuple(f"position_{axis}" for axis in "xyz")
+MASK = ("mask",)
+CONTEXT = ("context_0", "context_1", "context_2")
+
+STEEPEST = 3.0
+"""Largest slope of a predicted normal along each axis: 72 degrees."""
+
+BodySize = TranslatorSize | CoarseToFineSize
+
+
+def _body(detail: int, channels: int, out: int, size: BodySize) -> Translator | CoarseToFine:
+    if isinstance(size, TranslatorSize):
+        return Translator(detail, channels - detail, out, size)
+    return CoarseToFine(channels, out, size)
+
+
+class StageNet(nn.Module):
+    """A body between named channels.
+
+    Attributes:
+        channels: names of the input channels in order; values as in ``service`` (all about [-1, 1]).
+        outputs: names of the output channels.
+    """
+
+    channels: tuple[str, ...]
+    outputs: tuple[str, ...]
+    detail: int
+
+    def __init__(self, size: BodySize, out: int) -> None:
+        super().__init__()
+        self.body = _body(self.detail, len(self.channels), out, size)
+
+    @property
+    def stride(self) -> int:
+        """Sides of the input have to be multiples of it."""
+        return self.body.size.stride
+
+    def halo(self) -> int:
+        """Input pixels beyond which nothing matters."""
+        return self.body.halo()
+
+
+class Delta(StageNet):
+    """delta: baked texture, geometry and the context's log light -> diffuse albedo, sRGB-coded in [-1, 1].
+
+    The network predicts what the context's estimate of log(texture / albedo) leaves open. Where it is unsure it can
+    leave the texture as it is.
+    """
+
+    channels = (*TEXTURE, *CONTEXT, *DEPTH, *OBJECT, *POSITION, *MASK)
+    outputs = ALBEDO
+    detail = 3
+
+    def __init__(self, size: BodySize) -> None:
+        super().__init__(size, 3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, 14, H, W) -> (N, 3, H, W)."""
+        light = x[:, 3:6] + self.body(x)
+        texture = linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
+        return srgb_coded(texture * torch.exp(-light.clamp(-4.0, 4.0))) * 2.0 - 1.0
+
+
+class DeltaBlind(Delta):
+    """delta from colour and depth alone, as in the paper's first variant."""
+
+    channels = (*TEXTURE, *CONTEXT, *DEPTH, *MASK)
+
+
+class Psi(StageNet):
+    """psi: diffuse albedo -> specular albedo in [-1, 1] (0 and F0 = 0.04 at the ends)."""
+
+    channels = (*ALBEDO, *POSITION)
+    outputs = ("specular_albedo",)
+    detail = 3
+
+    def __init__(self, size: BodySize) -> None:
+        super().__init__(size, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, 6, H, W) -> (N, 1, H, W)."""
+        return torch.tanh(self.body(x))
+
+
+class NormalNet(StageNet):
+    """Predicts slopes, so that every output is a unit normal that faces outwards."""
+
+    detail = 1
+
+    def __init__(self, size: BodySize) -> None:
+        super().__init__(size, 2)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, C, H, W) -> (N, 3, H, W) unit normals in the mesh's tangent space, +Y up."""
+        slopes = STEEPEST * torch.tanh(self.body(x) / STEEPEST)
+        length = torch.rsqrt(slopes.square().sum(1, keepdim=True) + 1.0)
+        return cast(Tensor, torch.cat([slopes * length, length], 1))
+
+
+class Rho(NormalNet):
+    """rho: grey albedo and tangent shape normals -> specular normals."""
+
+    channels = (*GREY, *TANGENT, *POSITION)
+    outputs = ("specular_normal_x", "specular_normal_y", "specular_normal_z")
+
+
+class Sigma(NormalNet):
+    """sigma: grey albedo and object-space shape normals -> diffuse normals."""
+
+    channels = (*GREY, *OBJECT, *POSITION)
+    outputs = ("diffuse_normal_x", "diffuse_normal_y", "diffuse_normal_z")

@@ -1,0 +1,86 @@
+"""The translators' body: a U-shaped network whose output at a pixel depends on a bounded neighbourhood alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+
+from models.networks.blocks import Residual, Up, activation, initialise, rounded_up, shuffle_head
+
+
+@dataclass(frozen=True)
+class TranslatorSize:
+    """Widths and numbers of residual blocks at 1/2, 1/4, 1/8, ... of the resolution, at each side of the U."""
+
+    widths: tuple[int, ...]
+    blocks: tuple[int, ...]
+
+    @property
+    def stride(self) -> int:
+        """Sides of the input have to be multiples of it."""
+        return int(2 ** len(self.widths))
+
+
+class Translator(nn.Module):
+    """Detail channels and slow channels -> output channels.
+
+    The detail channels enter by pixel unshuffle, so that none of their texels is lost; the slow ones (geometry, context)
+    by their mean over 2 x 2 texels, which is all there is in them.
+    """
+
+    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize) -> None:
+        super().__init__()
+        widths, blocks = size.widths, size.blocks
+        self.detail, self.size = detail, size
+        self.stem = nn.Conv2d(4 * detail + slow, widths[0], 3, padding=1)
+        self.down = nn.ModuleList()
+        self.before = nn.ModuleList()
+        self.up = nn.ModuleList()
+        self.merge = nn.ModuleList()
+        self.after = nn.ModuleList()
+        for i, width in enumerate(widths[:-1]):
+            self.before.append(nn.Sequential(*(Residual(width) for _ in range(blocks[i]))))
+            self.down.append(nn.Conv2d(width, widths[i + 1], 4, stride=2, padding=1))
+            self.up.append(Up(widths[i + 1], width))
+            self.merge.append(nn.Conv2d(2 * width, width, 1))
+            self.after.append(nn.Sequential(*(Residual(width) for _ in range(blocks[i]))))
+        self.bottom = nn.Sequential(*(Residual(widths[-1]) for _ in range(blocks[-1])))
+        self.act = activation()
+        initialise(self)
+        self.head = shuffle_head(widths[0], out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, detail + slow, H, W) -> (N, out, H, W); H and W multiples of ``size.stride``."""
+        fast = nn.functional.pixel_unshuffle(x[:, : self.detail], 2)
+        slow = nn.functional.avg_pool2d(x[:, self.detail :], 2)
+        y = self.act(self.stem(torch.cat([fast, slow], 1)))
+        kept = []
+        for before, down in zip(self.before, self.down, strict=True):
+            y = before(y)
+            kept.append(y)
+            y = self.act(down(y))
+        y = self.bottom(y)
+        for i in reversed(range(len(kept))):
+            y = self.act(self.merge[i](torch.cat([self.act(self.up[i](y)), kept[i]], 1)))
+            y = self.after[i](y)
+        return cast(Tensor, self.head(y))
+
+    def halo(self) -> int:
+        """Input pixels beyond which nothing matters, rounded up to the stride.
+
+        Kernels add their radius times the size of a cell: stem and head 1 cell of 2 pixels each; at each level the
+        residual blocks of both sides, the strided 4 x 4 kernel (2 fine cells) and the convolution after enlarging.
+        """
+        reach, cell = 2.0 * 2, 2
+        levels = len(self.size.widths)
+        for level, count in enumerate(self.size.blocks):
+            sides = 1 if level == levels - 1 else 2
+            reach += sides * count * Residual.radius * cell
+            if level < levels - 1:
+                reach += 2 * cell + 1 * cell
+                cell *= 2
+        # A window may begin anywhere in the coarsest cell.
+        return rounded_up(reach + cell, self.size.stride)

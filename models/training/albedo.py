@@ -1,0 +1,187 @@
+"""Tasks of delta (light out of the texture) and of its whole-chart context."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from models.networks.blocks import linear, srgb_coded
+from models.networks.configs import CONTEXT_CHANNELS
+from models.networks.context import DARKEST
+from models.networks.stages import Delta
+from models.training.degrade import blur, gain, half_mirrored, lost_detail, noisy, smooth_field
+from models.training.geometry import CHANNELS
+from models.training.store import Arrays, Patches, Wholes
+from models.training.tasks import FLIPPED, Batch, byte, channels, choice, fixed_batches, patch_batch, psnr, uniform
+
+CONTEXT_CELL = 6144 / 288
+"""Texels of the full chart under one of the context's."""
+
+
+def log_light(texture: Tensor, albedo: Tensor) -> Tensor:
+    """log(texture / albedo) of linear values, from sRGB-coded ones."""
+    return torch.log(linear(texture).clamp(min=DARKEST)) - torch.log(linear(albedo).clamp(min=DARKEST))
+
+
+def unlit(texture: Tensor, light: Tensor) -> Tensor:
+    """sRGB-coded albedo of a coded texture under a log light."""
+    return srgb_coded(linear(texture).clamp(min=DARKEST) * torch.exp(-light.clamp(-4.0, 4.0)))
+
+
+def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
+    """L1 of coded albedo and, a fifth as much, of its logarithm (method: method.md 3.4)."""
+    coded = (albedo - truth).abs()
+    logs = torch.log(linear(albedo).clamp(min=DARKEST)) - torch.log(linear(truth).clamp(min=DARKEST))
+    weight = mask / (mask.mean() + 1e-3)
+    return ((coded + 0.2 * logs.abs().clamp(max=2.0) * 0.25) * weight).mean()
+
+
+class ContextTask:
+    """Whole charts, degraded as the fitting degrades them."""
+
+    def __init__(self, data: Path) -> None:
+        self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+        self.train.refresh()
+        if not self.test.items:
+            self.test.refresh()
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random charts under random lights of theirs."""
+        batch = self._of([self._pick(generator) for _ in range(size)])
+        flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
+        for name in batch:
+            signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
+            batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
+        if torch.rand(1, generator=generator) < 0.35:
+            names = ["texture", "albedo"]
+            mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
+            batch.update(zip(names, mirrored, strict=True))
+        texture = gain(batch["texture"], generator)
+        batch["clean"] = texture
+        texture = blur(texture, float(uniform(generator, -0.4, 0.9, 1)))
+        batch["texture"] = noisy(texture, generator)
+        return batch
+
+    def held_out(self) -> list[Batch]:
+        """Two lights of each held-out capture."""
+        pairs = [(item, light) for item in self.test.items for light in (0, 1)][:24]
+        batches = [self._of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
+        for batch in batches:
+            batch["clean"] = batch["texture"]
+        return batches
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """log(texture / albedo)."""
+        inputs = torch.cat([batch["texture"] * 2.0 - 1.0, channels(batch, CONTEXT_CHANNELS[3:])], 1)
+        result: Tensor = network(inputs)
+        return result
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """Of the albedo that follows."""
+        return albedo_loss(unlit(batch["clean"], result), batch["albedo"], channels(batch, ("mask",)))
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """PSNR of albedo: the network's, and the texture's own."""
+        mask = channels(batch, ("mask",))
+        found = psnr(unlit(batch["clean"], result), batch["albedo"], mask)
+        return {"score": found, "texture_itself": psnr(batch["texture"], batch["albedo"], mask)}
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Texture, result and truth one below the other."""
+        rows = [batch["texture"], unlit(batch["clean"], result), batch["albedo"]]
+        return torch.cat([torch.cat(list(row[:3]), 2) for row in rows], 1)
+
+    def _pick(self, generator: torch.Generator) -> tuple[Arrays, int]:
+        item = self.train.items[choice(generator, len(self.train.items))]
+        return item, choice(generator, len(item["texture"]))
+
+    @staticmethod
+    def _of(pairs: list[tuple[Arrays, int]]) -> Batch:
+        return {
+            "texture": torch.stack([byte(item["texture"][light]) for item, light in pairs]),
+            "albedo": torch.stack([byte(item["albedo"]) for item, _ in pairs]),
+            "geometry": torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs]),
+        }
+
+
+class DeltaTask:
+    """Patches of textures as super-resolution hands them over, with a context that errs as the real one does.
+
+    The context of a patch is the truth at the context's resolution, plus smooth errors; so both can be trained apart.
+    """
+
+    def __init__(self, data: Path, side: int = 256, names: tuple[str, ...] = Delta.channels) -> None:
+        wanted = ("albedo", "texture", "mask", "geometry")
+        self.train, self.test = Patches(data / "train", wanted), Patches(data / "held-out", wanted)
+        self.side, self.names = side, names
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+        self.train.refresh()
+        if not self.test.items:
+            self.test.refresh()
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random crops."""
+        batch = patch_batch(self.train, size, self.side, generator)
+        batch["texture"] = gain(batch["texture"], generator)
+        self._degrade(batch, generator)
+        return batch
+
+    def held_out(self) -> list[Batch]:
+        """Fixed crops with fixed errors."""
+        generator = torch.Generator().manual_seed(1)
+        batches = fixed_batches(self.test, self.side)
+        for batch in batches:
+            self._degrade(batch, generator)
+        return batches
+
+    def _degrade(self, batch: Batch, generator: torch.Generator) -> None:
+        texture, albedo = batch["texture"], batch["albedo"]
+        cells = max(round(self.side / CONTEXT_CELL), 2)
+        light = functional.interpolate(log_light(texture, albedo), (cells, cells), mode="area")
+        size = len(texture)
+        amount = uniform(generator, 0.0, 0.16, size, 1, 1, 1)
+        shared = smooth_field((size, 1, cells, cells), max(cells // 4, 2), generator)
+        apart = smooth_field((size, 3, cells, cells), max(cells // 4, 2), generator)
+        light = light + amount * (shared + 0.4 * apart)
+        batch["context"] = functional.interpolate(light, texture.shape[2:], mode="bilinear", align_corners=False)
+        share = uniform(generator, 0.0, 1.15, size, 1, 1, 1)
+        factor = float(uniform(generator, 3.0, 10.67, 1))
+        batch["albedo"] = lost_detail(albedo, share, factor).clamp(0.0, 1.0)
+        batch["texture"] = noisy(lost_detail(texture, share, factor).clamp(0.0, 1.0), generator, 1.0 / 255.0)
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """Coded albedo in [0, 1]."""
+        slow = channels(batch, tuple(n for n in self.names if n in CHANNELS))
+        inputs = torch.cat([batch["texture"] * 2.0 - 1.0, batch["context"], slow], 1)
+        result: Tensor = network(inputs)
+        return result * 0.5 + 0.5
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """Of the albedo and of its differences between neighbours, which carry the detail."""
+        truth, mask = batch["albedo"], batch["mask"]
+        rows = (result.diff(dim=2) - truth.diff(dim=2)).abs().mean()
+        columns = (result.diff(dim=3) - truth.diff(dim=3)).abs().mean()
+        return albedo_loss(result, truth, mask) + 0.5 * (rows + columns)
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """PSNR of albedo: the network's, that of the context alone, and the texture's own."""
+        truth, mask = batch["albedo"], batch["mask"]
+        alone = psnr(unlit(batch["texture"], batch["context"]), truth, mask)
+        return {
+            "score": psnr(result, truth, mask),
+            "context_alone": alone,
+            "texture_itself": psnr(batch["texture"], truth, mask),
+        }
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Texture, result and truth one below the other."""
+        rows = [batch["texture"], result.clamp(0.0, 1.0), batch["albedo"]]
+        return torch.cat([torch.cat(list(row), 2) for row in rows], 1)

@@ -1,0 +1,139 @@
+"""Tasks of psi (specular albedo), rho (specular normals) and sigma (diffuse normals), all read off the diffuse albedo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from models.networks.stages import Psi, Rho, Sigma
+from models.training.degrade import blur, gain, noisy
+from models.training.geometry import CHANNELS
+from models.training.store import Patches
+from models.training.tasks import Batch, channels, fixed_batches, patch_batch, uniform
+from service.colour import LUMA
+
+HAIR_WEIGHT = 0.3
+"""Normals of hair are half chance; they count less."""
+
+
+def grey(albedo: Tensor) -> Tensor:
+    """(N, 1, h, w) luma of coded albedo."""
+    return (albedo * torch.from_numpy(LUMA).float().view(1, 3, 1, 1)).sum(1, keepdim=True)
+
+
+def angles(found: Tensor, truth: Tensor) -> Tensor:
+    """(N, 1, h, w) degrees between unit normals."""
+    cosine = (found * truth).sum(1, keepdim=True)
+    sine = torch.linalg.cross(found, truth, dim=1).square().sum(1, keepdim=True).sqrt()
+    return torch.rad2deg(torch.atan2(sine, cosine))
+
+
+class _AlbedoTask:
+    """Crops whose albedo is a little off, as delta's is."""
+
+    wanted: tuple[str, ...]
+
+    def __init__(self, data: Path, side: int = 256) -> None:
+        wanted = ("albedo", "mask", "hair", "geometry", *self.wanted)
+        self.train, self.test = Patches(data / "train", wanted), Patches(data / "held-out", wanted)
+        self.side = side
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+        self.train.refresh()
+        if not self.test.items:
+            self.test.refresh()
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random crops."""
+        batch = patch_batch(self.train, size, self.side, generator)
+        albedo = gain(batch["albedo"], generator, 0.08)
+        albedo = blur(albedo, float(uniform(generator, -1.0, 0.5, 1)))
+        batch["albedo"] = noisy(albedo, generator, 1.0 / 255.0)
+        return batch
+
+    def held_out(self) -> list[Batch]:
+        """Fixed crops, clean."""
+        return fixed_batches(self.test, self.side)
+
+
+class PsiTask(_AlbedoTask):
+    """Diffuse albedo -> specular albedo."""
+
+    wanted = ("specular",)
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """Specular albedo in [0, 1]."""
+        slow = channels(batch, tuple(n for n in Psi.channels if n in CHANNELS))
+        result: Tensor = network(torch.cat([batch["albedo"] * 2.0 - 1.0, slow], 1))
+        return result * 0.5 + 0.5
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """L1, and of differences between neighbours."""
+        truth, mask = batch["specular"], batch["mask"]
+        edges = sum((result.diff(dim=d) - truth.diff(dim=d)).abs().mean() for d in (2, 3))
+        return ((result - truth).abs() * mask).mean() / (mask.mean() + 1e-3) + 0.5 * edges
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """Mean absolute error against that of the mean value, and the share of fine detail."""
+        truth, mask = batch["specular"], batch["mask"]
+        count = mask.sum() + 1e-6
+        error = float(((result - truth).abs() * mask).sum() / count)
+        mean = (truth * mask).sum() / count
+        flat = float(((truth - mean).abs() * mask).sum() / count)
+        detail = [(x - blur(x, 3.0)).mul(mask).std() for x in (result, truth)]
+        return {"score": -error, "flat": -flat, "detail": float(detail[0] / (detail[1] + 1e-9))}
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Albedo, result and truth one below the other."""
+        rows = [batch["albedo"], result.expand(-1, 3, -1, -1), batch["specular"].expand(-1, 3, -1, -1)]
+        return torch.cat([torch.cat(list(row), 2) for row in rows], 1)
+
+
+class NormalTask(_AlbedoTask):
+    """Grey albedo and shape normals -> normals."""
+
+    def __init__(self, data: Path, target: str, side: int = 256) -> None:
+        self.target, self.wanted = target, (target,)
+        self.slow = tuple(n for n in (Rho if target == "specular_normal" else Sigma).channels if n in CHANNELS)
+        super().__init__(data, side)
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """Unit normals."""
+        inputs = torch.cat([grey(batch["albedo"]) * 2.0 - 1.0, channels(batch, self.slow)], 1)
+        result: Tensor = network(inputs)
+        return result
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """L1 of slopes, of their differences between neighbours, and 1 - cosine."""
+        truth = batch[self.target]
+        weight = batch["mask"] * (1.0 - (1.0 - HAIR_WEIGHT) * batch["hair"])
+        weight = weight / (weight.mean() + 1e-3)
+        found, wanted = (n[:, :2] / n[:, 2:].clamp(min=0.1) for n in (result, truth))
+        slopes = ((found - wanted).abs() * weight).mean()
+        edges = sum(((found.diff(dim=d) - wanted.diff(dim=d)).abs()).mean() for d in (2, 3))
+        cosine = ((1.0 - (result * truth).sum(1, keepdim=True)) * weight).mean()
+        return slopes + 0.5 * edges + cosine
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """Mean angle against that of the flat map; share of fine detail; correlation of fine slopes."""
+        truth = batch[self.target]
+        weight = batch["mask"] * (batch["hair"] < 0.3)
+        count = weight.sum() + 1e-6
+        flat = torch.zeros_like(truth)
+        flat[:, 2] = 1.0
+        error, none = (float((angles(n, truth) * weight).sum() / count) for n in (result, flat))
+        fine = [(n[:, :2] / n[:, 2:].clamp(min=0.1)) for n in (result, truth)]
+        fine = [(n - blur(n, 6.0)) * weight for n in fine]
+        a, b = (n.flatten() for n in fine)
+        correlation = float((a * b).sum() / ((a * a).sum() * (b * b).sum()).sqrt().clamp(min=1e-9))
+        return {
+            "score": -error, "flat": -none, "detail": float(a.std() / (b.std() + 1e-9)), "correlation": correlation
+        }  # fmt: skip
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Albedo, result and truth one below the other."""
+        rows = [batch["albedo"], result * 0.5 + 0.5, batch[self.target] * 0.5 + 0.5]
+        return torch.cat([torch.cat(list(row), 2) for row in rows], 1)

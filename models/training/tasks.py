@@ -1,0 +1,141 @@
+"""One task per network: what a batch is, what the loss is, and what is measured on held-out subjects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from models.training.geometry import CHANNELS
+from models.training.store import Arrays, Patches
+
+Batch = dict[str, Tensor]
+
+FLIPPED = torch.tensor([-1.0 if name.endswith("_x") else 1.0 for name in CHANNELS])
+"""Sign of each geometry channel in a mirrored chart."""
+
+
+class Task(Protocol):
+    """What the training loop needs to know of a network."""
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random training batch."""
+
+    def held_out(self) -> list[Batch]:
+        """Fixed batches of subjects that training never sees."""
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """The network's result."""
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """What is minimised."""
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """Named numbers; ``score`` is the one to choose by, larger is better."""
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """(3, h, w) picture in [0, 1] of a result beside the truth."""
+
+
+def uniform(generator: torch.Generator, low: float, high: float, *shape: int) -> Tensor:
+    """Random numbers of a shape."""
+    return low + (high - low) * torch.rand(*shape, generator=generator)
+
+
+def choice(generator: torch.Generator, count: int) -> int:
+    """A random index."""
+    return int(torch.randint(count, (1,), generator=generator))
+
+
+def byte(values: np.ndarray) -> Tensor:
+    """uint8 -> float32 in [0, 1]."""
+    return torch.from_numpy(np.asarray(values, np.float32) / np.float32(255.0))
+
+
+def enlarged(cells: np.ndarray, scale: int, side: int) -> Tensor:
+    """Geometry cells with a margin of one -> (C, side, side) by bilinear enlargement, centres aligned."""
+    tensor = torch.from_numpy(np.asarray(cells, np.float32))[None]
+    big = functional.interpolate(tensor, scale_factor=float(scale), mode="bilinear", align_corners=False)[0]
+    return big[:, scale : scale + side, scale : scale + side]
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A random part of a patch, mirrored or not."""
+
+    row: int
+    column: int
+    side: int
+    flip: bool
+
+    @classmethod
+    def random(cls, side: int, whole: int, generator: torch.Generator, multiple: int = 8) -> Crop:
+        """Corners at multiples, so that geometry cells are met."""
+        steps = (whole - side) // multiple + 1
+        row, column = (multiple * choice(generator, steps) for _ in range(2))
+        return cls(row, column, side, bool(torch.rand(1, generator=generator) < 0.5))
+
+    def cut(self, values: Tensor, signs: Tensor | None = None) -> Tensor:
+        """(C, h, w) -> (C, side, side); mirrored channels times their signs."""
+        part = values[:, self.row : self.row + self.side, self.column : self.column + self.side]
+        if not self.flip:
+            return part
+        part = part.flip(-1)
+        return part if signs is None else part * signs.view(-1, 1, 1)
+
+
+def crop_of(item: Arrays, crop: Crop) -> Batch:
+    """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit."""
+    whole = int(item["window"][2])
+    scale = int(item["window"][4]) // 768
+    result = {"geometry": crop.cut(enlarged(item["geometry"], scale, whole), FLIPPED)}
+    for name in ("albedo", "specular", "mask", "hair", "texture"):
+        if name in item:
+            result[name] = crop.cut(byte(item[name]))
+    for name in ("specular_normal", "diffuse_normal"):
+        if name in item:
+            xy = crop.cut(torch.from_numpy(np.asarray(item[name], np.float32) / np.float32(32767.0)))
+            if crop.flip:
+                xy = xy * torch.tensor([-1.0, 1.0]).view(2, 1, 1)
+            z = (1.0 - xy.square().sum(0, keepdim=True)).clamp(min=1e-4).sqrt()
+            result[name] = torch.cat([xy, z])
+    return result
+
+
+def stack(crops: list[Batch]) -> Batch:
+    """Crops as one batch."""
+    return {name: torch.stack([crop[name] for crop in crops]) for name in crops[0]}
+
+
+def patch_batch(patches: Patches, size: int, side: int, generator: torch.Generator) -> Batch:
+    """Random crops of random patches."""
+    items = [patches.items[choice(generator, len(patches.items))] for _ in range(size)]
+    return stack([crop_of(i, Crop.random(side, int(i["window"][2]), generator)) for i in items])
+
+
+def fixed_batches(patches: Patches, side: int, most: int = 24) -> list[Batch]:
+    """Middles of patches, evenly taken from all."""
+    step = max(len(patches.items) // most, 1)
+    items = patches.items[::step][:most]
+    middle = (int(items[0]["window"][2]) - side) // 2 // 8 * 8
+    crops = [crop_of(item, Crop(middle, middle, side, False)) for item in items]
+    return [stack(crops[i : i + 4]) for i in range(0, len(crops), 4)]
+
+
+def channels(batch: Batch, names: tuple[str, ...]) -> Tensor:
+    """Geometry channels by name."""
+    return batch["geometry"][:, [CHANNELS.index(name) for name in names]]
+
+
+def psnr(a: Tensor, b: Tensor, mask: Tensor) -> float:
+    """Peak signal-to-noise ratio in dB of values in [0, 1] over a mask, at most 99."""
+    count = mask.sum() * a.shape[1] + 1e-6
+    error = float(((a - b).square() * mask).sum() / count)
+    return min(-10.0 * float(np.log10(max(error, 1e-12))), 99.0)
