@@ -87,6 +87,49 @@ def make(
 
 
 @app.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on. [default: 8000]")] = None,
+    data: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Folder of jobs and results. [default: avatarme-data]")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Photos computed at the same time. [default: 1]")] = None,
+    database: Annotated[
+        str | None, typer.Option(metavar="URL", help="Postgres that several machines share. [default: SQLite in DIR]")
+    ] = None,
+    artifacts: Annotated[
+        str | None, typer.Option(metavar="URL", help="Store that several machines share. [default: files in DIR]")
+    ] = None,
+    keys: Annotated[str | None, typer.Option(metavar="FILE", help="File of API keys. [default: none needed]")] = None,
+    worker: Annotated[bool, typer.Option(help="Run a worker beside the server.")] = True,
+) -> None:
+    """Take photos over HTTP.
+
+    Every setting can also come from the environment: AVATARME_PORT, AVATARME_RESULT_HOURS ...; docs/service.md has all.
+    """
+    with reported(as_json=False):
+        from service.cli.serve import serve as run
+
+        flags = {"host": host, "port": port, "data": data, "jobs": jobs}
+        run(flags | {"database": database, "artifacts": artifacts, "keys": keys}, with_worker=worker)
+
+
+@app.command()
+def worker(
+    name: Annotated[str | None, typer.Option(help="Name of this worker, unlike all others and lasting.")] = None,
+    data: Annotated[str | None, typer.Option(metavar="DIR", help="Folder for work. [default: avatarme-data]")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Photos computed at the same time. [default: 1]")] = None,
+    database: Annotated[str | None, typer.Option(metavar="URL", help="Postgres that all machines share.")] = None,
+    artifacts: Annotated[str | None, typer.Option(metavar="URL", help="Store that all machines share.")] = None,
+) -> None:
+    """Compute jobs that a server elsewhere takes."""
+    with reported(as_json=False):
+        from service.cli.serve import work as run
+
+        run({"worker": name, "data": data, "jobs": jobs, "database": database, "artifacts": artifacts})
+
+
+@app.command()
 def doctor(as_json: Json = False) -> None:
     """Check this installation, and try it out.
 

@@ -87,6 +87,21 @@ def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) ->
     return Photo(pixels, focal, hashlib.sha256(data).hexdigest(), tuple(dict.fromkeys(warnings)))
 
 
+def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 - frozen
+    """Refuse what :func:`read_photo` would refuse, without holding the pixels in memory.
+
+    Raises:
+        UnreadableInput, AvatarError: as :func:`read_photo`.
+    """
+    if not data:
+        raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
+    check_bytes(len(data), limits)
+    container = open_container(data, limits)
+    facts = read_exif(container.exif, container.size or (0, 0))
+    reply, _ = run_decoder(decoding_request(container, facts, limits), limits, keep=False)
+    _check(reply, container, limits)
+
+
 def open_container(data: bytes, limits: Limits, *, heic: bool = False) -> Container:
     """Everything that is done before decoding: the format, its container and the size that it states.
 

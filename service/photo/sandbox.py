@@ -23,15 +23,17 @@ from service.photo.limits import Limits
 from service.photo.wire import READY, REPLY_SIZE, Reply, Request, Status
 
 _BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.child import main; sys.exit(main())"
+_PIECE = 1 << 20
 _KEPT_ENVIRONMENT = ("SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 
 
-def run_decoder(request: Request, limits: Limits) -> tuple[Reply, bytearray]:
+def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple[Reply, bytearray]:
     """Decode one photo in a process of its own.
 
     Args:
         request: what to decode.
         limits: bounds on the size of the reply and on the time.
+        keep: False throws the pixels away as they come, for callers that only want to know that they would.
 
     Returns:
         The checked reply and ``width * height * 3`` bytes of RGB, or none where the status is not DONE.
@@ -49,7 +51,7 @@ def run_decoder(request: Request, limits: Limits) -> tuple[Reply, bytearray]:
     watchdog.start()
     feeder.start()
     try:
-        started, reply, pixels = _read(process, limits)
+        started, reply, pixels = _read(process, limits, keep)
         status = process.wait()
     finally:
         watchdog.cancel()
@@ -116,7 +118,7 @@ def _feed(process: subprocess.Popen[bytes], request: Request) -> None:
             pipe.close()
 
 
-def _read(process: subprocess.Popen[bytes], limits: Limits) -> tuple[bool, Reply | None, bytearray]:
+def _read(process: subprocess.Popen[bytes], limits: Limits, keep: bool) -> tuple[bool, Reply | None, bytearray]:
     """Returns (the process has started, its reply where it is whole and within the limits, pixels)."""
     pipe = _pipe(process.stdout)
     if pipe.read(1) != READY:
@@ -129,15 +131,16 @@ def _read(process: subprocess.Popen[bytes], limits: Limits) -> tuple[bool, Reply
         return True, reply, bytearray()
     if max(reply.width, reply.height) > limits.max_side or reply.width * reply.height > limits.max_pixels:
         return True, None, bytearray()
-    pixels = bytearray(reply.width * reply.height * 3)
+    size = reply.width * reply.height * 3
+    pixels = bytearray(size if keep else min(size, _PIECE))
     view = memoryview(pixels)
     filled = 0
-    while filled < len(pixels):
-        count = pipe.readinto(view[filled:])  # type: ignore[attr-defined]
+    while filled < size:
+        count = pipe.readinto(view[filled:] if keep else view[: size - filled])  # type: ignore[attr-defined]
         if not count:
             return True, None, bytearray()
         filled += count
-    return True, (None if pipe.read(1) else reply), pixels
+    return True, (None if pipe.read(1) else reply), pixels if keep else bytearray()
 
 
 def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:

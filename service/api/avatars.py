@@ -1,0 +1,205 @@
+"""``/v1/avatars``: post a photo, look at the job, list, cancel or erase."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import JSONResponse, Response
+
+from service.api.context import Context, context_of, tenant_of
+from service.api.keys import ANYBODY, Tenant
+from service.api.options import parse_options
+from service.api.problems import ProblemError, not_found
+from service.api.schemas import Job, JobPage, State
+from service.api.uploads import Upload, received
+from service.jobs.artifacts import artifact_name
+from service.jobs.clock import now
+from service.jobs.store import KeyInUse, NewJob, Row
+from service.jobs.view import FINAL, job_json
+from service.photo.gate import check_photo
+
+DAY = 86400.0
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+_MAX_KEY = 255
+
+router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
+
+Asking = Annotated[Tenant, Depends(tenant_of)]
+Here = Annotated[Context, Depends(context_of)]
+
+
+@router.post("", status_code=202, response_model=Job, summary="Make an avatar of a photo.")
+async def post(request: Request, tenant: Asking, context: Here) -> Response:
+    """Takes multipart/form-data with the photo as ``image``, or the photo itself as the body.
+
+    The answer comes as soon as the photo is stored and the job is in the queue. With an ``Idempotency-Key`` the same
+    request can be sent again and makes one job only.
+    """
+    key = _idempotency_key(request)
+    await run_in_threadpool(_admit, context, tenant, key)
+    async with _slot(context), received(request, context.settings, context.limits.max_bytes) as upload:
+        row = await _accept(context, tenant, key, upload)
+    body = job_json(row)
+    return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
+
+
+@router.get("", response_model=JobPage, summary="List the jobs of this key, newest first.")
+def listing(
+    tenant: Asking,
+    context: Here,
+    limit: Annotated[int, Query(ge=1, le=100)] = 50,
+    cursor: Annotated[str | None, Query(max_length=100)] = None,
+    state: Annotated[State | None, Query()] = None,
+) -> Response:
+    """One page; ``next`` of the answer is the ``cursor`` of the next one."""
+    if tenant.name == ANYBODY and context.settings.host not in LOOPBACK:
+        raise ProblemError("listing-needs-key", 403)
+    rows = context.store.page(tenant.name, limit + 1, _place(cursor), state)
+    following = _cursor(rows[limit - 1]) if len(rows) > limit else None
+    headers = {"Cache-Control": "no-store"}
+    if following is not None:
+        more = f"&state={state}" if state else ""
+        headers["Link"] = f'</v1/avatars?limit={limit}&cursor={following}{more}>; rel="next"'
+    return JSONResponse({"items": [job_json(row) for row in rows[:limit]], "next": following}, 200, headers)
+
+
+@router.get("/{job}", response_model=Job, summary="State of a job.")
+def state(job: str, tenant: Asking, context: Here) -> Response:
+    """The same JSON as in events."""
+    row = context.job(job, tenant)
+    headers = {"Cache-Control": "no-store"}
+    if row["state"] not in FINAL:
+        headers["Retry-After"] = "1"
+    return JSONResponse(job_json(row), 200, headers)
+
+
+@router.delete("/{job}", status_code=204, summary="Cancel a job, or erase its result.")
+def delete(job: str, tenant: Asking, context: Here) -> Response:
+    """A job that is unfinished is cancelled and its photo erased; of one that has ended everything is erased."""
+    row = context.store.get(job) if len(job) == 32 else None
+    if row is None or row["tenant"] != tenant.name:
+        raise not_found()
+    expires = now() + context.settings.result_hours * 3600
+    if context.store.cancel(job, expires):
+        context.queue.cancel(row["workflow"])
+    elif row["gone"] is None:
+        context.store.depart(job, "erased")
+    context.artifacts.sweep(job, set())  # a worker that still writes is swept after by its own
+    return Response(status_code=204)
+
+
+async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:
+    options = parse_options(upload.options).to_json()
+    digest = _digest(upload, options)
+    if key is not None:
+        known = await run_in_threadpool(context.store.by_key, tenant.name, key)
+        if known is not None:
+            return _same(known, digest)
+    async with context.gates:
+        await run_in_threadpool(_look_through, context, upload.path)
+    job = secrets.token_hex(16)
+    new = NewJob(
+        id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
+        photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
+    )  # fmt: skip
+    return await run_in_threadpool(_store, context, new, upload.path)
+
+
+def _store(context: Context, new: NewJob, path: Path) -> Row:
+    """First the photo on the disk, then the job and its place in the queue in one transaction."""
+    context.artifacts.put(path, new.photo)
+    try:
+        return context.store.add(new, lambda connection, workflow: context.queue.put(connection, workflow, new.id))
+    except KeyInUse as used:
+        context.artifacts.sweep(new.id, set())
+        return _same(used.row, new.digest)
+    except BaseException:
+        context.artifacts.sweep(new.id, set())
+        raise
+
+
+def _look_through(context: Context, path: Path) -> None:
+    check_photo(path.read_bytes(), context.limits)
+
+
+def _admit(context: Context, tenant: Tenant, key: str | None) -> None:
+    """Refuse at the door what could not be done.
+
+    Raises:
+        ProblemError: the server is shutting down or full, or the tenant's quota is used up.
+    """
+    if context.draining.is_set():
+        raise ProblemError("draining", 503, headers={"Retry-After": "10"})
+    context.check_space()
+    if key is not None and context.store.by_key(tenant.name, key) is not None:
+        return  # it was let in before
+    waiting = context.store.counts().get("queued", 0)
+    if waiting >= context.settings.max_queued:
+        raise ProblemError("queue-full", 429, headers={"Retry-After": "30"}, queued=waiting)
+    own = context.store.counts(tenant.name)
+    unfinished = own.get("queued", 0) + own.get("running", 0)
+    most = tenant.max_unfinished or context.settings.max_unfinished
+    if unfinished >= most:
+        raise ProblemError("quota", 429, headers={"Retry-After": "10"}, unfinished=unfinished, max_unfinished=most)
+    if tenant.per_day is not None and context.store.accepted_since(tenant.name, now() - DAY) >= tenant.per_day:
+        raise ProblemError("quota", 429, headers={"Retry-After": "3600"}, per_day=tenant.per_day)
+
+
+@asynccontextmanager
+async def _slot(context: Context) -> AsyncIterator[None]:
+    if context.uploads >= context.settings.uploads:
+        raise ProblemError("busy", 503, headers={"Retry-After": "2"})
+    context.uploads += 1
+    try:
+        yield
+    finally:
+        context.uploads -= 1
+
+
+def _same(row: Row, digest: str) -> Row:
+    if row["digest"] != digest:
+        raise ProblemError("key-reuse", 422)
+    if row["gone"] is not None:
+        raise ProblemError("gone", 410, reason=row["gone"])
+    return row
+
+
+def _digest(upload: Upload, options: dict[str, Any]) -> str:
+    content = [upload.sha256, upload.keep_photo, options]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _idempotency_key(request: Request) -> str | None:
+    key = request.headers.get("idempotency-key")
+    if key is None:
+        return None
+    if not 1 <= len(key) <= _MAX_KEY or not key.isascii() or not key.isprintable():
+        raise ProblemError("invalid-parameter", 400, f"Idempotency-Key has to be 1 to {_MAX_KEY} printable characters")
+    return key
+
+
+def _cursor(row: Row) -> str:
+    return base64.urlsafe_b64encode(json.dumps([row["created_at"], row["id"]]).encode()).decode().rstrip("=")
+
+
+def _place(cursor: str | None) -> tuple[float, str] | None:
+    if cursor is None:
+        return None
+    try:
+        moment, job = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
+        if not isinstance(moment, float) or not isinstance(job, str):
+            raise ValueError
+    except ValueError as error:
+        raise ProblemError(
+            "invalid-parameter", 422, "cursor is none of this server's", pointer="/query/cursor"
+        ) from error
+    return moment, job

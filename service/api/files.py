@@ -1,0 +1,165 @@
+"""``archive.zip`` and the files in it, in pieces if wanted.
+
+Members of the archive are stored and not deflated, so a member is a range of the archive and needs no copy.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+from fastapi import APIRouter, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from service.api.avatars import Asking, Here
+from service.api.context import Context
+from service.api.keys import Tenant
+from service.api.problems import ProblemError, not_found
+from service.api.ranges import not_modified, wanted_range
+from service.api.schemas import FileList
+from service.jobs.store import Row
+
+PIECE = 256 << 10
+_LOCAL_HEADER = 30
+
+TYPES = {
+    "zip": "application/zip",
+    "json": "application/json",
+    "png": "image/png",
+    "jpg": "image/jpeg",
+    "glb": "model/gltf-binary",
+    "obj": "model/obj",
+    "mtl": "model/mtl",
+    "usda": "model/vnd.usda",
+    "md": "text/markdown; charset=utf-8",
+}
+
+router = APIRouter(prefix="/v1/avatars", tags=["results"])
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_RESPONSES: dict[int | str, dict[str, object]] = {
+    200: {"content": {"application/octet-stream": _BINARY}},
+    206: {"description": "A range of the file.", "content": {"application/octet-stream": _BINARY}},
+    304: {"description": "As it was."},
+}
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A piece of an artifact that is given out as a file."""
+
+    artifact: str
+    start: int
+    size: int
+    etag: str
+    name: str
+
+
+@router.api_route(
+    "/{job}/archive.zip", methods=["GET", "HEAD"], response_class=Response, responses=_RESPONSES,
+    summary="The whole result as a zip.",
+)  # fmt: skip
+async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off."""
+    row = await run_in_threadpool(_finished, context, job, tenant)
+    digest = row["archive_sha256"]
+    whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
+    disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
+    return _answer(request, context, whole, disposition)
+
+
+@router.get("/{job}/files", response_model=FileList, summary="Names and sizes of the files of the result.")
+def listing(job: str, tenant: Asking, context: Here) -> Response:
+    """Each file can be had by itself under its ``link``."""
+    row = _finished(context, job, tenant)
+    items = [
+        {
+            "path": info.filename,
+            "bytes": info.file_size,
+            "media_type": _media_type(info.filename),
+            "link": f"/v1/avatars/{job}/files/{info.filename}",
+        }
+        for info in _members(context, row)
+    ]
+    return JSONResponse({"items": items}, headers={"Cache-Control": "no-store"})
+
+
+@router.api_route(
+    "/{job}/files/{path:path}", methods=["GET", "HEAD"], response_class=Response, responses=_RESPONSES,
+    summary="One file of the result.",
+)  # fmt: skip
+async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """As the whole archive, with ranges."""
+    row = await run_in_threadpool(_finished, context, job, tenant)
+    return _answer(request, context, await run_in_threadpool(_extent, context, row, path), {})
+
+
+def _finished(context: Context, job: str, tenant: Tenant) -> Row:
+    row = context.job(job, tenant)
+    if row["state"] in ("queued", "running"):
+        raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
+    if row["state"] != "succeeded":
+        raise ProblemError("no-result", 409, state=row["state"])
+    if not context.artifacts.exists(row["archive"]):
+        raise ProblemError("gone", 410, reason="lost")
+    return row
+
+
+def _members(context: Context, row: Row) -> list[zipfile.ZipInfo]:
+    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
+        return archive.infolist()
+
+
+def _extent(context: Context, row: Row, path: str) -> Extent:
+    info = next((info for info in _members(context, row) if info.filename == path), None)
+    if info is None or info.compress_type != zipfile.ZIP_STORED:
+        raise not_found()
+    with context.artifacts.open(row["archive"]) as stream:
+        stream.seek(info.header_offset)
+        header = stream.read(_LOCAL_HEADER)
+    start = info.header_offset + _LOCAL_HEADER + int.from_bytes(header[26:28], "little")
+    start += int.from_bytes(header[28:30], "little")
+    etag = f'"{row["archive_sha256"][:32]}-{info.CRC:08x}"'
+    return Extent(row["archive"], start, info.file_size, etag, path)
+
+
+def _answer(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+    headers = {
+        **headers,
+        "Accept-Ranges": "bytes",
+        "ETag": extent.etag,
+        "Cache-Control": "private, max-age=3600",
+        "Content-Type": _media_type(extent.name),
+    }
+    if not_modified(request.headers, extent.etag):
+        return Response(status_code=304, headers=headers)
+    part = wanted_range(request.headers, extent.size, extent.etag)
+    first, count = part or (0, extent.size)
+    headers["Content-Length"] = str(count)
+    if part is not None:
+        headers["Content-Range"] = f"bytes {first}-{first + count - 1}/{extent.size}"
+    status = 200 if part is None else 206
+    if request.method == "HEAD":
+        return Response(status_code=status, headers=headers)
+    pieces = _pieces(context, extent.artifact, extent.start + first, count)
+    return StreamingResponse(pieces, status, headers)
+
+
+async def _pieces(context: Context, artifact: str, start: int, count: int) -> AsyncIterator[bytes]:
+    stream = await run_in_threadpool(context.artifacts.open, artifact)
+    try:
+        await run_in_threadpool(stream.seek, start)
+        while count > 0:
+            piece = await run_in_threadpool(stream.read, min(PIECE, count))
+            if not piece:
+                return
+            count -= len(piece)
+            yield piece
+    finally:
+        stream.close()
+
+
+def _media_type(name: str) -> str:
+    return TYPES.get(name.rpartition(".")[2], "application/octet-stream")

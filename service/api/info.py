@@ -1,0 +1,114 @@
+"""What the server is: probes, models, qualities with their measured times, metrics, explanations of problems."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections import defaultdict
+from typing import Any
+
+import sqlalchemy as sa
+from fastapi import APIRouter
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+
+from service.api.avatars import Here
+from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
+from service.api.schemas import Health, ModelList, Problem, QualityList, Readiness
+from service.jobs.problems import TITLES, problem
+
+router = APIRouter(tags=["server"])
+
+
+@router.get("/livez", response_model=Health, summary="The process answers.")
+async def livez() -> Response:
+    """Says nothing about the database or the workers: restarting this process would not help them."""
+    return JSONResponse({"status": "alive"}, headers={"Cache-Control": "no-store"})
+
+
+@router.get("/readyz", response_model=Readiness, responses={503: {"model": Problem}}, summary="Photos are taken.")
+def readyz(context: Here) -> Response:
+    """Ready means: the database answers, a worker lives whose data files and networks are checked, there is space."""
+    reason = None
+    workers: list[dict[str, object]] = []
+    try:
+        workers = context.workers()
+    except sa.exc.SQLAlchemyError:
+        reason = "the database does not answer"
+    ready = [worker for worker in workers if worker["ready"]]
+    if context.draining.is_set():
+        reason = "the server is shutting down"
+    elif reason is None and not ready:
+        faulty = any(worker["fault"] for worker in workers)
+        reason = "a data file is missing or changed" if faulty else "no worker has loaded the networks yet"
+    elif context.free_mb() < context.settings.reserve_mb:
+        reason = "there is too little space for uploads"
+    if reason is not None:
+        return response(problem("starting", 503, reason), {"Retry-After": "5"}, "/readyz")
+    return JSONResponse({"status": "ready", "workers": len(ready)}, headers={"Cache-Control": "no-store"})
+
+
+@router.get("/v1/models", response_model=ModelList, summary="Data files that make avatars, with hashes and licences.")
+def models() -> Response:
+    """The networks and the head model."""
+    from service.archive.cards import ROLES
+    from service.head.files import DEFAULT_HEAD
+    from service.jobs.artifacts import sha256_of
+    from service.runtime.sessions import model_table
+
+    items = [
+        {"name": name, "sha256": entry["sha256"], "licence": entry["licence"], "role": ROLES.get(name, "not used yet")}
+        for name, entry in model_table().items()
+    ]
+    with DEFAULT_HEAD.open("rb") as stream:
+        facts = json.loads(DEFAULT_HEAD.with_suffix(".json").read_text("utf-8"))
+        digest, licence = sha256_of(stream), str(facts.get("licence", "CC0-1.0"))
+    items.append({"name": "head", "sha256": digest, "licence": licence, "role": "head model"})
+    return JSONResponse({"items": items})
+
+
+@router.get("/v1/quality", response_model=QualityList, summary="What quality and size cost on this server.")
+def quality(context: Here) -> Response:
+    """Median and 90th percentile of the times of the last jobs, by quality and size; empty before the first one."""
+    import service.options
+
+    groups: dict[tuple[str | None, tuple[int, ...]], list[Any]] = defaultdict(list)
+    for row in context.store.measured():
+        options = json.loads(row["options"])
+        if options:
+            groups[options.get("quality"), tuple(options["size"])].append(row)
+    items = []
+    for (name, size), rows in sorted(groups.items(), key=str):
+        times = sorted(row["finished_at"] - row["started_at"] for row in rows)
+        memory = [row["peak_rss_mb"] for row in rows if row["peak_rss_mb"] is not None]
+        items.append(
+            {
+                "quality": name,
+                "size": list(size),
+                "jobs": len(rows),
+                "median_s": round(statistics.median(times), 3),
+                "p90_s": round(times[min(len(times) - 1, int(len(times) * 0.9))], 3),
+                "peak_rss_mb": max(memory, default=None),
+            }
+        )
+    known = getattr(service.options, "QUALITIES", ())
+    return JSONResponse({"items": items, "qualities": list(known)})
+
+
+@router.get("/problems/{code}", response_class=PlainTextResponse, summary="What a problem code means.")
+async def explanation(code: str) -> Response:
+    """The address in ``type`` of a problem."""
+    if code not in EXPLANATIONS and code not in TITLES:
+        raise not_found()
+    words = EXPLANATIONS.get(code, "See 'detail' of the problem for what was found and what would be right.")
+    return PlainTextResponse(f"{problem(code, 0, '')['title']}\n\n{words}\n")
+
+
+@router.get("/metrics", response_class=PlainTextResponse, include_in_schema=False)
+def metrics(context: Here) -> Response:
+    """Prometheus text format."""
+    from service.api.metrics import exposition
+
+    try:
+        return Response(exposition(context), media_type="text/plain; version=0.0.4; charset=utf-8")
+    except sa.exc.SQLAlchemyError as error:
+        raise ProblemError("starting", 503, "the database does not answer") from error

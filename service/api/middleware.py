@@ -1,0 +1,138 @@
+"""What happens to every request: id, host check, security headers, one log line, numbers."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import re
+import secrets
+import socket
+import time
+
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.api.metrics import DURATION, REQUESTS, UPLOAD_BYTES
+from service.api.problems import ProblemError, response
+from service.jobs.settings import Settings
+
+log = logging.getLogger("service.api.access")
+
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}\Z")
+_PORT = re.compile(r":\d{1,5}\Z")
+
+SECURITY_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), geolocation=(), microphone=()",
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+        "connect-src 'self' blob:; font-src 'self'; worker-src 'self' blob:; manifest-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+}
+
+
+class Hosts:
+    """Names that the Host header may have.
+
+    Without a list: any literal address, localhost and the name of this machine. A web page that points a name of its
+    own at this server (DNS rebinding) is none of these.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._listed = {name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip()}
+        self._own = {"localhost", socket.gethostname().lower(), settings.host.lower()}
+
+    def allow(self, header: str) -> bool:
+        """Whether a Host header is one of this server."""
+        name = _PORT.sub("", header.strip().lower())
+        if self._listed:
+            return name in self._listed or "*" in self._listed
+        if name in self._own:
+            return True
+        try:
+            ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+        except ValueError:
+            return False
+        return True
+
+
+class Front:
+    """The outermost layer of the application."""
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._hosts = Hosts(settings)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope)
+        given = request.headers.get("x-request-id", "")
+        exchange = _Exchange(scope, receive, send, given if _ID.match(given) else secrets.token_hex(8))
+        try:
+            refusal = self._refusal(request)
+            if refusal is not None:
+                await response(refusal.body, refusal.headers, request.url.path)(scope, receive, exchange.send)
+            else:
+                await self._app(scope, exchange.receive, exchange.send)
+        finally:
+            exchange.log()
+
+    def _refusal(self, request: Request) -> ProblemError | None:
+        if len(request.headers.getlist("host")) > 1 or not self._hosts.allow(request.headers.get("host", "")):
+            return ProblemError("bad-host", 400)
+        if "content-length" in request.headers and "transfer-encoding" in request.headers:
+            detail = "Content-Length and Transfer-Encoding exclude each other"
+            return ProblemError("bad-request", 400, detail, {"Connection": "close"})
+        return None
+
+
+class _Exchange:
+    """One request and its answer, for the log."""
+
+    def __init__(self, scope: Scope, receive: Receive, send: Send, request_id: str) -> None:
+        self._scope, self._receive, self._send, self._id = scope, receive, send, request_id
+        self._begin = time.perf_counter()
+        self._status, self._bytes_in, self._bytes_out, self._head = 0, 0, 0, 0.0
+
+    async def receive(self) -> Message:
+        message = await self._receive()
+        self._bytes_in += len(message.get("body", b""))
+        return message
+
+    async def send(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self._status = message["status"]
+            self._head = time.perf_counter() - self._begin
+            headers = MutableHeaders(scope=message)
+            headers["X-Request-Id"] = self._id
+            for name, value in SECURITY_HEADERS.items():
+                headers.setdefault(name, value)
+        self._bytes_out += len(message.get("body", b""))
+        await self._send(message)
+
+    def log(self) -> None:
+        route = getattr(self._scope.get("route"), "path", None) or "none"
+        method = self._scope["method"] if self._scope["method"] in _METHODS else "other"
+        REQUESTS.labels(method, route, str(self._status)).inc()
+        DURATION.labels(route).observe(self._head)
+        UPLOAD_BYTES.inc(self._bytes_in)
+        facts = {
+            "request": self._id, "method": method, "route": route, "status": self._status,
+            "seconds": round(time.perf_counter() - self._begin, 4), "bytes_in": self._bytes_in,
+            "bytes_out": self._bytes_out,
+        }  # fmt: skip
+        level = logging.DEBUG if route in _QUIET else logging.INFO
+        log.log(level, "%s %s %d", method, route, self._status, extra=facts)
+
+
+_METHODS = ("GET", "HEAD", "POST", "DELETE", "OPTIONS", "PUT", "PATCH")
+_QUIET = ("/livez", "/readyz", "/metrics")

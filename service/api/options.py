@@ -1,0 +1,67 @@
+"""The part ``options`` of a request: JSON from a stranger, turned into checked options."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields
+from functools import lru_cache
+from typing import Any, NoReturn
+
+from pydantic import TypeAdapter, ValidationError
+
+from service.api.problems import ProblemError
+from service.options import Options
+
+MAX_BYTES = 16 << 10
+_MAX_DEPTH = 8
+
+
+def parse_options(text: bytes) -> Options:
+    """JSON object -> options; names and values are those of the command line.
+
+    Raises:
+        ProblemError: it is no JSON object, has a name that is not an option, or a value of the wrong kind.
+        UsageError: a value is out of range.
+    """
+    values = _parse(text) if text.strip() else {}
+    known = {field.name for field in fields(Options)}
+    for name in values:
+        if name not in known:
+            where = f"/{name[:40]}"
+            detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(known))}"
+            raise ProblemError("unknown-field", 422, detail, pointer=where)
+    try:
+        return adapter().validate_python(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = "/" + "/".join(str(part) for part in first["loc"])
+        raise ProblemError("usage", 422, f"{where[1:]}: {first['msg']}", pointer=where) from error
+
+
+@lru_cache(maxsize=1)
+def adapter() -> TypeAdapter[Options]:
+    """Checks kinds of values and describes them for OpenAPI; ``Options`` itself checks the ranges."""
+    return TypeAdapter(Options)
+
+
+def _parse(text: bytes) -> dict[str, Any]:
+    try:
+        values = json.loads(text.decode("utf-8"), parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise ProblemError("malformed-options", 422, pointer="") from error
+    if not isinstance(values, dict):
+        raise ProblemError("malformed-options", 422, pointer="")
+    _check(values, 0)
+    return values
+
+
+def _check(value: Any, depth: int) -> None:
+    if depth > _MAX_DEPTH or (isinstance(value, float) and not math.isfinite(value)):
+        raise ProblemError("malformed-options", 422, pointer="")
+    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check(item, depth + 1)
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not JSON")

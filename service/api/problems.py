@@ -1,0 +1,126 @@
+"""Every answer that is not a success is an RFC 9457 problem: one exception, one place that renders it."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from service.errors import AvatarError
+from service.jobs.problems import from_error, problem
+
+MEDIA_TYPE = "application/problem+json"
+
+log = logging.getLogger(__name__)
+
+EXPLANATIONS = {
+    "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
+    "malformed-multipart": "The body is not the multipart/form-data that its Content-Type announces.",
+    "too-many-parts": "A request has one part 'image', and may have one part 'options' and one part 'keep_photo'.",
+    "part-too-large": "Parts other than the photo are limited to 16 KiB.",
+    "one-file-only": "One request makes one avatar of one photo.",
+    "unknown-field": "There is no such part or option. Photos are never fetched from an address.",
+    "malformed-options": "The part 'options' has to be a JSON object without NaN and without deep nesting.",
+    "usage": "An option is out of its range; 'pointer' names it.",
+    "unsupported-media-type": "Requests are multipart/form-data, or a photo as image/jpeg, image/png or image/webp.",
+    "not-found": "There is nothing at this address, or it is not yours.",
+    "method-not-allowed": "This address does not take this method; 'Allow' names those that it takes.",
+    "bad-request": "The request breaks the rules of HTTP.",
+    "invalid-parameter": "A parameter of the address or a header is not what it has to be.",
+    "bad-host": "The Host header is none of the names of this server.",
+    "unauthorized": "Send a key: 'Authorization: Bearer KEY'.",
+    "listing-needs-key": "A server without keys lists jobs to its own machine only.",
+    "not-ready": "The result is there when the job has succeeded.",
+    "no-result": "The job has ended without a result.",
+    "gone": "The result has expired or was erased.",
+    "key-reuse": "An Idempotency-Key belongs to one request; another photo or other options need another key.",
+    "range-not-satisfiable": "One range within the file can be asked for.",
+    "queue-full": "Too many jobs are waiting; try again later.",
+    "quota": "Your key allows no more jobs now.",
+    "busy": "Too many uploads are being received; try again shortly.",
+    "draining": "The server is shutting down; try again shortly.",
+    "starting": "The server is starting; try again shortly.",
+    "no-space": "The server has no space for uploads.",
+    "request-timeout": "The request did not arrive in time.",
+}
+"""What each code of this interface means, for ``/problems/{code}``."""
+
+_STATUS_CODES = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
+
+
+class ProblemError(Exception):
+    """Ends a request with a problem.
+
+    Args:
+        code: stable name of the kind of problem.
+        status: HTTP status.
+        detail: what is wrong with this request, for people.
+        headers: of the answer.
+        extra: members for machines.
+    """
+
+    def __init__(
+        self, code: str, status: int, detail: str = "", headers: Mapping[str, str] | None = None, **extra: Any
+    ) -> None:
+        super().__init__(code)
+        self.headers = dict(headers or {})
+        self.status = status
+        self.body = problem(code, status, detail or EXPLANATIONS[code], **extra)
+
+
+def response(body: Mapping[str, Any], headers: Mapping[str, str] | None = None, instance: str = "") -> Response:
+    """A problem object as an answer."""
+    content = {**body, "instance": instance} if instance else body
+    status = int(body["status"])
+    return Response(json.dumps(content), status, {**(headers or {}), "Cache-Control": "no-store"}, MEDIA_TYPE)
+
+
+def not_found() -> ProblemError:
+    """The one answer for what is not there and for what belongs to somebody else."""
+    return ProblemError("not-found", 404)
+
+
+def install(app: FastAPI) -> None:
+    """Let every exception of ``app`` leave as a problem."""
+    app.add_exception_handler(ProblemError, _problem)
+    app.add_exception_handler(AvatarError, _fault)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(RequestValidationError, _validation)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def _problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ProblemError)  # noqa: S101 - what it was registered for
+    return response(error.body, error.headers, request.url.path)
+
+
+def _fault(request: Request, error: Exception) -> Response:
+    body = from_error(error)
+    if body["status"] >= 500:
+        log.error("a request failed", exc_info=error)
+    return response(body, None, request.url.path)
+
+
+def _http(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)  # noqa: S101 - what it was registered for
+    code = _STATUS_CODES.get(error.status_code, "bad-request" if error.status_code < 500 else "internal")
+    detail = EXPLANATIONS.get(code, "The request could not be answered.")
+    return response(problem(code, error.status_code, detail), error.headers, request.url.path)
+
+
+def _validation(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)  # noqa: S101 - what it was registered for
+    first = error.errors()[0]
+    place = "/".join(str(part) for part in first["loc"])
+    detail = f"{place}: {first['msg']}"
+    return response(problem("invalid-parameter", 422, detail, pointer=f"/{place}"), None, request.url.path)
+
+
+def _unexpected(request: Request, error: Exception) -> Response:
+    return response(from_error(error), None, request.url.path)

@@ -1,0 +1,246 @@
+"""Receiving a photo: counted as it streams to the disk, with a deadline, and gone again if anything fails."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import secrets
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+
+from service.api.options import MAX_BYTES as MAX_OPTIONS
+from service.api.problems import ProblemError
+from service.errors import TooManyBytes
+from service.jobs.settings import Settings
+
+IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
+MAX_PARTS = 8
+_MAX_HEADER = 8 << 10
+_FRAME = 64 << 10
+_BATCH = 256 << 10
+
+
+@dataclass
+class Upload:
+    """A request that has arrived.
+
+    Attributes:
+        path: file of the photo, in the folder of uploads.
+        sha256: hex digest of the photo.
+        size: bytes of the photo.
+        options: the part ``options``, empty without one.
+        keep_photo: the part ``keep_photo``.
+    """
+
+    path: Path
+    sha256: str = ""
+    size: int = 0
+    options: bytes = b""
+    keep_photo: bool = False
+
+
+@contextlib.asynccontextmanager
+async def received(request: Request, settings: Settings, max_bytes: int) -> AsyncIterator[Upload]:
+    """The upload of a request; its file is removed afterwards, unless it was moved elsewhere.
+
+    Args:
+        request: multipart/form-data with the part ``image``, or a body that is the image.
+        settings: folder and deadlines.
+        max_bytes: of the photo.
+
+    Raises:
+        ProblemError: the request is not of that form or does not arrive in time.
+        TooManyBytes: the photo is larger.
+    """
+    kind = request.headers.get("content-type", "")
+    _check_length(request, max_bytes)
+    settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
+    upload = Upload(settings.incoming / f"{secrets.token_hex(16)}.part")
+    try:
+        with upload.path.open("xb") as stream:
+            sink: _Body = (
+                _Multipart(upload, stream, max_bytes, kind) if _is_form(kind) else _Raw(upload, stream, max_bytes)
+            )
+            if not _is_form(kind) and kind.partition(";")[0].strip().lower() not in IMAGE_TYPES:
+                raise ProblemError("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})
+            await _pump(request, sink, settings)
+        yield upload
+    finally:
+        upload.path.unlink(missing_ok=True)
+
+
+async def _pump(request: Request, sink: _Body, settings: Settings) -> None:
+    batch = bytearray()
+    stream = request.stream().__aiter__()
+    try:
+        async with asyncio.timeout(settings.body_seconds):
+            while True:
+                try:
+                    chunk = await asyncio.wait_for(stream.__anext__(), settings.idle_seconds)
+                except StopAsyncIteration:
+                    break
+                batch += chunk
+                if len(batch) >= _BATCH:
+                    await run_in_threadpool(sink.write, bytes(batch))
+                    batch.clear()
+    except TimeoutError:
+        raise ProblemError("request-timeout", 408, headers={"Connection": "close"}) from None
+    except ClientDisconnect:
+        raise ProblemError("malformed-multipart", 400, "the connection closed before the body was complete") from None
+    await run_in_threadpool(sink.finish, bytes(batch))
+
+
+def _check_length(request: Request, max_bytes: int) -> None:
+    text = request.headers.get("content-length")
+    if text is not None and text.isdigit() and int(text) > max_bytes + _FRAME:
+        raise _too_large(max_bytes)
+
+
+def _too_large(max_bytes: int) -> TooManyBytes:
+    return TooManyBytes(
+        f"the photo has more than {max_bytes} bytes, which is the most that is accepted", limit=max_bytes
+    )
+
+
+def _is_form(kind: str) -> bool:
+    return kind.partition(";")[0].strip().lower() == "multipart/form-data"
+
+
+class _Body:
+    """Takes the photo, a piece at a time, in worker threads."""
+
+    def __init__(self, upload: Upload, stream: IO[bytes], max_bytes: int) -> None:
+        self.upload, self._stream, self._max_bytes = upload, stream, max_bytes
+        self._hash = hashlib.sha256()
+
+    def write(self, data: bytes) -> None:
+        """A piece of the body."""
+        raise NotImplementedError
+
+    def finish(self, data: bytes) -> None:
+        """The last piece; checks that the body is whole."""
+        self.write(data)
+        self.upload.sha256 = self._hash.hexdigest()
+
+    def _photo(self, data: bytes) -> None:
+        self.upload.size += len(data)
+        if self.upload.size > self._max_bytes:
+            raise _too_large(self._max_bytes)
+        self._hash.update(data)
+        self._stream.write(data)
+
+
+class _Raw(_Body):
+    def write(self, data: bytes) -> None:
+        self._photo(data)
+
+    def finish(self, data: bytes) -> None:
+        super().finish(data)
+        if not self.upload.size:
+            raise ProblemError("missing-file", 400)
+
+
+class _Multipart(_Body):
+    def __init__(self, upload: Upload, stream: IO[bytes], max_bytes: int, kind: str) -> None:
+        from python_multipart.multipart import MultipartParser, parse_options_header
+
+        super().__init__(upload, stream, max_bytes)
+        self._options_header = parse_options_header
+        boundary = parse_options_header(kind)[1].get(b"boundary")
+        if not boundary or len(boundary) > 70:
+            raise ProblemError("malformed-multipart", 400, "the Content-Type has no usable boundary")
+        callbacks: Any = {
+            "on_part_begin": self._begin,
+            "on_part_data": self._data,
+            "on_part_end": self._end,
+            "on_header_field": self._field,
+            "on_header_value": self._value,
+            "on_header_end": self._header_end,
+            "on_headers_finished": self._headers_end,
+            "on_end": self._close,
+        }
+        self._parser = MultipartParser(boundary, callbacks)
+        self._names: list[str] = []
+        self._name, self._text, self._closed = "", bytearray(), False
+        self._key, self._content, self._disposition = bytearray(), bytearray(), b""
+        self._framing = 0
+
+    def write(self, data: bytes) -> None:
+        from python_multipart.exceptions import MultipartParseError
+
+        try:
+            self._parser.write(data)
+        except MultipartParseError as error:
+            raise ProblemError("malformed-multipart", 400) from error
+
+    def finish(self, data: bytes) -> None:
+        super().finish(data)
+        if not self._names and not self._closed and not self._parser_started(data):
+            raise ProblemError("missing-file", 400)
+        if not self._closed:
+            raise ProblemError("malformed-multipart", 400, "the body ends before its closing boundary")
+        if "image" not in self._names:
+            raise ProblemError("missing-file", 400)
+
+    def _parser_started(self, data: bytes) -> bool:
+        return bool(data) or self.upload.size > 0
+
+    def _begin(self) -> None:
+        if len(self._names) >= MAX_PARTS:
+            raise ProblemError("too-many-parts", 400)
+        self._name, self._disposition = "", b""
+        self._text.clear()
+
+    def _field(self, data: bytes, start: int, end: int) -> None:
+        self._grow(self._key, data[start:end])
+
+    def _value(self, data: bytes, start: int, end: int) -> None:
+        self._grow(self._content, data[start:end])
+
+    def _grow(self, buffer: bytearray, data: bytes) -> None:
+        buffer += data
+        if len(buffer) > _MAX_HEADER:
+            raise ProblemError("part-too-large", 400, f"a header of a part has more than {_MAX_HEADER} bytes")
+
+    def _header_end(self) -> None:
+        if bytes(self._key).lower() == b"content-disposition":
+            self._disposition = bytes(self._content)
+        self._key.clear()
+        self._content.clear()
+
+    def _headers_end(self) -> None:
+        # The name of the file is never looked at: names are made by this server.
+        self._name = self._options_header(self._disposition)[1].get(b"name", b"").decode("utf-8", "replace")
+        if self._name not in ("image", "options", "keep_photo"):
+            raise ProblemError(
+                "unknown-field", 422, f"there is no part {self._name[:40]!r}", pointer=f"/{self._name[:40]}"
+            )
+        if self._name in self._names:
+            raise ProblemError("one-file-only" if self._name == "image" else "too-many-parts", 400)
+        self._names.append(self._name)
+
+    def _data(self, data: bytes, start: int, end: int) -> None:
+        if self._name == "image":
+            self._photo(data[start:end])
+            return
+        self._text += data[start:end]
+        if len(self._text) > MAX_OPTIONS:
+            raise ProblemError("part-too-large", 400)
+
+    def _end(self) -> None:
+        if self._name == "options":
+            self.upload.options = bytes(self._text)
+        elif self._name == "keep_photo":
+            text = bytes(self._text).strip().lower()
+            if text not in (b"true", b"false"):
+                raise ProblemError("usage", 422, "keep_photo has to be 'true' or 'false'", pointer="/keep_photo")
+            self.upload.keep_photo = text == b"true"
+
+    def _close(self) -> None:
+        self._closed = True

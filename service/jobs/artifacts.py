@@ -1,0 +1,151 @@
+"""Photos, stages and archives as files named by their hash, on a local disk or any store that fsspec knows.
+
+Names are ``<job>/<kind>-<sha256><suffix>``; they are made here and never come from a request. A file is there whole or
+not at all. Erasing a job is erasing its folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+import secrets
+import shutil
+from pathlib import Path
+from typing import IO, Any
+
+_NAME = re.compile(r"[0-9a-f]{32}/[a-z][a-z0-9_]{0,40}-[0-9a-f]{64}\.[a-z]{1,5}\Z")
+_JOB = re.compile(r"[0-9a-f]{32}\Z")
+
+
+class Artifacts:
+    """Files of all jobs.
+
+    Args:
+        url: of the folder, for fsspec. Several machines need one that they share.
+
+    Raises:
+        ImportError: fsspec needs a package for this kind of store; the message names it.
+    """
+
+    def __init__(self, url: str) -> None:
+        from fsspec.core import url_to_fs
+
+        self._fs, self._root = url_to_fs(url)
+        self._local = Path(self._root) if "file" in _protocols(self._fs) else None
+        if self._local is not None:
+            self._local.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder on this machine, None for a remote store."""
+        return self._local
+
+    def put(self, source: Path, name: str, *, durable: bool = True) -> None:
+        """Move a local file to ``name``; on the disk when this returns, unless it need not be ``durable``.
+
+        Raises:
+            OSError: as the store raises it.
+        """
+        target = self._address(name)
+        if self._local is None:
+            self._fs.put_file(str(source), target)
+            source.unlink()
+            return
+        path = Path(target)
+        path.parent.mkdir(exist_ok=True, mode=0o700)
+        if source.stat().st_dev != path.parent.stat().st_dev:
+            part = path.with_name(f".{secrets.token_hex(8)}.part")
+            shutil.copyfile(source, part)
+            source.unlink()
+            source = part
+        if durable:
+            with source.open("rb") as stream:
+                os.fsync(stream.fileno())
+        source.replace(path)
+        if durable:
+            _sync(path.parent)
+            _sync(path.parent.parent)
+
+    def open(self, name: str) -> IO[bytes]:
+        """Open for reading.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+        """
+        stream: IO[bytes] = self._fs.open(self._address(name), "rb")
+        return stream
+
+    def read(self, name: str) -> bytes:
+        """The whole content; as :meth:`open`."""
+        with self.open(name) as stream:
+            return stream.read()
+
+    def exists(self, name: str) -> bool:
+        """Whether the file is there."""
+        return bool(self._fs.exists(self._address(name)))
+
+    def names(self, job: str) -> list[str]:
+        """Names of all files of a job."""
+        folder = self._folder(job)
+        if not self._fs.exists(folder):
+            return []
+        return [f"{job}/{str(path).rpartition('/')[2]}" for path in self._fs.ls(folder, detail=False, refresh=True)]
+
+    def delete(self, name: str) -> None:
+        """Remove a file; nothing happens where there is none."""
+        with contextlib.suppress(FileNotFoundError):
+            self._fs.rm_file(self._address(name))
+
+    def sweep(self, job: str, keep: set[str]) -> None:
+        """Remove all files of a job but those of ``keep``, unfinished ones too."""
+        for name in self.names(job):
+            if name not in keep:
+                with contextlib.suppress(FileNotFoundError):
+                    self._fs.rm_file(f"{self._root}/{name}")
+        if not keep and self._local is not None:
+            with contextlib.suppress(OSError):
+                (self._local / job).rmdir()
+
+    def jobs(self) -> list[str]:
+        """Jobs that have files."""
+        listed = [str(path).rpartition("/")[2] for path in self._fs.ls(self._root, detail=False, refresh=True)]
+        return [name for name in listed if _JOB.match(name)]
+
+    def _address(self, name: str) -> str:
+        if not _NAME.match(name):
+            raise ValueError(f"not a name of an artifact: {name!r}")
+        return f"{self._root}/{name}"
+
+    def _folder(self, job: str) -> str:
+        if not _JOB.match(job):
+            raise ValueError(f"not a job: {job!r}")
+        return f"{self._root}/{job}"
+
+
+def artifact_name(job: str, kind: str, digest: str, suffix: str) -> str:
+    """``<job>/<kind>-<digest>.<suffix>``."""
+    return f"{job}/{kind}-{digest}.{suffix}"
+
+
+def sha256_of(stream: IO[bytes]) -> str:
+    """Hex digest of the rest of a stream."""
+    digest = hashlib.sha256()
+    while block := stream.read(1 << 20):
+        digest.update(block)
+    return digest.hexdigest()
+
+
+def _protocols(fs: Any) -> tuple[str, ...]:
+    protocol = fs.protocol
+    return (protocol,) if isinstance(protocol, str) else tuple(protocol)
+
+
+def _sync(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+            os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,93 @@
+"""The process that computes one job: the pipeline, with finished stages kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from service.jobs.wire import Program, Reporter, Task, serve_one
+
+
+def load() -> Program:
+    """Import the pipeline; it takes a good part of a second."""
+    import service.archive.pack
+    import service.pipeline  # noqa: F401
+
+    return run
+
+
+def run(task: Task, reporter: Reporter) -> None:
+    """Make the avatar, write the archive and say ``done``.
+
+    Raises:
+        AvatarError: as ``service.pipeline.make_avatar``.
+    """
+    from service.archive.pack import write_archive
+    from service.errors import CorruptImage
+    from service.jobs.artifacts import Artifacts, sha256_of
+    from service.jobs.stages import KeptStages
+    from service.pipeline import make_avatar
+
+    data = Path(task.photo).read_bytes()
+    if hashlib.sha256(data).hexdigest() != task.photo_sha256:
+        raise CorruptImage("the photo was changed on the server's disk after it was accepted; send it again")
+    stages = KeptStages(
+        Artifacts(task.artifacts), task.job, basis(task), kinds(), Path(task.scratch), finished=reporter.kept
+    )
+    avatar = make_avatar(data, options_from(task.options), reporter.progress, stages=stages)
+    reporter.progress("pack", 0.9)
+    output = Path(task.output)
+    write_archive(avatar, output)
+    with output.open("rb") as stream:
+        digest = sha256_of(stream)
+    reporter.done(
+        {
+            "sha256": digest,
+            "bytes": output.stat().st_size,
+            "warnings": list(avatar.all_warnings()),
+            "timings": {name: round(seconds, 4) for name, seconds in avatar.timings_s.items()},
+            "peak_rss_mb": avatar.peak_rss_mb,
+        }
+    )
+
+
+def options_from(values: Any) -> Any:
+    """JSON values of ``Options.to_json`` -> Options."""
+    from pydantic import TypeAdapter
+
+    from service.options import Options
+
+    return TypeAdapter(Options).validate_python(values)
+
+
+def basis(task: Task) -> str:
+    """What the results of stages depend on: program, data files, photo, options."""
+    import json
+
+    from service.archive.version import GENERATOR
+    from service.diagnosis import DATA, SUMS
+    from service.jobs.settings import PIPELINE_VERSION
+
+    sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
+    options = json.dumps(task.options, sort_keys=True)
+    return "\n".join((GENERATOR, PIPELINE_VERSION, sums, task.photo_sha256, options))
+
+
+def kinds() -> dict[str, type]:
+    """Dataclasses that stages of the pipeline hand on."""
+    from service.archive.avatar import Similarity
+    from service.faces.face import Face
+    from service.fit.result import Fit
+    from service.geometry.camera import Camera
+    from service.photo.photo import Photo
+    from service.texture.result import Texture
+
+    return {kind.__name__: kind for kind in (Photo, Face, Fit, Camera, Texture, Similarity)}
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
+    sys.exit(serve_one(load))

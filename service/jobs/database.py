@@ -1,0 +1,96 @@
+"""The tables of the service, in SQLite or Postgres, and the engine that reaches them.
+
+DBOS keeps its own tables in the same database, so that a job and its place in the queue are written in one transaction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import event
+
+TABLES = sa.MetaData()
+
+JOBS = sa.Table(
+    "avatarme_jobs",
+    TABLES,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("tenant", sa.String(64), nullable=False),
+    sa.Column("workflow", sa.String(64), nullable=False),
+    sa.Column("state", sa.String(16), nullable=False),
+    sa.Column("stage", sa.String(64)),
+    sa.Column("progress", sa.Double, nullable=False),
+    sa.Column("created_at", sa.Double, nullable=False),
+    sa.Column("updated_at", sa.Double, nullable=False),
+    sa.Column("started_at", sa.Double),
+    sa.Column("finished_at", sa.Double),
+    sa.Column("expires_at", sa.Double),
+    sa.Column("options", sa.Text, nullable=False),
+    sa.Column("photo", sa.String(128), nullable=False),
+    sa.Column("photo_sha256", sa.String(64), nullable=False),
+    sa.Column("photo_bytes", sa.BigInteger, nullable=False),
+    sa.Column("keep_photo", sa.Boolean, nullable=False),
+    sa.Column("key", sa.String(255)),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("archive", sa.String(128)),
+    sa.Column("archive_sha256", sa.String(64)),
+    sa.Column("archive_bytes", sa.BigInteger),
+    sa.Column("error", sa.Text),
+    sa.Column("warnings", sa.Text, nullable=False),
+    sa.Column("timings", sa.Text, nullable=False),
+    sa.Column("peak_rss_mb", sa.Double),
+    sa.Column("crashes", sa.Integer, nullable=False),
+    sa.Column("events", sa.Integer, nullable=False),
+    sa.Column("swept", sa.Boolean, nullable=False),
+    sa.Column("gone", sa.String(16)),
+    sa.UniqueConstraint("tenant", "key"),
+    sa.Index("avatarme_jobs_list", "tenant", "created_at", "id"),
+    sa.Index("avatarme_jobs_state", "state", "expires_at"),
+)
+
+EVENTS = sa.Table(
+    "avatarme_events",
+    TABLES,
+    sa.Column("job", sa.String(32), primary_key=True),
+    sa.Column("n", sa.Integer, primary_key=True),
+    sa.Column("name", sa.String(16), nullable=False),
+    sa.Column("body", sa.Text, nullable=False),
+)
+
+WORKERS = sa.Table(
+    "avatarme_workers",
+    TABLES,
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("version", sa.String(32), nullable=False),
+    sa.Column("ready", sa.Boolean, nullable=False),
+    sa.Column("fault", sa.Text),
+    sa.Column("seen_at", sa.Double, nullable=False),
+)
+
+_KEEPALIVE = {"keepalives": 1, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+
+
+def connect(url: str, pool: int = 8) -> sa.Engine:
+    """An engine for the URL of :class:`service.jobs.settings.Settings`."""
+    if not url.startswith("sqlite"):
+        return sa.create_engine(
+            url, pool_size=pool, pool_pre_ping=True, pool_timeout=10, connect_args={"connect_timeout": 10, **_KEEPALIVE}
+        )
+    engine = sa.create_engine(url, pool_size=pool, connect_args={"timeout": 30})
+    event.listen(engine, "connect", _sqlite)
+    return engine
+
+
+def _sqlite(connection: Any, _record: Any) -> None:
+    connection.isolation_level = "IMMEDIATE"  # writers queue up instead of failing when a reader wants to write
+    connection.execute("PRAGMA journal_mode=WAL")  # readers do not wait for writers
+    connection.execute("PRAGMA synchronous=FULL")  # a commit is on the disk: a 202 must survive a power cut
+    connection.execute("PRAGMA busy_timeout=30000")
+
+
+def seconds_of_database(engine: sa.Engine) -> sa.ColumnElement[float]:
+    """SQL for the time of the database in seconds since 1970: one clock for all machines."""
+    if engine.dialect.name == "sqlite":
+        return sa.literal_column("((julianday('now') - 2440587.5) * 86400.0)", sa.Double)
+    return sa.literal_column("extract(epoch from clock_timestamp())::double precision", sa.Double)

@@ -1,0 +1,95 @@
+"""One process per name: a file lock on this machine, and in Postgres a lock that ends with the connection."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from service.errors import UsageError
+
+
+class FileLock:
+    """A lock on a file in the data folder, held until the process ends.
+
+    Raises:
+        UsageError: another process holds it.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._handle = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._handle)
+            raise UsageError(
+                f"{folder} is in use by another {name}; give each process a data folder or a worker name of its own",
+                field="data",
+            ) from error
+
+    def release(self) -> None:
+        """Let another process have it."""
+        os.close(self._handle)
+
+
+class DatabaseLock:
+    """Advisory lock of Postgres on a worker's name, held by a connection of its own; nothing with SQLite.
+
+    Args:
+        engine: of the database.
+        worker: the name.
+
+    Raises:
+        UsageError: another worker of that name lives.
+    """
+
+    def __init__(self, engine: sa.Engine, worker: str) -> None:
+        self._worker = worker
+        self._connection: sa.Connection | None = None
+        if engine.dialect.name == "sqlite":
+            return
+        self._connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+        if not self._try(worker):
+            self._connection.close()
+            raise UsageError(f"there is another worker {worker!r}; give each one a name of its own", field="worker")
+
+    def check(self) -> None:
+        """Make sure that the connection, and with it the lock, still stands.
+
+        Raises:
+            sqlalchemy.exc.DBAPIError: it does not; this worker may have been replaced and has to end.
+        """
+        if self._connection is not None:
+            self._connection.execute(sa.text("select 1"))
+
+    def is_dead(self, worker: str) -> bool:
+        """Whether nobody holds the lock of a worker; False with SQLite, which has one worker only."""
+        if self._connection is None or worker == self._worker:
+            return False
+        if not self._try(worker):
+            return False
+        self._connection.execute(sa.text("select pg_advisory_unlock(:key)"), {"key": key_of(worker)})
+        return True
+
+    def close(self) -> None:
+        """Give the lock up."""
+        if self._connection is not None:
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                self._connection.invalidate()
+                self._connection.close()
+
+    def _try(self, worker: str) -> bool:
+        if self._connection is None:
+            return False
+        query = sa.text("select pg_try_advisory_lock(:key)")
+        return bool(self._connection.execute(query, {"key": key_of(worker)}).scalar_one())
+
+
+def key_of(worker: str) -> int:
+    """The 64-bit signed number that stands for a name."""
+    return int.from_bytes(hashlib.sha256(f"avatarme worker {worker}".encode()).digest()[:8], "big", signed=True)

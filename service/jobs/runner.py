@@ -1,0 +1,265 @@
+"""The steps of a job. They hand on names and hashes, never bytes, and may run twice at the same time."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import secrets
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import sqlalchemy as sa
+
+from service.errors import Crashed, OutOfMemory, OutOfTime
+from service.jobs.artifacts import Artifacts, artifact_name
+from service.jobs.clock import now
+from service.jobs.problems import from_error
+from service.jobs.process import Ending, JobProcess
+from service.jobs.settings import Settings
+from service.jobs.store import Row, Store
+from service.jobs.view import FINAL
+from service.jobs.wire import Task
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
+
+TEMPORARY_FAILURE = 75
+"""Exit status (EX_TEMPFAIL) of a worker that cannot reach its database or disk; it is started again."""
+
+PATIENCE = 60.0
+"""Seconds for which a step waits for its database or disk before the worker gives up."""
+
+LOOK = 0.4
+"""Seconds between two looks at the database for a cancellation."""
+
+WRITE = 0.5
+"""Seconds between two reports of progress within a stage."""
+
+CRASHES = 3
+OUT_OF_MEMORY = 2
+"""How often a job's process may crash, or run out of memory, before the job fails."""
+
+
+class Runner:
+    """Runs jobs on this machine.
+
+    Args:
+        settings: of this worker.
+        store: the jobs.
+        artifacts: their files.
+    """
+
+    def __init__(self, settings: Settings, store: Store, artifacts: Artifacts) -> None:
+        self.settings = settings
+        self.store = store
+        self.artifacts = artifacts
+        self.stopping = threading.Event()
+        self.active: dict[str, JobProcess | None] = {}
+        self.scratch = (settings.data / "scratch" / settings.worker).resolve()
+        self._spare: JobProcess | None = None
+        self._lock = threading.Lock()
+
+    def accept(self, job: str, workflow: str) -> dict[str, Any]:
+        """First step: the job runs, if it is still wanted."""
+        row = self._row(job)
+        if row is None or row["workflow"] != workflow or not patient(lambda: self.store.begin(job)):
+            return {"kind": "ended"}
+        return {"kind": "wanted", "photo": row["photo"], "photo_sha256": row["photo_sha256"]}
+
+    def make(self, job: str) -> dict[str, Any]:
+        """Second step: compute the archive in a process of its own.
+
+        Returns:
+            ``kind`` "done" with the facts of the archive, "problem" with a problem object, or "ended" where the job
+            has ended meanwhile.
+        """
+        row = self._row(job)
+        if row is None or row["state"] in FINAL:
+            return {"kind": "ended"}
+        scratch = self.scratch / f"{job}-{secrets.token_hex(4)}"
+        scratch.mkdir(parents=True, mode=0o700)
+        self.active[job] = None
+        try:
+            return self._attempts(row, scratch)
+        finally:
+            self.active.pop(job, None)
+            shutil.rmtree(scratch, ignore_errors=True)
+
+    def publish(self, job: str, outcome: dict[str, Any]) -> str:
+        """Last step: the owner sees the outcome, and what is no longer needed is erased.
+
+        Returns:
+            "published", or "lost" where the archive is not on the disk any more.
+        """
+        expires = now() + self.settings.result_hours * 3600
+        if outcome["kind"] == "done":
+            if not patient(lambda: self.artifacts.exists(outcome["archive"])):
+                row = self._row(job)
+                return "published" if row is None or row["state"] in FINAL else "lost"
+            patient(lambda: self.store.succeed(job, outcome, expires))
+        elif outcome["kind"] == "problem":
+            patient(lambda: self.store.fail(job, outcome["problem"], expires))
+        self.tidy(job)
+        return "published"
+
+    def tidy(self, job: str) -> None:
+        """Erase what a job that has ended does not need: its stages, and its photo unless it is to be kept."""
+        row = self._row(job)
+        if row is None or row["state"] not in FINAL:
+            return
+        keep = {row["archive"]} if row["archive"] and row["gone"] is None else set()
+        if row["keep_photo"] and row["gone"] is None:
+            keep.add(row["photo"])
+        patient(lambda: self.artifacts.sweep(job, keep))
+        patient(lambda: self.store.set(job, swept=True))
+
+    def warm(self) -> None:
+        """Have a process ready that has loaded the program; called by the main thread while nothing runs."""
+        with self._lock:
+            if self._spare is None and len(self.active) < self.settings.jobs and not self.stopping.is_set():
+                self._spare = JobProcess(self.settings)
+
+    def stop(self) -> None:
+        """End all processes; steps then wait for the end of this one, so that nothing of it is recorded."""
+        self.stopping.set()
+        with self._lock:
+            spare, self._spare = self._spare, None
+        for process in [spare, *self.active.values()]:
+            if process is not None:
+                process.end()
+
+    def _attempts(self, row: Row, scratch: Path) -> dict[str, Any]:
+        job = row["id"]
+        while True:
+            photo = self._photo(row, scratch)
+            if photo is None:
+                return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
+            ending = self._once(row, photo, scratch)
+            if self.stopping.is_set():
+                time.sleep(3600)  # the worker ends; this step must not be recorded as finished
+            if ending.kind == "done":
+                return self._store(job, ending.facts, scratch / "archive.zip")
+            if ending.kind == "problem":
+                return {"kind": "problem", "problem": ending.facts}
+            if ending.kind == "stopped":
+                return {"kind": "ended"}
+            if ending.kind == "time":
+                return _failed(OutOfTime(f"the computation took more than {self.settings.job_seconds:g} s"))
+            crashes = patient(lambda: self.store.crashed(job))
+            log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
+            if ending.kind == "memory" and crashes >= OUT_OF_MEMORY:
+                return _failed(
+                    OutOfMemory(f"the computation needs more than the {self.settings.memory_mb} MiB that it may have")
+                )
+            if crashes >= CRASHES:
+                return _failed(Crashed(f"the computation crashed {crashes} times with this photo"))
+
+    def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
+        job = row["id"]
+        task = Task(
+            job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=_json(row["options"]),
+            artifacts=self.settings.artifacts_url, output=str(scratch / "archive.zip"), scratch=str(scratch),
+        )  # fmt: skip
+        with self._lock:
+            process, self._spare = self._spare, None
+        if process is None or not process.alive():
+            process = JobProcess(self.settings)
+        self.active[job] = process
+        return process.run(task, _Report(self.store, job), _Stop(self, job))
+
+    def _photo(self, row: Row, scratch: Path) -> Path | None:
+        """Path of the photo on this machine, None where it is gone."""
+        if self.artifacts.folder is not None:
+            path = self.artifacts.folder / row["photo"]
+            return path if path.exists() else None
+        path = scratch / "photo"
+        try:
+            with self.artifacts.open(row["photo"]) as source, path.open("wb") as target:
+                shutil.copyfileobj(source, target)
+        except FileNotFoundError:
+            return None
+        return path
+
+    def _store(self, job: str, facts: dict[str, Any], output: Path) -> dict[str, Any]:
+        name = artifact_name(job, "archive", facts["sha256"], "zip")
+        if output.exists():
+            patient(lambda: self.artifacts.put(output, name))
+        return {"kind": "done", "archive": name, **facts}
+
+    def _row(self, job: str) -> Row | None:
+        return patient(lambda: self.store.get(job))
+
+    def _ended(self, job: str) -> bool:
+        row = self._row(job)
+        return row is None or row["state"] in FINAL
+
+
+class _Report:
+    """Progress from the process to the database, not too often; a report that fails is left out."""
+
+    def __init__(self, store: Store, job: str) -> None:
+        self._store, self._job = store, job
+        self._stage, self._at = "", 0.0
+
+    def __call__(self, message: dict[str, Any]) -> None:
+        stage, share = message.get("stage"), message.get("share")
+        if not isinstance(stage, str) or not isinstance(share, int | float):
+            return
+        if stage == self._stage and time.monotonic() - self._at < WRITE:
+            return
+        self._stage, self._at = stage, time.monotonic()
+        with contextlib.suppress(sa.exc.SQLAlchemyError):
+            self._store.progress(self._job, stage, share)
+
+
+class _Stop:
+    """Whether a process is to end: the worker stops, or the job has ended because its owner wants it to."""
+
+    def __init__(self, runner: Runner, job: str) -> None:
+        self._runner, self._job, self._at = runner, job, 0.0
+
+    def __call__(self) -> bool:
+        if self._runner.stopping.is_set():
+            return True
+        if time.monotonic() - self._at < LOOK:
+            return False
+        self._at = time.monotonic()
+        try:
+            row = self._runner.store.get(self._job)
+        except sa.exc.SQLAlchemyError:
+            return False
+        return row is None or row["state"] in FINAL
+
+
+def patient(call: Callable[[], T]) -> T:
+    """Call again and again while the database or the disk fails; after ``PATIENCE`` end this process.
+
+    An exception would be recorded as the result of the step, and the job would fail for what is not its fault. A new
+    process takes the step up again.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return call()
+        except (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError, OSError) as error:
+            log.warning("waiting for database or disk: %s", error)
+            if time.monotonic() > deadline:
+                log.critical("this worker cannot reach its database or disk and ends")
+                os._exit(TEMPORARY_FAILURE)
+        time.sleep(0.5)
+
+
+def _failed(error: Exception) -> dict[str, Any]:
+    return {"kind": "problem", "problem": from_error(error)}
+
+
+def _json(text: str) -> Any:
+    import json
+
+    return json.loads(text)

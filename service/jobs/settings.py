@@ -1,0 +1,140 @@
+"""How a server is set up: flags of the command line, else ``AVATARME_*`` variables, else the defaults here."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from service.errors import UsageError
+
+PREFIX = "AVATARME_"
+
+PIPELINE_VERSION = "pipeline-1"
+"""Version of the steps of a job, kept by hand: unfinished jobs of another version are begun again at start-up."""
+
+_KINDS = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Settings of one server or worker process.
+
+    Attributes:
+        data: folder of the database, uploads and results.
+        database: SQLAlchemy URL of a Postgres database that several machines share; "" for SQLite in ``data``.
+        artifacts: fsspec URL (``s3://bucket/prefix``, ``file:///mnt/shared``) for photos and results; "" for ``data``.
+        worker: name of this worker, different for each one and the same after a restart.
+        jobs: photos that one worker computes at the same time, >= 1.
+        memory_mb: most memory of one job in MiB, 0 for no limit of ours.
+        job_seconds: longest time of one job.
+        niceness: added to the niceness of a job's process, so that answers do not wait for it.
+        result_hours: how long a finished job is kept.
+        tombstone_hours: how long after that its address says that it is gone.
+        max_queued: jobs that may wait, all tenants together.
+        reserve_mb: free space in MiB that uploads may not use up.
+        host, port: where to listen.
+        allowed_hosts: names for the Host header, joined by commas; "" for addresses and the names of this machine.
+        keys: path of the file of API keys; "" for a server without keys.
+        max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
+        uploads: uploads that are received at the same time.
+        header_seconds: longest time for the head of a request.
+        body_seconds: longest time for the body of a request.
+        idle_seconds: longest pause inside the body of a request.
+        program: module that computes a job; tests put a small one here.
+    """
+
+    data: Path = Path("avatarme-data")
+    database: str = ""
+    artifacts: str = ""
+    worker: str = "solo"
+    jobs: int = 1
+    memory_mb: int = 8192
+    job_seconds: float = 900.0
+    niceness: int = 10
+    result_hours: float = 24.0
+    tombstone_hours: float = 168.0
+    max_queued: int = 2000
+    reserve_mb: int = 512
+    host: str = "127.0.0.1"
+    port: int = 8000
+    allowed_hosts: str = ""
+    keys: str = ""
+    max_unfinished: int = 2000
+    uploads: int = 64
+    header_seconds: float = 10.0
+    body_seconds: float = 120.0
+    idle_seconds: float = 10.0
+    program: str = "service.jobs.child"
+
+    def __post_init__(self) -> None:
+        low = {
+            "jobs": 1,
+            "port": 0,
+            "uploads": 1,
+            "max_queued": 1,
+            "max_unfinished": 1,
+            "memory_mb": 0,
+            "reserve_mb": 0,
+        }
+        for name, least in low.items():
+            if getattr(self, name) < least:
+                raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
+        for name in ("job_seconds", "result_hours", "header_seconds", "body_seconds", "idle_seconds"):
+            if not getattr(self, name) > 0:
+                raise UsageError(f"{name} is {getattr(self, name)}; it has to be above 0", field=name)
+        if not self.worker or not self.worker.replace("-", "").replace("_", "").replace(".", "").isalnum():
+            raise UsageError(
+                f"worker is {self.worker!r}; letters, digits, '-', '_' and '.' are allowed", field="worker"
+            )
+        if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
+            raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
+
+    @property
+    def database_url(self) -> str:
+        """The URL for SQLAlchemy, with the driver that is installed."""
+        if self.database.startswith("postgresql://"):
+            return "postgresql+psycopg://" + self.database.removeprefix("postgresql://")
+        return self.database or f"sqlite:///{self.data.resolve() / 'jobs.sqlite'}"
+
+    @property
+    def artifacts_url(self) -> str:
+        """The fsspec URL of photos and results."""
+        return self.artifacts or f"file://{self.data.resolve() / 'artifacts'}"
+
+    @property
+    def incoming(self) -> Path:
+        """Folder of uploads that are being received."""
+        return self.data / "incoming"
+
+    def to_json(self) -> str:
+        """For a process that this one starts; see :func:`from_json`."""
+        return json.dumps({name: str(value) if name == "data" else value for name, value in asdict(self).items()})
+
+
+def from_json(text: str) -> Settings:
+    """The inverse of :meth:`Settings.to_json`."""
+    values = json.loads(text)
+    return Settings(**{**values, "data": Path(values["data"])})
+
+
+def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = os.environ) -> Settings:
+    """Settings from flags (None: not given), then the environment, then the defaults.
+
+    Raises:
+        UsageError: a value is not of its kind or out of range; names the variable.
+    """
+    chosen: dict[str, Any] = {}
+    for field in fields(Settings):
+        variable = PREFIX + field.name.upper()
+        if flags.get(field.name) is not None:
+            chosen[field.name] = flags[field.name]
+        elif variable in environment:
+            try:
+                chosen[field.name] = _KINDS[str(field.type)](environment[variable])
+            except ValueError as error:
+                raise UsageError(f"{variable} is {environment[variable]!r}; it has to be a number") from error
+    return Settings(**chosen)

@@ -1,0 +1,237 @@
+"""What is known of the jobs: rows that change in one transaction together with the event that tells of the change.
+
+A job goes queued -> running -> succeeded | failed | cancelled, and the first final state stays: a worker that was
+thought dead and wakes up can change nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from service.jobs.clock import now
+from service.jobs.database import EVENTS, JOBS
+from service.jobs.view import FINAL, job_json
+
+UNFINISHED = ("queued", "running")
+
+Row = sa.RowMapping
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewJob:
+    """A job to be stored.
+
+    Attributes:
+        id: 32 hex digits, random.
+        tenant: whose it is.
+        options: JSON values of ``service.options.Options``.
+        photo: name of the artifact.
+        photo_sha256, photo_bytes: of the photo as it was sent.
+        keep_photo: do not erase the photo when the job ends.
+        key: the Idempotency-Key, None without one.
+        digest: of everything that makes the request what it is.
+    """
+
+    id: str
+    tenant: str
+    options: Mapping[str, Any]
+    photo: str
+    photo_sha256: str
+    photo_bytes: int
+    keep_photo: bool
+    key: str | None
+    digest: str
+
+
+class KeyInUse(Exception):
+    """There is a job for this Idempotency-Key; ``row`` is that job."""
+
+    def __init__(self, row: Row) -> None:
+        super().__init__("there is a job for this key")
+        self.row = row
+
+
+class Store:
+    """Reads and changes jobs; safe for many threads and processes at once."""
+
+    def __init__(self, engine: sa.Engine) -> None:
+        self.engine = engine
+
+    def add(self, job: NewJob, enqueue: Callable[[sa.Connection, str], None]) -> Row:
+        """Store a job and put it into the queue in one transaction.
+
+        Args:
+            job: the job.
+            enqueue: called with the connection and the id of the workflow, inside the transaction.
+
+        Raises:
+            KeyInUse: another job of this tenant has the key.
+        """
+        values = {
+            "id": job.id, "tenant": job.tenant, "workflow": f"{job.id}.1", "state": "queued", "stage": None,
+            "progress": 0.0, "created_at": now(), "updated_at": now(), "options": json.dumps(job.options),
+            "photo": job.photo, "photo_sha256": job.photo_sha256, "photo_bytes": job.photo_bytes,
+            "keep_photo": job.keep_photo, "key": job.key, "digest": job.digest, "warnings": "[]", "timings": "{}",
+            "crashes": 0, "events": 0, "swept": False,
+        }  # fmt: skip
+        try:
+            with self.engine.begin() as connection:
+                connection.execute(sa.insert(JOBS).values(**values))
+                row = self._tell(connection, job.id, "state")
+                enqueue(connection, str(values["workflow"]))
+        except sa.exc.IntegrityError:
+            found = self.by_key(job.tenant, job.key) if job.key is not None else None
+            if found is None:
+                raise
+            raise KeyInUse(found) from None
+        return row
+
+    def get(self, job: str) -> Row | None:
+        """The row of a job, None where there is none."""
+        return self._one(sa.select(JOBS).where(JOBS.c.id == job))
+
+    def by_key(self, tenant: str, key: str) -> Row | None:
+        """The row of the job with this Idempotency-Key."""
+        return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))
+
+    def page(self, tenant: str, limit: int, after: tuple[float, str] | None, state: str | None = None) -> list[Row]:
+        """Jobs of a tenant, newest first, those that are gone left out.
+
+        Args:
+            tenant: whose.
+            limit: at most so many.
+            after: (created_at, id) of the last job of the page before.
+            state: only those in this state.
+        """
+        query = sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.gone.is_(None))
+        if after is not None:
+            query = query.where(sa.tuple_(JOBS.c.created_at, JOBS.c.id) < sa.tuple_(*after))
+        if state is not None:
+            query = query.where(JOBS.c.state == state)
+        return self._all(query.order_by(JOBS.c.created_at.desc(), JOBS.c.id.desc()).limit(limit))
+
+    def versions(self, jobs: Sequence[str]) -> dict[str, int]:
+        """Number of the last event of each of these jobs."""
+        if not jobs:
+            return {}
+        with self.engine.connect() as connection:
+            rows = connection.execute(sa.select(JOBS.c.id, JOBS.c.events).where(JOBS.c.id.in_(jobs)))
+            return {row.id: row.events for row in rows}
+
+    def events(self, job: str, after: int, limit: int = 500) -> list[Row]:
+        """Events of a job with numbers above ``after``: ``n``, ``name``, ``body`` (JSON text)."""
+        query = sa.select(EVENTS).where(EVENTS.c.job == job, EVENTS.c.n > after)
+        return self._all(query.order_by(EVENTS.c.n).limit(limit))
+
+    def counts(self, tenant: str | None = None) -> dict[str, int]:
+        """Number of jobs in each state, of one tenant or of all."""
+        query = sa.select(JOBS.c.state, sa.func.count()).where(JOBS.c.gone.is_(None)).group_by(JOBS.c.state)
+        if tenant is not None:
+            query = query.where(JOBS.c.tenant == tenant)
+        with self.engine.connect() as connection:
+            return {row.state: row[1] for row in connection.execute(query)}
+
+    def accepted_since(self, tenant: str, moment: float) -> int:
+        """Number of jobs that a tenant posted since then, those that are gone included."""
+        query = sa.select(sa.func.count()).where(JOBS.c.tenant == tenant, JOBS.c.created_at >= moment)
+        with self.engine.connect() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def measured(self, limit: int = 2000) -> list[Row]:
+        """Options, times and memory of the last successful jobs."""
+        columns = (JOBS.c.options, JOBS.c.timings, JOBS.c.peak_rss_mb, JOBS.c.started_at, JOBS.c.finished_at)
+        query = sa.select(*columns).where(JOBS.c.state == "succeeded")
+        return self._all(query.order_by(JOBS.c.finished_at.desc()).limit(limit))
+
+    def where(self, *conditions: sa.ColumnElement[bool], limit: int = 1000) -> list[Row]:
+        """Rows under conditions on ``JOBS``, oldest first."""
+        return self._all(sa.select(JOBS).where(*conditions).order_by(JOBS.c.created_at).limit(limit))
+
+    def begin(self, job: str) -> bool:
+        """The job runs from now on; False where it has ended."""
+        first = sa.func.coalesce(JOBS.c.started_at, now())
+        return self._change(job, "state", UNFINISHED, state="running", started_at=first)
+
+    def progress(self, job: str, stage: str, share: float) -> bool:
+        """The job is at ``stage``, and ``share`` in [0, 1] of the work is done; False where it does not run."""
+        return self._change(job, "progress", ("running",), stage=stage, progress=min(max(share, 0.0), 1.0))
+
+    def crashed(self, job: str) -> int:
+        """Count one more crash of the job's process; returns how many there were."""
+        query = sa.update(JOBS).where(JOBS.c.id == job).values(crashes=JOBS.c.crashes + 1).returning(JOBS.c.crashes)
+        with self.engine.begin() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def succeed(self, job: str, result: Mapping[str, Any], expires_at: float) -> bool:
+        """The job has its archive; False where it had ended before.
+
+        Args:
+            job: which.
+            result: ``archive`` (name of the artifact), ``sha256``, ``bytes``, ``warnings``, ``timings``,
+                ``peak_rss_mb``.
+            expires_at: when it is erased.
+        """
+        return self._change(
+            job, "state", UNFINISHED, state="succeeded", stage=None, progress=1.0, finished_at=now(),
+            expires_at=expires_at, archive=result["archive"], archive_sha256=result["sha256"],
+            archive_bytes=result["bytes"], warnings=json.dumps(result["warnings"]),
+            timings=json.dumps(result["timings"]), peak_rss_mb=result["peak_rss_mb"],
+        )  # fmt: skip
+
+    def fail(self, job: str, problem: Mapping[str, Any], expires_at: float) -> bool:
+        """The job ends with a problem object; False where it had ended before."""
+        values = {"error": json.dumps(problem), "finished_at": now(), "expires_at": expires_at}
+        return self._change(job, "state", UNFINISHED, state="failed", stage=None, **values)
+
+    def cancel(self, job: str, expires_at: float) -> bool:
+        """The job ends because its owner wants it to; False where it had ended before."""
+        values = {"finished_at": now(), "expires_at": expires_at}
+        return self._change(job, "state", UNFINISHED, state="cancelled", stage=None, **values)
+
+    def depart(self, job: str, reason: str) -> None:
+        """Results are no longer given out; ``reason`` is "expired" or "erased"."""
+        with self.engine.begin() as connection:
+            where = (JOBS.c.id == job, JOBS.c.gone.is_(None), JOBS.c.state.in_(FINAL))
+            values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": "{}"}
+            connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values))
+            connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
+
+    def set(self, job: str, **values: Any) -> None:
+        """Set columns that tell the owner nothing."""
+        with self.engine.begin() as connection:
+            connection.execute(sa.update(JOBS).where(JOBS.c.id == job).values(**values))
+
+    def forget(self, job: str) -> None:
+        """Remove the row and the events."""
+        with self.engine.begin() as connection:
+            connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
+            connection.execute(sa.delete(JOBS).where(JOBS.c.id == job))
+
+    def _change(self, job: str, event: str, states: Sequence[str], **values: Any) -> bool:
+        with self.engine.begin() as connection:
+            query = sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.state.in_(states))
+            if not connection.execute(query.values(updated_at=now(), **values)).rowcount:
+                return False
+            self._tell(connection, job, event)
+            return True
+
+    def _tell(self, connection: sa.Connection, job: str, event: str) -> Row:
+        """Number the next event of a job, and store the job as it is now as its body."""
+        raised = sa.update(JOBS).where(JOBS.c.id == job).values(events=JOBS.c.events + 1)
+        row = connection.execute(raised.returning(*JOBS.c)).mappings().one()
+        body = json.dumps(job_json(row))
+        connection.execute(sa.insert(EVENTS).values(job=job, n=row["events"], name=event, body=body))
+        return row
+
+    def _one(self, query: sa.Select[Any]) -> Row | None:
+        with self.engine.connect() as connection:
+            return connection.execute(query).mappings().one_or_none()
+
+    def _all(self, query: sa.Select[Any]) -> list[Row]:
+        with self.engine.connect() as connection:
+            return list(connection.execute(query).mappings())
