@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from service.errors import UsageError
 from service.fit.settings import FitSettings
+from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
+from service.reflectance.plan import ROLES, Plan
 
-MAP_NAMES = ("texture", "confidence", "shape_normal")
+REFLECTANCE_MAPS = ROLES
+TEXTURE_MAPS = ("texture", "confidence", "shape_normal")
+MAP_NAMES = (*REFLECTANCE_MAPS, *TEXTURE_MAPS)
 """Maps that can be asked for, in the order of the archive."""
-
-DEFAULT_SIZE = (576, 384)
-"""Texture size of the method (AvatarMe, section 4.1): the 3:2 chart at the resolution of the fitted texture."""
 
 SMALLEST_WIDTH = 96
 LARGEST_WIDTH = 6144
 LARGEST_SEED = 2**32 - 1
 
 _FIT = FitSettings()
+
+_CHOICES: dict[str, tuple[object, ...]] = {
+    "quality": tuple(LEVELS),
+    "bits": (None, 8, 16),
+    "normals": ("tangent", "object"),
+    "runtime": ("auto", "onnxruntime", "openvino"),
+    "fit": ("landmarks", "pixels"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +36,15 @@ class Options:
 
     Attributes:
         maps: names out of ``MAP_NAMES``, each once, at least one; kept in the order of ``MAP_NAMES``.
-        size: (width, height) of the chart in texels, width : height = 3 : 2, width in [96, 6144].
+        quality: one of ``service.levels.LEVELS``.
+        size: (width, height) of the maps in texels, width : height = 3 : 2, width in [96, 6144]; None for the level's.
+            With reflectance among the maps it is theirs, and texture, confidence and shape normals have at most
+            576 x 384; without, it is the size of those.
+        bits: per component of normal maps, 8 or 16; None for the level's.
+        normals: frame of specular and diffuse normals.
+        budget: seconds that the whole may take on this machine; picks the best level that fits, whatever ``quality``
+            says. None for no limit.
+        runtime: what the networks run on, see ``service.runtime.networks``.
         face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
             refuses a photo with several faces.
         seed: of every random choice, in [0, 2**32 - 1].
@@ -39,8 +56,13 @@ class Options:
         UsageError: a value is out of range; the message has the value and what would be right.
     """
 
-    maps: tuple[str, ...] = MAP_NAMES
-    size: tuple[int, int] = DEFAULT_SIZE
+    maps: tuple[str, ...] = field(default_factory=lambda: default_maps())
+    quality: QualityName = "standard"
+    size: tuple[int, int] | None = None
+    bits: Literal[8, 16] | None = None
+    normals: Literal["tangent", "object"] = "tangent"
+    budget: float | None = None
+    runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
     face: int | Literal["largest"] | None = None
     seed: int = 0
     fit: Literal["landmarks", "pixels"] = _FIT.refine
@@ -49,17 +71,46 @@ class Options:
 
     def __post_init__(self) -> None:
         _check_maps(self.maps)
-        _check_size(self.size)
+        if self.size is not None:
+            _check_size(self.size)
+        for name, allowed in _CHOICES.items():
+            _check_choice(name, getattr(self, name), allowed)
+        _check_budget(self.budget)
         _check_face(self.face)
         if not _whole(self.seed) or not 0 <= self.seed <= LARGEST_SEED:
             raise UsageError(f"seed is {self.seed!r}; it has to be a number from 0 to {LARGEST_SEED}", field="seed")
         for name in ("identity_components", "iterations"):
             if not _whole(getattr(self, name)):
                 raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be a whole number", field=name)
-        if self.fit not in ("landmarks", "pixels"):
-            raise UsageError(f"fit is {self.fit!r}; it has to be 'landmarks' or 'pixels'", field="fit")
         self.fit_settings()  # checks the ranges of the fit's knobs
         object.__setattr__(self, "maps", tuple(name for name in MAP_NAMES if name in self.maps))
+
+    @property
+    def level(self) -> Level:
+        """What ``quality`` means."""
+        return LEVELS[self.quality]
+
+    @property
+    def map_size(self) -> Size:
+        """(width, height) of the reflectance maps."""
+        return self.size or self.level.size
+
+    @property
+    def texture_size(self) -> Size:
+        """(width, height) of texture, confidence and shape normals."""
+        if not set(self.maps) & set(REFLECTANCE_MAPS):
+            return self.size or TEXTURE_SIZE
+        return min(self.map_size, TEXTURE_SIZE)
+
+    @property
+    def normal_bits(self) -> int:
+        """Bits per component of normal maps."""
+        return self.bits or self.level.normal_bits
+
+    def plan(self) -> Plan:
+        """The stages of reflectance that the maps need."""
+        enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
+        return Plan.of(self.maps, super_resolution=enlarged)
 
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""
@@ -67,7 +118,15 @@ class Options:
 
     def to_json(self) -> dict[str, Any]:
         """The request as JSON values, for the manifest."""
-        return {**asdict(self), "maps": list(self.maps), "size": list(self.size)}
+        return {**asdict(self), "maps": list(self.maps), "size": None if self.size is None else list(self.size)}
+
+
+def default_maps() -> tuple[str, ...]:
+    """Every map, but for those whose networks this installation does not list."""
+    from service.runtime.sessions import model_table
+
+    there = set(model_table())
+    return tuple(name for name in MAP_NAMES if set(Plan.of([name]).networks) <= there)
 
 
 def parse_maps(text: str) -> tuple[str, ...]:
@@ -119,6 +178,17 @@ def _check_size(size: tuple[int, int]) -> None:
             f"for example {nearest[0]}x{nearest[1]}",
             field="size",
         )
+
+
+def _check_choice(name: str, value: object, allowed: tuple[object, ...]) -> None:
+    if isinstance(value, bool) or value not in allowed:
+        raise UsageError(f"{name} is {value!r}; it has to be one of {', '.join(map(str, allowed))}", field=name)
+
+
+def _check_budget(budget: object) -> None:
+    number = isinstance(budget, int | float) and not isinstance(budget, bool)
+    if budget is not None and not (number and 0 < float(budget) < float("inf")):  # type: ignore[arg-type]
+        raise UsageError(f"budget is {budget!r}; it has to be a number of seconds above 0", field="budget")
 
 
 def _nearest_size(width: int) -> tuple[int, int]:

@@ -2,9 +2,10 @@
 
 ::
 
-    bytes --gate--> Photo --find--> Face --fit--> Fit --unwrap, complete--> Texture --compare--> Similarity
+    bytes --gate--> Photo --find--> Face --fit--> Fit --unwrap, complete--> Texture --networks--> Reflectance
+                                                                                +--compare--> Similarity
 
-It runs one way; each stage takes what it names and returns new things.
+It runs one way; each stage takes what it names and returns new things. ``service.reflectance.make`` has the networks.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ from service.head.model import HeadModel
 from service.likeness import likeness
 from service.options import Options
 from service.photo.gate import read_photo
+from service.reflectance.make import make_reflectance
+from service.reflectance.subject import Subject
+from service.runtime.budget import within_budget
+from service.runtime.networks import choose_engine
 from service.stages import Stages, Unkept
 from service.texture.make import make_texture
 
@@ -36,7 +41,10 @@ Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
 
 STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare": 0.85}
-"""Stages in their order, with the share of the work done after each; the rest is writing."""
+"""Stages before the networks in their order, with the share of the work done after each; the rest is writing."""
+
+BEFORE_NETWORKS = 0.1
+"""What the stages above are of the whole where the networks run too; writing is as much again."""
 
 
 def make_avatar(
@@ -59,11 +67,14 @@ def make_avatar(
         AvatarError: any of its subclasses; see ``service.errors``.
     """
     timings: dict[str, float] = {}
+    options, warnings = within_budget(options, stages)
+    plan = options.plan()
+    scale = BEFORE_NETWORKS if plan.stages else 1.0
 
     @contextmanager
     def stage(name: str) -> Iterator[None]:
         order = list(STAGES)
-        progress(name, STAGES[order[order.index(name) - 1]] if name != order[0] else 0.0)
+        progress(name, scale * STAGES[order[order.index(name) - 1]] if name != order[0] else 0.0)
         begin = time.perf_counter()
         yield
         timings[name] = time.perf_counter() - begin
@@ -86,6 +97,20 @@ def make_avatar(
     with stage("compare"):
         compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
         similarity = stages.keep("compare", compare)
+    reflectance = None
+    if plan.stages:
+        engine = choose_engine(options.runtime, precision=options.level.precision)
+        reflectance = make_reflectance(
+            texture.texture,
+            Subject.of(head, fit.vertices),
+            plan,
+            options.map_size,
+            engine,
+            seed=options.seed,
+            progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
+            stages=stages,
+        )
+        timings |= reflectance.timings_s
     return Avatar(
         photo=photo,
         face=face,
@@ -94,8 +119,10 @@ def make_avatar(
         texture=texture,
         options=options.to_json(),
         seed=options.seed,
-        models=model_cards(head, head_file),
+        models=model_cards(head, head_file, plan.networks),
         similarity=similarity,
+        reflectance=reflectance,
+        warnings=warnings,
         timings_s=timings,
         peak_rss_mb=_peak_rss_mb(),
     )
@@ -103,7 +130,7 @@ def make_avatar(
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
     head = load_head(head_file)
-    return head, Chart.build(head, *options.size)
+    return head, Chart.build(head, *options.texture_size)
 
 
 def _peak_rss_mb() -> float:

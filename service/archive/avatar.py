@@ -10,6 +10,7 @@ from service.faces.face import Face
 from service.fit.result import Fit
 from service.head.model import HeadModel
 from service.photo.photo import Photo
+from service.reflectance.result import Reflectance
 from service.texture.result import Texture
 
 
@@ -62,6 +63,7 @@ class Avatar:
         options: what the caller asked for, JSON values only.
         seed: of every random choice.
         models: data files that took part.
+        reflectance: what the networks made of the texture, or None where nothing of it was asked for.
         similarity: identity check, or None where it did not run.
         effects: names of the effects that were simulated in the previews, empty while there are none.
         warnings: stable codes of the run; those of photo, face, fit and texture are added by themselves.
@@ -78,6 +80,7 @@ class Avatar:
     seed: int
     models: tuple[ModelCard, ...]
     similarity: Similarity | None = None
+    reflectance: Reflectance | None = None
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)

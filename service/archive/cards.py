@@ -14,15 +14,29 @@ ROLES = {
     "face_mesh": "468 landmarks",
     "face_identity": "compares the result with the photo",
 }
-"""Networks of the pipeline; those of models.json that no stage loads have no card."""
+"""Networks that run for every avatar."""
+
+REFLECTANCE_ROLES = {
+    "zeta_body": "enlarges the texture",
+    "zeta_tail": "enlarges the texture",
+    "delta_context": "sees the light of the whole texture",
+    "delta": "texture to diffuse albedo",
+    "psi": "diffuse to specular albedo",
+    "rho": "diffuse albedo to specular normals",
+    "sigma": "diffuse albedo to diffuse normals",
+}
+"""Networks that run where their maps are asked for."""
 
 
-def model_cards(head: HeadModel, head_file: Path | None = None) -> tuple[ModelCard, ...]:
+def model_cards(
+    head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = ()
+) -> tuple[ModelCard, ...]:
     """Cards of the head model and of the networks that ran.
 
     Args:
         head: the head model.
         head_file: where it was read from; None for the one in the box.
+        networks: names of those of the reflectance that ran.
 
     Raises:
         ModelFault: the table of networks is broken.
@@ -32,7 +46,7 @@ def model_cards(head: HeadModel, head_file: Path | None = None) -> tuple[ModelCa
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
     cards = [ModelCard(head.name, digest, head.licence, "head model")]
-    for name, role in ROLES.items():
+    for name, role in (ROLES | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
         if name in table:
             cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
     return tuple(cards)

@@ -14,6 +14,7 @@ from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapSpec
 from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
+from service.reflectance.result import MID, SCALE_MM
 
 MEDIA_TYPES = {
     "png": "image/png",
@@ -33,6 +34,7 @@ ROLES = {
     "mesh/head.mtl": "materials of head.obj",
     "mesh/head.glb": "mesh, neutral with blendshapes",
     "mesh/head.usda": "mesh, photo's expression",
+    "mesh/head_fine.obj": "mesh, photo's expression, subdivided and displaced",
     "preview/overlay.jpg": "preview of the fit",
     "preview/sheet.jpg": "preview of the result",
 }
@@ -55,9 +57,10 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         up="+Y",
         forward="+Z",
         head=_head(avatar),
-        maps=[_map(spec, files[spec.path]) for spec in MAPS if spec.path in files],
+        maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
         files=[_file(name, files[name]) for name in names],
-        displacement=None,
+        displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
+        reflectance=_reflectance(avatar),
         fit=_fit(avatar),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
@@ -98,7 +101,7 @@ def _head(avatar: Avatar) -> m.Head:
     )
 
 
-def _map(spec: MapSpec, data: bytes) -> m.Map:
+def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
     width, height, bits, colour_type = _PNG_HEADER.unpack_from(data, 16)
     return m.Map(
         path=spec.path,
@@ -110,8 +113,28 @@ def _map(spec: MapSpec, data: bytes) -> m.Map:
         height=height,
         size=len(data),
         sha256=hashlib.sha256(data).hexdigest(),
-        frame=spec.frame,
-        coding=m.Coding(spec.zero, spec.scale, spec.meaning),
+        frame=spec.frame(avatar),
+        coding=m.Coding(*spec.coding(bits), spec.meaning),
+    )
+
+
+def _reflectance(avatar: Avatar) -> m.Reflectance | None:
+    made = avatar.reflectance
+    if made is None:
+        return None
+    solved = made.integration
+    return m.Reflectance(
+        quality=avatar.options.get("quality", "standard"),
+        width=made.size[0],
+        height=made.size[1],
+        super_resolution=made.super_resolution,
+        runtime=made.runtime,
+        precision=made.precision,
+        tile=made.tile,
+        fallbacks=list(made.fallbacks),
+        integration=None
+        if solved is None
+        else m.Integration(solved.iterations, round(solved.residual, 9), round(solved.ignored_fraction, 9)),
     )
 
 

@@ -19,8 +19,22 @@ _AFTER_IHDR = 8 + 25
 _SRGB_PERCEPTUAL = 0
 
 
+def normal_coding(bits: int) -> tuple[int, int]:
+    """Code of 0 and codes per unit of normals in 8 or 16 bits: value = (code - zero) / scale."""
+    return (NORMAL_ZERO, NORMAL_SCALE) if bits == 8 else (32768, 32767)
+
+
 def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) uint8 codes; flat (0, 0, 1) becomes (128, 128, 255).
+
+    Raises:
+        NumericFault: as :func:`quantise_normals`.
+    """
+    return np.asarray(quantise_normals(normals, 8), np.uint8)
+
+
+def quantise_normals(normals: npt.NDArray[np.floating], bits: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) codes in 8 or 16 bits, see :func:`normal_coding`.
 
     Raises:
         NumericFault: where a component is NaN, infinite or outside [-1, 1] by more than rounding.
@@ -33,8 +47,9 @@ def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
             f"{int(bad.sum())} normal components are not in [-1, 1]; the first is {values[y, x, channel]!r} "
             f"at row {y}, column {x}, channel {channel}"
         )
-    codes = np.rint(np.clip(values, -1.0, 1.0) * NORMAL_SCALE) + NORMAL_ZERO
-    return codes.astype(np.uint8)
+    zero, scale = normal_coding(bits)
+    codes = np.rint(np.clip(values, -1.0, 1.0) * np.float32(scale)) + np.float32(zero)
+    return np.asarray(codes, np.uint8) if bits == 8 else np.asarray(codes, np.uint16)
 
 
 def decode_normals8(codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
@@ -42,14 +57,15 @@ def decode_normals8(codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     return (codes.astype(np.float32) - np.float32(NORMAL_ZERO)) / np.float32(NORMAL_SCALE)
 
 
-def encode_png(image: npt.NDArray[np.uint8], *, srgb: bool, level: int = 3) -> bytes:
-    """(h, w) grey or (h, w, 3) RGB uint8 -> PNG bytes, with an sRGB chunk when the values are sRGB colours.
+def encode_png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], *, srgb: bool, level: int = 3) -> bytes:
+    """(h, w) grey, (h, w, 3) RGB or (h, w, 4) RGBA, uint8 or uint16 -> PNG bytes, with an sRGB chunk for sRGB colours.
 
     Data maps (normals, confidence) get no colour chunk, so that no reader converts them. ``level`` is zlib's.
     """
     import cv2
 
-    planes = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    ways = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
+    planes = image if image.ndim == 2 else cv2.cvtColor(image, ways[image.shape[2]])
     done, buffer = cv2.imencode(".png", planes, [cv2.IMWRITE_PNG_COMPRESSION, level])
     if not done:
         raise NumericFault(f"the PNG encoder refused an image of shape {image.shape} and type {image.dtype}")

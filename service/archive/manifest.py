@@ -122,6 +122,36 @@ class Displacement(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Integration(_Strict):
+    """How maps/displacement.png was found from the specular normals."""
+
+    iterations: Annotated[int, Ge(0)]
+    residual: Annotated[float, Ge(0)]
+    """What is left of the equations, as a share of the right-hand side."""
+    ignored_fraction: Fraction
+    """Share of the texels whose normals were not usable."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reflectance(_Strict):
+    """How the networks ran."""
+
+    quality: Literal["draft", "standard", "high", "reference"]
+    width: Annotated[int, Gt(0)]
+    """Of albedo, normals and displacement."""
+    height: Annotated[int, Gt(0)]
+    super_resolution: bool
+    """Whether a network enlarged the texture; else it was resampled."""
+    runtime: Literal["onnxruntime", "openvino"]
+    precision: Literal["fp32", "bf16"]
+    tile: Annotated[int, Gt(0)]
+    """Inner side of the tiles; the result does not depend on it."""
+    fallbacks: list[str]
+    """Stable codes of what ran otherwise than it would on another machine or with another option."""
+    integration: Integration | None
+
+
+@dataclasses.dataclass(frozen=True)
 class Head(_Strict):
     """The head model that was fitted."""
 
@@ -208,6 +238,8 @@ class Manifest(_Strict):
     files: list[File]
     """Every file of the archive except this one."""
     displacement: Displacement | None
+    reflectance: Reflectance | None
+    """Null where only texture, confidence and shape normals were asked for."""
     fit: FitReport
     effects: list[str]
     """Effects that the previews simulate."""

@@ -6,10 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
 import numpy.typing as npt
 
-from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_normals8, encode_png
-from service.texture.result import MIRRORED, SEEN, Texture
+from service.archive.avatar import Avatar
+from service.archive.images import encode_png, normal_coding, quantise_normals
+from service.levels import LEVELS
+from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
+from service.texture.result import MIRRORED, SEEN
+
+Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+LARGE = 4_000_000
+"""Texels from which on PNGs are packed fast rather than small."""
+_BAND = 256
 
 
 @dataclass(frozen=True)
@@ -18,46 +28,128 @@ class MapSpec:
 
     Attributes:
         role: its name in options and manifest.
+        kind: what its values are: "colour" in [0, 1], "normal" components, "height" in mm.
         colour_space: "srgb", "linear" or "data" (vectors).
-        frame: of normals, else None.
-        zero, scale: value = (code - zero) / scale.
         meaning: of the value.
-        codes: takes the maps, gives (h, w) or (h, w, 3) uint8 codes.
+        codes: takes an avatar, gives (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
+        framed: whether the options choose the frame of its normals; those of other maps are in object space.
     """
 
     role: str
+    kind: Literal["colour", "normal", "height"]
     colour_space: Literal["srgb", "linear", "data"]
-    frame: Literal["object", "tangent"] | None
-    zero: float
-    scale: float
     meaning: str
-    codes: Callable[[Texture], npt.NDArray[Any]]
+    codes: Callable[[Avatar], Codes | None]
+    framed: bool = False
 
     @property
     def path(self) -> str:
         """Name in the archive."""
         return f"maps/{self.role}.png"
 
+    def coding(self, bits: int) -> tuple[float, float]:
+        """``zero`` and ``scale`` of value = (code - zero) / scale."""
+        if self.kind == "normal":
+            return normal_coding(bits)
+        return (MID, round(1 / SCALE_MM)) if self.kind == "height" else (0, 2**bits - 1)
+
+    def frame(self, avatar: Avatar) -> Literal["object", "tangent"] | None:
+        """Of normals."""
+        if self.kind != "normal":
+            return None
+        return "tangent" if self.framed and not in_object_space(avatar) else "object"
+
+
+def normal_bits(avatar: Avatar) -> int:
+    """Bits per component of normal maps that the options ask for."""
+    return int(avatar.options.get("bits") or LEVELS[avatar.options.get("quality", "standard")].normal_bits)
+
+
+def in_object_space(avatar: Avatar) -> bool:
+    """Whether the options ask for object-space normals."""
+    return avatar.options.get("normals") == "object"
+
+
+def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
+    """PNG bytes of one map, None where there is none; NumericFault where normals are not finite."""
+    codes = spec.codes(avatar)
+    if codes is None:
+        return None
+    large = codes.shape[0] * codes.shape[1] >= LARGE
+    return encode_png(codes, srgb=spec.colour_space == "srgb", level=1 if large else 3)
+
+
+def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Avatar], Any]:
+    """A map of the reflectance, None where there is none."""
+    return lambda avatar: None if avatar.reflectance is None else made(avatar.reflectance)
+
+
+def _eight_bits(codes: npt.NDArray[np.uint16] | None) -> npt.NDArray[np.uint8] | None:
+    """16-bit codes rounded to 8 bits, band by band."""
+    if codes is None:
+        return None
+    result = np.zeros(codes.shape, np.uint8)
+    for first in range(0, len(codes), _BAND):
+        band = slice(first, first + _BAND)
+        result[band] = (codes[band].astype(np.uint32) * 255 + 32767) // 65535
+    return result
+
+
+def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Codes | None:
+    """Codes of the archive for normals of the reflectance, in the frame and bits that the options ask for."""
+    if codes is None:
+        return None
+    if in_object_space(avatar):
+        from service.reflectance.frames import to_object
+        from service.reflectance.subject import Subject
+
+        codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
+    bits = normal_bits(avatar)
+    result = np.zeros((*codes.shape[:2], 3), np.uint8 if bits == 8 else np.uint16)
+    for first in range(0, len(codes), _BAND):
+        band = codes[first : first + _BAND]
+        vectors = unpack_normals(band) if band.shape[-1] == 2 else band * np.float32(1 / NORMAL_ONE)
+        result[first : first + _BAND] = quantise_normals(vectors, bits)
+    return result
+
+
+_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
 
 MAPS = (
     MapSpec(
-        "texture", "srgb", None, 0, 255, "colour in the photo's light, sRGB coded, in [0, 1]", lambda maps: maps.texture
+        "diffuse_albedo", "colour", "srgb", "share of light that comes back diffused, sRGB coded, in [0, 1]",
+        lambda avatar: _eight_bits(_of(lambda made: made.diffuse_albedo)(avatar)),
     ),
     MapSpec(
-        "confidence", "linear", None, 0, 255,
+        "specular_albedo", "colour", "linear", "share s of light that is mirrored: F0 = 0.04 s, as in glTF",
+        lambda avatar: _eight_bits(_of(lambda made: made.specular_albedo)(avatar)),
+    ),
+    MapSpec(
+        "diffuse_normal", "normal", "data", f"unit normal for diffused light. {_FRAMES}",
+        lambda avatar: _tangent(avatar, _of(lambda made: made.diffuse_normal)(avatar)), framed=True,
+    ),
+    MapSpec(
+        "specular_normal", "normal", "data", f"unit normal for mirrored light. {_FRAMES}",
+        lambda avatar: _tangent(avatar, _of(lambda made: made.specular_normal)(avatar)), framed=True,
+    ),
+    MapSpec(
+        "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
+        _of(lambda made: made.displacement),
+    ),
+    MapSpec(
+        "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
+        lambda avatar: avatar.texture.texture,
+    ),
+    MapSpec(
+        "confidence", "colour", "linear",
         f"codes 255 to {SEEN}: seen in the photo, by weight; {SEEN - 1} to {MIRRORED}: mirrored from the other side; "
         f"0: made up",
-        lambda maps: maps.confidence,
+        lambda avatar: avatar.texture.confidence,
     ),
     MapSpec(
-        "shape_normal", "data", "object", NORMAL_ZERO, NORMAL_SCALE,
+        "shape_normal", "normal", "data",
         "unit normal of mesh/head.obj: R = +X, the subject's left; G = +Y, up; B = +Z, out of the face",
-        lambda maps: encode_normals8(maps.shape_normal_object),
+        lambda avatar: quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar)),
     ),
 )  # fmt: skip
-"""Maps of this version, in the order of the archive."""
-
-
-def encode_map(spec: MapSpec, maps: Texture) -> bytes:
-    """PNG bytes of one map; NumericFault where normals are not finite."""
-    return encode_png(spec.codes(maps), srgb=spec.colour_space == "srgb")
+"""All maps, in the order of the archive."""

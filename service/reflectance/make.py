@@ -28,7 +28,7 @@ from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import GEOMETRY, Subject
 from service.reflectance.super_resolution import enlarge, resample
 from service.reflectance.translate import Job
-from service.runtime.networks import Engine
+from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
 
@@ -68,7 +68,7 @@ def make_reflectance(
         NumericFault: a network's output is not finite.
     """
     run = _Run(plan, stages, progress)
-    geometry = subject.geometry()
+    geometry = subject.geometry
     source = texture.astype(np.uint16) * np.uint16(257)
     if "super_resolution" in plan.stages:
         small = Planes((texture.shape[1], texture.shape[0]))
@@ -112,10 +112,16 @@ def make_reflectance(
         precision=engine.precision,
         tile=tile,
         super_resolution="super_resolution" in plan.stages,
+        fallbacks=_fallbacks(plan, engine),
         models=plan.networks,
         integration=made.integration,
         timings_s=run.timings,
     )
+
+
+def _fallbacks(plan: Plan, engine: Engine) -> tuple[str, ...]:
+    resampled = ("texture-resampled",) if "super_resolution" not in plan.stages else ()
+    return (*resampled, *(("bf16-needs-openvino",) if engine.precision == "fp32" and lacks_openvino() else ()))
 
 
 class _Maps:

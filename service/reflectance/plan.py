@@ -51,9 +51,9 @@ class Plan:
     stages: tuple[str, ...]
 
     @classmethod
-    def of(cls, roles: Collection[str], *, super_resolution: bool = True, fine_mesh: bool = False) -> Plan:
-        """Stages for maps ``roles`` (names of other maps are ignored), and for the displaced mesh."""
-        wanted = {role for role in roles if role in ROLES} | ({"displacement"} if fine_mesh else set())
+    def of(cls, roles: Collection[str], *, super_resolution: bool = True) -> Plan:
+        """Stages for maps ``roles``; names of other maps are ignored."""
+        wanted = {role for role in roles if role in ROLES}
         waiting = list(wanted)
         while waiting:
             new = [stage for stage in NEEDS[waiting.pop()] if stage not in wanted]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +46,8 @@ class Reflectance:
         runtime, precision: what the networks ran on.
         tile: inner side of the tiles, in texels.
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
+        fallbacks: codes of what ran otherwise than it could: "bf16-needs-openvino" where the processor could compute
+            faster if OpenVINO were installed, "texture-resampled" without super-resolution.
         models: names of the networks that ran.
         integration: of the displacement.
         timings_s: seconds of each stage.
@@ -56,10 +59,11 @@ class Reflectance:
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
     displacement: npt.NDArray[np.uint16] | None = None
-    runtime: str = "onnxruntime"
-    precision: str = "fp32"
+    runtime: Literal["onnxruntime", "openvino"] = "onnxruntime"
+    precision: Literal["fp32", "bf16"] = "fp32"
     tile: int = 0
     super_resolution: bool = False
+    fallbacks: tuple[str, ...] = ()
     models: tuple[str, ...] = ()
     integration: Integration | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ GEOMETRY = (
     *(f"{name}_{axis}" for name in ("normal_object", "normal_tangent", "position") for axis in "xyz"),
     "mask",
 )
-"""Channels of :meth:`Subject.geometry` in order."""
+"""Channels of :attr:`Subject.geometry` in order."""
 
 _SHIFT = 4
 
@@ -49,6 +50,7 @@ class Subject:
         """Draw the chart of a head."""
         return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE))
 
+    @cached_property
     def geometry(self) -> Float:
         """(11, h, w) float32 at ``GEOMETRY_SIZE``, named by ``GEOMETRY``, continued beyond the islands.
 

@@ -162,6 +162,11 @@ def has_bf16() -> bool:
     return isinstance(features, list) and not _BF16.isdisjoint(features)
 
 
+def lacks_openvino() -> bool:
+    """Whether this processor would compute several times faster if OpenVINO were installed."""
+    return has_bf16() and not has_openvino()
+
+
 def _processors() -> int:
     import os
 

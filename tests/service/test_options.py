@@ -8,7 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.errors import UsageError
-from service.options import LARGEST_SEED, MAP_NAMES, Options, parse_face, parse_maps, parse_size
+from service.levels import LEVELS
+from service.options import (
+    LARGEST_SEED,
+    MAP_NAMES,
+    TEXTURE_MAPS,
+    Options,
+    default_maps,
+    parse_face,
+    parse_maps,
+    parse_size,
+)
 
 BAD = [
     ("maps", ()),
@@ -31,6 +41,17 @@ BAD = [
     ("seed", float("nan")),
     ("seed", True),
     ("fit", "magic"),
+    ("quality", "best"),
+    ("quality", None),
+    ("bits", 12),
+    ("bits", True),
+    ("normals", "world"),
+    ("runtime", "tensorrt"),
+    ("budget", 0),
+    ("budget", -3.0),
+    ("budget", float("nan")),
+    ("budget", float("inf")),
+    ("budget", True),
     ("identity_components", -1),
     ("identity_components", 2.5),
     ("iterations", 0),
@@ -49,17 +70,52 @@ def test_the_message_offers_a_size_that_is_accepted() -> None:
         with pytest.raises(UsageError) as refusal:
             Options(size=size)
         offered = parse_size(refusal.value.message.rpartition(" ")[2])
-        assert Options(size=offered).size == offered
+        assert Options(size=offered).map_size == offered
 
 
 def test_the_defaults_are_the_method_s() -> None:
-    assert Options().size == (576, 384)
-    assert Options().maps == MAP_NAMES
+    assert Options(maps=MAP_NAMES).map_size == (6144, 4096)
+    assert Options(maps=MAP_NAMES).texture_size == (576, 384)
+    assert Options().maps == default_maps()
     assert Options().face is None
 
 
 def test_maps_keep_the_order_of_the_archive_so_that_equal_requests_give_equal_bytes() -> None:
-    assert Options(maps=MAP_NAMES[::-1]) == Options()
+    assert Options(maps=MAP_NAMES[::-1]) == Options(maps=MAP_NAMES)
+
+
+def test_maps_are_left_out_by_default_where_their_networks_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = {"zeta_body", "zeta_tail", "delta_context", "delta", "psi"}
+    monkeypatch.setattr("service.runtime.sessions.model_table", lambda: {name: {} for name in listed})
+    assert default_maps() == ("diffuse_albedo", "specular_albedo", *TEXTURE_MAPS)
+
+
+@pytest.mark.parametrize(("asked", "maps", "texture"), [
+    ({"maps": TEXTURE_MAPS}, None, (576, 384)),
+    ({"maps": TEXTURE_MAPS, "size": (1152, 768)}, None, (1152, 768)),
+    ({"maps": MAP_NAMES, "quality": "draft"}, (1536, 1024), (576, 384)),
+    ({"maps": MAP_NAMES, "quality": "draft", "size": (192, 128)}, (192, 128), (192, 128)),
+    ({"maps": MAP_NAMES, "size": (3072, 2048)}, (3072, 2048), (576, 384)),
+])  # fmt: skip
+def test_which_maps_a_size_is_of(asked: dict[str, Any], maps: tuple[int, int] | None, texture: tuple[int, int]) -> None:
+    options = Options(**asked)
+    assert options.texture_size == texture
+    assert maps is None or options.map_size == maps
+
+
+def test_stages_that_nobody_asked_for_do_not_run() -> None:
+    assert Options(maps=TEXTURE_MAPS).plan().stages == ()
+    assert Options(maps=("diffuse_albedo",)).plan().stages == ("super_resolution", "diffuse_albedo")
+    assert Options(maps=("diffuse_albedo",), quality="draft").plan().stages == ("diffuse_albedo",)
+    assert Options(maps=("displacement",), size=(1536, 1024)).plan().stages == (
+        "diffuse_albedo", "specular_normal", "displacement",
+    )  # fmt: skip
+
+
+def test_bits_follow_the_level_unless_they_are_asked_for() -> None:
+    assert [Options(quality=name).normal_bits for name in LEVELS] == [8, 8, 16, 16]  # type: ignore[arg-type]
+    assert Options(bits=16).normal_bits == 16
+    assert Options(quality="high", bits=8).normal_bits == 8
 
 
 def test_the_request_survives_json() -> None:

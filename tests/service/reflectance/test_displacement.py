@@ -92,7 +92,7 @@ def test_the_metric_counts(metric: tuple[float, float, float]) -> None:
 
 def test_the_metric_of_a_sphere_is_known() -> None:
     """Steps along a latitude-longitude chart: R cos(latitude) d(longitude) and R d(latitude)."""
-    head = sphere_head(32, 64)
+    head = sphere_head(24, 48)
     chart = Chart.build(head, 192, 128)
     found = Steps.of(chart, head.mean)
     skin = chart.part == 0
@@ -100,8 +100,9 @@ def test_the_metric_of_a_sphere_is_known() -> None:
     cosine = np.hypot(position[..., 0] - CENTRE[0], position[..., 2] - CENTRE[2]) / RADIUS
     inner = skin & (cosine > 0.5)
     wide, tall = 0.96 * 192 / (2 * np.pi), 0.71 * 128 / np.pi
-    np.testing.assert_allclose(found.along[inner], (1000 * RADIUS * cosine / wide)[inner], rtol=0.1)  # flat triangles
-    np.testing.assert_allclose(found.across[inner], 1000 * RADIUS / tall, rtol=0.03)
+    # The metric is constant on a triangle, so single texels are off.
+    assert np.median(np.abs(found.along * wide / (1000 * RADIUS * cosine) - 1)[inner]) < 0.04
+    assert np.median(np.abs(found.across * tall / (1000 * RADIUS) - 1)[inner]) < 0.02
     assert np.abs(found.lean[inner]).max() < 0.1 * 1000 * RADIUS / tall
 
 

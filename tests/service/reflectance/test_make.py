@@ -1,0 +1,178 @@
+"""All stages with toy networks: which run, what comes out, tiles, hard textures, broken weights."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.errors import ModelFault, NumericFault
+from service.reflectance.make import make_reflectance
+from service.reflectance.plan import ROLES, STAGES, Plan
+from service.reflectance.result import MID, Reflectance, unpack_normals
+from service.reflectance.specular_albedo import ELSEWHERE
+from service.reflectance.subject import GEOMETRY, Subject
+from service.runtime.networks import Engine
+from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
+from tests.service.runtime.toynets import toy_net, write_models
+
+SIZE = (240, 160)
+ALL = Plan.of(ROLES)
+
+
+@pytest.fixture(scope="module")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> Engine:
+    return Engine(threads=1, folder=toy_folder(tmp_path_factory.mktemp("models")))
+
+
+@pytest.fixture(scope="module")
+def subject() -> Subject:
+    return toy_subject()
+
+
+@pytest.fixture(scope="module")
+def made(engine: Engine, subject: Subject) -> Reflectance:
+    return make_reflectance(noise(), subject, ALL, SIZE, engine)
+
+
+def maps(made: Reflectance) -> dict[str, npt.NDArray[Any]]:
+    return {name: getattr(made, name) for name in ROLES if getattr(made, name) is not None}
+
+
+def test_every_map_is_there_in_full_size(made: Reflectance) -> None:
+    assert {name: plane.shape for name, plane in maps(made).items()} == {
+        "diffuse_albedo": (160, 240, 3),
+        "specular_albedo": (160, 240),
+        "specular_normal": (160, 240, 2),
+        "diffuse_normal": (160, 240, 2),
+        "displacement": (160, 240),
+    }
+    assert made.super_resolution and made.fallbacks == ()
+    assert list(made.timings_s) == list(STAGES)
+    assert all(plane.std() > 0 for plane in maps(made).values())
+
+
+@pytest.mark.parametrize("tile", [40, 100, 5000])
+def test_tiles_do_not_show(tile: int, made: Reflectance, engine: Engine, subject: Subject) -> None:
+    """All stages one after the other: two codes of 65,536 from rounding, and 3 um of relief a thousand um high."""
+    other = make_reflectance(noise(), subject, ALL, SIZE, engine, tile=tile)
+    for name, plane in maps(made).items():
+        assert np.abs(plane.astype(np.int64) - maps(other)[name]).max() <= (60 if name == "displacement" else 2), name
+
+
+def test_the_seed_is_what_the_made_up_detail_depends_on(made: Reflectance, engine: Engine, subject: Subject) -> None:
+    same, other = (make_reflectance(noise(), subject, ALL, SIZE, engine, seed=seed) for seed in (0, 1))
+    for name, plane in maps(made).items():
+        np.testing.assert_array_equal(plane, maps(same)[name])
+    assert (maps(made)["diffuse_albedo"] != maps(other)["diffuse_albedo"]).any()
+
+
+@pytest.mark.parametrize("colour", ["black", "white", "red", "grey", "saturated noise"])
+def test_hard_textures(colour: str, engine: Engine, subject: Subject) -> None:
+    """No NaN, no crash; normals of length 1; heights within the clamp."""
+    flat = {"black": (0, 0, 0), "white": (255, 255, 255), "red": (255, 0, 0), "grey": (128, 128, 128)}
+    texture = noise() // 128 * 255 if colour == "saturated noise" else np.full_like(noise(), flat[colour])
+    made = make_reflectance(texture.astype(np.uint8), subject, ALL, SIZE, engine)
+    assert made.specular_normal is not None and made.displacement is not None
+    vectors = unpack_normals(made.specular_normal)
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=2), 1, atol=1e-3)
+    assert vectors[..., 2].min() > 0.16
+    assert np.abs(made.displacement.astype(int) - MID).max() <= 20000
+
+
+def test_parts_that_the_networks_have_not_seen(made: Reflectance, engine: Engine, subject: Subject) -> None:
+    """Eyes and boards: texture as albedo, flat normals, a constant specular albedo, no displacement."""
+    part = subject.islands(SIZE)
+    others = (part != 0) & (part != 255)
+    assert others.sum() > 500
+    assert made.specular_albedo is not None and made.diffuse_albedo is not None and made.displacement is not None
+    np.testing.assert_allclose(made.specular_albedo[others] / 65535, ELSEWHERE, atol=1e-4)
+    for normals in (made.specular_normal, made.diffuse_normal):
+        assert normals is not None and not normals[others].any()
+    assert (made.displacement[others] == MID).all()
+    plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
+    assert plain.diffuse_albedo is not None
+    there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)
+    np.testing.assert_array_equal(plain.diffuse_albedo[there] // 257, noise()[there])
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_one_map_runs_only_what_it_needs(role: str, tmp_path: Path, subject: Subject) -> None:
+    """The files of all other networks are gone, so loading one would fail."""
+    plan = Plan.of([role])
+    models = toy_models()
+    write_models(tmp_path, {name: models[name] for name in plan.networks})
+    made = make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
+    assert set(made.timings_s) == set(plan.stages)
+    assert getattr(made, role) is not None
+    assert made.models == plan.networks
+
+
+def test_a_network_with_other_channels_needs_no_change_of_code(tmp_path: Path, subject: Subject) -> None:
+    """delta without context and geometry: delta_context is not loaded, here not even there."""
+    write_models(tmp_path, {"delta": toy_net("delta", TEXTURE, ("r", "g", "b"))})
+    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    made = make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
+    assert made.diffuse_albedo is not None and made.fallbacks == ("texture-resampled",)
+
+
+@pytest.mark.parametrize(("network", "message"), [
+    (toy_net("delta", ("texture_r", "infrared"), ("r", "g", "b")), "no channel 'infrared'"),
+    (toy_net("delta", TEXTURE, ("r", "g")), "has to give 3"),
+    (toy_net("delta", TEXTURE, ("r", "g", "b"), scale=2), "at the same size"),
+])  # fmt: skip
+def test_networks_that_do_not_fit_are_named(network: bytes, message: str, tmp_path: Path, subject: Subject) -> None:
+    write_models(tmp_path, {"delta": network})
+    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    with pytest.raises(ModelFault, match=message):
+        make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
+
+
+def test_a_network_that_overflows_is_named_and_nothing_comes_out(tmp_path: Path, subject: Subject) -> None:
+    from onnx import TensorProto, helper
+
+    from tests.service.runtime.toynets import finish
+
+    huge = helper.make_tensor("huge", TensorProto.FLOAT, [1], [1e38])
+    nodes = [helper.make_node("Mul", ["maps", "huge"], ["big"]), helper.make_node("Mul", ["big", "huge"], ["result"])]
+    write_models(tmp_path, {"delta": finish(nodes, [huge], "delta", TEXTURE, ("r", "g", "b"))})
+    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    with pytest.raises(NumericFault, match="delta: output r"):
+        make_reflectance(noise(), subject, plan, (96, 64), Engine(threads=1, folder=tmp_path))
+
+
+def test_geometry_is_finite_and_within_reach(subject: Subject) -> None:
+    geometry = subject.geometry
+    assert geometry.shape == (len(GEOMETRY), 512, 768)
+    assert np.isfinite(geometry).all() and np.abs(geometry).max() < 3
+    normal = geometry[GEOMETRY.index("normal_object_x") : GEOMETRY.index("normal_object_z") + 1]
+    np.testing.assert_allclose((normal**2).sum(0), 1, atol=1e-4)
+
+
+def test_progress_grows_by_tile_to_one(engine: Engine, subject: Subject) -> None:
+    told: list[tuple[str, float]] = []
+    make_reflectance(noise(), subject, ALL, SIZE, engine, tile=80, progress=lambda *now: told.append(now))
+    shares = [share for _, share in told]
+    assert shares == sorted(shares) and shares[0] >= 0 and shares[-1] <= 1
+    assert list(dict.fromkeys(name for name, _ in told)) == list(STAGES)
+    assert sum(name == "diffuse_albedo" for name, _ in told) >= 6
+
+
+def test_kept_stages_are_not_computed_again(engine: Engine, subject: Subject, made: Reflectance) -> None:
+    kept: dict[str, Any] = {}
+
+    class Stages:
+        def keep(self, name: str, make: Any) -> Any:
+            if name not in kept:
+                kept[name] = make()
+            return kept[name]
+
+    first = make_reflectance(noise(), subject, ALL, SIZE, engine, stages=Stages())
+    gone = replace(engine, folder=Path("nowhere"))
+    again = make_reflectance(noise(), subject, ALL, SIZE, gone, stages=Stages())
+    for name in (field.name for field in fields(Reflectance) if field.name in ROLES):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
