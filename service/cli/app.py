@@ -52,7 +52,22 @@ def make(
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
     ] = None,
     maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
-    size: Annotated[str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: 576x384]")] = None,
+    quality: Annotated[
+        str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Take the best quality that fits into so many seconds.")
+    ] = None,
+    bits: Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")] = None,
+    normals: Annotated[
+        str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
+    ] = None,
+    runtime: Annotated[
+        str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
+    ] = None,
     face: Annotated[
         str | None, typer.Option(help="Which face to take where there are several: an index, or 'largest'.")
     ] = None,
@@ -76,6 +91,11 @@ def make(
         asked = {
             "maps": None if maps is None else parse_maps(maps),
             "size": None if size is None else parse_size(size),
+            "quality": quality,
+            "budget": budget,
+            "bits": bits,
+            "normals": normals,
+            "runtime": runtime,
             "face": None if face is None else parse_face(face),
             "seed": seed,
             "fit": fit,
