@@ -28,6 +28,8 @@ MOVES_M = 1e-6
 TURNS = 0.01
 """And normals that it turns by less than about half a degree."""
 
+SPECULAR = "KHR_materials_specular"
+
 _LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
 
 
@@ -44,6 +46,8 @@ def glb_bytes(
     neutral: npt.NDArray[np.floating],
     texture: Picture,
     *,
+    normal: Picture | None = None,
+    specular: Picture | None = None,
     generator: str,
     copyright_notice: str,
     expression: Mapping[str, float],
@@ -55,6 +59,8 @@ def glb_bytes(
         head: topology, chart and blendshapes.
         neutral: (V, 3) metres without expression; the pose of the file, as all morph weights are zero.
         texture: colours of the chart.
+        normal: tangent-space normals of the skin, +Y up, on the same chart.
+        specular: alpha is the skin's specular factor (extension KHR_materials_specular).
         generator: for ``asset.generator``.
         copyright_notice: for ``asset.copyright``.
         expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
@@ -74,17 +80,25 @@ def glb_bytes(
     nodes: list[Object] = [{"name": part.name, "mesh": index} for index, part in enumerate(parts)]
     weights = {name: round(float(expression.get(name, 0.0)), 6) for name in head.expression_names}
     nodes.append({"name": "head", "children": list(range(len(parts))), "extras": {"expressionWeights": weights}})
+    pictures = {"texture": texture, "normal": normal, "specular": specular}
+    there = {name: picture for name, picture in pictures.items() if picture is not None}
+    index = {name: number for number, name in enumerate(there)}
     document: Object = {
         "asset": {"version": "2.0", "generator": generator, "copyright": copyright_notice, "extras": dict(extras)},
         "scene": 0,
         "scenes": [{"name": "avatar", "nodes": [len(parts)]}],
         "nodes": nodes,
         "meshes": meshes,
-        "materials": [_material(material) for material in materials],
-        "textures": [{"name": "texture", "source": 0, "sampler": 0}],
+        "materials": [_material(material, index) for material in materials],
+        "textures": [{"name": name, "source": number, "sampler": 0} for name, number in index.items()],
         "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPS, "wrapS": _CLAMP, "wrapT": _CLAMP}],
-        "images": [{"name": "texture", "mimeType": texture.mime, "bufferView": writer.add_raw(texture.data)}],
+        "images": [
+            {"name": name, "mimeType": picture.mime, "bufferView": writer.add_raw(picture.data)}
+            for name, picture in there.items()
+        ],
     }
+    if specular is not None:
+        document["extensionsUsed"] = [SPECULAR]
     return writer.finish(document)
 
 
@@ -146,13 +160,17 @@ def _mesh(
     return mesh
 
 
-def _material(material: Material) -> Object:
+def _material(material: Material, textures: Mapping[str, int]) -> Object:
     surface: Object = {"metallicFactor": 0.0, "roughnessFactor": material.roughness}
     if material.textured:
         surface["baseColorTexture"] = {"index": 0}
     if material.colour != (1.0, 1.0, 1.0) or material.opacity < 1:
         surface["baseColorFactor"] = [*material.colour, material.opacity]
     written: Object = {"name": material.name, "pbrMetallicRoughness": surface}
+    if material.detailed and "normal" in textures:
+        written["normalTexture"] = {"index": textures["normal"]}
+    if material.detailed and "specular" in textures:
+        written["extensions"] = {SPECULAR: {"specularTexture": {"index": textures["specular"]}}}
     if material.opacity < 1:
         written["alphaMode"] = "BLEND"
     if material.double_sided:

@@ -14,6 +14,7 @@ class Material:
         colour: linear RGB in [0, 1]; multiplies the texture where there is one.
         roughness: GGX alpha's square root, in [0, 1].
         textured: takes its colour from the chart.
+        detailed: takes normals and specular albedo from the chart too.
         opacity: 1 is opaque.
         double_sided: drawn from behind as well.
     """
@@ -22,11 +23,12 @@ class Material:
     colour: tuple[float, float, float]
     roughness: float
     textured: bool = False
+    detailed: bool = False
     opacity: float = 1.0
     double_sided: bool = False
 
 
-_SKIN = Material("skin", (1.0, 1.0, 1.0), 0.55, textured=True)
+_SKIN = Material("skin", (1.0, 1.0, 1.0), 0.55, textured=True, detailed=True)
 _BY_PREFIX = {
     "skin": _SKIN,
     "eye": Material("eye", (1.0, 1.0, 1.0), 0.1, textured=True),

@@ -89,7 +89,14 @@ _TEXTURE = """
 """
 
 
-def usda_bytes(head: HeadModel, vertices: npt.NDArray[np.floating], title: str, *, textured: bool = True) -> bytes:
+def usda_bytes(
+    head: HeadModel,
+    vertices: npt.NDArray[np.floating],
+    title: str,
+    *,
+    textured: bool = True,
+    texture: str = TEXTURE_FROM_MESH,
+) -> bytes:
     """USD text of ``vertices`` (V, 3) metres, head space.
 
     Raises:
@@ -104,7 +111,7 @@ def usda_bytes(head: HeadModel, vertices: npt.NDArray[np.floating], title: str, 
         if chosen.any():
             blocks.append(_mesh(name, head.polygons[chosen], head.polygon_uv[chosen], head.uv, vertices, normals))
     used = {material_of(name).name: material_of(name) for name in head.part_names}
-    blocks += ['    def Scope "Materials"\n    {\n', *(_material(material, textured) for material in used.values())]
+    blocks += ['    def Scope "Materials"\n    {\n', *(_material(material, textured, texture) for material in used.values())]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
@@ -132,7 +139,7 @@ def _mesh(
     )
 
 
-def _material(material: Material, textured: bool) -> str:
+def _material(material: Material, textured: bool, texture: str) -> str:
     with_texture = textured and material.textured
     connected = f".connect = </Head/Materials/{material.name}/Texture.outputs:rgb>"
     constant = " = (" + ", ".join(f"{value:g}" for value in material.colour) + ")"
@@ -141,7 +148,7 @@ def _material(material: Material, textured: bool) -> str:
         diffuse=connected if with_texture else constant,
         roughness=material.roughness,
         opacity=material.opacity,
-        texture=_TEXTURE.format(name=material.name, path=TEXTURE_FROM_MESH) if with_texture else "",
+        texture=_TEXTURE.format(name=material.name, path=texture) if with_texture else "",
     )
 
 
