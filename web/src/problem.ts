@@ -1,0 +1,52 @@
+// Errors as the service tells them: RFC 9457 problem objects.
+
+export interface Problem {
+  title: string;
+  status: number;
+  detail?: string;
+  code?: string;
+  instance?: string;
+  boxes?: Box[];
+}
+
+/** left, top, right, bottom in pixels of the upright photo. */
+export type Box = [number, number, number, number];
+
+export class Fault extends Error {
+  constructor(
+    readonly problem: Problem,
+    readonly retryAfter: number | null = null,
+  ) {
+    super(problem.detail ?? problem.title);
+  }
+}
+
+/** The answer never came. */
+export class Unreachable extends Fault {
+  constructor() {
+    super({
+      title: "The service cannot be reached",
+      status: 0,
+      detail: "Check the connection, then try again. Nothing is made twice.",
+    });
+  }
+}
+
+export function isBox(value: unknown): value is Box {
+  return Array.isArray(value) && value.length === 4 && value.every((side) => Number.isFinite(side));
+}
+
+/** Reads a problem object; what is none gets a plain one with the status. */
+export function problemOf(content: unknown, status: number): Problem {
+  const given = (typeof content === "object" && content !== null ? content : {}) as Record<string, unknown>;
+  const text = (name: string) => (typeof given[name] === "string" ? (given[name] as string) : undefined);
+  const boxes = Array.isArray(given.boxes) && given.boxes.every(isBox) ? (given.boxes as Box[]) : undefined;
+  return {
+    title: text("title") ?? "The service could not do this",
+    status: typeof given.status === "number" ? given.status : status,
+    detail: text("detail") ?? (text("title") ? undefined : `It answered with status ${status}.`),
+    code: text("code"),
+    instance: text("instance"),
+    boxes,
+  };
+}

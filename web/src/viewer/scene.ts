@@ -1,0 +1,242 @@
+// The head, its light and the camera. Draws only when something changed.
+
+import {
+  Box3,
+  DirectionalLight,
+  Mesh,
+  MeshBasicMaterial,
+  NeutralToneMapping,
+  PCFShadowMap,
+  PerspectiveCamera,
+  PMREMGenerator,
+  Scene,
+  Spherical,
+  SRGBColorSpace,
+  Vector3,
+  WebGLRenderer,
+  type Material,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { loadHead } from "./load";
+import type { MapStore } from "./maps";
+import { MapSurface, Skin, type Surface } from "./skin";
+
+
+const FIELD_OF_VIEW = 24;
+
+/** Where the light stands, seen from the camera: degrees to the right and up; strengths of lamp and room. */
+export interface Light {
+  azimuth: number;
+  elevation: number;
+  strength: number;
+  room: number;
+}
+
+export class HeadScene {
+  readonly light: Light = { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 };
+  readonly controls: OrbitControls;
+  expression: Record<string, number> = {};
+  photoExpression: Record<string, number> = {};
+  lightMoved: () => void = () => undefined;
+  private readonly renderer: WebGLRenderer;
+  private readonly scene = new Scene();
+  private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 10);
+  private readonly lamp = new DirectionalLight(0xffffff, 1);
+  private readonly watcher: ResizeObserver;
+  private readonly parts: { mesh: Mesh; skin: Skin; wires: Mesh }[] = [];
+  private readonly centre = new Vector3();
+  private store: MapStore | null = null;
+  private distance = 1;
+  private frame = 0;
+
+  constructor(private readonly canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer.outputColorSpace = SRGBColorSpace;
+    this.renderer.toneMapping = NeutralToneMapping;
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    const room = new RoomEnvironment();
+    const generator = new PMREMGenerator(this.renderer);
+    this.scene.environment = generator.fromScene(room, 0.04).texture;
+    generator.dispose();
+    room.dispose();
+    this.lamp.castShadow = true;
+    this.lamp.shadow.mapSize.set(1024, 1024);
+    this.lamp.shadow.radius = 3;
+    this.scene.add(this.lamp, this.lamp.target);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enablePan = false;
+    this.controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.controls.addEventListener("change", () => this.draw());
+    this.watcher = new ResizeObserver(() => this.fit());
+    this.watcher.observe(canvas.parentElement!);
+    canvas.addEventListener("webglcontextrestored", () => this.draw());
+  }
+
+  textureLimit(): number {
+    const small = Math.min(screen.width, screen.height) < 700;
+    return Math.min(this.renderer.capabilities.maxTextureSize, small ? 1536 : 3072);
+  }
+
+  async load(data: ArrayBuffer, store: MapStore): Promise<void> {
+    const head = await loadHead(data);
+    this.store = store;
+    for (const [name, bitmap] of head.pictures) if (store.entry(name) || !store.maps.length) store.seed(name, bitmap);
+    for (const mesh of head.meshes) {
+      const from = mesh.material as unknown as ConstructorParameters<typeof Skin>[0];
+      const skin = new Skin(from, from.map !== null);
+      mesh.material = skin;
+      mesh.castShadow = mesh.receiveShadow = !skin.transparent;
+      mesh.frustumCulled = false;
+      const wires = new Mesh(
+        mesh.geometry,
+        new MeshBasicMaterial({ wireframe: true, color: 0x0b4f4c, transparent: true, opacity: 0.45, toneMapped: false }),
+      );
+      wires.morphTargetInfluences = mesh.morphTargetInfluences;
+      wires.morphTargetDictionary = mesh.morphTargetDictionary;
+      wires.visible = false;
+      mesh.add(wires);
+      this.parts.push({ mesh, skin, wires });
+    }
+    this.scene.add(head.group);
+    this.photoExpression = head.expression;
+    this.express(head.expression);
+    this.frameHead(new Box3().setFromObject(head.group));
+    this.fit();
+  }
+
+  /** Names of the blendshapes, in the file's order. */
+  blendshapes(): string[] {
+    return Object.keys(this.parts[0]?.mesh.morphTargetDictionary ?? {});
+  }
+
+  express(weights: Record<string, number>): void {
+    this.expression = { ...weights };
+    for (const { mesh } of this.parts)
+      for (const [name, index] of Object.entries(mesh.morphTargetDictionary ?? {}))
+        mesh.morphTargetInfluences![index] = weights[name] ?? 0;
+    this.draw();
+  }
+
+  wear(surface: Surface): void {
+    for (const { mesh, skin } of this.parts) {
+      if (mesh.material !== skin) (mesh.material as Material).dispose();
+      mesh.material = skin;
+      mesh.visible = true;
+      skin.wear(surface);
+    }
+    this.draw();
+  }
+
+  /** One map as it is, on all parts that the chart covers. */
+  inspect(surface: () => MapSurface): void {
+    for (const { mesh, skin } of this.parts) {
+      if (mesh.material !== skin) (mesh.material as Material).dispose();
+      if (skin.textured) mesh.material = surface();
+      else mesh.visible = false;
+    }
+    this.draw();
+  }
+
+  wireframe(on: boolean): void {
+    for (const part of this.parts) part.wires.visible = on;
+    this.draw();
+  }
+
+  moveLight(change: Partial<Light>): void {
+    Object.assign(this.light, change);
+    this.light.azimuth = ((((this.light.azimuth + 180) % 360) + 360) % 360) - 180;
+    this.light.elevation = Math.min(Math.max(this.light.elevation, -85), 85);
+    this.lightMoved();
+    this.draw();
+  }
+
+  /** Turns the camera around the head, angles in degrees; `nearer` divides the distance. */
+  turn(right: number, up: number, nearer = 1): void {
+    const place = new Spherical().setFromVector3(this.camera.position.clone().sub(this.centre));
+    place.theta += (right * Math.PI) / 180;
+    place.phi = Math.min(Math.max(place.phi - (up * Math.PI) / 180, 0.15), Math.PI - 0.15);
+    place.radius = Math.min(Math.max(place.radius / nearer, this.controls.minDistance), this.controls.maxDistance);
+    this.camera.position.setFromSpherical(place).add(this.centre);
+    this.controls.update();
+    this.draw();
+  }
+
+  front(): void {
+    this.camera.position.copy(this.centre).add(new Vector3(0, 0, this.distance));
+    this.controls.update();
+    this.draw();
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.frame);
+    this.watcher.disconnect();
+    this.controls.dispose();
+    this.store?.dispose();
+    for (const { mesh, skin, wires } of this.parts) {
+      mesh.geometry.dispose();
+      skin.dispose();
+      (wires.material as Material).dispose();
+    }
+    this.scene.environment?.dispose();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+  }
+
+  draw(): void {
+    if (this.frame) return;
+    this.frame = requestAnimationFrame(() => {
+      this.frame = 0;
+      this.controls.update(); // damping goes on by the change that it reports
+      this.placeLight();
+      this.renderer.render(this.scene, this.camera);
+      this.canvas.dataset.frames = String(this.renderer.info.render.frame);
+    });
+  }
+
+  /** Lamp and room stay with the viewer, so turning the camera shows the head turning in a fixed light. */
+  private placeLight(): void {
+    const [azimuth, elevation] = [this.light.azimuth, this.light.elevation].map((degrees) => (degrees * Math.PI) / 180);
+    const across = Math.cos(elevation!);
+    const from = new Vector3(Math.sin(azimuth!) * across, Math.sin(elevation!), Math.cos(azimuth!) * across);
+    this.camera.updateMatrixWorld();
+    from.transformDirection(this.camera.matrixWorld);
+    this.lamp.position.copy(this.centre).addScaledVector(from, 1);
+    this.lamp.target.position.copy(this.centre);
+    this.lamp.intensity = this.light.strength;
+    this.scene.environmentIntensity = this.light.room;
+    this.scene.environmentRotation.y = this.controls.getAzimuthalAngle();
+  }
+
+  private frameHead(box: Box3): void {
+    box.getCenter(this.centre);
+    const size = box.getSize(new Vector3());
+    const radius = size.length() / 2;
+    this.distance = (0.545 * size.y) / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+    this.controls.target.copy(this.centre);
+    this.controls.minDistance = 0.9 * radius;
+    this.controls.maxDistance = 2.5 * this.distance;
+    const view = this.lamp.shadow.camera;
+    view.left = view.bottom = -radius;
+    view.right = view.top = radius;
+    view.near = 1 - radius;
+    view.far = 1 + radius;
+    view.updateProjectionMatrix();
+    this.lamp.shadow.bias = -0.0004;
+    this.lamp.shadow.normalBias = 0.002;
+    this.front();
+  }
+
+  private fit(): void {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement!;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    // A view higher than wide keeps the head's width in view.
+    this.camera.zoom = Math.min(1, (width / height) * 1.2);
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+}
