@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from service import __version__
 from service.cli.failures import reported
+from service.cli.signature import with_options_of
 
 app = typer.Typer(
     name="avatarme",
@@ -85,25 +86,71 @@ def make(
     Prints the path of the archive. Exit status: 0 done, 2 usage, 3 no usable face, 4 unreadable input, 1 anything else.
     """
     with reported(as_json=as_json):
+        from service.cli.asked import asked
         from service.cli.make import make as run
-        from service.options import Options, parse_face, parse_maps, parse_size
+        from service.options import Options
 
-        asked = {
-            "maps": None if maps is None else parse_maps(maps),
-            "size": None if size is None else parse_size(size),
-            "quality": quality,
-            "budget": budget,
-            "bits": bits,
-            "normals": normals,
-            "runtime": runtime,
-            "face": None if face is None else parse_face(face),
-            "seed": seed,
-            "fit": fit,
-            "identity_components": identity_components,
-            "iterations": iterations,
-        }
-        options = Options(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
-        run(photo, output, options, head=head, as_json=as_json)
+        given = asked(
+            maps=maps,
+            quality=quality,
+            size=size,
+            budget=budget,
+            bits=bits,
+            normals=normals,
+            runtime=runtime,
+            face=face,
+            seed=seed,
+            fit=fit,
+            identity_components=identity_components,
+            iterations=iterations,
+        )
+        run(photo, output, Options(**given), head=head, as_json=as_json)
+
+
+def batch(
+    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder with photos, in folders of its own too.")],
+    out: Annotated[str, typer.Argument(metavar="OUT", help="Folder for archives and report.jsonl.")],
+    server: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", envvar="AVATARME_SERVER", help="Server that makes them; its key: AVATARME_API_KEY."
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Photos at the same time. [default: 4, here one for two processors]")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the report in OUT.")] = False,
+    timeout: Annotated[float, typer.Option(metavar="SECONDS", help="Longest time of one photo.")] = 1800.0,
+    keep: Annotated[bool, typer.Option("--keep", help="Leave archives on the server until they expire.")] = False,
+    as_json: Json = False,
+    **options_of_make: Any,
+) -> None:
+    """Make avatars of all photos in a folder.
+
+    Takes the options of 'make' too. Prints the path of the report, which has one JSON object for each photo. Exit
+    status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
+    """
+    with reported(as_json=as_json):
+        from service.cli.asked import as_json as json_values
+        from service.cli.asked import asked
+        from service.cli.batch import batch as run
+
+        head = options_of_make.pop("head")
+        run(
+            folder,
+            out,
+            json_values(asked(**options_of_make)),
+            server=server,
+            jobs=jobs,
+            resume=resume,
+            timeout_s=timeout,
+            keep=keep,
+            head=head,
+            as_json=as_json,
+        )
+
+
+app.command()(with_options_of(batch, make, leave_out={"photo", "output", "as_json"}))
 
 
 @app.command()

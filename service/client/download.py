@@ -80,16 +80,16 @@ class Download:
         """All bytes, over as many connections as that takes; every one that brings something renews the patience."""
         pauses = self._transport.retry.start()
         while True:
-            had, asked = self._size(), None
+            had, silent = self._size(), False
             try:
                 done, fault, asked = self._connection()
             except TransportFault as error:
-                done, fault = False, self._cut(error)
+                done, fault, asked, silent = False, self._cut(error), None, True
             if done and self._part is not None:
                 return self._part
             if self._size() > had:
                 pauses = self._transport.retry.start()
-            if not pauses.pause(asked):
+            if not pauses.pause(asked, silent=silent):
                 raise fault
 
     def _connection(self) -> tuple[bool, AvatarError, float | None]:

@@ -25,6 +25,7 @@ class Retry:
         first_s: bound of the first pause.
         longest_s: bound of any pause that the server did not ask for.
         patience_s: the pauses of one request, added up, never exceed this; a server that asks for more is given up.
+        silence_s: the same for the pauses since the server last answered at all.
         sleep: how to pause.
         draw: uniform random number in [0, 1).
 
@@ -36,13 +37,14 @@ class Retry:
     first_s: float = 0.5
     longest_s: float = 30.0
     patience_s: float = 300.0
+    silence_s: float = 300.0
     sleep: Callable[[float], None] = field(default=time.sleep, repr=False)
     draw: Callable[[], float] = field(default=random.random, repr=False)
 
     def __post_init__(self) -> None:
         if self.attempts < 1:
             raise UsageError(f"attempts is {self.attempts}; at least one is needed", field="attempts")
-        for name in ("first_s", "longest_s", "patience_s"):
+        for name in ("first_s", "longest_s", "patience_s", "silence_s"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be 0 or more seconds", field=name)
 
@@ -57,13 +59,14 @@ class Pauses:
     def __init__(self, policy: Retry) -> None:
         self._policy = policy
         self._tries = 0
-        self._paused = 0.0
+        self._paused = self._silent = 0.0
 
-    def pause(self, retry_after: float | None = None) -> bool:
+    def pause(self, retry_after: float | None = None, *, silent: bool = False) -> bool:
         """Wait before the next attempt; False, at once, where there should be none.
 
         Args:
             retry_after: seconds that the server asked for: a lower bound, on which the jitter comes on top.
+            silent: there was no answer.
         """
         policy = self._policy
         self._tries += 1
@@ -72,9 +75,10 @@ class Pauses:
         bound = min(policy.longest_s, policy.first_s * 2.0 ** min(self._tries - 1, 60))
         jitter = policy.draw() * bound
         seconds = jitter if retry_after is None else retry_after + min(jitter, 0.1 * retry_after + policy.first_s)
-        if self._paused + seconds > policy.patience_s:
-            return False
         self._paused += seconds
+        self._silent = self._silent + seconds if silent else 0.0
+        if self._paused > policy.patience_s or self._silent > policy.silence_s:
+            return False
         policy.sleep(seconds)
         return True
 

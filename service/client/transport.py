@@ -83,12 +83,12 @@ class Transport:
                     if response.is_success:
                         return _json(response)
                     fault = refused(response)
-                    worth = response.status_code in statuses
+                    worth, silent = response.status_code in statuses, False
                     asked = retry_after_s(response.headers.get("Retry-After"))
             except httpx.TransportError as error:
                 fault = unreachable(self.server, error)
-                worth, asked = not _hopeless(error), None
-            if not worth or not pauses.pause(asked):
+                worth, silent, asked = not _hopeless(error), True, None
+            if not worth or not pauses.pause(asked, silent=silent):
                 if isinstance(fault, ServerBusy):
                     fault.retry_after = asked
                 raise fault

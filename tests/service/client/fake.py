@@ -149,7 +149,7 @@ class _Handler(BaseHTTPRequestHandler):
         with fake.lock:
             job = fake.keys.get(key)
             if job is None:
-                job = fake.keys[key] = f"{len(fake.jobs):032x}"
+                job = fake.keys[key] = f"{len(fake.keys):032x}"
                 fake.photos[job] = content["image"].get_content()
                 options = json.loads(content["options"].get_content())
                 fake.jobs[job] = {"id": job, "state": "queued", "stage": "", "progress": 0.0, "options": options}

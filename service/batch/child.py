@@ -1,0 +1,66 @@
+"""The process that makes one photo of a batch: the pipeline, its faults in their own words, its noise in a file."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from service.jobs.wire import Program, Reporter, Task, serve_one
+
+LOG = "log"
+"""Name of the file in the scratch folder that gets standard error."""
+
+HEAD = "head"
+"""Key in the task's options that names another head model, or null."""
+
+
+def load() -> Program:
+    """Import the pipeline."""
+    import service.archive.pack
+    import service.pipeline  # noqa: F401
+
+    return run
+
+
+def run(task: Task, reporter: Reporter) -> None:
+    """Make the avatar, write the archive, say ``done``, or ``problem`` with code and message."""
+    from service.cli.failures import describe
+    from service.errors import AvatarError
+
+    with (Path(task.scratch) / LOG).open("wb") as log:
+        os.dup2(log.fileno(), sys.stderr.fileno())
+    try:
+        reporter.done({"warnings": make(task, reporter)})
+    except AvatarError as error:
+        reporter.problem(describe(error)["error"])
+
+
+def make(task: Task, reporter: Reporter) -> list[str]:
+    """Write the archive; returns the warnings.
+
+    Raises:
+        AvatarError: as ``service.pipeline.make_avatar``.
+    """
+    import hashlib
+
+    from service.archive.pack import write_archive
+    from service.cli.source import read_photo
+    from service.errors import UnreadableInput
+    from service.options import Options
+    from service.pipeline import make_avatar
+
+    data = read_photo(task.photo)
+    if hashlib.sha256(data).hexdigest() != task.photo_sha256:
+        raise UnreadableInput(f"{task.photo} was changed while the batch ran")
+    asked = {name: tuple(value) if isinstance(value, list) else value for name, value in task.options.items()}
+    head = asked.pop(HEAD, None)
+    options = Options(**asked)  # type: ignore[arg-type]
+    avatar = make_avatar(data, options, reporter.progress, None if head is None else Path(str(head)))
+    write_archive(avatar, Path(task.output))
+    return list(avatar.all_warnings())
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
+    sys.exit(serve_one(load))

@@ -1,0 +1,48 @@
+"""A process for one photo that does what the photo's first word says; takes the place of the pipeline in tests."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from service.batch import child
+from service.errors import CorruptImage, OutputFault
+from service.jobs.wire import Program, Reporter, Task, serve_one
+from tests.service.client.archives import archive
+
+
+def load() -> Program:
+    child.make = make
+    return child.run
+
+
+def make(task: Task, reporter: Reporter) -> list[str]:
+    word = Path(task.photo).read_bytes().split()[0].decode()
+    reporter.progress("fit", 0.5)
+    if word == "corrupt":
+        raise CorruptImage("the file is cut off", bytes=12)
+    if word == "crash":
+        os.write(2, b"last words of a library\n")
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if word == "leave":
+        os._exit(7)
+    if word == "bug":
+        raise ZeroDivisionError("depth was 0")
+    if word == "full":
+        raise OutputFault("cannot write the archive: no space left on device")
+    if word == "hang":
+        Path(task.photo).with_suffix(".started").write_text(str(os.getpid()))
+        time.sleep(60)
+    data = archive({"photo": Path(task.photo).read_bytes(), "options": json.dumps(dict(task.options)).encode()})
+    Path(task.output).write_bytes(data[:-50] if word == "short" else data)
+    sys.stdout.write("noise of a library\n")
+    sys.stdout.flush()
+    return ["no-colour"] if word == "grey" else []
+
+
+if __name__ == "__main__":
+    sys.exit(serve_one(load))

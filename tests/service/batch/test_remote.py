@@ -1,0 +1,219 @@
+"""Batches at a server, with its faults."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.batch.maker import Order, Stopped
+from service.batch.remote import RemoteMaker
+from service.client.errors import AccessDenied, ServerUnreachable
+from service.client.retry import Retry
+from tests.service.batch.conftest import Folders
+from tests.service.client.archives import archive
+from tests.service.client.fake import Fake, answer, hang_up, problem, serving
+
+
+@pytest.fixture
+def fake() -> Iterator[Fake]:
+    with serving(Fake(archive=archive())) as running:
+        yield running
+
+
+@pytest.fixture(autouse=True)
+def _fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pauses a hundred times shorter than they would be."""
+    pause = RemoteMaker._sleep
+    monkeypatch.setattr(RemoteMaker, "_sleep", lambda self, seconds: pause(self, seconds / 100))
+
+
+@pytest.fixture
+def batch(folders: Folders, fake: Fake) -> Folders:
+    folders.maker = lambda work: RemoteMaker(fake.url, "secret", work, timeout_s=20, keep=False)
+    return folders
+
+
+def photos(batch: Folders, count: int) -> None:
+    for number in range(count):
+        batch.photo(f"{number}.jpg", f"photo {number}")
+
+
+def test_a_folder_through_a_server(batch: Folders, fake: Fake) -> None:
+    batch.options = {"seed": 4}
+    photos(batch, 6)
+    tally = batch.run(jobs=3)
+    assert (tally.made, tally.failed) == (6, 0)
+    assert len(batch.archives()) == 6
+    assert all((batch.out / name).read_bytes() == fake.archive for name in batch.archives())
+    assert sorted(fake.photos.values()) == [f"photo {number}".encode() for number in range(6)]
+    assert fake.jobs == {}, "what was downloaded is erased at the server"
+    assert all(seen.headers["Authorization"] == "Bearer secret" for seen in fake.seen)
+    assert batch.run(resume=True).skipped == 6
+    assert len(fake.requests("POST")) == 6
+
+
+def test_archives_are_kept_at_the_server_if_wanted(batch: Folders, fake: Fake) -> None:
+    batch.maker = lambda work: RemoteMaker(fake.url, None, work, timeout_s=20, keep=True)
+    photos(batch, 2)
+    batch.run()
+    assert len(fake.jobs) == 2
+
+
+def test_one_bad_photo_never_stops_the_rest(batch: Folders, fake: Fake) -> None:
+    photos(batch, 6)
+    fake.fail(
+        "POST",
+        "avatars",
+        answer(413, problem(413, "too-large", "at most 25 MB")),
+        answer(422, problem(422, "no-face", "no face")),
+        answer(500, problem(500, "internal", "a fault of the server")),
+        answer(429, problem(429, "queue-full"), Retry_After="10"),
+        hang_up,
+    )
+    tally = batch.run(jobs=1)
+    assert (tally.made, tally.failed, tally.left) == (3, 3, 0)
+    codes = {line["error"]["code"] for line in batch.lines().values() if line["error"]}
+    assert codes == {"too-large", "no-face", "internal"}
+
+
+def test_broken_lines_in_every_phase(batch: Folders, fake: Fake) -> None:
+    photos(batch, 3)
+    fake.fail("POST", "avatars", hang_up, hang_up)
+    fake.cut_events.extend([0, 1, 0])
+    fake.cut_archive.extend([500, 0, 1000])
+    assert batch.run().made == 3
+
+
+def test_an_archive_that_stays_damaged_is_a_failure(batch: Folders, fake: Fake) -> None:
+    photos(batch, 1)
+    fake.etag = f'"{"0" * 64}"'
+    assert batch.run().failed == 1
+    assert batch.archives() == []
+    assert batch.lines()["0.jpg"]["error"]["code"] == "download-failed"
+
+
+def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake) -> None:
+    """With the same key the server would answer with the old failure for as long as it keeps it."""
+    photos(batch, 1)
+    fake.error = problem(500, "crashed")
+    assert batch.run().failed == 1
+    fake.error = None
+    assert batch.run(resume=True).made == 1
+    assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
+
+
+@pytest.mark.parametrize("end", ["cancelled", "expired"])
+def test_jobs_that_others_cancelled_are_asked_for_anew(batch: Folders, fake: Fake, end: str) -> None:
+    photos(batch, 1)
+    fake.end = end
+
+    def better(request: Any) -> None:
+        fake.end = ""
+        request._submit()
+
+    fake.fail("POST", "avatars", lambda request: request._submit(), better)
+    assert batch.run().made == 1
+
+
+def test_jobs_that_are_always_cancelled_are_given_up(batch: Folders, fake: Fake) -> None:
+    photos(batch, 1)
+    fake.end = "cancelled"
+    assert batch.run().failed == 1
+    assert len(fake.requests("POST")) == 3
+
+
+def test_a_job_that_was_left_running_is_found_again(batch: Folders, fake: Fake) -> None:
+    """A batch that was killed had handed the photo in: the next one must not have it computed twice."""
+    photo = batch.photo("a.jpg", "photo")
+    work = batch.out / ".work"
+    work.mkdir(parents=True)
+    killed = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
+    order = Order(photo, "00" * 32, {}, 1, batch.out / "a.zip")
+    first = killed._submit(order, 0)
+    again = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
+    assert again._submit(order, 0).id == first.id
+    assert again._submit(Order(photo, "00" * 32, {}, 2, batch.out / "a.zip"), 0).id != first.id
+    killed.close()
+    again.close()
+
+
+def test_a_photo_whose_time_is_over_is_cancelled_at_the_server(batch: Folders, fake: Fake) -> None:
+    batch.maker = lambda work: RemoteMaker(fake.url, None, work, timeout_s=0.5, keep=False)
+    photos(batch, 1)
+    released = threading.Event()
+
+    def silent(request: Any) -> None:
+        released.wait(5)
+        hang_up(request)
+
+    fake.fail("GET", "events", silent)
+    assert batch.run().failed == 1
+    released.set()
+    assert batch.lines()["0.jpg"]["error"]["code"] == "wait-timed-out"
+    assert len(fake.requests("DELETE")) == 1
+
+
+def test_a_wrong_key_ends_the_batch_at_once(batch: Folders, fake: Fake) -> None:
+    photos(batch, 5)
+    fake.fail("POST", "avatars", *[answer(401, problem(401, "unauthorised", "this key is unknown"))] * 5)
+    tally = batch.run(jobs=1)
+    assert isinstance(tally.ended_by, AccessDenied)
+    assert (tally.failed, tally.left) == (0, 5)
+    assert len(fake.requests("POST")) == 1
+
+
+def test_a_server_that_goes_away_ends_the_batch(batch: Folders, fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All photos that are left would fail; the next run goes on where this one stopped."""
+    photos(batch, 4)
+    monkeypatch.setattr("service.batch.remote.Retry", lambda **named: Retry(**{**named, "silence_s": 3}))
+    fake.fail("POST", "avatars", lambda request: request._submit(), *[hang_up] * 1000)
+    tally = batch.run(jobs=1)
+    assert isinstance(tally.ended_by, ServerUnreachable)
+    assert (tally.made, tally.failed, tally.left) == (1, 0, 3)
+    fake.faults.clear()
+    tally = batch.run(resume=True)
+    assert (tally.made, tally.skipped) == (3, 1)
+
+
+def test_no_server_at_all(batch: Folders, fake: Fake) -> None:
+    photos(batch, 2)
+    fake.fail("GET", "readyz", *[hang_up] * 10)
+    with pytest.raises(ServerUnreachable):
+        batch.run()
+
+
+def test_stopping_leaves_the_job_to_the_next_run(batch: Folders, fake: Fake, tmp_path: Path) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    maker = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
+    photo = batch.photo("a.jpg", "photo")
+
+    def progress(stage: str, share: float) -> None:
+        if stage == "fit":
+            maker.stop()
+
+    with pytest.raises(Stopped):
+        maker.make(Order(photo, "00" * 32, {}, 1, tmp_path / "a.zip"), progress)
+    maker.close()
+    assert len(fake.jobs) == 1
+    assert not fake.requests("DELETE")
+    assert not (tmp_path / "a.zip").exists()
+
+
+def test_half_an_archive_is_gone_on_from_by_the_next_run(batch: Folders, fake: Fake) -> None:
+    photos(batch, 1)
+    fake.cut_archive.append(3000)
+
+    def wrong_key(request: Any) -> None:
+        answer(401, problem(401, "unauthorised"))(request)
+
+    fake.fail("GET", "archive", lambda request: request._archive(), wrong_key)
+    work = batch.out / ".work"
+    assert batch.run().left == 1
+    assert [path.stat().st_size for path in work.iterdir()] == [3000]
+    assert batch.run(resume=True).made == 1
+    assert "bytes=3000-" in [seen.headers.get("Range") for seen in fake.requests("GET", "archive")]

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service import diagnosis
+from service.batch.display import display, printable
+from service.batch.report import Line
+from service.cli.app import app
+from service.client.whole import check_archive
+from tests.service.client.archives import archive
+from tests.service.client.fake import Fake, answer, problem, serving
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def fake() -> Iterator[Fake]:
+    with serving(Fake(archive=archive())) as running:
+        yield running
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.jpg").write_bytes(b"photo a")
+    return tmp_path / "photos"
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as leaving:
+        app(["batch", *map(str, words)], prog_name="avatarme")
+    out, err = capsys.readouterr()
+    return int(leaving.value.code or 0), out, err
+
+
+def test_options_of_make_reach_the_server(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AVATARME_API_KEY", "secret")
+    flags = ["--maps", "texture,confidence", "--size", "1152x768", "--face", "largest", "--seed", "5", "--keep"]
+    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, *flags)
+    assert (status, out) == (0, f"{tmp_path / 'out' / 'report.jsonl'}\n")
+    assert "1 made" in err
+    (job,) = fake.jobs.values()
+    asked = {"maps": ["texture", "confidence"], "size": [1152, 768], "face": "largest", "seed": 5}
+    assert job["options"] == asked, "what was not asked for is left to the server"
+    assert fake.requests("POST")[0].headers["Authorization"] == "Bearer secret"
+
+
+def test_the_address_may_come_from_the_environment(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AVATARME_SERVER", fake.url)
+    assert run(capsys, folder, tmp_path / "out")[0] == 0
+    assert len(fake.requests("POST")) == 1
+
+
+def test_the_exit_status_says_whether_any_failed(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
+) -> None:
+    fake.fail("POST", "avatars", answer(422, problem(422, "no-face", "there is no face")))
+    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json")
+    assert status == 1
+    assert "[1/1] a.jpg: no-face: there is no face" in err
+    facts = json.loads(out)
+    assert (facts["made"], facts["failed"], facts["left"]) == (0, 1, 0)
+    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json", "--resume")
+    assert (status, json.loads(out)["made"]) == (0, 1)
+
+
+def test_a_server_that_refuses_the_key_is_named(
+    capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path
+) -> None:
+    fake.fail("POST", "avatars", answer(401, problem(401, "unauthorised", "this key is unknown")))
+    status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json")
+    assert status == 1
+    assert "this key is unknown; go on with --resume" in err
+    assert json.loads(out)["error"]["message"] == "this key is unknown"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["photos"],
+        ["no-such-folder", "out"],
+        ["photos", "out", "--jobs", "0"],
+        ["photos", "out", "--timeout", "0"],
+        ["photos", "out", "--timeout", "nan"],
+        ["photos", "out", "--size", "5x5"],
+        ["photos", "out", "--maps", "albedo"],
+        ["photos", "out", "--seed", "-1"],
+        ["photos", "out", "--keep"],
+        ["photos", "out", "--head", "no-such-head.npz"],
+        ["photos", "out", "--server", "ftp://example.org"],
+        ["photos", "out", "--server", "http://127.0.0.1:9", "--head", "photos/a.jpg"],
+        ["photos", "full"],
+    ],
+)
+def test_usage_errors_end_with_two(
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    Path("full").mkdir()
+    Path("full", "a.zip").write_text("somebody's")
+    status, out, err = run(capsys, *words)
+    assert (status, out) == (2, "")
+    assert err
+    assert Path("full", "a.zip").read_text() == "somebody's"
+
+
+def test_the_page_explains_every_option_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run(capsys, "--help")
+    own = set(re.findall(r"^ +(--[a-z-]+)", out, re.MULTILINE)) - {"--help"}
+    with pytest.raises(SystemExit):
+        app(["make", "--help"], prog_name="avatarme")
+    of_make = set(re.findall(r"^ +(?:-\w, )?(--[a-z-]+)", capsys.readouterr().out, re.MULTILINE)) - {"--output"}
+    assert status == 0
+    assert of_make <= own | {"--help"}, "batch takes all options of make"
+    page = (ROOT / "docs" / "batch.md").read_text("utf-8")
+    assert not {option for option in own - of_make if f"`{option}" not in page}
+
+
+def test_one_good_and_one_broken_photo_on_this_machine(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The real pipeline in real processes."""
+    (tmp_path / "photos").mkdir()
+    sample = diagnosis.SAMPLE.read_bytes()
+    (tmp_path / "photos" / "good.png").write_bytes(sample)
+    (tmp_path / "photos" / "broken.png").write_bytes(sample[: len(sample) // 2])
+    out = tmp_path / "out"
+    flags = ["--size", "96x64", "--fit", "landmarks", "--maps", "texture"]
+    status, text, _ = run(capsys, tmp_path / "photos", out, *flags, "--json")
+    assert status == 1
+    assert (json.loads(text)["made"], json.loads(text)["failed"]) == (1, 1)
+    check_archive(out / "good.zip")
+    lines = {line["path"]: line for line in map(json.loads, (out / "report.jsonl").read_text().splitlines())}
+    assert lines["broken.png"]["error"]["code"] == "corrupt-image"
+    assert lines["good.png"]["options"] == {"size": [96, 64], "fit": "landmarks", "maps": ["texture"]}
+    assert sorted(path.name for path in out.iterdir()) == [".batch.lock", "good.zip", "report.jsonl"]
+
+
+def failed(message: str) -> Line:
+    return Line(path="a[b].jpg", sha256="", options={}, outcome="failed", error={"code": "x", "message": message})
+
+
+@pytest.mark.parametrize("no_color", [None, "1"])
+def test_bars_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], no_color: str | None
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if no_color:
+        monkeypatch.setenv("NO_COLOR", no_color)
+    with display(2) as shown:
+        shown.begin("a[b].jpg")
+        shown.progress("a[b].jpg", "fit", 0.5)
+        shown.end("a[b].jpg", failed("was [red]cut[/red] off"))
+        shown.begin("[/x].png")
+        shown.progress("[/x].png", "tex[ture", 7)
+        shown.end("[/x].png", None)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "a[b].jpg: x: was [red]cut[/red] off" in err, "names are no markup"
+    assert ("\x1b[3" in err) == (no_color is None)
+
+
+def test_names_and_messages_cannot_drive_the_terminal() -> None:
+    assert printable("a\x1b[2J\nb\u202e") == "a�[2J�b�"
