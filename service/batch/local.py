@@ -12,6 +12,7 @@ import shutil
 import signal
 import threading
 from pathlib import Path
+from typing import Any
 
 from service.batch.child import HEAD, LOG
 from service.batch.maker import Hopeless, Order, Progress, Stopped
@@ -95,7 +96,7 @@ class LocalMaker:
     def _fault(self, ending: Ending, scratch: Path) -> AvatarError:
         limits = self._settings
         if ending.kind == "problem":
-            fault = Reported(ending.facts)
+            fault = _reported(ending.facts)
             return OutputFault(fault.message) if fault.reported_code == OutputFault.code else fault
         if ending.kind == "time":
             return OutOfTime(f"not done after {limits.job_seconds:g} s; --timeout allows more")
@@ -113,10 +114,15 @@ class Reported(AvatarError):
 
     code = "reported"
 
-    def __init__(self, facts: dict[str, object]) -> None:
-        extra = {name: value for name, value in facts.items() if name not in ("code", "message")}
-        super().__init__(str(facts.get("message", "the process failed without words")), **extra)
-        self.reported_code = str(facts.get("code", "internal"))
+    def __init__(self, message: str, *, reported_code: str = "internal", **extra: Any) -> None:
+        super().__init__(message, **extra)
+        self.reported_code = reported_code
+
+
+def _reported(facts: dict[str, Any]) -> Reported:
+    extra = {str(name): value for name, value in facts.items() if name not in ("code", "message", "reported_code")}
+    message = str(facts.get("message", "the process failed without words"))
+    return Reported(message, reported_code=str(facts.get("code", "internal")), **extra)
 
 
 def _tail(log: Path) -> str:

@@ -22,6 +22,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from service.client.problem import Problem
 from service.errors import AvatarError, NoUsableFace, UnreadableInput, UsageError
@@ -52,12 +53,13 @@ class JobCancelled(ClientError):
 
 
 class ProblemError(ClientError):
-    """An error with a problem object of the server: ``problem``."""
+    """An error with a problem object of the server: ``problem``, None where a program made it up."""
 
     code = "problem"
 
-    def __init__(self, message: str, *, problem: Problem) -> None:
-        super().__init__(message, status=problem.status, problem_code=problem.code)
+    def __init__(self, message: str, *, problem: Problem | None = None, **extra: Any) -> None:
+        facts = {} if problem is None else {"status": problem.status, "problem_code": problem.code}
+        super().__init__(message, **{**extra, **facts})
         self.problem = problem
 
 
@@ -116,7 +118,7 @@ def failure(problem: Problem) -> AvatarError:
 
 def error_code(error: AvatarError) -> str:
     """What machines call the fault: the server's code where there is one, else that of the class."""
-    return error.problem.code if isinstance(error, ProblemError) else error.code
+    return error.problem.code if isinstance(error, ProblemError) and error.problem else error.code
 
 
 def _fault_of_the_photo(problem: Problem) -> AvatarError | None:
