@@ -1,0 +1,194 @@
+"""Nothing is lost: post photos, kill the service again and again, and look at what became of every accepted job.
+
+    python -m benchmarks.chaos --kills 100
+
+Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
+worker alone, at a random moment. Afterwards every job that was answered with 202 must have succeeded, its archive must
+be that of an undisturbed run byte for byte, and no stage whose result was on the disk may have been computed again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import os
+import random
+import signal
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from benchmarks.serving import Server, post, small_photo, wait_for
+from benchmarks.toy_job import LOG, SECONDS, archive
+
+
+@dataclass
+class Findings:
+    """What a run found.
+
+    Attributes:
+        accepted: job -> (digest of the photo, seed).
+        kills: number of kills by kind.
+        states: number of jobs by their last state.
+        wrong: jobs whose archive is not that of an undisturbed run.
+        lost: jobs that did not succeed.
+        redone: stages that were computed again although their result was kept.
+        leftovers: files of uploads and stages that nobody needs.
+        seconds: of the run.
+    """
+
+    accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
+    kills: Counter[str] = field(default_factory=Counter)
+    states: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    redone: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def well(self) -> bool:
+        """Whether every promise was kept."""
+        return bool(self.accepted) and not (self.wrong or self.lost or self.redone or self.leftovers)
+
+
+def chaos(
+    folder: Path, kills: int, *, posters: int = 3, seed: int = 1, settings: dict[str, Any] | None = None
+) -> Findings:
+    """Run it.
+
+    Args:
+        folder: for the data of the service.
+        kills: how many.
+        posters: threads that post photos.
+        seed: of the random choices.
+        settings: further settings of the server.
+    """
+    begin = time.monotonic()
+    random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
+    log = folder / "stages.log"
+    server = Server(folder / "data", {"jobs": 2, **(settings or {})}, {LOG: str(log), SECONDS: "0.15"})
+    findings, over = Findings(), threading.Event()
+    server.start(ready=False)
+    arguments = (server, findings, over, 1.5)
+    threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in range(kills):
+            time.sleep(random_.uniform(0.2, 2.5))
+            kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
+            _kill(server, kind)
+            findings.kills[kind] += 1
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+    if server.process is None or server.process.poll() is not None:
+        server.start()
+    server.wait("readyz")
+    _look(server, findings)
+    time.sleep(7)  # leftovers are swept a few seconds after the end of a job
+    server.stop()
+    findings.redone = redone(log)
+    findings.leftovers = _leftovers(server.data, set(findings.accepted))
+    findings.seconds = time.monotonic() - begin
+    return findings
+
+
+def redone(log: Path) -> list[str]:
+    """Stages that began again after they had been kept, from the log of the toy job."""
+    kept: set[str] = set()
+    again = []
+    for line in log.read_text("ascii").splitlines() if log.exists() else ():
+        job, what, stage = line.split()
+        if what == "kept":
+            kept.add(f"{job} {stage}")
+        elif f"{job} {stage}" in kept:
+            again.append(f"{job} {stage}")
+    return again
+
+
+def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float) -> None:
+    """Post one photo after the other; a request without an answer is sent again with the same key."""
+    count = 0
+    with httpx.Client(base_url=server.url, timeout=10) as client:
+        while not over.is_set():
+            count += 1
+            photo, key = small_photo(1000 * number + count), f"{number}-{count}"
+            digest = hashlib.sha256(photo).hexdigest()
+            while not over.is_set():
+                try:
+                    answer = post(client, photo, count, key)
+                except httpx.HTTPError:
+                    time.sleep(0.2)
+                    continue
+                if answer.status_code == 202:
+                    findings.accepted[answer.json()["id"]] = (digest, count)
+                    break
+                time.sleep(0.2)
+            time.sleep(pause)
+
+
+def _kill(server: Server, kind: str) -> None:
+    if kind == "worker":
+        worker = server.worker()
+        if worker is not None:
+            with contextlib.suppress(OSError):
+                os.kill(worker, signal.SIGKILL)
+        return
+    if kind == "server" and server.process is not None:
+        server.process.kill()
+        server.process.wait()
+        time.sleep(0.1)  # its worker ends with it
+    else:
+        server.kill()
+    server.start(ready=False)
+
+
+def _look(server: Server, findings: Findings) -> None:
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        for job, (digest, count) in findings.accepted.items():
+            state = wait_for(client, job, within=600)
+            findings.states[state.get("state", "unknown")] += 1
+            if state.get("state") != "succeeded":
+                findings.lost.append(f"{job}: {state}")
+            elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, count):
+                findings.wrong.append(job)
+
+
+def _leftovers(data: Path, jobs: set[str]) -> list[str]:
+    """Files of these jobs besides archives. An upload that was cut off belongs to no job and goes after an hour."""
+    files = [
+        path for job in jobs for path in (data / "artifacts" / job).glob("*") if not path.name.startswith("archive-")
+    ]
+    files += [path for path in (data / "scratch").rglob("*") if path.is_file()]
+    return [str(path.relative_to(data)) for path in files]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--posters", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        findings = chaos(Path(folder), asked.kills, posters=asked.posters, seed=asked.seed)
+    print(f"{sum(findings.kills.values())} kills ({dict(findings.kills)}) in {findings.seconds:.0f} s")
+    print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
+    print(f"lost {len(findings.lost)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")
+    for line in (*findings.lost, *findings.wrong, *findings.redone, *findings.leftovers):
+        print(line)
+    raise SystemExit(0 if findings.well() else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.jobs.artifacts import Artifacts
+from service.jobs.database import connect
+from service.jobs.queue import Queue
+from service.jobs.runner import Runner
+from service.jobs.settings import Settings
+from service.jobs.store import NewJob, Store
+from service.jobs.worker import create_tables
+
+TOY = "benchmarks.toy_job"
+
+
+class Bench:
+    """The parts of the service on a database of their own, without any process."""
+
+    def __init__(self, data: Path) -> None:
+        self.settings = Settings(data=data, program=TOY, memory_mb=512, job_seconds=20)
+        data.mkdir(exist_ok=True)
+        self.engine = connect(self.settings.database_url)
+        create_tables(self.engine, self.settings)
+        self.store = Store(self.engine)
+        self.queue = Queue(self.engine)
+        self.artifacts = Artifacts(self.settings.artifacts_url)
+        self.runner = Runner(self.settings, self.store, self.artifacts)
+        self._count = itertools.count(1)
+
+    def add(self, seed: int = 0, *, tenant: str = "t", key: str | None = None, keep_photo: bool = False) -> str:
+        """Store a job with a photo, as the interface does; returns its id."""
+        number = next(self._count)
+        job = f"{number:032x}"
+        content = f"photo {number}".encode()
+        digest = hashlib.sha256(content).hexdigest()
+        upload = self.settings.data / f"upload-{number}"
+        upload.write_bytes(content)
+        name = f"{job}/photo-{digest}.bin"
+        self.artifacts.put(upload, name)
+        new = NewJob(
+            id=job, tenant=tenant, options={"seed": seed}, photo=name, photo_sha256=digest, photo_bytes=len(content),
+            keep_photo=keep_photo, key=key, digest=digest,
+        )  # fmt: skip
+        self.store.add(new, lambda connection, workflow: self.queue.put(connection, workflow, job))
+        return job
+
+    def run(self, job: str) -> str:
+        """All steps of a job, one after the other, here."""
+        accepted = self.runner.accept(job, f"{job}.1")
+        if accepted["kind"] != "wanted":
+            return str(accepted["kind"])
+        return self.runner.publish(job, self.runner.make(job))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path / "data")
+    yield made
+    made.runner.stop()
+    made.queue.client.destroy()
+    made.engine.dispose()

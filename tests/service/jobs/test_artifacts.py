@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from service.jobs.artifacts import Artifacts, artifact_name
+
+JOB, OTHER = "a" * 32, "b" * 32
+DIGEST = "0" * 64
+
+
+def put(artifacts: Artifacts, folder: Path, name: str, content: bytes = b"content") -> None:
+    source = folder / "source"
+    source.write_bytes(content)
+    artifacts.put(source, name)
+    assert not source.exists()
+
+
+@pytest.fixture(params=["file", "memory"])
+def artifacts(request: pytest.FixtureRequest, tmp_path: Path) -> Artifacts:
+    """On a disk, and in a store that is none."""
+    root = f"file://{tmp_path}/store" if request.param == "file" else f"memory://store-{tmp_path.name}"
+    made = Artifacts(root)
+    made._fs.makedirs(made._root, exist_ok=True)
+    return made
+
+
+def test_what_is_put_can_be_read(artifacts: Artifacts, tmp_path: Path) -> None:
+    name = artifact_name(JOB, "archive", DIGEST, "zip")
+    put(artifacts, tmp_path, name, b"0123456789")
+    assert artifacts.exists(name)
+    assert artifacts.read(name) == b"0123456789"
+    with artifacts.open(name) as stream:
+        stream.seek(4)
+        assert stream.read(3) == b"456"
+    assert artifacts.jobs() == [JOB]
+    assert artifacts.names(JOB) == [name]
+
+
+def test_sweeping_a_job_leaves_what_is_wanted_and_other_jobs(artifacts: Artifacts, tmp_path: Path) -> None:
+    photo, archive = (artifact_name(JOB, kind, DIGEST, "bin") for kind in ("photo", "archive"))
+    foreign = artifact_name(OTHER, "photo", DIGEST, "bin")
+    for name in (photo, archive, foreign):
+        put(artifacts, tmp_path, name)
+    artifacts.sweep(JOB, {archive})
+    assert (artifacts.exists(photo), artifacts.exists(archive), artifacts.exists(foreign)) == (False, True, True)
+    artifacts.sweep(JOB, set())
+    artifacts.sweep(JOB, set())
+    assert artifacts.names(JOB) == []
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", f"{JOB}/../../etc/passwd", f"{JOB}/photo-{DIGEST}.zip/x", f"{JOB}/PHOTO-{DIGEST}.zip", "", "x\0y"]
+)
+def test_only_names_of_ours_are_names(artifacts: Artifacts, name: str) -> None:
+    """No input reaches names today; if some change let it, this still keeps it inside the folder."""
+    for use in (artifacts.read, artifacts.exists, artifacts.delete):
+        with pytest.raises(ValueError, match="not a name"):
+            use(name)
+
+
+def test_files_are_for_the_owner_of_the_server_only(tmp_path: Path) -> None:
+    artifacts = Artifacts(f"file://{tmp_path}/store")
+    put(artifacts, tmp_path, artifact_name(JOB, "photo", DIGEST, "bin"))
+    assert (tmp_path / "store").stat().st_mode & 0o077 == 0

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+import sqlalchemy as sa
+
+from service.jobs import janitor as module
+from service.jobs.clock import now
+from service.jobs.database import JOBS, WORKERS
+from service.jobs.janitor import Janitor, LostJob
+
+if TYPE_CHECKING:
+    from tests.service.jobs.conftest import Bench
+
+
+@pytest.fixture
+def janitor(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Janitor:
+    monkeypatch.setattr(module, "SETTLED", -1.0)
+    return Janitor(bench.runner, bench.queue)
+
+
+def pretend(bench: Bench, workflow: str, **values: object) -> None:
+    """Change what DBOS has recorded of a workflow."""
+    assignments = ", ".join(f"{name} = :{name}" for name in values)
+    with bench.engine.begin() as connection:
+        query = sa.text(f"update workflow_status set {assignments} where workflow_uuid = :id")  # noqa: S608
+        assert connection.execute(query, {**values, "id": workflow}).rowcount == 1
+
+
+def test_results_expire_and_their_address_says_so_for_a_while(bench: Bench, janitor: Janitor) -> None:
+    job = bench.add()
+    bench.run(job)
+    janitor.expire()
+    assert bench.artifacts.names(job), "not yet"
+    bench.store.set(job, expires_at=now() - 1)
+    janitor.expire()
+    janitor.tidy()
+    row = bench.store.get(job)
+    assert row is not None
+    assert row["gone"] == "expired"
+    assert bench.artifacts.names(job) == []
+    assert bench.store.events(job, 0) == []
+    bench.store.set(job, updated_at=now() - bench.settings.tombstone_hours * 3600 - 1)
+    janitor.expire()
+    assert bench.store.get(job) is None
+    assert bench.queue.states([f"{job}.1"]) == {}
+
+
+def test_what_a_killed_worker_left_is_erased(bench: Bench, janitor: Janitor) -> None:
+    job = bench.add()
+    bench.store.cancel(job, now() + 1000)
+    assert bench.artifacts.names(job), "the photo is still there"
+    janitor.tidy()
+    assert bench.artifacts.names(job) == []
+
+
+def test_uploads_that_became_no_job_go_after_an_hour(bench: Bench, janitor: Janitor) -> None:
+    folder = bench.artifacts.folder
+    assert folder is not None
+    young, old = folder / ("c" * 32), folder / ("d" * 32)
+    bench.settings.incoming.mkdir()
+    part = bench.settings.incoming / "x.part"
+    for path in (young, old):
+        path.mkdir()
+        (path / f"photo-{'0' * 64}.bin").write_bytes(b"x")
+    part.write_bytes(b"x")
+    for path in (old, part):
+        os.utime(path, (time.time() - 2 * module.STRAY,) * 2)
+    job = bench.add()
+    janitor.strays()
+    assert young.exists()
+    assert not old.exists()
+    assert not part.exists()
+    assert bench.artifacts.names(job)
+
+
+def test_a_job_that_the_queue_forgot_is_put_back(bench: Bench, janitor: Janitor) -> None:
+    job = bench.add()
+    bench.queue.delete([f"{job}.1"])
+    assert bench.queue.unfinished() == []
+    janitor.reconcile()
+    assert [status.workflow_id for status in bench.queue.unfinished()] == [f"{job}.1"]
+
+
+@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
+def test_a_job_whose_workflow_ended_without_an_answer_fails(bench: Bench, janitor: Janitor, status: str) -> None:
+    job = bench.add()
+    pretend(bench, f"{job}.1", status=status)
+    janitor.reconcile()
+    row = bench.store.get(job)
+    assert row is not None
+    assert row["state"] == "failed"
+    assert '"crashed"' in row["error"]
+
+
+def test_a_job_that_should_run_here_and_does_not_restarts_the_worker(
+    bench: Bench, janitor: Janitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its thread died of a full disk; only a new process takes it up again."""
+    job = bench.add()
+    pretend(bench, f"{job}.1", status="PENDING", executor_id="solo")
+    janitor.reconcile()
+    monkeypatch.setattr(module, "LOST", 0.0)
+    with pytest.raises(LostJob):
+        janitor.reconcile()
+    bench.runner.active[job] = None
+    janitor.reconcile()
+    bench.runner.active.clear()
+
+
+@pytest.mark.parametrize("status", ["PENDING", "ENQUEUED"])
+def test_jobs_of_an_older_version_begin_again(bench: Bench, janitor: Janitor, status: str) -> None:
+    """DBOS never runs a workflow of another version: without this an upgrade would strand it for ever."""
+    job = bench.add()
+    pretend(bench, f"{job}.1", status=status, application_version="pipeline-0", executor_id="solo")
+    janitor.adopt()
+    janitor.adopt()
+    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.2"]
+    assert bench.runner.accept(job, f"{job}.1") == {"kind": "ended"}, "the older one has no say any more"
+    assert bench.runner.accept(job, f"{job}.2")["kind"] == "wanted"
+
+
+def test_a_living_worker_of_an_older_version_keeps_its_jobs(bench: Bench, janitor: Janitor) -> None:
+    """Upgrading one machine after the other must not take jobs out of the hands of those that still run."""
+    job = bench.add()
+    pretend(bench, f"{job}.1", status="PENDING", application_version="pipeline-0", executor_id="w2")
+    with bench.engine.begin() as connection:
+        beat = {"name": "w2", "version": "pipeline-0", "ready": True, "seen_at": time.time()}
+        connection.execute(sa.insert(WORKERS).values(**beat))
+    janitor.adopt()
+    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.1"]
+    assert janitor.silent() == set()
+    assert janitor.holders() == {"w2"}
+    with bench.engine.begin() as connection:
+        connection.execute(sa.update(WORKERS).values(seen_at=time.time() - 2 * module.SILENT))
+    assert janitor.silent() == {"w2"}
+    janitor.adopt()
+    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.2"]
+
+
+def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
+    """Whoever can write the database must not get code to run."""
+    job = bench.add()
+    with bench.engine.connect() as connection:
+        dump = "\n".join(connection.connection.driver_connection.iterdump())  # type: ignore[union-attr]
+    assert f'{{"args": ["{job}"], "kwargs": {{}}}}' in dump
+    assert "py_pickle" not in dump
+
+
+def test_the_tables_are_where_the_queries_look(bench: Bench) -> None:
+    assert {"avatarme_jobs", "workflow_status"} <= set(sa.inspect(bench.engine).get_table_names())
+    assert JOBS.c.id.primary_key

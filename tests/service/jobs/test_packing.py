@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from service.jobs.packing import Damaged, pack, unpack
+
+
+@dataclass(frozen=True)
+class Inner:
+    pixels: np.ndarray
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Outer:
+    inner: Inner
+    score: float | None
+    light: np.ndarray | None
+    facts: dict[str, float]
+
+
+KINDS: dict[str, type] = {"Inner": Inner, "Outer": Outer}
+
+
+def test_a_result_comes_back_to_the_last_bit() -> None:
+    value = Outer(Inner(np.arange(24, dtype=np.uint8).reshape(2, 4, 3), ("a", "ä")), 0.1 + 0.2, None, {"x": 1e-320})
+    back = unpack(pack(value, KINDS), KINDS)
+    assert back.inner.pixels.dtype == np.uint8
+    assert np.array_equal(back.inner.pixels, value.inner.pixels)
+    assert (back.inner.names, back.score, back.light, back.facts) == (value.inner.names, value.score, None, value.facts)
+
+
+@given(
+    hnp.arrays(st.sampled_from([np.float32, np.float64, np.int16, np.bool_]), hnp.array_shapes(max_dims=3, max_side=5))
+)
+def test_arrays_keep_kind_shape_bytes_and_order(array: np.ndarray) -> None:
+    """Fortran order too: another order in memory gives sums another rounding."""
+    for laid in (array, np.asfortranarray(array)):
+        back = unpack(pack(laid, {}), {})
+        assert back.dtype == laid.dtype
+        assert back.shape == laid.shape
+        assert back.tobytes() == laid.tobytes()
+        assert back.flags.f_contiguous == laid.flags.f_contiguous
+
+
+@pytest.mark.parametrize("value", [np.float32(1.5), np.int64(-3), (1, (2.5, "x"), [None, True]), {"a": {"b": ()}}])
+def test_numbers_and_containers_keep_their_kind(value: object) -> None:
+    back = unpack(pack(value, {}), {})
+    assert back == value
+    assert type(back) is type(value)
+
+
+@given(st.data())
+def test_every_change_and_every_cut_is_noticed(data: st.DataObject) -> None:
+    """A torn file after a power cut must be computed again, not believed."""
+    packed = pack((np.arange(50), "words"), {})
+    at = data.draw(st.integers(0, len(packed) - 1))
+    flipped = bytearray(packed)
+    flipped[at] ^= data.draw(st.integers(1, 255))
+    for broken in (bytes(flipped), packed[:at], packed + b"x"):
+        with pytest.raises(Damaged):
+            unpack(broken, {})
+
+
+def test_a_class_that_is_gone_is_damage() -> None:
+    """After an upgrade the stages of an older version may name what there is no more."""
+    with pytest.raises(Damaged, match="another version"):
+        unpack(pack(Inner(np.zeros(1), ()), KINDS), {})
+
+
+@pytest.mark.parametrize("value", [object(), {1, 2}, np.array([object()]), {1: "x"}, lambda: 0])
+def test_what_would_need_pickle_is_refused(value: object) -> None:
+    with pytest.raises(TypeError):
+        pack(value, KINDS)

@@ -1,0 +1,191 @@
+"""The steps of a job with real processes, without DBOS."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from benchmarks.toy_job import LOG, SECONDS, archive
+from service.jobs.process import descendants
+from service.jobs.settings import Settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.service.jobs.conftest import Bench
+
+
+def state(bench: Bench, job: str) -> Any:
+    row = bench.store.get(job)
+    assert row is not None
+    return row
+
+
+def problem(bench: Bench, job: str) -> Any:
+    assert state(bench, job)["state"] == "failed"
+    return json.loads(state(bench, job)["error"])
+
+
+def files(bench: Bench, job: str) -> list[str]:
+    return sorted(name.split("/")[1].split("-")[0] for name in bench.artifacts.names(job))
+
+
+def within(seconds: float, check: Any) -> bool:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if check():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_a_job_gives_an_archive_and_leaves_nothing_else(bench: Bench) -> None:
+    job = bench.add(seed=5)
+    assert bench.run(job) == "published"
+    row = state(bench, job)
+    assert row["state"] == "succeeded"
+    assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 5)
+    assert files(bench, job) == ["archive"], "photo and stages are erased at the end"
+    assert list(bench.runner.scratch.iterdir()) == []
+
+
+def test_the_photo_stays_where_that_is_asked_for(bench: Bench) -> None:
+    job = bench.add(keep_photo=True)
+    bench.run(job)
+    assert files(bench, job) == ["archive", "photo"]
+
+
+@pytest.mark.parametrize(
+    ("seed", "code", "status"),
+    [(101, "crashed", 500), (104, "no-face", 422), (105, "internal", 500), (107, "out-of-memory", 500)],
+)
+def test_a_job_that_cannot_be_done_ends_with_a_problem(bench: Bench, seed: int, code: str, status: int) -> None:
+    job = bench.add(seed=seed)
+    bench.run(job)
+    found = problem(bench, job)
+    assert (found["code"], found["status"]) == (code, status)
+    assert "/etc" not in found["detail"], "words of a 5xx never come from an exception"
+    assert files(bench, job) == []
+
+
+def test_one_crash_is_forgiven(bench: Bench) -> None:
+    job = bench.add(seed=106)
+    bench.run(job)
+    assert state(bench, job)["state"] == "succeeded"
+    assert state(bench, job)["crashes"] == 1
+
+
+def test_memory_has_an_end(bench: Bench) -> None:
+    job = bench.add(seed=102)
+    bench.run(job)
+    assert problem(bench, job)["code"] == "out-of-memory"
+
+
+def test_time_has_an_end(bench: Bench) -> None:
+    bench.runner.settings = Settings(data=bench.settings.data, program=bench.settings.program, job_seconds=1.0)
+    job = bench.add(seed=103)
+    bench.run(job)
+    assert problem(bench, job)["code"] == "out-of-time"
+
+
+def test_cancelling_ends_the_process_within_a_second(bench: Bench) -> None:
+    job = bench.add(seed=103)
+    work = threading.Thread(target=bench.run, args=(job,))
+    work.start()
+    assert within(10, lambda: state(bench, job)["state"] == "running" and bench.runner.active.get(job))
+    process = bench.runner.active[job]
+    assert process is not None
+    assert bench.store.cancel(job, 1e10)
+    begin = time.monotonic()
+    assert within(3, lambda: not process.alive())
+    assert time.monotonic() - begin < 1.0
+    work.join(5)
+    assert state(bench, job)["state"] == "cancelled"
+    assert within(2, lambda: files(bench, job) == [])
+
+
+def test_nothing_that_a_job_started_outlives_it(bench: Bench) -> None:
+    """The end of a job is the end of its process and of what that started."""
+    bench.runner.warm()
+    spare = bench.runner._spare
+    assert spare is not None
+    before = set(descendants(os.getpid()))
+    bench.runner.stop()
+    assert before
+    assert not spare.alive()
+    assert not before & set(descendants(os.getpid()))
+
+
+def test_a_killed_run_goes_on_after_its_last_stage(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log"
+    monkeypatch.setenv(LOG, str(log))
+    monkeypatch.setenv(SECONDS, "0.5")
+    job = bench.add(seed=7)
+    work = threading.Thread(target=bench.run, args=(job,))
+    work.start()
+    assert within(20, lambda: log.exists() and f"{job} kept one" in log.read_text())
+    process = bench.runner.active[job]
+    assert process is not None
+    os.kill(process._process.pid, signal.SIGSEGV)
+    work.join(30)
+    row = state(bench, job)
+    assert row["state"] == "succeeded"
+    assert log.read_text().count(f"{job} begin one") == 1, "the first stage was computed again"
+    assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 7)
+
+
+def test_a_damaged_stage_is_computed_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = bench.add(seed=8)
+    outcome = bench.runner.make(job)
+    folder = bench.artifacts.folder
+    assert folder is not None
+    for stage in (folder / job).glob("stage_*"):
+        stage.write_bytes(stage.read_bytes()[:-1] + b"?")
+    assert bench.runner.make(job) == outcome
+
+
+def test_an_archive_that_is_lost_is_made_again(bench: Bench) -> None:
+    job = bench.add()
+    outcome = bench.runner.make(job)
+    bench.artifacts.delete(outcome["archive"])
+    assert bench.runner.publish(job, outcome) == "lost"
+    assert bench.runner.publish(job, bench.runner.make(job)) == "published"
+
+
+def test_two_workers_at_the_same_step_make_one_result(bench: Bench) -> None:
+    """A frozen worker that wakes up after its job was taken over."""
+    job = bench.add(seed=9)
+    outcomes: list[Any] = [None, None]
+
+    def work(number: int) -> None:
+        outcomes[number] = bench.runner.make(job)
+
+    threads = [threading.Thread(target=work, args=(number,)) for number in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert outcomes[0] == outcomes[1]
+    assert bench.runner.publish(job, outcomes[0]) == bench.runner.publish(job, outcomes[1]) == "published"
+    assert files(bench, job) == ["archive"]
+
+
+def test_a_photo_that_changed_on_the_disk_is_noticed(bench: Bench) -> None:
+    """The pipeline's own process compares the hash; the toy job has no such check, so that process is asked."""
+    from service.errors import CorruptImage
+    from service.jobs import child
+    from service.jobs.wire import Reporter, Task
+
+    photo = bench.settings.data / "photo"
+    photo.write_bytes(b"other")
+    task = Task(job="0" * 32, photo=str(photo), photo_sha256="0" * 64, options={}, artifacts="", output="", scratch="")
+    with pytest.raises(CorruptImage, match="changed"):
+        child.run(task, Reporter.__new__(Reporter))

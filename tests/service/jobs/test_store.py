@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import json
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from service.jobs.store import KeyInUse
+
+if TYPE_CHECKING:
+    from tests.service.jobs.conftest import Bench
+
+RESULT = {"archive": "x", "sha256": "0" * 64, "bytes": 3, "warnings": [], "timings": {}, "peak_rss_mb": 1.0}
+
+
+def test_every_change_is_an_event_with_the_state_as_it_was(bench: Bench) -> None:
+    job = bench.add()
+    bench.store.begin(job)
+    bench.store.progress(job, "fit", 0.5)
+    bench.store.succeed(job, RESULT, 1e10)
+    events = bench.store.events(job, 0)
+    assert [event["n"] for event in events] == [1, 2, 3, 4]
+    bodies = [json.loads(event["body"]) for event in events]
+    assert [body["state"] for body in bodies] == ["queued", "running", "running", "succeeded"]
+    assert [event["name"] for event in events] == ["state", "state", "progress", "state"]
+    assert bodies[2]["stage"] == "fit"
+    assert [event["n"] for event in bench.store.events(job, 2)] == [3, 4]
+
+
+def test_the_first_end_stays(bench: Bench) -> None:
+    """A worker that was thought dead must not turn a cancelled job into a succeeded one."""
+    job = bench.add()
+    assert bench.store.cancel(job, 1e10)
+    assert not bench.store.succeed(job, RESULT, 1e10)
+    assert not bench.store.fail(job, {"code": "x"}, 1e10)
+    assert not bench.store.begin(job)
+    assert not bench.store.progress(job, "fit", 0.5)
+    row = bench.store.get(job)
+    assert row is not None
+    assert row["state"] == "cancelled"
+    assert row["archive"] is None
+
+
+def test_a_key_makes_one_job_however_many_ask_at_once(bench: Bench) -> None:
+    made, refused = [], []
+
+    def ask() -> None:
+        try:
+            made.append(bench.add(key="k"))
+        except KeyInUse as used:
+            refused.append(used.row["id"])
+
+    jobs = [threading.Thread(target=ask) for _ in range(16)]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join()
+    assert len(made) == 1
+    assert refused == made * 15
+    assert bench.store.counts() == {"queued": 1}
+    assert len(bench.queue.unfinished()) == 1
+
+
+def test_keys_of_two_tenants_do_not_meet(bench: Bench) -> None:
+    assert bench.add(tenant="a", key="k") != bench.add(tenant="b", key="k")
+
+
+def test_a_job_that_cannot_be_queued_is_not_stored(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accepting and queueing are one transaction: no job without a place in the queue."""
+    monkeypatch.setattr(bench.queue, "put", lambda *a: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        bench.add()
+    assert bench.store.counts() == {}
+
+
+def test_pages_meet_without_gap_or_repetition(bench: Bench) -> None:
+    jobs = [bench.add() for _ in range(7)]
+    bench.add(tenant="other")
+    seen: list[str] = []
+    after = None
+    while page := bench.store.page("t", 3, after):
+        seen += [row["id"] for row in page]
+        after = (page[-1]["created_at"], page[-1]["id"])
+    assert seen == jobs[::-1]
