@@ -23,6 +23,7 @@ from models.head.expression import ARKIT, read_units
 from models.head.identity import align, identity_basis, vertex_areas
 from models.head.regions import build_regions, rigid_groups
 from models.head.sample import Population
+from models.head.settle import Bases, part_members, settle
 from models.head.source import UNIT_M, find_data, read_base
 from service.head.files import DEFAULT_HEAD, save_head, split_polygons, triangle_fields
 from service.head.model import HeadModel
@@ -102,13 +103,15 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     chart = build_chart(base, crop, mean * 1e3)
     polygons, part = crop.polygons.astype(np.int32), crop.part
     polygon_uv = chart.polygon_uv.astype(np.int32)
+    bases = Bases(mean, identity.components.astype(np.float64), units)
+    bases = settle(bases, part_members(crop.polygons, part), regions, ARKIT)
     embedding = embedding or Embedding.empty()
     return HeadModel(
         name=BASE_NAME,
         licence=LICENCE,
-        mean=mean.astype(np.float32),
-        identity=identity.components.astype(np.float16).astype(np.float32),
-        expression=units.astype(np.float16).astype(np.float32),
+        mean=bases.mean.astype(np.float32),
+        identity=bases.identity.astype(np.float16).astype(np.float32),
+        expression=bases.expression.astype(np.float16).astype(np.float32),
         expression_names=ARKIT,
         polygons=polygons,
         polygon_uv=polygon_uv,

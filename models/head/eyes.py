@@ -15,15 +15,13 @@ Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 
 RINGS_DEG = (5.0, 10.0, 15.0, 19.0, 23.0, 27.0, 33.0, 41.0, 51.0, 63.0, 77.0, 93.0, 112.0, 134.0, 157.0)
-"""Polar angles of the vertex rings, measured from the line of sight (+Z)."""
+"""Polar angles of the vertex rings, measured from the line of sight (+Z); the chart is laid out by them too."""
 SEGMENTS = 24
-IRIS_DEG = 23.0
-"""Polar angle of the limbus: an iris of 11.7 mm across on the base mesh's 29.9 mm eyeball."""
 
 
-def sphere() -> tuple[Float, Int]:
+def sphere(rings_deg: tuple[float, ...] = RINGS_DEG) -> tuple[Float, Int]:
     """Unit sphere: (N, 3) points, front pole first, back pole last, and (Q, 4) polygons (-1 pads triangles)."""
-    theta = np.radians(RINGS_DEG)[:, None]
+    theta = np.radians(rings_deg)[:, None]
     phi = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     ring = np.stack(
         [
@@ -39,11 +37,11 @@ def sphere() -> tuple[Float, Int]:
     last = len(points) - 1
     none = np.full(SEGMENTS, -1)
     polygons = [np.stack([np.zeros(SEGMENTS, int), 1 + here, 1 + after, none], 1)]
-    for k in range(len(RINGS_DEG) - 1):
+    for k in range(len(rings_deg) - 1):
         a = 1 + k * SEGMENTS
         b = a + SEGMENTS
         polygons.append(np.stack([a + here, b + here, b + after, a + after], 1))
-    a = 1 + (len(RINGS_DEG) - 1) * SEGMENTS
+    a = 1 + (len(rings_deg) - 1) * SEGMENTS
     polygons.append(np.stack([np.full(SEGMENTS, last), a + after, a + here, none], 1))
     return points, np.concatenate(polygons)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from models.head.eyes import IRIS_DEG
+from models.head.settle import LIMBUS_DEG
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 
@@ -140,14 +140,14 @@ def _paint_eye(out: npt.NDArray[np.float64], head: HeadModel, canvas: Canvas, pa
     """Sclera, iris with a dark rim, pupil; the same seed gives both eyes of a subject the same colours."""
     texels = canvas.part == part
     members = np.unique(head.triangles[head.triangle_part == part])
-    centre = head.mean[members].mean(0)
+    centre = 0.5 * (head.mean[members].min(0) + head.mean[members].max(0))
     ray = canvas.position[texels] - centre
     angle = np.degrees(np.arccos(np.clip(ray[:, 2] / np.maximum(np.linalg.norm(ray, axis=1), 1e-9), -1, 1)))
     random = np.random.default_rng(seed)
     iris = _pick(IRIS_SRGB, random)
     colour = np.tile([0.70, 0.64, 0.60], (len(angle), 1)) * random.uniform(0.85, 1.1)
-    inside = np.clip((IRIS_DEG - angle) / 1.5 + 0.5, 0, 1)[:, None]
-    rim = np.clip(1 - np.abs(angle - IRIS_DEG + 1.5) / 2.0, 0, 1)[:, None]
+    inside = np.clip((LIMBUS_DEG - angle) / 1.5 + 0.5, 0, 1)[:, None]
+    rim = np.clip(1 - np.abs(angle - LIMBUS_DEG + 1.5) / 2.0, 0, 1)[:, None]
     colour = colour + inside * (iris * (1 - 0.5 * rim) - colour)
-    pupil = np.clip((random.uniform(6.5, 11.0) - angle) / 1.0 + 0.5, 0, 1)[:, None]
+    pupil = np.clip((random.uniform(8.3, 14.0) - angle) / 1.0 + 0.5, 0, 1)[:, None]
     out[texels] = colour + pupil * (np.array([0.005, 0.005, 0.005]) - colour)

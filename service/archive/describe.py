@@ -154,6 +154,7 @@ def _fit(avatar: Avatar) -> m.FitReport:
         if alike is None
         else m.IdentitySimilarity(float(alike.distance), float(alike.centred_cosine), dict(alike.impostor)),
         light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
+        gaze=None if fit.gaze is None else m.Gaze(fit.gaze.yaw_deg, fit.gaze.pitch_deg, len(fit.gaze.irises)),
         identity=fit.identity.tolist(),
         expression=weights_by_name(avatar.head.expression_names, fit.expression),
         warnings=list(fit.warnings),

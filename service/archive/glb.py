@@ -74,7 +74,7 @@ def glb_bytes(
     writer = GltfWriter()
     base = np.asarray(neutral, np.float32)
     morphs = _Morphs.of(head, base)
-    parts = split_parts(head)
+    parts = [part for part in split_parts(head) if material_of(part.name).opacity > 0]
     materials = list(dict.fromkeys(material_of(part.name) for part in parts))
     meshes = [_mesh(writer, head, part, base, morphs, materials.index(material_of(part.name))) for part in parts]
     nodes: list[Object] = [{"name": part.name, "mesh": index} for index, part in enumerate(parts)]

@@ -191,6 +191,18 @@ class Light(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Gaze(_Strict):
+    """Where both eyes look, in the head's frame; already part of ``expression`` as the units eyeLook*."""
+
+    yaw_deg: float
+    """> 0 to the subject's left."""
+    pitch_deg: float
+    """> 0 upwards."""
+    irises_seen: Annotated[int, Interval(ge=0, le=2)]
+    """How many eyes it was read from. 0: not seen, and the eyes are set straight ahead; "gaze-not-seen" says so too."""
+
+
+@dataclasses.dataclass(frozen=True)
 class FitReport(_Strict):
     """How well the head fits the photo."""
 
@@ -202,6 +214,8 @@ class FitReport(_Strict):
     identity_similarity: IdentitySimilarity | None
     light: Light | None
     """Null where options.fit is "landmarks", or, with the warning "no-light", where too little lit skin is seen."""
+    gaze: Gaze | None
+    """Null for a head without eyeballs."""
     identity: list[float]
     """Coefficients of the head model in standard deviations."""
     expression: dict[str, float]

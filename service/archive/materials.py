@@ -15,7 +15,7 @@ class Material:
         roughness: GGX alpha's square root, in [0, 1].
         textured: takes its colour from the chart.
         detailed: takes normals and specular albedo from the chart too.
-        opacity: 1 is opaque.
+        opacity: 1 is opaque; what has 0 is left out of GLB and previews, and there but unseen in OBJ and USD.
         double_sided: drawn from behind as well.
     """
 
@@ -34,7 +34,8 @@ _BY_PREFIX = {
     "eye": Material("eye", (1.0, 1.0, 1.0), 0.1, textured=True),
     "teeth": Material("teeth", (1.0, 1.0, 1.0), 0.25, textured=True),
     "tongue": Material("tongue", (1.0, 1.0, 1.0), 0.35, textured=True),
-    "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.45, double_sided=True),
+    # Cards without a cut-out look like a mask; the photo's own lashes are on the lids.
+    "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.0, double_sided=True),
 }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from service.errors import FitFailed
 from service.faces.face import Face
 from service.fit.basis import LandmarkModel
+from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
 from service.fit.result import Fit
 from service.fit.settings import FitSettings
@@ -17,7 +18,7 @@ from service.head.model import HeadModel
 from service.photo.photo import Photo
 
 UNKNOWN_FOCAL = 1.2
-"""Most likely focal length over the longer side of a photo that does not say: a phone's main lens to a portrait crop."""
+"""Most likely focal length over the longer side of a photo that does not say: between a phone and a portrait crop."""
 UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA = 1.0, 0.35
 """Standard deviations of the logarithms of focal length and distance without EXIF: the distance is known better."""
 EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA = 0.1, 0.8
@@ -29,6 +30,8 @@ DISTRUST_RMS = 0.06
 FAIL_RMS = 0.25
 """... and above which there is no fit at all."""
 WIDE_YAW_DEG = 60.0
+MOUTH_RIM = (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308, 324, 318, 402, 317, 14, 87, 178, 88, 95)
+"""Landmarks round the opening between the lips."""
 
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
@@ -79,9 +82,16 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     state, basis, belief = stage.state, stage.basis, stage.belief
     camera = state.camera(*photo.size)
     identity, expression = np.split(state.coefficients, [model.identity_count])
-    vertices, neutral = head.shape(identity, expression), head.shape(identity)
+    neutral = head.shape(identity)
+    if not np.isfinite(neutral).all():
+        raise FitFailed("the fitted head is not finite")
+    gaze = find_gaze(photo.pixels, face.landmarks, head, neutral, camera)
+    if gaze is not None:
+        expression = with_gaze(head, neutral, expression, gaze)
+    vertices = head.shape(identity, expression)
+    coefficients = np.concatenate([identity, expression])
     inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
-    distance = np.linalg.norm(camera.project(basis.points(state.coefficients)) - face.landmarks[:, :2], axis=1)
+    distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
     seen = (belief > 0) & np.isfinite(distance)
     share = belief[seen] > 0.05
     trusted = distance[seen][share] if share.any() else distance[np.isfinite(distance)]
@@ -97,7 +107,21 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         warnings.append("extreme-pose")
     if rms > DISTRUST_RMS * inter_ocular or float((belief > 0.05).mean()) < 0.3 or yaw > 75:
         warnings.append("low-confidence")
-    return Fit(camera, identity, expression, vertices, neutral, None, rms, float(inter_ocular), tuple(warnings))
+    if gaze is not None and not gaze.irises:
+        warnings.append("gaze-not-seen")
+    return Fit(
+        camera,
+        identity,
+        expression,
+        vertices,
+        neutral,
+        None,
+        rms,
+        float(inter_ocular),
+        tuple(warnings),
+        gaze,
+        face.landmarks[list(MOUTH_RIM), :2],
+    )
 
 
 def _inter_ocular_m(head: HeadModel, vertices: np.ndarray) -> float:

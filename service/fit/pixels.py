@@ -72,9 +72,7 @@ class PixelStage:
         count = self.model.identity_count
         modes = np.concatenate([self.head.identity[:count, ends].mean(2), self.head.expression[:, ends].mean(2)])
         mean = self.head.mean[ends].mean(1)
-        return outline_term(
-            photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach
-        )
+        return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
 def blurred(pixels: npt.NDArray[np.uint8], sigma_px: float) -> npt.NDArray[np.float32]:

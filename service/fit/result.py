@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from service.fit.gaze import Gaze
 from service.geometry.camera import Camera
 
 
@@ -25,7 +26,10 @@ class Fit:
             if the fit stopped at the landmarks, or, with the warning ``no-light``, if too little lit skin is seen.
         landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.
         inter_ocular_px: distance of the eye centres in the photo plane, scaled up to a frontal view.
-        warnings: stable codes; ``low-confidence`` means the fit is not to be trusted.
+        warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
+            are set straight ahead for want of a visible iris.
+        gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
+        mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
     """
 
     camera: Camera
@@ -37,3 +41,5 @@ class Fit:
     landmark_rms_px: float
     inter_ocular_px: float
     warnings: tuple[str, ...] = field(default=())
+    gaze: Gaze | None = None
+    mouth_rim: npt.NDArray[np.float64] | None = None

@@ -17,6 +17,7 @@ from service.fit.terms import Term, energy, linearise
 
 Array = npt.NDArray[np.float64]
 
+
 @dataclass
 class Damping:
     """State that survives between calls, so that a solve can go on after the weights changed."""

@@ -13,7 +13,7 @@ from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.photo.photo import Photo
-from service.texture import parts
+from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
 from service.texture.plausible import Skin, learn_skin, plausibility
 from service.texture.result import MIRRORED, SEEN, Texture
@@ -52,7 +52,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
-    colour, confidence = _paint_parts(chart, unwrapped, zones, completed, skin)
+    colour, confidence = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(colour))
@@ -121,51 +121,58 @@ def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
 
 
 def _paint_parts(
-    chart: Chart, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
+    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
 ) -> tuple[Float, Float]:
     """Colours (N, 3) and confidence codes (N,) of all parts, the skin's taken from ``completed``."""
     seen_weight = opacity(unwrapped.weight)
-    tone = parts.measure_eyes(chart, unwrapped.colour, unwrapped.weight)
+    irises = () if fit.gaze is None else fit.gaze.irises
+    # Eyes without a visible iris point elsewhere than in the photo, which shows lids or glass in their place.
+    eyes_seen = seen_weight * float(fit.gaze is None or len(irises) > 0)
+    tone = parts.measure_eyes(photo.pixels, irises)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25)
     light = parts.judge_light(tone.sclera, None if skin is None else skin.colour, unwrapped.colour[face])
     colour, code = completed.colour.copy(), _confidence(completed)
 
     inside = (zones.mouth * zones.skin)[:, None]
-    colour += inside * (light.on(parts.MOUTH) - colour)
+    colour += inside * (mouth.paint_lining(chart, zones.mouth * zones.skin, light) - colour)
     for index, name in enumerate(chart.head.part_names):
         own = np.flatnonzero(chart.inner_part == index)
-        if name == "skin" or not len(own):
+        if name == "skin" or name.startswith("teeth") or not len(own):
             continue
-        painted, shows = _paint_part(chart, index, name, own, light, tone)
-        share = shows * seen_weight[own]
-        if name.startswith("teeth"):
-            share = share * _toothlike(unwrapped.colour[own], completed, zones)
-        colour[own] = painted + share[:, None] * (unwrapped.colour[own] - painted)
-        code[own] = np.where(share > 0, np.rint(SEEN + (255 - SEEN) * share), 0)
+        if name.startswith("eye"):
+            painted = _paint_eye(chart, index, light, tone)
+            share = eyes_seen[own] * (parts.alike(unwrapped.colour[own], painted) if irises else 1.0)
+        else:
+            tongue = name == "tongue"
+            painted = mouth.paint_tongue(chart, index, own, light) if tongue else light.on(parts.LASHES)[None]
+            share = np.zeros(len(own), np.float32)
+        _lay_over(colour, code, own, painted, share, unwrapped.colour)
+    teeth = mouth.Teeth(chart)
+    if len(teeth.own):
+        typical = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
+        measured = None if fit.mouth_rim is None else mouth.measure_teeth(photo.pixels, fit.mouth_rim, typical)
+        tooth = light.on(mouth.TEETH) if measured is None else measured
+        shown = unwrapped.colour[teeth.own]
+        share = seen_weight[teeth.own] * mouth.toothlike(shown, typical) * teeth.shows(shown, tooth)
+        _lay_over(colour, code, teeth.own, teeth.paint(tooth, light), share, unwrapped.colour)
     return colour, code
 
 
-def _paint_part(
-    chart: Chart, index: int, name: str, own: npt.NDArray[np.int64], light: parts.Light, tone: parts.EyeTone
-) -> tuple[Float, float]:
-    """Colours (n, 3) of a part's texels, and how far the photo may show through them."""
-    if name.startswith("eye"):
-        _, angle, limbus, pupil = parts.eye_angles(chart, index)
-        sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
-        iris = light.on(parts.IRIS) if tone.iris is None else tone.iris
-        return parts.paint_eye(angle, limbus, pupil, sclera, iris, light.on(parts.SOCKET)), 1.0
-    plain = {"teeth": (parts.TEETH, 1.0), "tongue": (parts.TONGUE, 0.0), "lashes": (parts.LASHES, 0.0)}
-    colour, shows = plain[name.split("_")[0]]
-    return np.broadcast_to(light.on(colour), (len(own), 3)).astype(np.float32), shows
+def _lay_over(
+    colour: Float, code: Float, own: npt.NDArray[np.int64], painted: Float, share: Float, photo: Float
+) -> None:
+    """Write a part's texels: the paint (n, 3), with a share (n,) of the photo (N, 3), and their confidence codes."""
+    colour[own] = painted + share[:, None] * (photo[own] - painted)
+    code[own] = np.where(share > 0.05, np.rint(SEEN + (255 - SEEN) * share), 0)
 
 
-def _toothlike(colour: Float, completed: Completed, zones: Zones) -> Float:
-    """(n,) 1 where a colour is paler than the face's skin: lips that the fit took for teeth are not."""
-    face = (zones.face > 0.5) & zones.skin
-    skin = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
-    limit = 0.75 * float(skin[0] - skin[1:].mean())
-    redness = colour[:, 0] - colour[:, 1:].mean(1)
-    return np.asarray(np.clip((limit - redness) / 0.04 + 1, 0, 1), np.float32)
+def _paint_eye(chart: Chart, index: int, light: parts.Light, tone: parts.EyeTone) -> Float:
+    """(n, 3) sRGB of an eye's texels in measured or plausible colours."""
+    _, angle, limbus, pupil = parts.eye_angles(chart, index)
+    sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
+    iris = light.on(parts.IRIS) if tone.iris is None else tone.iris
+    painted = parts.paint_eye(angle, limbus, pupil, sclera, iris, light.on(parts.SOCKET))
+    return np.asarray(painted * parts.lid_shade(chart, index), np.float32)
 
 
 def _confidence(completed: Completed) -> Float:

