@@ -19,6 +19,7 @@ class Order:
 
     Attributes:
         photo: the file.
+        name: its name in the report.
         sha256: its hex digest.
         options: what was asked for, JSON values; what is not named has its default.
         attempt: counts from 1.
@@ -26,6 +27,7 @@ class Order:
     """
 
     photo: Path
+    name: str
     sha256: str
     options: Mapping[str, Any]
     attempt: int

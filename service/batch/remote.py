@@ -119,4 +119,5 @@ class RemoteMaker:
 
 
 def _key(order: Order, again: int) -> str:
-    return idempotency_key(order.sha256, canonical(order.options), order.attempt * _JOBS + again)
+    """The name is in it too: photos that are copies of each other must not erase each other's job."""
+    return idempotency_key(order.sha256, canonical(order.options), order.name, order.attempt, again)

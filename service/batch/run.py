@@ -22,7 +22,7 @@ from service.client.errors import error_code
 from service.client.whole import file_sha256
 from service.errors import AvatarError, OutputFault
 
-_LAST_WORDS_S = 5.0
+_LAST_WORDS_S = 3.0
 """How long an interrupted run waits for its threads; a thread that reads from a server may take longer, and is left."""
 
 
@@ -153,7 +153,7 @@ class Batch:
         }
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            order = Order(photo.path, digest, self._options, attempt, target)
+            order = Order(photo.path, photo.name, digest, self._options, attempt, target)
             warnings = self._maker.make(order, lambda stage, share: self._display.progress(photo.name, stage, share))
             made: dict[str, Any] = {"archive": photo.archive, "archive_sha256": file_sha256(target)}
         except (Stopped, Hopeless):

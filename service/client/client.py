@@ -221,15 +221,15 @@ def photo_sha256(photo: Path | bytes) -> str:
     return digest.hexdigest()
 
 
-def idempotency_key(photo_digest: str, options: str, attempt: int = 1) -> str:
-    """A key for one photo and its options; another attempt at a job that failed has another key.
+def idempotency_key(photo_digest: str, options: str, *more: str | int) -> str:
+    """A key for one photo and its options.
 
     Args:
         photo_digest: of :func:`photo_sha256`.
         options: of :func:`canonical`.
-        attempt: counts from 1.
+        more: whatever else makes a job another job, for example the number of an attempt.
     """
-    return hashlib.sha256(json.dumps([photo_digest, options, attempt]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([photo_digest, options, *more]).encode()).hexdigest()
 
 
 def _opened(photo: Path | bytes) -> contextlib.AbstractContextManager[io.BufferedIOBase]:

@@ -106,6 +106,13 @@ def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake)
     assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
 
 
+def test_copies_of_a_photo_do_not_erase_each_others_job(batch: Folders, fake: Fake) -> None:
+    for number in range(6):
+        batch.photo(f"{number}.jpg", "the same photo")
+    assert batch.run(jobs=6).made == 6
+    assert len(fake.requests("POST")) == 6
+
+
 @pytest.mark.parametrize("end", ["cancelled", "expired"])
 def test_jobs_that_others_cancelled_are_asked_for_anew(batch: Folders, fake: Fake, end: str) -> None:
     photos(batch, 1)
@@ -132,11 +139,11 @@ def test_a_job_that_was_left_running_is_found_again(batch: Folders, fake: Fake) 
     work = batch.out / ".work"
     work.mkdir(parents=True)
     killed = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
-    order = Order(photo, "00" * 32, {}, 1, batch.out / "a.zip")
+    order = Order(photo, "a.jpg", "00" * 32, {}, 1, batch.out / "a.zip")
     first = killed._submit(order, 0)
     again = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
     assert again._submit(order, 0).id == first.id
-    assert again._submit(Order(photo, "00" * 32, {}, 2, batch.out / "a.zip"), 0).id != first.id
+    assert again._submit(Order(photo, "a.jpg", "00" * 32, {}, 2, batch.out / "a.zip"), 0).id != first.id
     killed.close()
     again.close()
 
@@ -197,7 +204,7 @@ def test_stopping_leaves_the_job_to_the_next_run(batch: Folders, fake: Fake, tmp
             maker.stop()
 
     with pytest.raises(Stopped):
-        maker.make(Order(photo, "00" * 32, {}, 1, tmp_path / "a.zip"), progress)
+        maker.make(Order(photo, "a.jpg", "00" * 32, {}, 1, tmp_path / "a.zip"), progress)
     maker.close()
     assert len(fake.jobs) == 1
     assert not fake.requests("DELETE")
