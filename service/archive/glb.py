@@ -2,8 +2,8 @@
 
 trimesh writes no morph targets, so the file is put together in ``gltf.py``. glTF wants metres, +Y up, the face to
 +Z, and v growing downwards, so only v changes. Every part is a mesh of its own with the same list of targets (names in
-``mesh.extras.targetNames``), so one set of weights drives all of them. Tangents are left out: loaders make MikkTSpace
-ones, and approximate ones would be worse than none.
+``mesh.extras.targetNames``), so one set of weights drives all of them. Where there is a normal map the skin has the
+tangents that it refers to: along u, made orthogonal to the normal.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from service.archive.gltf import GltfWriter
 from service.archive.materials import Material, material_of
 from service.archive.surface import Part, split_parts, vertex_normals
 from service.errors import NumericFault
+from service.geometry.chart import tangents
 from service.head.model import HeadModel
 
 Object = dict[str, Any]
@@ -76,7 +77,8 @@ def glb_bytes(
     morphs = _Morphs.of(head, base)
     parts = [part for part in split_parts(head) if material_of(part.name).opacity > 0]
     materials = list(dict.fromkeys(material_of(part.name) for part in parts))
-    meshes = [_mesh(writer, head, part, base, morphs, materials.index(material_of(part.name))) for part in parts]
+    along = None if normal is None else tangents(head, base)
+    meshes = [_mesh(writer, head, part, base, morphs, materials.index(material_of(part.name)), along) for part in parts]
     nodes: list[Object] = [{"name": part.name, "mesh": index} for index, part in enumerate(parts)]
     weights = {name: round(float(expression.get(name, 0.0)), 6) for name in head.expression_names}
     nodes.append({"name": "head", "children": list(range(len(parts))), "extras": {"expressionWeights": weights}})
@@ -134,6 +136,7 @@ def _mesh(
     neutral: npt.NDArray[np.float32],
     morphs: _Morphs,
     material: int,
+    along: npt.NDArray[np.float64] | None,
 ) -> Object:
     flipped = np.stack([head.uv[part.uv, 0], 1 - head.uv[part.uv, 1]], 1)
     primitive: Object = {
@@ -146,6 +149,9 @@ def _mesh(
         "material": material,
         "mode": 4,
     }
+    if along is not None and material_of(part.name).detailed:
+        frame = _tangents(along[part.uv], morphs.base_normal[part.vertex])
+        primitive["attributes"]["TANGENT"] = writer.add_vertices(frame)
     mesh: Object = {"name": part.name, "primitives": [primitive]}
     if morphs.names:
         primitive["targets"] = [
@@ -158,6 +164,18 @@ def _mesh(
         mesh["weights"] = [0.0] * len(morphs.names)
         mesh["extras"] = {"targetNames": list(morphs.names)}
     return mesh
+
+
+def _tangents(along: npt.NDArray[np.float64], normal: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """(N, 4) unit tangents along u, orthogonal to the normals, and 1: normal x tangent points up the chart."""
+    flat = along.astype(np.float32) - normal * np.einsum("ni,ni->n", along.astype(np.float32), normal)[:, None]
+    # Where the chart has no direction of u (a pole, a sliver) any tangent will do.
+    axis = np.where(np.abs(normal[:, :1]) < 0.7, np.array([1, 0, 0], np.float32), np.array([0, 1, 0], np.float32))
+    other = axis - normal * np.einsum("ni,ni->n", axis, normal)[:, None]
+    lost = np.einsum("ni,ni->n", flat, flat)[:, None] < 1e-6
+    flat = np.where(lost, other, flat)
+    unit = flat / np.sqrt(np.einsum("ni,ni->n", flat, flat))[:, None]
+    return np.concatenate([unit, np.ones((len(unit), 1), np.float32)], 1)
 
 
 def _material(material: Material, textures: Mapping[str, int]) -> Object:

@@ -35,7 +35,7 @@ class GltfWriter:
         return view
 
     def add_vertices(self, rows: npt.NDArray[np.floating], *, bounds: bool = False) -> int:
-        """Accessor of (N, 2) or (N, 3) float32 vertex data."""
+        """Accessor of (N, 2), (N, 3) or (N, 4) float32 vertex data."""
         data = np.ascontiguousarray(rows, "<f4")
         view, offset = self._append(f"vec{data.shape[1]}", data.tobytes())
         return self._accessor(data, bounds, {"bufferView": view, "byteOffset": offset})

@@ -70,6 +70,12 @@ def in_object_space(avatar: Avatar) -> bool:
     return avatar.options.get("normals") == "object"
 
 
+def fine_mesh_wanted(avatar: Avatar) -> bool:
+    """Whether the options ask for the subdivided, displaced mesh: displacement at a level that has it."""
+    level = LEVELS[avatar.options.get("quality", "standard")]
+    return level.fine_mesh and "displacement" in (avatar.options.get("maps") or ("displacement",))
+
+
 def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
     """PNG bytes of one map, None where there is none; NumericFault where normals are not finite."""
     codes = spec.codes(avatar)

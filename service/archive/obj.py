@@ -43,10 +43,20 @@ def obj_bytes(head: HeadModel, vertices: npt.NDArray[np.floating], title: str) -
     return "".join(blocks).encode("ascii")
 
 
-def mtl_bytes(head: HeadModel, *, textured: bool = True) -> bytes:
-    """Materials of the parts, with the texture by a relative path unless the archive goes without it."""
+def mtl_bytes(
+    head: HeadModel, *, textured: bool = True, texture: str = TEXTURE_FROM_MESH, normal: str | None = None
+) -> bytes:
+    """Materials of the parts.
+
+    Args:
+        head: its parts.
+        textured: False where the archive goes without ``texture``.
+        texture: relative path of the colours.
+        normal: relative path of tangent-space normals for the skin (``norm``, of the PBR extension to MTL).
+    """
     used = {material_of(name).name: material_of(name) for name in head.part_names}
-    return "\n".join(_material(material, textured) for material in used.values()).encode("ascii")
+    files = (texture if textured else None, normal)
+    return "\n".join(_material(material, *files) for material in used.values()).encode("ascii")
 
 
 def _lines(pattern: str, rows: npt.NDArray[np.floating]) -> str:
@@ -73,7 +83,7 @@ def _faces(polygons: npt.NDArray[np.int32], uv: npt.NDArray[np.int32]) -> Iterat
     yield "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())
 
 
-def _material(material: Material, textured: bool) -> str:
+def _material(material: Material, texture: str | None, normal: str | None) -> str:
     red, green, blue = material.colour
     # Phong exponent of about the same lobe as GGX with alpha = roughness^2.
     exponent = 2.0 / max(material.roughness, 0.05) ** 4 - 2.0
@@ -86,6 +96,8 @@ def _material(material: Material, textured: bool) -> str:
         f"d {material.opacity:g}",
         "illum 2",
     ]
-    if textured and material.textured:
-        lines.append(f"map_Kd {TEXTURE_FROM_MESH}")
+    if texture is not None and material.textured:
+        lines.append(f"map_Kd {texture}")
+    if normal is not None and material.detailed:
+        lines.append(f"norm {normal}")
     return "\n".join(lines) + "\n"

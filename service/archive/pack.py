@@ -11,23 +11,19 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-import numpy.typing as npt
-
 from service.archive.avatar import Avatar
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
-from service.archive.glb import Picture, glb_bytes, weights_by_name
-from service.archive.images import encode_jpeg, encode_png
+from service.archive.fine import fine_obj_bytes
+from service.archive.glb import glb_bytes, weights_by_name
+from service.archive.images import encode_jpeg
 from service.archive.licences import COPYRIGHT, licences_text
 from service.archive.manifest import to_json
-from service.archive.maps import MAPS, encode_map
+from service.archive.maps import MAPS, encode_map, fine_mesh_wanted, in_object_space
 from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.pictures import colours, normal_picture, specular_picture
 from service.archive.usd import usda_bytes
 from service.archive.version import GENERATOR
-
-GLB_TEXTURE_PX = 2048
-"""Longest side of the texture in the GLB; many viewers refuse more than 4096."""
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
@@ -74,36 +70,33 @@ def _wanted(avatar: Avatar, role: str) -> bool:
 
 
 def _meshes(avatar: Avatar) -> dict[str, bytes]:
-    head, fit = avatar.head, avatar.fit
+    head, fit, made = avatar.head, avatar.fit, avatar.reflectance
     title = f"{GENERATOR}: {head.name} fitted to a photo"
-    textured = _wanted(avatar, "texture")
+    albedo = made is not None and made.diffuse_albedo is not None
+    role = "diffuse_albedo" if albedo and _wanted(avatar, "diffuse_albedo") else "texture"
+    textured, texture = _wanted(avatar, role), f"../maps/{role}.png"
+    bumpy = made is not None and made.specular_normal is not None and _wanted(avatar, "specular_normal")
+    normal = "../maps/specular_normal.png" if bumpy and not in_object_space(avatar) else None
     glb = glb_bytes(
         head,
         fit.neutral,
-        glb_texture(avatar.texture.texture),
+        colours(avatar),
+        normal=None if made is None else normal_picture(made),
+        specular=None if made is None else specular_picture(made),
         generator=GENERATOR,
         copyright_notice=COPYRIGHT,
         expression=weights_by_name(head.expression_names, fit.expression),
         extras={"headModel": head.name, "headModelLicence": head.licence, "units": "metre"},
     )
-    return {
+    files = {
         "mesh/head.obj": obj_bytes(head, fit.vertices, title),
-        "mesh/head.mtl": mtl_bytes(head, textured=textured),
+        "mesh/head.mtl": mtl_bytes(head, textured=textured, texture=texture, normal=normal),
         "mesh/head.glb": glb,
-        "mesh/head.usda": usda_bytes(head, fit.vertices, title, textured=textured),
+        "mesh/head.usda": usda_bytes(head, fit.vertices, title, textured=textured, texture=texture),
     }
-
-
-def glb_texture(texture: npt.NDArray[np.uint8]) -> Picture:
-    """A texture (h, w, 3) uint8 sRGB as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
-    import cv2
-
-    longest = max(texture.shape[:2])
-    if longest <= GLB_TEXTURE_PX:
-        return Picture(encode_png(texture, srgb=True), "image/png")
-    size = (texture.shape[1] * GLB_TEXTURE_PX // longest, texture.shape[0] * GLB_TEXTURE_PX // longest)
-    smaller = np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return Picture(encode_jpeg(smaller, 92), "image/jpeg")
+    if made is not None and made.displacement is not None and fine_mesh_wanted(avatar):
+        files["mesh/head_fine.obj"] = fine_obj_bytes(head, fit.vertices, made.displacement, title)
+    return files
 
 
 def _previews(avatar: Avatar) -> Mapping[str, bytes]:

@@ -1,0 +1,96 @@
+"""Catmull-Clark subdivision (Catmull and Clark 1978) of meshes of quads and triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Subdivision:
+    """One step, prepared for a list of faces; any values at their corners can then be subdivided alike.
+
+    New points are the old ones, then one in each face, then one on each edge.
+
+    Attributes:
+        faces: (F, 4) int64, -1 in the last column marks a triangle.
+        edges: (E, 2) int64 ends of each edge.
+        side: (F, 4) int64 edge from each corner to the next, -1 where there is none.
+        quads: (sum of corners, 4) int64 new faces: all of the first face, all of the second, ...
+        owner: (len(quads),) int64 the face that each comes from.
+        count: number of old points.
+    """
+
+    faces: Ints
+    edges: Ints
+    side: Ints
+    quads: Ints
+    owner: Ints
+    count: int
+
+    @classmethod
+    def of(cls, faces: npt.NDArray[np.integer], count: int) -> Subdivision:
+        """Prepare a step for (F, 4) faces of ``count`` points."""
+        f = np.asarray(faces, np.int64)
+        corners = 3 + (f[:, 3] >= 0)
+        there = np.arange(4) < corners[:, None]
+        rows = np.arange(len(f))[:, None]
+        following = f[rows, (np.arange(4) + 1) % corners[:, None]]
+        ends = np.sort(np.stack([f, following], 2)[there], 1)
+        edges, index = np.unique(ends, axis=0, return_inverse=True)
+        side = np.full(f.shape, -1, np.int64)
+        side[there] = index.ravel()
+        before = side[rows, (np.arange(4) - 1) % corners[:, None]]
+        face_point = count + np.broadcast_to(rows, f.shape)
+        edge_point = count + len(f)
+        quads = np.stack([f, edge_point + side, face_point, edge_point + before], 2)[there]
+        return cls(f, edges, side, quads, np.repeat(np.arange(len(f)), corners), count)
+
+    def linear(self, values: npt.NDArray[np.floating]) -> Array:
+        """(N, C) values at the new points of (count, C): means, old points stay. For chart coordinates."""
+        v = np.asarray(values, np.float64)
+        return np.concatenate([v, self._face_means(v), v[self.edges].mean(1)])
+
+    def smooth(self, values: npt.NDArray[np.floating]) -> Array:
+        """(N, C) values at the new points by the rules of Catmull and Clark; open borders stay on their own curve."""
+        v = np.asarray(values, np.float64)
+        inner = self._face_means(v)
+        middle = v[self.edges].mean(1)
+        there = self.side >= 0
+        flat, owner = self.side[there], np.nonzero(there)[0]
+        faces_of_edge = np.bincount(flat, minlength=len(self.edges))
+        around = _sum(flat, inner[owner], len(self.edges)) / np.maximum(faces_of_edge, 1)[:, None]
+        border = faces_of_edge != 2
+        on_edges = np.where(border[:, None], middle, 0.5 * (middle + around))
+        return np.concatenate([self._corners(v, inner, middle, border), inner, on_edges])
+
+    def _face_means(self, v: Array) -> Array:
+        there = (self.faces >= 0)[..., None]
+        return np.asarray((v[np.maximum(self.faces, 0)] * there).sum(1) / there.sum(1))
+
+    def _corners(self, v: Array, inner: Array, middle: Array, border: npt.NDArray[np.bool_]) -> Array:
+        there = self.faces >= 0
+        corner, owner = self.faces[there], np.nonzero(there)[0]
+        valence = np.bincount(corner, minlength=self.count)[:, None]
+        ends, index = self.edges.ravel(), np.repeat(np.arange(len(self.edges)), 2)
+        n = np.maximum(valence, 1)
+        face_mean = _sum(corner, inner[owner], self.count) / n
+        edge_count = np.bincount(ends, minlength=self.count)[:, None]
+        edge_mean = _sum(ends, middle[index], self.count) / np.maximum(edge_count, 1)
+        smooth = (face_mean + 2 * edge_mean + (n - 3) * v) / n
+        # On an open border only its own two edges count; where more than two meet, or none do, the point stays.
+        open_ends = border[index]
+        borders = np.bincount(ends[open_ends], minlength=self.count)[:, None]
+        along = _sum(ends[open_ends], middle[index[open_ends]], self.count) / np.maximum(borders, 1)
+        result = np.where(borders == 2, 0.5 * (v + along), v)
+        return np.where((borders == 0) & (valence > 0), smooth, result)
+
+
+def _sum(index: Ints, rows: Array, count: int) -> Array:
+    """(count, C) sums of rows (N, C) by index (N,)."""
+    return np.stack([np.bincount(index, rows[:, i], count) for i in range(rows.shape[1])], 1)

@@ -1,0 +1,281 @@
+"""Reflectance in the archive: maps, their codings, materials, the displaced mesh."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+
+from service.archive.avatar import Avatar
+from service.archive.container import MEMBER_NAMES, write_file
+from service.archive.fine import embossed, heights_at, subdivided
+from service.archive.manifest import from_json
+from service.archive.pack import archive_members, write_archive
+from service.errors import OutputFault
+from service.geometry.normals import face_normals
+from service.options import MAP_NAMES
+from service.reflectance.displacement import encode
+from service.reflectance.normals import pack_normals
+from service.reflectance.result import MID, SCALE_MM, Integration, Reflectance, unpack_normals
+from tests.service.archive.test_meshes import validator_report
+from tests.service.archive.toys import toy_avatar, toy_head
+from tests.toyhead import CENTRE
+
+SIZE = (192, 128)
+Image = npt.NDArray[Any]
+
+
+def toy_reflectance() -> Reflectance:
+    rng = np.random.default_rng(11)
+    shape = SIZE[::-1]
+    x, y = rng.normal(0, 0.2, (2, *shape)).astype(np.float32)
+    normals = pack_normals(x, y, np.ones_like(x))
+    return Reflectance(
+        size=SIZE,
+        diffuse_albedo=rng.integers(0, 65536, (*shape, 3), np.uint16),
+        specular_albedo=rng.integers(0, 65536, shape, np.uint16),
+        specular_normal=normals,
+        diffuse_normal=normals[::-1].copy(),
+        displacement=encode(rng.normal(0, 0.05, shape).astype(np.float32)),
+        tile=1024,
+        super_resolution=True,
+        integration=Integration(4, 0.001, 0.0),
+    )
+
+
+def avatar(**options: Any) -> Avatar:
+    asked = {"maps": list(MAP_NAMES), "quality": "standard", "bits": None, "normals": "tangent"} | options
+    return toy_avatar(options=asked, reflectance=toy_reflectance())
+
+
+def decode(data: bytes) -> Image:
+    image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    return image if image.ndim == 2 else image[..., ::-1]
+
+
+@pytest.fixture(scope="module")
+def members() -> dict[str, bytes]:
+    return archive_members(avatar())
+
+
+@pytest.fixture(scope="module")
+def fine_members() -> dict[str, bytes]:
+    return archive_members(avatar(quality="high"))
+
+
+def values(members: dict[str, bytes], role: str) -> Image:
+    """What a reader gets who decodes a map as the manifest says."""
+    coding = {entry["role"]: entry["coding"] for entry in json.loads(members["manifest.json"])["maps"]}[role]
+    codes = decode(members[f"maps/{role}.png"]).astype(np.float64)
+    return np.asarray((codes - coding["zero"]) / coding["scale"])
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_maps_decode_to_what_was_made(bits: int, members: dict[str, bytes], fine_members: dict[str, bytes]) -> None:
+    made, files = toy_reflectance(), members if bits == 8 else fine_members
+    assert made.diffuse_albedo is not None and made.specular_albedo is not None and made.displacement is not None
+    half = 0.5 / 255 + 1e-6
+    np.testing.assert_allclose(values(files, "diffuse_albedo"), made.diffuse_albedo / 65535, atol=half)
+    np.testing.assert_allclose(values(files, "specular_albedo"), made.specular_albedo / 65535, atol=half)
+    np.testing.assert_allclose(
+        values(files, "displacement"), (made.displacement.astype(float) - MID) * SCALE_MM, atol=1e-9
+    )
+    step = 0.5 / 127 + 1e-4 if bits == 8 else 3e-5
+    for role, normals in (("specular_normal", made.specular_normal), ("diffuse_normal", made.diffuse_normal)):
+        assert normals is not None
+        np.testing.assert_allclose(values(files, role), unpack_normals(normals), atol=step)
+
+
+def test_bits_of_each_map(members: dict[str, bytes], fine_members: dict[str, bytes]) -> None:
+    deep = {"specular_normal", "diffuse_normal", "shape_normal"}
+    for files, expected in ((members, 8), (fine_members, 16)):
+        bits = {entry["role"]: entry["bits"] for entry in json.loads(files["manifest.json"])["maps"]}
+        assert bits.pop("displacement") == 16
+        assert {role: found for role, found in bits.items() if found != 8} == (
+            dict.fromkeys(deep, 16) if expected == 16 else {}
+        )
+
+
+def test_the_manifest_says_how_it_was_made(members: dict[str, bytes]) -> None:
+    found = from_json(members["manifest.json"])
+    assert found.displacement is not None and (found.displacement.scale_mm, found.displacement.mid) == (5e-5, 32768)
+    assert found.reflectance is not None and found.reflectance.integration is not None
+    assert (found.reflectance.runtime, found.reflectance.precision, found.reflectance.tile) == (
+        "onnxruntime",
+        "fp32",
+        1024,
+    )
+    frames = {entry.role: entry.frame for entry in found.maps if entry.frame}
+    assert frames == {"specular_normal": "tangent", "diffuse_normal": "tangent", "shape_normal": "object"}
+    assert from_json(archive_members(toy_avatar())["manifest.json"]).reflectance is None
+
+
+def test_object_space_normals_of_a_sphere_point_away_from_its_centre() -> None:
+    """Flat tangent-space normals are the mesh's own normals in object space."""
+    flat = replace(toy_reflectance(), specular_normal=np.zeros((*SIZE[::-1], 2), np.int16))
+    asked = {"maps": ["specular_normal"], "normals": "object", "bits": 16}
+    toy = toy_avatar(options=asked, reflectance=flat)
+    head = toy.head
+    round_head = replace(toy, fit=replace(toy.fit, vertices=head.mean))
+    files = archive_members(round_head)
+    manifest = json.loads(files["manifest.json"])
+    assert [(entry["role"], entry["frame"]) for entry in manifest["maps"]] == [("specular_normal", "object")]
+    from service.geometry.chart import Chart
+
+    chart = Chart.build(head, *SIZE)
+    skin = chart.part == 0
+    outward = chart.interpolate(head.mean)[skin] - CENTRE
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    assert np.median(np.einsum("ni,ni->n", values(files, "specular_normal")[skin], outward)) > 0.99
+    assert b"norm " not in files["mesh/head.mtl"], "object-space normals are not what a material wants"
+
+
+def test_only_what_was_asked_for() -> None:
+    files = archive_members(avatar(maps=["diffuse_albedo"]))
+    assert [name for name in files if name.startswith("maps/")] == ["maps/diffuse_albedo.png"]
+    assert b"map_Kd ../maps/diffuse_albedo.png" in files["mesh/head.mtl"] and b"norm" not in files["mesh/head.mtl"]
+    assert b"../maps/diffuse_albedo.png" in files["mesh/head.usda"]
+
+
+def test_materials_lead_to_files_of_the_archive(members: dict[str, bytes]) -> None:
+    lines = members["mesh/head.mtl"].decode().splitlines()
+    paths = {line.split()[1].removeprefix("../") for line in lines if line.startswith(("map_", "norm "))}
+    assert paths == {"maps/diffuse_albedo.png", "maps/specular_normal.png"}
+    assert paths <= set(members)
+
+
+def test_the_khronos_validator_accepts_the_textures(members: dict[str, bytes], tmp_path: Path) -> None:
+    report = validator_report(members["mesh/head.glb"], tmp_path)
+    issues = report["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+
+
+def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> None:
+    data = members["mesh/head.glb"]
+    length = int.from_bytes(data[12:16], "little")
+    document = json.loads(data[20 : 20 + length])
+    names = [texture["name"] for texture in document["textures"]]
+    assert names == ["texture", "normal", "specular"]
+    skin = next(material for material in document["materials"] if material["name"] == "skin")
+    assert names[skin["normalTexture"]["index"]] == "normal"
+    specular = skin["extensions"]["KHR_materials_specular"]["specularTexture"]["index"]
+    assert names[specular] == "specular" and document["extensionsUsed"] == ["KHR_materials_specular"]
+    assert sum("normalTexture" in material for material in document["materials"]) == 1
+    made = toy_reflectance()
+    binary = data[20 + length + 8 :]
+    pictures = []
+    for image in document["images"]:
+        view = document["bufferViews"][image["bufferView"]]
+        pictures.append(decode(binary[view["byteOffset"] :][: view["byteLength"]]))
+    assert made.diffuse_albedo is not None and made.specular_normal is not None and made.specular_albedo is not None
+    np.testing.assert_allclose(pictures[0], made.diffuse_albedo // 257)
+    np.testing.assert_allclose(pictures[1] / 127.5 - 1, unpack_normals(made.specular_normal), atol=0.01)
+    alpha = cv2.imdecode(np.frombuffer(binary, np.uint8)[_start(document, 2) :], cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(np.asarray(alpha)[..., 3] / 255, made.specular_albedo / 65535, atol=0.5 / 255 + 1e-6)
+
+
+def test_tangents_point_along_u_and_the_bitangent_up_the_chart(members: dict[str, bytes]) -> None:
+    """On the sphere u runs east and v north; a flipped sign would turn every pore inside out."""
+    scene = trimesh.load(io.BytesIO(members["mesh/head.glb"]), file_type="glb", process=False)
+    data = members["mesh/head.glb"]
+    length = int.from_bytes(data[12:16], "little")
+    document, binary = json.loads(data[20 : 20 + length]), data[20 + length + 8 :]
+    skin = document["meshes"][0]["primitives"][0]["attributes"]
+    assert scene is not None and sum("TANGENT" in m["primitives"][0]["attributes"] for m in document["meshes"]) == 1
+    read = {}
+    for name, width in (("POSITION", 3), ("NORMAL", 3), ("TANGENT", 4)):
+        accessor = document["accessors"][skin[name]]
+        start = document["bufferViews"][accessor["bufferView"]]["byteOffset"] + accessor.get("byteOffset", 0)
+        read[name] = np.frombuffer(binary, "<f4", accessor["count"] * width, start).reshape(-1, width)
+    tangent = read["TANGENT"]
+    np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1, atol=1e-4)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", tangent[:, :3], read["NORMAL"]), 0, atol=1e-4)
+    assert (tangent[:, 3] == 1).all()
+    away = read["POSITION"] - CENTRE
+    middle = np.hypot(away[:, 0], away[:, 2]) > 0.5 * np.linalg.norm(away, axis=1)
+    east = np.stack([away[:, 2], np.zeros(len(away)), -away[:, 0]], 1)[middle]
+    assert (np.einsum("ni,ni->n", tangent[middle, :3], east) > 0).all()
+    assert (np.cross(read["NORMAL"], tangent[:, :3])[middle, 1] > 0).all()
+
+
+def _start(document: dict[str, Any], image: int) -> int:
+    return int(document["bufferViews"][document["images"][image]["bufferView"]]["byteOffset"])
+
+
+def test_the_fine_mesh_comes_with_high_quality(members: dict[str, bytes], fine_members: dict[str, bytes]) -> None:
+    assert "mesh/head_fine.obj" not in members
+    data = fine_members["mesh/head_fine.obj"]
+    coarse = members["mesh/head.obj"].count(b"\nf ")
+    assert data.count(b"\nf ") > 50 * coarse
+    mesh = cast(trimesh.Trimesh, trimesh.load(io.BytesIO(data), file_type="obj", process=False, force="mesh"))
+    assert len(mesh.faces) == 2 * data.count(b"\nf ")
+    assert np.ptp(mesh.vertices, axis=0).max() < 0.3, "metres"
+    assert list(fine_members) and set(fine_members) <= set(MEMBER_NAMES)
+
+
+def test_embossing_moves_along_the_normal_by_millimetres() -> None:
+    head = toy_head()
+    fine, points = subdivided(head, head.mean, steps=2)
+    raised = embossed(fine, points, np.full((64, 96), MID + round(0.5 / SCALE_MM), np.uint16))
+    skin = np.unique(fine.triangles[fine.triangle_part == 0])
+    np.testing.assert_allclose(np.linalg.norm((raised - points)[skin], axis=1), 0.5e-3, rtol=1e-3)
+    assert (np.linalg.norm(raised[skin] - CENTRE, axis=1) > np.linalg.norm(points[skin] - CENTRE, axis=1)).all()
+
+
+def test_no_triangle_is_turned_over_however_wild_the_relief() -> None:
+    """Noise of a millimetre at every texel on triangles of the same size: unguarded, many turn over."""
+    head = toy_head()
+    fine, points = subdivided(head, head.mean * np.float32(0.05), steps=2)
+    wild = np.random.default_rng(0).choice([MID - 20000, MID + 20000], (512, 768)).astype(np.uint16)
+    before = face_normals(points, fine.triangles)
+    after = face_normals(embossed(fine, points, wild), fine.triangles)
+    assert (np.einsum("ti,ti->t", before, after) >= 0).all()
+    from service.archive.surface import vertex_normals
+
+    plain = points + 1e-3 * heights_at(fine, wild)[:, None] * vertex_normals(points, fine.triangles)
+    assert (np.einsum("ti,ti->t", before, face_normals(plain, fine.triangles)) < 0).any(), "the test is too easy"
+
+
+def test_heights_are_read_at_the_right_place() -> None:
+    """A map that grows along u and v gives each vertex its own chart coordinate."""
+    head = toy_head()
+    fine, _ = subdivided(head, head.mean, steps=1)
+    row, column = np.mgrid[:64, :96]
+    ramp = np.rint(1000 * (column + 0.5) / 96 + 20000 * (1 - (row + 0.5) / 64)).astype(np.uint16)
+    found = heights_at(fine, ramp) / SCALE_MM + MID
+    inside = fine.polygon_part == 1
+    vertex, place = fine.polygons[inside].ravel(), fine.polygon_uv[inside].ravel()
+    single = np.bincount(np.unique(np.stack([vertex, place], 1), axis=0)[:, 0], minlength=len(fine.mean)) == 1
+    expected = fine.uv[place] @ [1000, 20000]
+    np.testing.assert_allclose(found[vertex][single[vertex]], expected[single[vertex]], atol=15)
+
+
+def test_a_full_disk_leaves_no_half_archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk fills up in the middle of the zip: the old archive stays, and nothing else lies beside it."""
+    from zipfile import ZipFile
+
+    target = tmp_path / "a.zip"
+    target.write_bytes(b"the archive of yesterday")
+    written, real = [0], ZipFile.writestr
+
+    def full(self: ZipFile, entry: Any, data: bytes) -> None:
+        written[0] += 1
+        if written[0] == 5:
+            raise OSError(28, "No space left on device")
+        real(self, entry, data)
+
+    monkeypatch.setattr(ZipFile, "writestr", full)
+    with pytest.raises(OutputFault, match="no space left"):
+        write_archive(avatar(maps=["diffuse_albedo", "displacement"]), target)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
+    assert target.read_bytes() == b"the archive of yesterday"
+    monkeypatch.undo()
+    write_file(target, {"LICENSES.md": b"x"})
