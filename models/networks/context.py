@@ -21,10 +21,10 @@ DARKEST = 1.0 / 255.0 / 12.92
 
 @dataclass(frozen=True)
 class ContextSize:
-    """Widths at full, 1/2, 1/4, ... of the size; sides are multiples of 2 ** (levels - 1)."""
+    """Widths and numbers of blocks at full, 1/2, 1/4, ... of the size; sides are multiples of 2 ** (levels - 1)."""
 
     widths: tuple[int, ...]
-    blocks: int = 1
+    blocks: tuple[int, ...]
 
 
 class NormBlock(nn.Module):
@@ -50,14 +50,15 @@ class ContextNet(nn.Module):
         super().__init__()
         widths = size.widths
         self.stem = nn.Conv2d(channels + 3, widths[0], 3, padding=1)
-        self.before = nn.ModuleList(self._blocks(w, size.blocks) for w in widths[:-1])
+        pairs = list(zip(widths, size.blocks, strict=True))
+        self.before = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.down = nn.ModuleList(
             nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in zip(widths, widths[1:], strict=False)
         )
-        self.bottom = self._blocks(widths[-1], size.blocks + 1)
+        self.bottom = self._blocks(*pairs[-1])
         self.up = nn.ModuleList(nn.Conv2d(b, a, 3, padding=1) for a, b in zip(widths, widths[1:], strict=False))
         self.merge = nn.ModuleList(nn.Conv2d(2 * w, w, 1) for w in widths[:-1])
-        self.after = nn.ModuleList(self._blocks(w, size.blocks) for w in widths[:-1])
+        self.after = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.act = activation()
         self.head = nn.Conv2d(widths[0], 3, 3, padding=1)
         nn.init.normal_(self.head.weight, std=0.01)

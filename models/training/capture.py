@@ -20,7 +20,7 @@ from models.lightstage.skin.chromophores import srgb
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
-from models.lightstage.split import TRAIN, light_part
+from models.lightstage.split import light_part
 from models.lightstage.stage import Stage
 from models.training.geometry import WIDTH as GEOMETRY_WIDTH
 from models.training.geometry import GeometryMaps
@@ -44,9 +44,9 @@ class Recipe:
     Attributes:
         lights: scenes the whole chart is baked under.
         patch: side of a window.
-        block: patches along each side of the block that is drawn at full resolution at once.
+        block: patches along each side of the block that is drawn at full resolution at once; 0 for none.
         lit: patches of the block that are baked, each under a scene of its own.
-        draft_width: chart width of the extra patch at low resolution, whose scale draft quality works at.
+        draft_width: chart width of the extra patch at low resolution, whose scale draft quality works at; 0 for none.
     """
 
     lights: int = 6
@@ -134,6 +134,8 @@ def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:
 
 def _block(sitting: Sitting, recipe: Recipe) -> list[Arrays]:
     """Patches of one block somewhere on the face."""
+    if not recipe.block:
+        return []
     side = recipe.patch * recipe.block
     window = _somewhere(sitting, side, CHART_WIDTH)
     maps = sitting.skin.maps(window)
@@ -205,5 +207,5 @@ def _byte(values: Tensor) -> npt.NDArray[np.generic]:
 
 
 def _slanted(normal: Tensor) -> npt.NDArray[np.generic]:
-    """x and y of unit normals as int16 of 1/32767."""
+    """X and y of unit normals as int16 of 1/32767."""
     return (normal[:2].float().clamp(-1.0, 1.0) * 32767.0).round().short().cpu().numpy()

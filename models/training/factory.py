@@ -28,12 +28,12 @@ def pose_of(seed: int, round_: int) -> str:
     return EXPRESSIONS[(seed * 3 + round_) % len(EXPRESSIONS)]
 
 
-def draw(seed: int, pose: str, part: str, folder: Path, device: str) -> Path | None:
+def draw(seed: int, pose: str, part: str, folder: Path, device: str, recipe: Recipe) -> Path | None:
     """Write one capture, whole or not at all; None where it was there already."""
     path = folder / part / f"{seed}_{pose}.npz"
     if path.exists():
         return None
-    arrays = capture(Sitting.of(Studio.open(), seed, pose, part, device), Recipe())
+    arrays = capture(Sitting.of(Studio.open(), seed, pose, part, device), recipe)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(f".{os.getpid()}.part")
     with unfinished.open("wb") as stream:
@@ -42,12 +42,14 @@ def draw(seed: int, pose: str, part: str, folder: Path, device: str) -> Path | N
     return path
 
 
-def _share(seeds: list[int], round_: int, part: str, folder: Path, device: str, threads: int) -> int:
+def _share(
+    seeds: list[int], round_: int, part: str, folder: Path, device: str, recipe: Recipe, threads: int
+) -> int:
     torch.set_num_threads(threads)
     written = 0
     for seed in seeds:
         begin = time.perf_counter()
-        if draw(seed, pose_of(seed, round_), part, folder, device):
+        if draw(seed, pose_of(seed, round_), part, folder, device, recipe):
             written += 1
             typer.echo(f"{part} {seed} {pose_of(seed, round_)}: {time.perf_counter() - begin:.1f} s")
     return written
@@ -61,9 +63,11 @@ def main(
     rounds: Annotated[int, typer.Option(min=1, max=len(EXPRESSIONS), help="Expressions of each subject.")] = 1,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     threads: Annotated[int, typer.Option(min=1, help="Of each job.")] = 1,
+    whole_only: Annotated[bool, typer.Option(help="No patches: a third of the time, for the context alone.")] = False,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
     """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions."""
+    recipe = Recipe(block=0, draft_width=0) if whole_only else Recipe()
     if part not in (TRAIN, HELD_OUT):
         raise UsageError(f"part is {part!r}; it has to be {TRAIN!r} or {HELD_OUT!r}")
     seeds: list[int] = []
@@ -75,7 +79,7 @@ def main(
     for round_ in range(rounds):
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
             shares = [seeds[i::jobs] for i in range(jobs)]
-            work = [pool.submit(_share, share, round_, part, output, device, threads) for share in shares if share]
+            work = [pool.submit(_share, share, round_, part, output, device, recipe, threads) for share in shares if share]
             written = sum(job.result() for job in work)
         typer.echo(f"round {round_}: {written} written, {len(seeds) - written} there already")
 

@@ -89,4 +89,6 @@ def _new(folder: Path, seen: set[str]) -> Iterable[Path]:
 
 def _require(items: list[Arrays], folder: Path) -> None:
     if not items:
-        raise ModelFault(f"{folder} has no captures; draw some with: python -m models.training.factory -o {folder.parent}")
+        raise ModelFault(
+            f"{folder} has no captures; draw some with: python -m models.training.factory -o {folder.parent}"
+        )
