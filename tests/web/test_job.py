@@ -1,0 +1,216 @@
+"""From the photo to the finished job: progress, broken connections, refusals, faces, keys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.web.at_work import make_head, posts, submit
+from tests.web.conftest import PHOTO, Opener
+from tests.web.fake_service import Fake, problem
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.slow
+
+REFUSED = "Failed to load resource"  # what Chromium logs for each answer of 400 and more
+TWO_FACES = problem(
+    "multiple-faces", 422, "Several faces in the photo", "the photo shows 2 faces", boxes=[[170, 70, 280, 180], [10, 20, 60, 80]]
+)
+
+
+def done(page: Page) -> None:
+    page.wait_for_selector("#result:not([hidden])")
+
+
+def fault_text(page: Page) -> str:
+    page.wait_for_selector("#fault:not([hidden])")
+    return page.inner_text("#fault")
+
+
+def test_a_photo_becomes_a_head(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    page.evaluate(
+        """() => { window.said = []; window.shares = [];
+        new MutationObserver(() => said.push(document.getElementById('live').textContent))
+            .observe(document.getElementById('live'), {childList: true});
+        new MutationObserver(() => shares.push(document.getElementById('work-bar').value))
+            .observe(document.getElementById('work-bar'), {attributes: true}); }"""
+    )
+    make_head(page)
+    said = page.evaluate("said")
+    assert [text for text in said if text in ("Finding the face", "Fitting the head", "The head is ready")] == [
+        "Finding the face", "Fitting the head", "The head is ready",
+    ]  # fmt: skip
+    shares = page.evaluate("shares")
+    assert len(set(shares)) >= 4
+    assert shares == sorted(shares), "the bar went back"
+    assert fake.photos == [PHOTO.read_bytes()]
+    assert fake.options == [{"quality": "standard"}]
+    assert page.url.endswith(f"#avatar={next(iter(fake.jobs))}")
+
+
+def test_options_are_those_that_were_chosen(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    page.check("input[name=quality][value=draft]")
+    page.check("input[name=which][value=some]")
+    for name in ("displacement", "confidence", "texture"):
+        page.uncheck(f"#maps-choices input[value={name}]")
+    page.check("input[name=face][value=largest]")
+    submit(page)
+    page.wait_for_selector("#work:not([hidden])")
+    page.wait_for_url("**/#avatar=*")
+    rest = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "shape_normal"]
+    assert fake.options == [{"quality": "draft", "maps": rest, "face": "largest"}]
+
+
+def test_measured_times_are_shown(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    text = page.inner_text("label:has([name=quality][value=standard])")
+    assert "41 s" in text  # of the size that most jobs had
+    assert "about" not in page.inner_text("label:has([name=quality][value=high])"), "a time that nobody measured"
+
+
+def test_without_a_photo_it_says_so(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    page.click("#go")
+    assert "no photo" in fault_text(page)
+    assert not fake.jobs
+
+
+def test_polling_where_there_are_no_events(fake: Fake, open_page: Opener) -> None:
+    fake.streams = False
+    page = open_page(fake.address, expected=(REFUSED,))
+    submit(page)
+    done(page)
+    polls = [path for method, path, _ in fake.requests if method == "GET" and path == f"/v1/avatars/{next(iter(fake.jobs))}"]
+    assert polls
+
+
+def test_a_broken_stream_goes_on_where_it_was(fake: Fake, open_page: Opener) -> None:
+    fake.cut_after = 2
+    fake.step_s = 0.5
+    page = open_page(fake.address)
+    submit(page)
+    done(page)
+    last = [headers.get("last-event-id") for _, path, headers in fake.requests if path.endswith("/events")]
+    assert last[0] is None
+    assert len(last) > 1
+    assert all(value is not None and int(value) >= 2 for value in last[1:])
+
+
+def test_a_failed_job_says_why_and_keeps_the_photo(fake: Fake, open_page: Opener) -> None:
+    fake.error = problem("face-too-small", 422, "The face is too small", "the face is 31 pixels wide; 40 are needed")
+    page = open_page(fake.address)
+    submit(page)
+    text = fault_text(page)
+    assert "The face is too small" in text
+    assert "31 pixels" in text
+    assert page.is_visible("#preview")
+    assert page.evaluate("document.activeElement.id") == "fault"
+    page.click("#go")
+    done(page)
+
+
+def test_a_refused_upload_says_why(fake: Fake, open_page: Opener) -> None:
+    fake.refuse = (413, problem("too-large", 413, "The upload is too large", "it has 41 MB; 32 MB are taken"))
+    page = open_page(fake.address, expected=(REFUSED,))
+    submit(page)
+    assert "41 MB" in fault_text(page)
+
+
+def test_words_of_the_service_are_text(fake: Fake, open_page: Opener) -> None:
+    fake.error = problem("no-face", 422, "<img src=x onerror=alert(1)>", "<b>bold</b>")
+    page = open_page(fake.address)
+    submit(page)
+    assert "<b>bold</b>" in fault_text(page)
+
+
+def test_trying_again_after_a_lost_answer_makes_one_job(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address, expected=("net::ERR_FAILED",))
+    page.route("**/v1/avatars", lambda route: (route.fetch(), route.abort()))
+    submit(page)
+    assert "cannot be reached" in fault_text(page)
+    page.unroute("**/v1/avatars")
+    page.click("#again")
+    done(page)
+    keys = [headers["idempotency-key"] for headers in posts(fake.requests)]
+    assert len(keys) == 2
+    assert keys[0] == keys[1]
+
+
+def test_of_several_faces_one_is_chosen_on_the_photo(fake: Fake, open_page: Opener) -> None:
+    fake.error = TWO_FACES
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_selector(".frame >> nth=1")
+    photo, frame = page.locator("#boxes-photo").bounding_box(), page.locator(".frame").first.bounding_box()
+    assert photo and frame
+    scale = photo["width"] / 512
+    assert abs(frame["x"] - photo["x"] - 170 * scale) < 1
+    assert abs(frame["height"] - 110 * scale) < 1
+    page.get_by_role("button", name="Face 2").click()
+    done(page)
+    assert [options.get("face") for options in fake.options] == [None, 1]
+
+
+def test_cancel(fake: Fake, open_page: Opener) -> None:
+    fake.step_s = 3
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_url("**/#avatar=*")
+    page.click("#cancel")
+    page.wait_for_selector("#intake:not([hidden])")
+    page.wait_for_function("!location.hash")
+    for _ in range(50):
+        if fake.deleted:
+            break
+        page.wait_for_timeout(50)
+    assert fake.deleted == list(fake.jobs)
+
+
+def test_a_reloaded_page_goes_on_with_its_job(fake: Fake, open_page: Opener) -> None:
+    fake.step_s = 0.6
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_url("**/#avatar=*")
+    page.reload()
+    page.wait_for_selector("#work:not([hidden])")
+    done(page)
+    assert len(fake.jobs) == 1
+
+
+def test_a_head_that_is_gone(fake: Fake, open_page: Opener) -> None:
+    page = open_page(f"{fake.address}/#avatar=never-was", expected=(REFUSED,))
+    assert "no such avatar" in fault_text(page)
+    assert page.is_visible("#intake")
+
+
+def test_delete_asks_first(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    make_head(page)
+    page.click("#delete")
+    page.click("#confirm button[value=keep]")
+    assert not fake.deleted
+    page.click("#delete")
+    page.click("#confirm button[value=delete]")
+    page.wait_for_selector("#intake:not([hidden])")
+    assert fake.deleted == list(fake.jobs)
+
+
+def test_a_service_that_wants_a_key(fake: Fake, open_page: Opener) -> None:
+    fake.key = "secret-key"
+    page = open_page(fake.address, expected=(REFUSED,))
+    submit(page)
+    assert "A key is needed" in fault_text(page)
+    page.fill("#key", "secret-key")
+    page.press("#key", "Enter")
+    done(page)
+    with page.expect_download() as download:
+        page.click("#download")
+    assert download.value.suggested_filename == "avatar.zip"
+    assert download.value.path().read_bytes() == fake.archive.read_bytes()
+
+

@@ -1,0 +1,231 @@
+"""The head in 3D: maps, normals, light, expressions, turning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tests.web.archives import with_reflectance
+from tests.web.at_work import Pixels, difference, face, make_head, picture, set_slider, settle, show
+from tests.web.conftest import Opener, opening
+from tests.web.fake_service import serving
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+pytestmark = pytest.mark.slow
+
+MAPS = [
+    "texture", "diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement", "confidence",
+    "shape_normal",
+]  # fmt: skip
+SEEN = np.array([0x2F, 0x8A, 0x63]) / 255
+
+
+@pytest.fixture(scope="module")
+def head(browser: Browser, archive: Path) -> Iterator[Page]:
+    """A head with all maps, opened once; each test leaves it as it was."""
+    with serving(archive, step_s=0.05) as fake, opening(browser) as opened:
+        page = opened(fake.address)
+        make_head(page)
+        yield page
+
+
+def light(page: Page, azimuth: float, elevation: float) -> None:
+    set_slider(page, "light-azimuth", azimuth)
+    set_slider(page, "light-elevation", elevation)
+
+
+def test_the_head_is_there(head: Page) -> None:
+    pixels = picture(head)
+    inside, corner = face(pixels), pixels[40:80, 5:45]
+    assert np.abs(inside.mean((0, 1)) - corner.mean((0, 1))).max() > 0.05
+    assert inside.std((0, 1)).max() > 0.05, "a face is not one colour"
+    red, _, blue = inside.mean((0, 1))
+    assert red > blue, "skin is redder than blue"
+
+
+def test_there_is_a_switch_for_each_map_of_the_manifest(head: Page) -> None:
+    values = head.eval_on_selector_all("#panel input[name=view]", "inputs => inputs.map((input) => input.value)")
+    assert values == ["lit", *MAPS]
+
+
+def test_only_maps_of_the_manifest_have_a_switch(plain_archive: Path, open_page: Opener) -> None:
+    with serving(plain_archive, step_s=0.05) as fake:
+        page = open_page(fake.address)
+        make_head(page)
+        values = page.eval_on_selector_all("#panel input[name=view]", "inputs => inputs.map((input) => input.value)")
+        assert values == ["lit", "texture", "confidence", "shape_normal"]
+        assert page.locator("#use-normals").count() == 0
+        fetched = [path for _, path, _ in fake.requests if "/files/maps/" in path]
+        assert not fetched, "the first view needs nothing but the GLB, which has the texture inside"
+
+
+def test_each_map_looks_different(head: Page) -> None:
+    pictures = {name: show(head, name) for name in ("lit", *MAPS)}
+    names = list(pictures)
+    for index, first in enumerate(names):
+        for second in names[index + 1 :]:
+            assert difference(pictures[first], pictures[second]) > 0.002, f"{first} and {second} look the same"
+
+
+def test_a_map_alone_shows_its_codes_whatever_the_light(head: Page) -> None:
+    before = show(head, "shape_normal")
+    light(head, -120, 60)
+    assert difference(before, picture(head)) == 0
+    nose = face(before).mean((0, 1))
+    assert nose[2] > 0.8, "the face looks along +Z, which is blue"
+    light(head, 35, 30)
+
+
+def test_confidence_shows_what_was_seen(head: Page) -> None:
+    inside = face(show(head, "confidence"))
+    share = (np.abs(inside - SEEN).max(-1) < 0.02).mean()
+    assert share > 0.5, "most of a frontal face is seen"
+    assert head.is_visible("#legend")
+    show(head, "lit")
+    assert not head.is_visible("#legend")
+
+
+def halves(pixels: Pixels) -> float:
+    """Brightness of the right half of the face over the left one's."""
+    inside = face(pixels).mean(-1)
+    middle = inside.shape[1] // 2
+    return float(inside[:, middle:].mean() / inside[:, :middle].mean())
+
+
+def test_the_light_comes_from_where_it_was_put(head: Page) -> None:
+    show(head, "lit")
+    light(head, 80, 0)
+    right = halves(picture(head))
+    light(head, -80, 0)
+    left = halves(picture(head))
+    assert right > 1.15 * left
+    light(head, 35, 30)
+
+
+def test_the_light_is_moved_by_dragging_ball_and_head(head: Page) -> None:
+    show(head, "lit")
+    before = picture(head)
+    head.locator(".ball").scroll_into_view_if_needed()
+    box = head.locator(".ball").bounding_box()
+    assert box
+    head.mouse.click(box["x"] + 0.15 * box["width"], box["y"] + 0.5 * box["height"])
+    assert float(head.input_value("#light-azimuth")) < -60
+    assert abs(float(head.input_value("#light-elevation"))) < 5
+    moved = picture(head)
+    assert difference(before, moved) > 0.01
+    head.check("input[name=drag][value=light]", force=True)
+    view = head.locator("#canvas").bounding_box()
+    assert view
+    x, y = view["x"] + view["width"] / 2, view["y"] + view["height"] / 2
+    head.mouse.move(x, y)
+    head.mouse.down()
+    head.mouse.move(x + 100, y, steps=4)
+    head.mouse.up()
+    assert float(head.input_value("#light-azimuth")) > -60
+    assert difference(moved, picture(head)) > 0.01
+    head.check("input[name=drag][value=head]", force=True)
+    light(head, 35, 30)
+
+
+def test_gloss_and_pores_can_be_switched_off(head: Page) -> None:
+    full = show(head, "lit")
+    for name in ("use-specular", "use-normals"):
+        head.uncheck(f"#{name}")
+        assert difference(full, picture(head)) > 0.001, name
+        head.check(f"#{name}")
+    assert difference(full, picture(head)) == 0
+
+
+@pytest.mark.parametrize(("slope", "lamp"), [((0.6, 0.0), (70, 0)), ((0.0, 0.6), (0, 60))])
+def test_normals_lean_where_their_map_says(
+    slope: tuple[float, float], lamp: tuple[float, float], plain_archive: Path, tmp_path: Path, open_page: Opener
+) -> None:
+    """Tangent space with +Y up: leaning to +u turns the face to the viewer's right, to +v upwards, to a lamp there."""
+    with_reflectance(plain_archive, tmp_path / "leaning.zip", slope)
+    with serving(tmp_path / "leaning.zip", step_s=0.05) as fake:
+        page = open_page(fake.address)
+        make_head(page)
+        set_slider(page, "light-room", 0)
+        light(page, *lamp)
+        towards = face(picture(page)).mean()
+        page.uncheck("#use-normals")
+        straight = face(picture(page)).mean()
+        page.check("#use-normals")
+        light(page, -lamp[0], -lamp[1])
+        away = face(picture(page)).mean()
+    assert towards > 1.1 * straight
+    assert away < 0.9 * towards
+
+
+def test_flat_normal_maps_change_nothing(plain_archive: Path, tmp_path: Path, open_page: Opener) -> None:
+    """Code 128 is zero; decoding it as n / 2 + 1/2 would tilt the whole face."""
+    with_reflectance(plain_archive, tmp_path / "flat.zip", (0.0, 0.0))
+    with serving(tmp_path / "flat.zip", step_s=0.05) as fake:
+        page = open_page(fake.address)
+        make_head(page)
+        with_maps = picture(page)
+        page.uncheck("#use-normals")
+        assert difference(with_maps, picture(page)) < 2e-4
+
+
+def test_expressions(head: Page) -> None:
+    before = show(head, "lit")
+    head.click("summary:has-text('Expression')")
+    assert head.locator("[id^=shape-]").count() == 52
+    set_slider(head, "shape-jawOpen", 1)
+    opened = picture(head)
+    height = before.shape[0]
+    lower = np.abs(opened - before)[height // 2 : int(0.85 * height)].mean()
+    upper = np.abs(opened - before)[: int(0.4 * height)].mean()
+    assert lower > 10 * upper, "opening the jaw moves the lower face"
+    head.click("text=Neutral")
+    assert head.input_value("#shape-jawOpen") == "0"
+    neutral = picture(head)
+    head.click("text=As in the photo")
+    assert difference(neutral, picture(head)) > 0.002
+    assert difference(before, picture(head)) == 0
+    head.click("summary:has-text('Expression')")
+
+
+def test_wireframe(head: Page) -> None:
+    before = show(head, "lit")
+    head.check("#wireframe")
+    assert difference(before, picture(head)) > 0.02
+    head.uncheck("#wireframe")
+    assert difference(before, picture(head)) == 0
+
+
+def test_turning_by_mouse_and_back(head: Page) -> None:
+    before = show(head, "lit")
+    box = head.locator("#canvas").bounding_box()
+    assert box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    head.mouse.move(x, y)
+    head.mouse.down()
+    head.mouse.move(x + 160, y, steps=4)
+    head.mouse.up()
+    assert difference(before, picture(head)) > 0.03
+    head.click("#reset-view")
+    settle(head)
+    assert difference(before, picture(head)) < 0.002
+
+
+def test_nothing_is_drawn_while_nothing_changes(head: Page) -> None:
+    settle(head)
+    before = head.get_attribute("#canvas", "data-frames")
+    head.wait_for_timeout(1500)
+    assert head.get_attribute("#canvas", "data-frames") == before
+
+
+def test_every_file_can_be_downloaded(head: Page) -> None:
+    head.click("summary:has-text('Single files')")
+    with head.expect_download() as download:
+        head.click("text=maps/texture.png")
+    assert download.value.path().read_bytes().startswith(b"\x89PNG")
+    head.click("summary:has-text('Single files')")
