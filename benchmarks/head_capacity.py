@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.register import Cloud, Fitter, hidden_behind
-from models.head.shoot import vertex_normals
+from service.geometry.normals import area_normals
 from service.head.files import load_head
 
 Float = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ def unseen_heads(path: Path, count: int, seed: int) -> list[Cloud]:
         vertices = neutral + np.tensordot(random.normal(size=len(identity)), identity, 1)
         eyes = np.stack([vertices[landmarks[36:42]].mean(0), vertices[landmarks[42:48]].mean(0)])
         vertices = (vertices - eyes.mean(0)) * IOD_M / np.linalg.norm(eyes[1] - eyes[0])
-        normals = vertex_normals(vertices, triangles)
+        normals = area_normals(vertices, triangles).astype(np.float64)
         middle = np.array([0.0, -0.55 * IOD_M, vertices[landmarks[27:31], 2].mean() - 0.3 * IOD_M])
         keep = np.isin(np.arange(len(vertices)), triangles) & (normals[:, 2] > 0.25)
         keep &= np.linalg.norm(vertices - middle, axis=1) < 1.45 * IOD_M

@@ -23,6 +23,10 @@ Float = npt.NDArray[np.float64]
 
 YAWS = (0, 25, 45)
 FIRST_SEED = 100
+FFHQ_SCALE_M = 0.1
+"""Metres per unit of the FFHQ-UV head."""
+FFHQ_EYES_M = np.array([[0.0321, 0.0357, 0.0310], [-0.0310, 0.0360, 0.0313]])
+"""Its eyeball centres, left first."""
 log = logging.getLogger("shoot")
 
 
@@ -56,11 +60,9 @@ def landmarks_on(head: TexturedHead, folder: Path, name: str) -> Float:
 
 def ffhq_head(skin: Skin) -> TexturedHead:
     """The skin's own head in metres, centred between its eyes."""
-    scale = 0.1
-    eyes = np.array([[0.0321, 0.0357, 0.0310], [-0.0310, 0.0360, 0.0313]])
-    middle = eyes.mean(0)
+    middle = FFHQ_EYES_M.mean(0)
     vertices, triangles, colours = skin.dense(1)
-    return TexturedHead("ffhq", vertices * scale - middle, triangles, colours, eyes - middle, 0.0122)
+    return TexturedHead("ffhq", vertices * FFHQ_SCALE_M - middle, triangles, colours, FFHQ_EYES_M - middle, 0.0122)
 
 
 def ict_colours(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle: Float, folder: Path) -> Float:
@@ -74,7 +76,7 @@ def ict_colours(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle:
     for round_ in range(2):
         plain = TexturedHead("ict", vertices, triangles, colours, eyes - eyes.mean(0), 0.0121)
         mine = landmarks_on(plain, folder, f"reference_{round_}")
-        points = carry_skin(vertices, mine, skin, (skin_landmarks + skin_middle) / 0.1)
+        points = carry_skin(vertices, mine, skin, (skin_landmarks + skin_middle) / FFHQ_SCALE_M)
         colours = points
     np.save(cache, colours)
     return colours
@@ -93,7 +95,7 @@ def main() -> None:
     os.nice(10)
     skin = Skin.load(data / "ffhq_uv_head")
     reference = ffhq_head(skin)
-    middle = np.array([[0.0321, 0.0357, 0.0310], [-0.0310, 0.0360, 0.0313]]).mean(0)
+    middle = FFHQ_EYES_M.mean(0)
     heads = IctHeads(data / "ict_facekit_head.npz")
     skin_landmarks = landmarks_on(reference, out, "reference_skin")
     colours = ict_colours(heads, skin, skin_landmarks, middle, out)

@@ -22,8 +22,9 @@ from models.head.build import write_digest
 from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
 from models.head.nearest import nearest_on_triangles
 from models.head.paint import Canvas, paint
-from models.head.shoot import Shot, look_at, shoot, vertex_normals
+from models.head.shoot import Shot, look_at, shoot
 from service.faces.face import LANDMARK_COUNT
+from service.geometry.normals import area_normals
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
 
@@ -120,7 +121,7 @@ def collect(head: HeadModel, count: int, seed: int) -> Hits:
         hits.found[slot] += 1
         landmarks = faces[0].landmarks[:, :2]
         scale = float(np.linalg.norm(np.ptp(landmarks, axis=0)))
-        normals = vertex_normals(vertices, head.triangles)
+        normals = area_normals(vertices, head.triangles)
         ray = camera.centre - vertices
         hits.yaw.append(float(yaw))
         hits.point.append(back_project(head, shot, landmarks, 0.03 * scale))

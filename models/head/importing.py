@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from models.head.nearest import nearest_on_triangles
 from models.head.register import Cloud, Fitter, hidden_behind
-from models.head.shoot import vertex_normals
 from service.errors import ModelFault
+from service.geometry.normals import area_normals
 from service.head.files import split_polygons, triangle_fields
 from service.head.model import HeadModel
 
@@ -115,7 +115,7 @@ class _Transfer:
     """Our head laid over the other neutral, and the way from it to the other's triangles."""
 
     def __init__(self, mean: Float, triangles: Int, ours: HeadModel, ipd: float) -> None:
-        normals = vertex_normals(mean, triangles)
+        normals = area_normals(mean, triangles)
         eye = 0.5 * ipd
         front = (normals[:, 2] > 0.2) & (np.linalg.norm(mean - [0, -0.55 * ipd, 0.02], axis=1) < 1.5 * ipd)
         front &= np.linalg.norm(np.abs(mean) - [eye, 0, 0], axis=1) > 0.2 * ipd  # neither socket nor eyeball
@@ -126,7 +126,7 @@ class _Transfer:
         fit = fitter.fit(Cloud(mean[front], normals[front]), FIT_COMPONENTS, FIT_BOUND)
         self.rms = float(np.sqrt((fit.distance**2).mean()))
         self.fitted, self.ours = fit.vertices, ours
-        self.fitted_normals = vertex_normals(fit.vertices, ours.triangles)
+        self.fitted_normals = area_normals(fit.vertices, ours.triangles)
         self.mean, self.triangles = mean, triangles
         corner = mean[triangles]
         self.corner = corner
@@ -160,7 +160,7 @@ class _Transfer:
         from scipy.spatial import cKDTree
 
         skin = np.unique(ours.triangles[ours.triangle_part == 0])
-        normals = vertex_normals(self.mean, self.triangles)
+        normals = area_normals(self.mean, self.triangles)
         near = skin[cKDTree(self.fitted[skin]).query(self.mean, k=16)[1]]
         agree = np.einsum("nkc,nc->nk", self.fitted_normals[near], normals) > 0.2
         first = np.where(agree.any(1), agree.argmax(1), 0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from models.head.shoot import vertex_normals
+from service.geometry.normals import area_normals
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
@@ -86,7 +86,7 @@ class Fitter:
         a, scale, rotation, shift = np.zeros(components), 1.0, np.eye(3), np.zeros(3)
         for step in range(iterations):
             vertices = (mean + np.tensordot(a, basis, 1)) @ rotation.T * scale + shift
-            normals = vertex_normals(vertices, self.triangles)
+            normals = area_normals(vertices, self.triangles)
             points = (vertices[self.corner] * self.weight[..., None]).sum(1)
             direction = normals[self.corner[:, 0]]
             distance, nearest = cKDTree(points).query(cloud.points)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.camera import Camera
+from service.geometry.normals import area_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 
@@ -45,16 +46,6 @@ def look_at(yaw_deg: float, pitch_deg: float, roll_deg: float, distance: float, 
     )
 
 
-def vertex_normals(vertices: Float, triangles: npt.NDArray[np.integer]) -> Float:
-    """(V, 3) unit normals weighted by area; zero where a vertex has no triangle."""
-    corner = vertices[triangles]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normals = np.stack(
-        [sum(np.bincount(triangles[:, k], face[:, c], minlength=len(vertices)) for k in range(3)) for c in range(3)], 1
-    )
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
-
-
 def shoot(
     head: HeadModel,
     vertices: Float,
@@ -82,7 +73,7 @@ def shoot(
     raster = rasterise(camera.project(vertices), depth, triangles, camera.width, camera.height, perspective=True)
     mask = raster.mask
     seen, weight = raster.triangle[mask], raster.barycentric[mask].astype(float)
-    normal = np.einsum("nk,nkc->nc", weight, vertex_normals(vertices, triangles)[triangles[seen]])
+    normal = np.einsum("nk,nkc->nc", weight, area_normals(vertices, triangles)[triangles[seen]])
     uv = np.einsum("nk,nkc->nc", weight, head.uv[head.triangle_uv[index][seen]].astype(float))
     height, width = albedo.shape[:2]
     x = (uv[:, 0] * width - 0.5).astype(np.float32)
