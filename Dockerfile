@@ -1,0 +1,56 @@
+# The serving image: Python, the serving dependencies, weights and head model; no torch, no compiler, no pip.
+# docs/deploy.md says how to run it. Each RUN step works outside a container too, which is how it is tested.
+ARG PYTHON_VERSION=3.11.13
+
+FROM python:${PYTHON_VERSION}-slim-bookworm AS build
+# Further extras, for example "s3" or "s3,heic,openvino".
+ARG EXTRAS=""
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
+WORKDIR /src
+COPY pyproject.toml requirements.lock deploy/requirements.py ./
+# The dependencies first: this layer stays as it is while only the program changes.
+RUN python -m venv --without-pip /app \
+    && python requirements.py "${EXTRAS}" > requirements.txt \
+    && pip --python /app/bin/python install --only-binary=:all: -c requirements.lock -r requirements.txt
+COPY README.md LICENSE NOTICE THIRD_PARTY.md ./
+COPY LICENSES LICENSES
+COPY service service
+RUN pip --python /app/bin/python install --no-deps .
+COPY deploy/healthcheck.py /app/
+
+FROM python:${PYTHON_VERSION}-slim-bookworm
+ARG VERSION=0.1.0
+ARG REVISION=""
+ARG CREATED=""
+ARG PYTHON_VERSION
+LABEL org.opencontainers.image.title="avatarme" \
+      org.opencontainers.image.description="One photo of a face in, a renderable head out, on a CPU." \
+      org.opencontainers.image.version="${VERSION}" \
+      org.opencontainers.image.revision="${REVISION}" \
+      org.opencontainers.image.created="${CREATED}" \
+      org.opencontainers.image.licenses="Apache-2.0 AND CC0-1.0 AND MIT" \
+      org.opencontainers.image.documentation="docs/deploy.md" \
+      org.opencontainers.image.base.name="docker.io/library/python:${PYTHON_VERSION}-slim-bookworm"
+# tini passes signals on and collects the processes of jobs whose worker died. The user has no home and no shell.
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends tini=0.19.0-* \
+    && rm -rf /var/lib/apt/lists/* \
+    && groupadd --gid 10001 avatarme \
+    && useradd --uid 10001 --gid 10001 --home-dir /nonexistent --no-create-home --shell /usr/sbin/nologin avatarme \
+    && install --directory --owner 10001 --group 10001 --mode 0700 /data
+COPY --from=build /app /app
+ENV PATH=/app/bin:$PATH \
+    PYTHONDONTWRITEBYTECODE=1 \
+    PYTHONUNBUFFERED=1 \
+    AVATARME_HOST=0.0.0.0 \
+    AVATARME_PORT=8000 \
+    AVATARME_DATA=/data
+WORKDIR /data
+USER 10001:10001
+VOLUME /data
+EXPOSE 8000
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=30s --timeout=5s --start-period=60s --retries=3 \
+    CMD ["python", "-I", "/app/healthcheck.py"]
+ENTRYPOINT ["tini", "--", "avatarme"]
+CMD ["serve"]

@@ -1,0 +1,305 @@
+"""Image, compose files, Kubernetes: what goes in, what it may do, and that names are those of the code."""
+
+from __future__ import annotations
+
+import fnmatch
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path, PurePosixPath
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml  # type: ignore[import-untyped]
+
+from service import __version__
+from service.jobs.settings import PREFIX, Settings
+
+ROOT = Path(__file__).parents[1]
+DEPLOY = ROOT / "deploy"
+
+
+def script(name: str) -> ModuleType:
+    specification = importlib.util.spec_from_file_location(name, DEPLOY / f"{name}.py")
+    assert specification is not None and specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def document(name: str) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((ROOT / name).read_text("utf-8"))
+    return content
+
+
+def instructions() -> list[tuple[str, str]]:
+    """(instruction, arguments) of the Dockerfile, with continued lines joined."""
+    text = re.sub(r"\\\n", " ", re.sub(r"^\s*#.*\n", "", (ROOT / "Dockerfile").read_text("utf-8"), flags=re.MULTILINE))
+    return [(line.split(None, 1)[0], " ".join(line.split(None, 1)[1].split())) for line in text.splitlines() if line]
+
+
+def values(instruction: str) -> list[str]:
+    return [arguments for name, arguments in instructions() if name == instruction]
+
+
+# --- what goes into the build
+
+
+def sent(path: str) -> bool:
+    """Whether .dockerignore lets a file in: the last pattern that matches it, or a folder above it, decides."""
+    lines = [line.strip() for line in (ROOT / ".dockerignore").read_text("utf-8").splitlines()]
+    ignored = False
+    for line in (line for line in lines if line and not line.startswith("#")):
+        pattern = line.removeprefix("!").strip("/")
+        heads = [str(head) for head in [PurePosixPath(path), *PurePosixPath(path).parents] if str(head) != "."]
+        if any(_matches(head, pattern) for head in heads):
+            ignored = not line.startswith("!")
+    return not ignored
+
+
+def _matches(path: str, pattern: str) -> bool:
+    """Patterns of Go's filepath.Match, with ** for any number of folders."""
+    parts, wanted = path.split("/"), pattern.split("/")
+    if wanted[0] == "**":
+        return any(_matches("/".join(parts[start:]), "/".join(wanted[1:])) for start in range(len(parts)))
+    return len(parts) == len(wanted) and all(map(fnmatch.fnmatchcase, parts, wanted))
+
+
+def tracked() -> list[str]:
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return [name for name in listing.split("\0") if name and (ROOT / name).exists()]
+
+
+def copied() -> list[str]:
+    """Sources of every COPY from the context."""
+    return [source for line in values("COPY") if not line.startswith("--from") for source in line.split()[:-1]]
+
+
+def test_all_that_serving_needs_is_sent_and_copied() -> None:
+    needed = [name for name in tracked() if name.startswith("service/")]
+    assert any(name.endswith(".onnx") for name in needed)
+    assert not [name for name in needed if not sent(name)]
+    assert "service" in copied()
+    for source in copied():
+        assert (ROOT / source).exists(), f"COPY {source}: there is no such file"
+        below = [source] if (ROOT / source).is_file() else [name for name in tracked() if name.startswith(f"{source}/")]
+        assert below and all(sent(name) for name in below), f"COPY {source}: .dockerignore keeps it out"
+
+
+def test_what_the_project_file_names_is_copied() -> None:
+    """The build of the package fails without its readme and licences."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    for pattern in [project["readme"], *project["license-files"]]:
+        assert pattern.split("/")[0] in copied(), pattern
+
+
+def test_every_data_file_is_part_of_the_package() -> None:
+    """A checkout has them all; the image has what the package data of pyproject.toml names."""
+    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["package-data"][
+        "service"
+    ]
+    packed = {path for pattern in patterns for path in (ROOT / "service").glob(pattern)}
+    data = {ROOT / name for name in tracked() if name.startswith("service/") and not name.endswith(".py")}
+    assert data and not data - packed
+
+
+def test_nothing_else_is_sent() -> None:
+    """Deny by default: a photo, a key or a dump that lies in the folder must not end in an image."""
+    allowed = {"service", "LICENSES", "deploy"}
+    outside = [name for name in tracked() if PurePosixPath(name).parts[0] not in allowed and sent(name)]
+    assert set(outside) == {"pyproject.toml", "requirements.lock", "README.md", "LICENSE", "NOTICE", "THIRD_PARTY.md"}
+    for name in (
+        ".git/config",
+        ".env",
+        "me.jpg",
+        "out/me.zip",
+        "service/.env",
+        "service/data/.DS_Store",
+        "service/cli/__pycache__/app.cpython-311.pyc",
+        "deploy/secret.yaml",
+        "models/head/build.py",
+        "tests/conftest.py",
+        "avatarme-data/jobs.sqlite",
+        ".venv/bin/python",
+    ):
+        assert not sent(name), name
+
+
+# --- the image
+
+
+def test_the_image_runs_as_nobody_in_particular() -> None:
+    assert values("USER") == ["10001:10001"], "numeric: Kubernetes cannot check a name"
+    assert values("VOLUME") == ["/data"]
+    assert json.loads(values("ENTRYPOINT")[0])[:2] == ["tini", "--"]
+    assert json.loads(values("CMD")[0]) == ["serve"]
+    assert "CMD [" in values("HEALTHCHECK")[0], "without a shell"
+
+
+def test_bases_are_pinned_and_the_same() -> None:
+    bases = [line.split()[0] for line in values("FROM")]
+    assert len(set(bases)) == 1
+    (version,) = (line.partition("=")[2] for line in values("ARG") if line.startswith("PYTHON_VERSION="))
+    assert re.fullmatch(r"3\.\d+\.\d+", version)
+    assert bases[0] == "python:${PYTHON_VERSION}-slim-bookworm"
+
+
+def test_the_version_is_that_of_the_program() -> None:
+    assert f"VERSION={__version__}" in values("ARG")
+    texts = [path.read_text("utf-8") for path in (ROOT / "compose.yaml", *DEPLOY.glob("*.yaml"))]
+    images = {image for text in texts for image in re.findall(r"image: (avatarme:\S+)", text)}
+    assert images == {f"avatarme:{__version__}"}
+
+
+def test_no_torch_and_no_development_tool() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    needed = script("requirements").requirements(project, [])
+    assert needed == project["dependencies"]
+    assert script("requirements").requirements(project, ["heic"])[-1].startswith("pillow-heif")
+    with pytest.raises(KeyError):
+        script("requirements").requirements(project, ["no-such-extra"])
+
+
+def test_the_requirements_are_printed_one_a_line() -> None:
+    command = [sys.executable, "deploy/requirements.py", "heic, s3"]
+    lines = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert any(line.startswith("numpy") for line in lines)
+    assert [line.split(">")[0] for line in lines[-2:]] == ["pillow-heif", "s3fs"]
+
+
+# --- names of settings
+
+
+def test_every_variable_is_a_setting() -> None:
+    """A misspelt variable would be passed over in silence."""
+    known = {PREFIX + field.name.upper() for field in fields(Settings)}
+    of_compose = {"AVATARME_CONTAINER_MEMORY"}  # for compose itself, not for the program
+    for path in (ROOT / "Dockerfile", ROOT / "compose.yaml", *DEPLOY.glob("*.*")):
+        used = set(re.findall(r"AVATARME_[A-Z_]+", path.read_text("utf-8")))
+        assert used <= known | of_compose, path.name
+    told = set(re.findall(r"AVATARME_[A-Z_]+", (ROOT / "docs" / "deploy.md").read_text("utf-8")))
+    assert told <= known | of_compose | {"AVATARME_API_KEY", "AVATARME_SERVER"}
+
+
+# --- compose
+
+
+def ours(name: str) -> dict[str, dict[str, Any]]:
+    services: dict[str, dict[str, Any]] = document(name)["services"]
+    return {key: value for key, value in services.items() if str(value.get("image", "")).startswith("avatarme:")}
+
+
+@pytest.mark.parametrize("name", ["compose.yaml", "deploy/compose.workers.yaml"])
+def test_containers_may_do_nothing_that_they_need_not(name: str) -> None:
+    assert ours(name)
+    for service in ours(name).values():
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+        assert "no-new-privileges:true" in service["security_opt"]
+        assert service["volumes"] == ["data:/data"], "one place to write to"
+        assert [mount.split(":")[0].strip("/") for mount in service["tmpfs"]] == ["tmp"]
+        assert not {"privileged", "user", "network_mode", "devices"} & set(service)
+        assert all(port.startswith("127.0.0.1:") for port in service.get("ports", []))
+        assert {"mem_limit", "pids_limit", "stop_grace_period", "restart"} <= set(service)
+
+
+@pytest.mark.parametrize("name", ["compose.yaml", "deploy/compose.workers.yaml"])
+def test_images_have_versions(name: str) -> None:
+    for service in document(name)["services"].values():
+        assert re.search(r":\d+\.\d", service["image"])
+
+
+def test_workers_have_lasting_names_of_their_own() -> None:
+    workers = [service for service in ours("deploy/compose.workers.yaml").values() if service["command"] == ["worker"]]
+    assert len(workers) > 1
+    for variable in ("AVATARME_WORKER", "AVATARME_DATA"):
+        assert len({worker["environment"][variable] for worker in workers}) == len(workers)
+    shared = {json.dumps(worker["environment"]["AVATARME_DATABASE"]) for worker in workers}
+    assert len(shared) == 1
+    assert document("deploy/compose.workers.yaml")["networks"]["back"]["internal"] is True
+
+
+# --- Kubernetes
+
+
+def objects() -> dict[tuple[str, str], dict[str, Any]]:
+    return {(item["kind"], item["metadata"]["name"]): item for item in document("deploy/kubernetes.yaml")["items"]}
+
+
+@pytest.mark.parametrize("key", [("Deployment", "api"), ("StatefulSet", "worker")])
+def test_pods_may_do_nothing_that_they_need_not(key: tuple[str, str]) -> None:
+    pod = objects()[key]["spec"]["template"]["spec"]
+    assert pod["securityContext"]["runAsNonRoot"] is True
+    assert f"{pod['securityContext']['runAsUser']}:{pod['securityContext']['runAsGroup']}" == values("USER")[0]
+    assert pod["automountServiceAccountToken"] is False
+    (container,) = pod["containers"]
+    rights = container["securityContext"]
+    assert rights["readOnlyRootFilesystem"] and not rights["allowPrivilegeEscalation"]
+    assert rights["capabilities"] == {"drop": ["ALL"]}
+    assert "memory" in container["resources"]["limits"]
+
+
+def test_the_name_of_a_worker_is_that_of_its_pod() -> None:
+    worker = objects()["StatefulSet", "worker"]["spec"]
+    (container,) = worker["template"]["spec"]["containers"]
+    names = {variable["name"]: variable for variable in container["env"]}
+    assert names["AVATARME_WORKER"]["valueFrom"]["fieldRef"]["fieldPath"] == "metadata.name"
+    assert names["AVATARME_DATABASE"]["valueFrom"]["secretKeyRef"]
+    assert container["args"] == ["worker"]
+
+
+# --- healthcheck
+
+
+@contextmanager
+def answering(status: int, hosts: list[str]) -> Iterator[int]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            hosts.append(self.headers["Host"])
+            self.send_response(status if self.path == "/readyz" else 404)
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server.server_port
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@pytest.mark.parametrize(("status", "healthy"), [(200, True), (503, False), (400, False)])
+def test_healthy_is_who_takes_photos(status: int, healthy: bool) -> None:
+    with answering(status, []) as port:
+        assert script("healthcheck").healthy({"AVATARME_PORT": str(port)}) is healthy
+
+
+def test_nobody_there_is_not_healthy() -> None:
+    with answering(200, []) as port:
+        pass
+    command = [sys.executable, "-I", "deploy/healthcheck.py"]
+    assert subprocess.run(command, cwd=ROOT, env={"AVATARME_PORT": str(port)}).returncode == 1
+
+
+def test_a_server_with_a_list_of_names_is_asked_by_one_of_them() -> None:
+    hosts: list[str] = []
+    with answering(200, hosts) as port:
+        environment = {"AVATARME_PORT": str(port), "AVATARME_ALLOWED_HOSTS": "a.example, b.example"}
+        assert script("healthcheck").healthy(environment)
+    assert hosts == ["a.example"]
