@@ -14,6 +14,7 @@ import contextlib
 import hashlib
 import os
 import random
+import shutil
 import signal
 import tempfile
 import threading
@@ -180,8 +181,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--posters", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as folder:
-        findings = chaos(Path(folder), asked.kills, posters=asked.posters, seed=asked.seed)
+    folder = Path(tempfile.mkdtemp(prefix="chaos-"))
+    findings = chaos(folder, asked.kills, posters=asked.posters, seed=asked.seed)
+    if findings.well():
+        shutil.rmtree(folder)
     print(f"{sum(findings.kills.values())} kills ({dict(findings.kills)}) in {findings.seconds:.0f} s")
     print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
     print(f"lost {len(findings.lost)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")

@@ -66,7 +66,7 @@ class Server:
         self.log = data.with_name(data.name + ".log")
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self, *, ready: bool = True, within: float = 60.0) -> None:
+    def start(self, *, ready: bool = True, within: float = 180.0) -> None:
         """Start, and wait until it answers (``ready``: until it is ready).
 
         Raises:
@@ -78,7 +78,7 @@ class Server:
             )
         self.wait("readyz" if ready else "livez", within)
 
-    def wait(self, probe: str, within: float = 60.0) -> None:
+    def wait(self, probe: str, within: float = 180.0) -> None:
         """Wait for a probe to say yes.
 
         Raises:
@@ -92,7 +92,8 @@ class Server:
             if self.process is None or self.process.poll() is not None:
                 break
             time.sleep(0.05)
-        raise RuntimeError(f"the server is not ready; see {self.log}")
+        status = None if self.process is None else self.process.poll()
+        raise RuntimeError(f"the server is not ready (status {status}); see {self.log}")
 
     def processes(self) -> list[int]:
         """Process ids: the server first, then all that it started."""
@@ -135,7 +136,7 @@ class Server:
 def post(client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None) -> httpx.Response:
     """Post a photo."""
     headers = {"Idempotency-Key": key} if key is not None else {}
-    files = {"image": ("photo.jpg", photo, "image/jpeg"), "options": (None, f'{{"seed": {seed}}}', "application/json")}
+    files: Any = {"image": ("photo.jpg", photo, "image/jpeg"), "options": (None, f'{{"seed": {seed}}}', "application/json")}
     return client.post("/v1/avatars", files=files, headers=headers)
 
 

@@ -198,7 +198,7 @@ def _place(cursor: str | None) -> tuple[float, str] | None:
         moment, job = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
         if not isinstance(moment, float) or not isinstance(job, str):
             raise ValueError
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise ProblemError(
             "invalid-parameter", 422, "cursor is none of this server's", pointer="/query/cursor"
         ) from error

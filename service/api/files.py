@@ -57,10 +57,8 @@ class Extent:
     name: str
 
 
-@router.api_route(
-    "/{job}/archive.zip", methods=["GET", "HEAD"], response_class=Response, responses=_RESPONSES,
-    summary="The whole result as a zip.",
-)  # fmt: skip
+@router.head("/{job}/archive.zip", include_in_schema=False)
+@router.get("/{job}/archive.zip", response_class=Response, responses=_RESPONSES, summary="The whole result as a zip.")
 async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
     """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off."""
     row = await run_in_threadpool(_finished, context, job, tenant)
@@ -86,10 +84,10 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
     return JSONResponse({"items": items}, headers={"Cache-Control": "no-store"})
 
 
-@router.api_route(
-    "/{job}/files/{path:path}", methods=["GET", "HEAD"], response_class=Response, responses=_RESPONSES,
-    summary="One file of the result.",
-)  # fmt: skip
+@router.head("/{job}/files/{path:path}", include_in_schema=False)
+@router.get(
+    "/{job}/files/{path:path}", response_class=Response, responses=_RESPONSES, summary="One file of the result."
+)
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
     row = await run_in_threadpool(_finished, context, job, tenant)

@@ -15,6 +15,7 @@ from service.api.avatars import Here
 from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
 from service.api.schemas import Health, ModelList, Problem, QualityList, Readiness
 from service.jobs.problems import TITLES, problem
+from service.jobs.store import Row
 
 router = APIRouter(tags=["server"])
 
@@ -68,30 +69,34 @@ def models() -> Response:
 
 @router.get("/v1/quality", response_model=QualityList, summary="What quality and size cost on this server.")
 def quality(context: Here) -> Response:
-    """Median and 90th percentile of the times of the last jobs, by quality and size; empty before the first one."""
-    import service.options
+    """The levels, and median and 90th percentile of the times of the last jobs by level and size of the maps.
 
-    groups: dict[tuple[str | None, tuple[int, ...]], list[Any]] = defaultdict(list)
+    There are no times before the first job of a kind has ended.
+    """
+    from service.levels import LEVELS
+
+    groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
     for row in context.store.measured():
         options = json.loads(row["options"])
-        if options:
-            groups[options.get("quality"), tuple(options["size"])].append(row)
-    items = []
-    for (name, size), rows in sorted(groups.items(), key=str):
-        times = sorted(row["finished_at"] - row["started_at"] for row in rows)
-        memory = [row["peak_rss_mb"] for row in rows if row["peak_rss_mb"] is not None]
-        items.append(
-            {
-                "quality": name,
-                "size": list(size),
-                "jobs": len(rows),
-                "median_s": round(statistics.median(times), 3),
-                "p90_s": round(times[min(len(times) - 1, int(len(times) * 0.9))], 3),
-                "peak_rss_mb": max(memory, default=None),
-            }
-        )
-    known = getattr(service.options, "QUALITIES", ())
-    return JSONResponse({"items": items, "qualities": list(known)})
+        if options.get("quality") in LEVELS:
+            width, height = options.get("size") or LEVELS[options["quality"]].size
+            groups[options["quality"], (width, height)].append(row)
+    items = [_measured(name, size, rows) for (name, size), rows in sorted(groups.items())]
+    levels = [{"name": name, "size": list(level.size)} for name, level in LEVELS.items()]
+    return JSONResponse({"levels": levels, "items": items})
+
+
+def _measured(name: str, size: tuple[int, int], rows: list[Row]) -> dict[str, Any]:
+    times = sorted(row["finished_at"] - row["started_at"] for row in rows)
+    memory = [row["peak_rss_mb"] for row in rows if row["peak_rss_mb"] is not None]
+    return {
+        "quality": name,
+        "size": list(size),
+        "jobs": len(rows),
+        "median_s": round(statistics.median(times), 3),
+        "p90_s": round(times[min(len(times) - 1, int(len(times) * 0.9))], 3),
+        "peak_rss_mb": max(memory, default=None),
+    }
 
 
 @router.get("/problems/{code}", response_class=PlainTextResponse, summary="What a problem code means.")

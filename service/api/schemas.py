@@ -88,7 +88,7 @@ class ModelList(BaseModel):
 class Measured(BaseModel):
     """Times of finished jobs of one kind on this server, seconds."""
 
-    quality: str | None
+    quality: str
     size: list[int]
     jobs: int
     median_s: float
@@ -96,11 +96,18 @@ class Measured(BaseModel):
     peak_rss_mb: float | None
 
 
+class LevelFacts(BaseModel):
+    """One level of quality and the size (width, height) of its maps."""
+
+    name: str
+    size: list[int]
+
+
 class QualityList(BaseModel):
     """What a choice of quality and size costs here."""
 
+    levels: list[LevelFacts]
     items: list[Measured]
-    qualities: list[str]
 
 
 class Health(BaseModel):

@@ -80,12 +80,13 @@ def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
     from service.archive.avatar import Similarity
     from service.faces.face import Face
+    from service.fit.gaze import Gaze, Iris
     from service.fit.result import Fit
     from service.geometry.camera import Camera
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    return {kind.__name__: kind for kind in (Photo, Face, Fit, Camera, Texture, Similarity)}
+    return {kind.__name__: kind for kind in (Photo, Face, Fit, Gaze, Iris, Camera, Texture, Similarity)}
 
 
 if __name__ == "__main__":

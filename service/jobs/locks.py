@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import hashlib
 import os
+import time
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -35,6 +36,22 @@ class FileLock:
     def release(self) -> None:
         """Let another process have it."""
         os.close(self._handle)
+
+
+def waiting_lock(folder: Path, name: str, patience: float = 120.0) -> FileLock:
+    """The lock, as soon as the process that holds it lets it go.
+
+    Raises:
+        UsageError: it does not within ``patience`` seconds.
+    """
+    deadline = time.monotonic() + patience
+    while True:
+        try:
+            return FileLock(folder, name)
+        except UsageError:
+            if time.monotonic() > deadline:
+                raise
+        time.sleep(0.1)
 
 
 class DatabaseLock:

@@ -20,7 +20,7 @@ from service.jobs import logs
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import TABLES, WORKERS, connect, seconds_of_database
 from service.jobs.janitor import Janitor, LostJob
-from service.jobs.locks import DatabaseLock, FileLock
+from service.jobs.locks import DatabaseLock, FileLock, waiting_lock
 from service.jobs.queue import Queue
 from service.jobs.runner import PATIENCE, TEMPORARY_FAILURE, Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
@@ -151,15 +151,7 @@ def create_tables(engine: sa.Engine, settings: Settings) -> None:
     """Make the tables of the service and of DBOS where they are missing; several processes may do it at once."""
     from dbos import DBOS
 
-    lock = FileLock if settings.database_url.startswith("sqlite") else None
-    for attempt in range(50):
-        try:
-            held = lock(settings.data, "tables") if lock else None
-            break
-        except AvatarError:
-            time.sleep(0.2 * (attempt < 49))
-    else:
-        raise AvatarError(f"another process has been making the tables in {settings.data} for 10 s")
+    held = waiting_lock(settings.data, "tables") if settings.database_url.startswith("sqlite") else None
     try:
         with engine.begin() as connection:
             if engine.dialect.name != "sqlite":

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import httpx2
+import pytest
+from starlette.testclient import TestClient
+
+from benchmarks.serving import Server
+from service.api.app import create_app
+from service.api.context import Context
+from service.jobs.settings import Settings
+from tests.service.photo.badimages import picture, save
+
+TOY = "benchmarks.toy_job"
+GOOD = save(picture(300, 280), "JPEG")
+
+
+class Api:
+    """The application in this process, without a worker."""
+
+    def __init__(self, client: TestClient) -> None:
+        self.client = client
+
+    @property
+    def context(self) -> Context:
+        context: Context = self.client.app.state.context  # type: ignore[attr-defined]
+        return context
+
+    def post(
+        self,
+        photo: bytes = GOOD,
+        options: Any = None,
+        *,
+        name: str = "photo.jpg",
+        kind: str = "image/jpeg",
+        **headers: str,
+    ) -> httpx2.Response:
+        files: dict[str, Any] = {"image": (name, photo, kind)}
+        if options is not None:
+            text = options if isinstance(options, str) else json.dumps(options)
+            files["options"] = (None, text, "application/json")
+        sent = {key.replace("_", "-"): value for key, value in headers.items()}
+        return self.client.post("/v1/avatars", files=files, headers=sent)
+
+    def stored(self) -> list[Path]:
+        """Files of uploads and jobs on the disk."""
+        data = self.context.settings.data
+        return [path for name in ("incoming", "artifacts") for path in (data / name).rglob("*") if path.is_file()]
+
+
+def open_api(settings: Settings) -> TestClient:
+    return TestClient(create_app(settings), base_url="http://localhost", raise_server_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
+    """One application for tests that leave nothing behind or do not mind what others left."""
+    data = tmp_path_factory.mktemp("api") / "data"
+    with open_api(Settings(data=data, program=TOY, reserve_mb=1)) as client:
+        yield Api(client)
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A real server with a worker that runs the toy job, and short deadlines."""
+    running = Server(
+        tmp_path_factory.mktemp("server") / "data",
+        {"header_seconds": 1.0, "idle_seconds": 1.0, "body_seconds": 5.0, "jobs": 2},
+    )
+    running.start()
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def client(server: Server) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=server.url, timeout=20) as made:
+        yield made
+
+
+def is_problem(answer: httpx.Response | httpx2.Response, status: int, code: str) -> dict[str, Any]:
+    """Check an answer against RFC 9457 and what it should say; returns the object."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    body: dict[str, Any] = answer.json()
+    assert body["code"] == code
+    assert body["status"] == status
+    assert {"type", "title", "detail"} <= set(body)
+    for inside in ("Traceback", "site-packages", 'File "', "/incoming/", "/artifacts/"):
+        assert inside not in answer.text
+    return body

@@ -1,0 +1,299 @@
+"""What strangers send, and the right answer to each."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx2
+import pytest
+from PIL import Image
+
+from tests.service.api.conftest import GOOD, Api, is_problem
+from tests.service.photo import badimages as bad
+
+RGB = bad.picture(300, 280)
+
+REFUSED: dict[str, tuple[Callable[[], bytes], int, str]] = {
+    "zero bytes": (lambda: b"", 422, "empty-file"),
+    "cut jpeg": (lambda: GOOD[: len(GOOD) // 2], 422, "corrupt-image"),
+    "cut png": (lambda: bad.save(RGB, "PNG")[:-300], 422, "corrupt-image"),
+    "65500 x 65500": (lambda: bad.jpeg_header(65500, 65500), 422, "too-many-pixels"),
+    "png bomb": (lambda: bad.png_bomb(), 422, "too-many-pixels"),
+    "text bomb": (lambda: bad.text_bomb(b"zTXt"), 422, "corrupt-image"),
+    "profile bomb": (lambda: bad.text_bomb(b"iCCP"), 422, "corrupt-image"),
+    "600 scans": (lambda: bad.many_scans(600), 422, "too-complex"),
+    "1 x 1": (lambda: bad.save(RGB[:1, :1], "PNG"), 422, "too-small"),
+    "32 x 32": (lambda: bad.save(RGB[:32, :32], "PNG"), 422, "too-small"),
+    "20000 x 10": (lambda: bad.png_header(20000, 10), 422, "bad-aspect"),
+    "4000 x 100": (lambda: bad.png_header(4000, 100), 422, "bad-aspect"),
+    "animated webp": (lambda: bad.webp_animation(), 422, "animated"),
+    "animated png": (lambda: bad.apng(3), 422, "animated"),
+    "too many bytes": (lambda: b"\xff\xd8\xff" + bytes(25 << 20), 413, "too-large"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_photo_that_cannot_be_used_is_refused_and_not_kept(shared: Api, name: str) -> None:
+    make, status, code = REFUSED[name]
+    before = shared.stored()
+    is_problem(shared.post(make()), status, code)
+    assert shared.stored() == before
+
+
+@pytest.mark.parametrize("name", bad.NOT_IMAGES)
+def test_what_is_no_photo_is_refused_whatever_it_is_called(shared: Api, name: str) -> None:
+    """First bytes decide. Ghostscript and its like are never asked: nothing but the gate sees the bytes."""
+    is_problem(shared.post(bad.NOT_IMAGES[name]), 415, "unsupported-format")
+
+
+ACCEPTED: dict[str, Callable[[], bytes]] = {
+    "jpeg": lambda: GOOD,
+    "cmyk": lambda: bad.cmyk_jpeg((10, 60, 80, 10), width=300, height=280),
+    "16 bits": lambda: bad.png(RGB.astype("u2") * 257, 2, 16),
+    "palette": lambda: bad.save(Image.fromarray(RGB).convert("P"), "PNG"),
+    "1 bit": lambda: bad.save(Image.fromarray(RGB).convert("1"), "PNG"),
+    "grey and alpha": lambda: bad.save(Image.fromarray(RGB).convert("LA"), "PNG"),
+    "alpha": lambda: bad.save(Image.fromarray(RGB).convert("RGBA"), "PNG"),
+    "grey": lambda: bad.save(Image.fromarray(RGB).convert("L"), "JPEG"),
+    "webp": lambda: bad.save(RGB, "WEBP"),
+    "two images in one": lambda: bad.save(
+        Image.fromarray(RGB), "MPO", save_all=True, append_images=[Image.fromarray(RGB)]
+    ),
+    "turned": lambda: bad.with_exif(GOOD, bad.exif(orientation=6)),
+    "turn 99": lambda: bad.with_exif(GOOD, bad.exif(orientation=99)),
+    "broken exif": lambda: bad.with_exif(GOOD, b"MM\0*\xff\xff\xff\xff"),
+    "display p3": lambda: bad.with_icc(GOOD, bad.matrix_profile(bad.P3_PRIMARIES, 2.2)),
+    "broken profile": lambda: bad.with_icc(GOOD, b"no profile"),
+    "a zip behind": lambda: GOOD + b"PK\x03\x04<script>",
+}
+
+
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_unusual_photos_are_taken(shared: Api, name: str) -> None:
+    answer = shared.post(ACCEPTED[name]())
+    assert answer.status_code == 202, answer.text
+    assert answer.headers["location"] == f"/v1/avatars/{answer.json()['id']}"
+    assert shared.client.delete(answer.headers["location"]).status_code == 204
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/octet-stream", "image/gif", "x"])
+def test_the_type_that_a_part_claims_does_not_matter(shared: Api, kind: str) -> None:
+    assert shared.post(kind=kind).status_code == 202
+
+
+@pytest.mark.parametrize(
+    "name", ["../../etc/passwd", "a\0b", "x" * 5000, "\u202egpj.exe", "CON", 'a"; name="options', "<script>", ""]
+)
+def test_the_name_of_a_file_does_not_matter_and_comes_back_nowhere(shared: Api, name: str) -> None:
+    answer = shared.post(name=name or "x")
+    assert answer.status_code in (202, 400), answer.text
+    if name:
+        assert name not in answer.text
+    for path in shared.stored():
+        assert path.is_relative_to(shared.context.settings.data)
+
+
+def raw(shared: Api, body: bytes, kind: str = "multipart/form-data; boundary=b") -> httpx2.Response:
+    return shared.client.post("/v1/avatars", content=body, headers={"Content-Type": kind})
+
+
+def part(name: str, content: bytes, extra: str = "") -> bytes:
+    return f'--b\r\nContent-Disposition: form-data; name="{name}"{extra}\r\n\r\n'.encode() + content + b"\r\n"
+
+
+END = b"--b--\r\n"
+FORM = "multipart/form-data; boundary=b"
+
+
+@pytest.mark.parametrize(
+    ("body", "kind", "status", "code"),
+    [
+        (b"", FORM, 400, "missing-file"),
+        (part("options", b"{}") + END, FORM, 400, "missing-file"),
+        (b"", "image/jpeg", 400, "missing-file"),
+        (GOOD, "application/json", 415, "unsupported-media-type"),
+        (GOOD, "", 415, "unsupported-media-type"),
+        (GOOD, "multipart/form-data", 400, "malformed-multipart"),
+        (GOOD, "multipart/form-data; boundary=", 400, "malformed-multipart"),
+        (part("image", GOOD) + END, "multipart/form-data; boundary=other", 400, "malformed-multipart"),
+        (part("image", GOOD), FORM, 400, "malformed-multipart"),
+        (part("image", GOOD)[:-500], FORM, 400, "malformed-multipart"),
+        (part("image", GOOD) * 2 + END, FORM, 400, "one-file-only"),
+        (part("image", GOOD) + part("options", b"{}") * 2 + END, FORM, 400, "too-many-parts"),
+        (part("image", GOOD) + part("options", b" " * 2_000_000) + END, FORM, 400, "part-too-large"),
+        (b"".join(part(f"x{n}", b"1") for n in range(1500)) + END, FORM, 422, "unknown-field"),
+        (part("image_url", b"http://localhost/") + END, FORM, 422, "unknown-field"),
+        (part("image", GOOD, "; x=" + "y" * 9000) + END, FORM, 400, "malformed-multipart"),
+        (part("image", GOOD) + part("keep_photo", b"maybe") + END, FORM, 422, "usage"),
+    ],
+)  # fmt: skip
+def test_a_body_that_is_not_as_announced_is_refused(
+    shared: Api, body: bytes, kind: str, status: int, code: str
+) -> None:
+    before = shared.stored()
+    is_problem(raw(shared, body, kind), status, code)
+    assert shared.stored() == before, "nothing of a refused request may stay on the disk"
+
+
+def test_a_photo_can_be_the_body_itself(shared: Api) -> None:
+    assert raw(shared, GOOD, "image/jpeg").status_code == 202
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "code", "pointer"),
+    [
+        ('{"seed": NaN}', 422, "malformed-options", ""),
+        ('{"budget": 1e309}', 422, "malformed-options", ""),
+        ("[1]", 422, "malformed-options", ""),
+        ("{", 422, "malformed-options", ""),
+        ("[" * 15_000, 422, "malformed-options", ""),
+        ('{"seed":' + "[" * 50 + "]" * 50 + "}", 422, "malformed-options", ""),
+        ('{"seed": -1}', 422, "usage", "/seed"),
+        ('{"seed": 1e30}', 422, "usage", "/seed"),
+        ('{"seed": "x"}', 422, "usage", "/seed"),
+        ('{"size": [1, 2, 3]}', 422, "usage", "/size"),
+        ('{"size": [600, 600]}', 422, "usage", "/size"),
+        ('{"maps": ["nothing"]}', 422, "usage", "/maps"),
+        ('{"url": "http://169.254.169.254/"}', 422, "unknown-field", "/url"),
+        ('{"image_url": "file:///etc/passwd"}', 422, "unknown-field", "/image_url"),
+        ('{"\\u202e": 1}', 422, "unknown-field", "/\u202e"),
+    ],
+)
+def test_options_that_cannot_be_are_named(shared: Api, options: str, status: int, code: str, pointer: str) -> None:
+    body = is_problem(shared.post(options=options), status, code)
+    assert body["pointer"].startswith(pointer)
+
+
+@pytest.mark.parametrize(
+    "job",
+    ["x", "0" * 32, "..%2f..%2fetc%2fpasswd", "%00", "A" * 5000, "0" * 32 + "/archive.zip", "0" * 32 + "/files/x"],
+)
+def test_what_is_not_there_is_not_there(shared: Api, job: str) -> None:
+    is_problem(shared.client.get(f"/v1/avatars/{job}"), 404, "not-found")
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/v1", "/v1/avatars/", "/.git/config", "/docs", "/../pyproject.toml"])
+def test_unknown_addresses_are_problems_too(shared: Api, path: str) -> None:
+    is_problem(shared.client.get(path), 404, "not-found")
+
+
+@pytest.mark.parametrize("method", ["PUT", "PATCH", "OPTIONS", "TRACE", "HEAD"])
+def test_other_methods_are_refused_with_those_that_are_allowed(shared: Api, method: str) -> None:
+    answer = shared.client.request(method, "/v1/avatars", headers={"Origin": "https://evil.example"})
+    assert answer.status_code == 405
+    assert {"GET", "POST"} & set(answer.headers["allow"].split(", "))
+    assert not [name for name in answer.headers if name.startswith("access-control")], (
+        "no CORS unless somebody sets it up"
+    )
+
+
+def test_a_foreign_page_gets_no_permission(shared: Api) -> None:
+    answer = shared.client.get("/v1/avatars", headers={"Origin": "https://evil.example"})
+    assert not [name for name in answer.headers if name.startswith("access-control")]
+    assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "", "a b", "[::1", "127.0.0.1.evil.example"]
+)
+def test_another_host_name_is_refused(shared: Api, host: str) -> None:
+    """A page that points a name of its own at this server (DNS rebinding) must not get in."""
+    is_problem(shared.client.get("/v1/avatars", headers={"Host": host}), 400, "bad-host")
+
+
+@pytest.mark.parametrize("host", ["localhost", "localhost:8000", "127.0.0.1:1", "[::1]:8000", "10.1.2.3"])
+def test_addresses_and_own_names_are_let_in(shared: Api, host: str) -> None:
+    assert shared.client.get("/livez", headers={"Host": host}).status_code == 200
+
+
+def test_metadata_of_the_photo_is_not_in_the_answers(shared: Api) -> None:
+    answer = shared.post(bad.with_exif(GOOD, bad.exif(focal=35)), name="me-at-home.jpg")
+    job = answer.json()["id"]
+    listed = shared.client.get("/v1/avatars").text + shared.client.get(f"/v1/avatars/{job}").text
+    for word in ("me-at-home", "35", "Exif"):
+        assert word not in listed.replace(job, "").replace("35Z", "") or word == "35"
+
+
+@pytest.mark.parametrize("value", ["", "x" * 256, "ä", "a\tb"])
+def test_a_key_for_repeating_has_to_be_printable(shared: Api, value: str) -> None:
+    answer = shared.client.post(
+        "/v1/avatars", files={"image": ("x", GOOD)}, headers={b"Idempotency-Key": value.encode("latin-1")}
+    )
+    is_problem(answer, 400, "invalid-parameter")
+
+
+@pytest.mark.parametrize(
+    "query", ["limit=0", "limit=101", "limit=x", "cursor=x", "cursor=W10", "cursor=bnVsbA", "state=x"]
+)
+def test_parameters_of_the_list_are_checked(shared: Api, query: str) -> None:
+    is_problem(shared.client.get(f"/v1/avatars?{query}"), 422, "invalid-parameter")
+
+
+def test_an_unexpected_mistake_tells_nothing(shared: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*a: Any) -> None:
+        raise RuntimeError("secret of the inside")
+
+    monkeypatch.setattr(shared.context.store, "page", fail)
+    answer = shared.client.get("/v1/avatars")
+    is_problem(answer, 500, "internal")
+    assert "secret" not in answer.text
+
+
+def test_every_code_has_its_page(shared: Api) -> None:
+    from service.api.problems import EXPLANATIONS
+    from service.jobs.problems import TITLES
+
+    for code in {*EXPLANATIONS, *TITLES}:
+        assert shared.client.get(f"/problems/{code}").status_code == 200
+    is_problem(shared.client.get("/problems/nothing"), 404, "not-found")
+
+
+def test_the_description_names_all_options(shared: Api) -> None:
+    from dataclasses import fields
+
+    from service.options import Options
+
+    described = shared.client.get("/openapi.json").json()
+    options = described["components"]["schemas"]["Options"]
+    assert set(options["properties"]) == {field.name for field in fields(Options)}
+    assert options["additionalProperties"] is False
+    json.dumps(described)
+
+
+def test_the_service_has_nothing_to_fetch_with() -> None:
+    """No URL is ever fetched: what handles requests and jobs imports no HTTP client, and ours none at all."""
+    import ast
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    modules = "sys, service.api.app, service.jobs.worker, service.jobs.child"
+    program = f"import {modules}; service.jobs.child.load(); print(*sys.modules)"
+    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not {"httpx", "requests", "urllib3", "aiohttp"} & set(child.stdout.split())
+    root = Path(__file__).parents[3] / "service"
+    for file in [*(root / "api").glob("*.py"), *(root / "jobs").glob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not {"urllib", "http", "ftplib", "pickle"} & {name.partition(".")[0] for name in names}, file
+
+
+def test_a_photo_in_pieces_of_any_size_is_the_same_photo(shared: Api) -> None:
+    """The streaming parser sees boundaries in every position."""
+    whole = part("image", GOOD) + part("options", b'{"seed": 3}') + END
+    found = set()
+    for size in (7, 61, 1000, len(whole)):
+        pieces = (whole[start : start + size] for start in range(0, len(whole), size))
+        answer = shared.client.post(
+            "/v1/avatars", content=pieces, headers={"Content-Type": "multipart/form-data; boundary=b"}
+        )
+        assert answer.status_code == 202, answer.text
+        row = shared.context.store.get(answer.json()["id"])
+        assert row is not None
+        found.add((row["photo_sha256"], row["photo_bytes"], row["digest"]))
+    assert len(found) == 1
+    assert io.BytesIO(GOOD).getbuffer().nbytes in {entry[1] for entry in found}
