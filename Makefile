@@ -15,7 +15,7 @@ PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
 ARGS ?=
 
-.PHONY: help setup run doctor test test-slow test-train lint format lock checksums clean
+.PHONY: help setup run doctor test test-slow test-train lint format lock checksums web clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
@@ -51,6 +51,11 @@ lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lo
 	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
 		--upgrade --no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
 		--quiet --output-file requirements.lock
+
+web: ## Build the page from web/ into service/web/static.
+	npm ci --silent --no-audit --no-fund --prefix web
+	npm run --silent --prefix web check
+	npm run --silent --prefix web build
 
 checksums: ## Rewrite the checksums in service/data/SHA256SUMS and THIRD_PARTY.md after a data file changed.
 	@cd service/data && find . -type f ! -name SHA256SUMS -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum > SHA256SUMS

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-
 SOFT = 0.2
 """Slopes of the diffuse normals as a share of the specular ones, as light inside the skin blurs them."""
 

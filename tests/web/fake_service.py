@@ -40,7 +40,14 @@ STAGES = ["decode", "detect", "fit", "texture", "compare"]
 QUALITY = {
     "items": [
         {"quality": "draft", "size": [1536, 1024], "jobs": 4, "median_s": 8.2, "p90_s": 9.0, "peak_rss_mb": 900.0},
-        {"quality": "standard", "size": [6144, 4096], "jobs": 9, "median_s": 41.0, "p90_s": 47.0, "peak_rss_mb": 2100.0},
+        {
+            "quality": "standard",
+            "size": [6144, 4096],
+            "jobs": 9,
+            "median_s": 41.0,
+            "p90_s": 47.0,
+            "peak_rss_mb": 2100.0,
+        },
         {"quality": "standard", "size": [1536, 1024], "jobs": 1, "median_s": 9.0, "p90_s": 9.0, "peak_rss_mb": 900.0},
     ],
     "qualities": ["draft", "standard", "high", "reference"],

@@ -17,7 +17,11 @@ pytestmark = pytest.mark.slow
 
 REFUSED = "Failed to load resource"  # what Chromium logs for each answer of 400 and more
 TWO_FACES = problem(
-    "multiple-faces", 422, "Several faces in the photo", "the photo shows 2 faces", boxes=[[170, 70, 280, 180], [10, 20, 60, 80]]
+    "multiple-faces",
+    422,
+    "Several faces in the photo",
+    "the photo shows 2 faces",
+    boxes=[[170, 70, 280, 180], [10, 20, 60, 80]],
 )
 
 
@@ -85,7 +89,9 @@ def test_polling_where_there_are_no_events(fake: Fake, open_page: Opener) -> Non
     page = open_page(fake.address, expected=(REFUSED,))
     submit(page)
     done(page)
-    polls = [path for method, path, _ in fake.requests if method == "GET" and path == f"/v1/avatars/{next(iter(fake.jobs))}"]
+    polls = [
+        path for method, path, _ in fake.requests if method == "GET" and path == f"/v1/avatars/{next(iter(fake.jobs))}"
+    ]
     assert polls
 
 
@@ -212,5 +218,3 @@ def test_a_service_that_wants_a_key(fake: Fake, open_page: Opener) -> None:
         page.click("#download")
     assert download.value.suggested_filename == "avatar.zip"
     assert download.value.path().read_bytes() == fake.archive.read_bytes()
-
-

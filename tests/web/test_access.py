@@ -1,0 +1,171 @@
+"""The page by keyboard, on a phone, in the dark, and without WebGL."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.web.at_work import difference, make_head, picture, submit
+from tests.web.conftest import PHOTO, Opener
+from tests.web.fake_service import Fake, problem
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.slow
+
+PHONE: dict[str, Any] = {
+    "viewport": {"width": 390, "height": 780}, "device_scale_factor": 1, "is_mobile": True, "has_touch": True,
+}  # fmt: skip
+
+CONTRAST = """() => {
+    const channel = (value) => value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+    const pen = Object.assign(document.createElement('canvas'), {width: 1, height: 1}).getContext('2d');
+    const rgba = (text) => {
+        pen.clearRect(0, 0, 1, 1); pen.fillStyle = text; pen.fillRect(0, 0, 1, 1);
+        return [...pen.getImageData(0, 0, 1, 1).data].map((value) => value / 255);
+    };
+    const luminance = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
+    const behind = (element) => {
+        for (let at = element; at; at = at.parentElement) {
+            const colour = rgba(getComputedStyle(at).backgroundColor);
+            if (colour[3] > 0.99) return colour;
+        }
+        return [1, 1, 1];
+    };
+    const poor = [];
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    let seen = 0;
+    while (walker.nextNode()) {
+        const element = walker.currentNode.parentElement;
+        if (!walker.currentNode.textContent.trim() || !element.checkVisibility()) continue;
+        if (element.closest('.unseen, .view, noscript, option')) continue;
+        seen += 1;
+        const [a, b] = [luminance(rgba(getComputedStyle(element).color)), luminance(behind(element))];
+        const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        if (ratio < 4.5) poor.push(`${element.textContent.trim().slice(0, 30)} ${ratio.toFixed(2)}`);
+    }
+    return {poor, seen};
+}"""
+
+
+def poor_contrast(page: Page) -> list[str]:
+    """Visible text whose contrast is under 4.5 : 1 (WCAG 2.2, 1.4.3)."""
+    result = page.evaluate(CONTRAST)
+    assert result["seen"] > 5
+    return list(result["poor"])
+
+
+def tab_to(page: Page, selector: str) -> None:
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+            return
+    raise AssertionError(f"{selector} cannot be reached by Tab")
+
+
+def test_keyboard_only(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    tab_to(page, "#file")
+    assert page.evaluate("getComputedStyle(document.getElementById('file-label')).outlineStyle") == "solid"
+    with page.expect_file_chooser() as chooser:
+        page.keyboard.press("Enter")
+    chooser.value.set_files(PHOTO)
+    tab_to(page, "input[name=quality]")
+    page.keyboard.press("ArrowLeft")
+    tab_to(page, "#go")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#canvas[data-shows=lit]")
+    assert fake.options == [{"quality": "draft"}]
+
+    tab_to(page, "#canvas")
+    front = picture(page)
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    turned = picture(page)
+    assert difference(front, turned) > 0.02
+    page.keyboard.press("Shift+ArrowLeft")
+    assert page.input_value("#light-azimuth") == "30"
+    page.keyboard.press("+")
+    assert difference(turned, picture(page)) > 0.01
+    page.keyboard.press("Home")
+
+    tab_to(page, "input[name=view]")
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector("#canvas[data-shows=texture]")
+    tab_to(page, "#light-elevation")
+    page.keyboard.press("ArrowRight")
+    assert page.input_value("#light-elevation") == "31"
+    page.locator("#delete").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#confirm[open]")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#confirm", state="hidden")
+    assert page.evaluate("document.activeElement.id") == "delete"
+
+
+def test_errors_are_announced_and_take_the_focus(fake: Fake, open_page: Opener) -> None:
+    fake.error = problem("no-face", 422, "No face in the photo", "no face was found")
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_selector("#fault:not([hidden])[role=alert]")
+    assert page.evaluate("document.activeElement.id") == "fault"
+
+
+def small_targets(page: Page) -> list[str]:
+    """Controls that a thumb would miss: under 24 px high (WCAG 2.2, 2.5.8), their label counted with them."""
+    return list(
+        page.eval_on_selector_all(
+            "button, a.button, select, input[type=range], label:has(input), label.button",
+            """elements => elements.filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 24)
+                .map((e) => e.outerHTML.slice(0, 60))""",
+        )
+    )
+
+
+def test_a_phone(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address, **PHONE)
+    assert page.is_visible("label[for=camera]")
+    assert page.get_attribute("#camera", "capture") == "user"
+    for screen in ("intake", "result"):
+        if screen == "result":
+            make_head(page)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, f"{screen} scrolls sideways"
+        assert not small_targets(page)
+    page.locator("#light-azimuth").scroll_into_view_if_needed()
+    box = page.locator("#canvas").bounding_box()
+    assert box
+    assert box["y"] >= -1, "the head stays in view while the controls are used"
+    assert box["height"] < 0.6 * 780
+
+
+def test_there_is_no_camera_button_with_a_mouse(fake: Fake, open_page: Opener) -> None:
+    assert not open_page(fake.address).is_visible("label[for=camera]")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_can_be_read(scheme: str, fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address, color_scheme=scheme)
+    brightness = page.evaluate("getComputedStyle(document.documentElement).backgroundColor.match(/\\d+/g).map(Number)")
+    assert (max(brightness) < 60) == (scheme == "dark")
+    assert not poor_contrast(page)
+    fake.error = problem("no-face", 422, "No face in the photo", "no face was found")
+    submit(page)
+    page.wait_for_selector("#fault:not([hidden])")
+    assert not poor_contrast(page)
+    page.click("#go")
+    page.wait_for_selector("#canvas[data-shows=lit]")
+    page.click("summary:has-text('Expression')")
+    page.click("summary:has-text('Measured')")
+    assert not poor_contrast(page)
+
+
+def test_without_webgl_there_is_the_preview(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address, expected=("WebGL",))
+    page.evaluate("HTMLCanvasElement.prototype.getContext = () => null")
+    submit(page)
+    page.wait_for_selector("img#canvas")
+    assert "no 3D" in page.inner_text("#view-status")
+    page.wait_for_function("document.querySelector('img#canvas').naturalWidth > 100")
+    assert page.is_visible("#download")
