@@ -11,6 +11,8 @@ from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.jobs.child import kinds
+from service.jobs.packing import pack, unpack
 
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
 
@@ -131,3 +133,12 @@ def test_eyes_are_turned_and_lids_stay(head: HeadModel, angles: tuple[float, flo
         assert abs(np.degrees(np.arctan2(y, np.hypot(x, z))) - angles[1]) < 2.5
         lids = head.region(f"eyelid_{side}") > 0.5
         assert np.sqrt(((was - now)[lids] ** 2).sum(1).mean()) < 1e-3
+
+
+def test_a_gaze_survives_a_killed_server(head: HeadModel) -> None:
+    """Kept stages are packed by a list of known dataclasses; one that is not on it could not go on."""
+    image, landmarks, camera = scene(head, Gaze(5.0, 0.0), 0.0)
+    gaze = find_gaze(image, landmarks, head, head.mean, camera)
+    again: Gaze = unpack(pack(gaze, kinds()), kinds())
+    assert gaze is not None and len(again.irises) == 2
+    assert np.array_equal(again.irises[0].rim, gaze.irises[0].rim) and again.yaw_deg == gaze.yaw_deg
