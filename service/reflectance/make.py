@@ -24,6 +24,7 @@ from service.reflectance.displacement import Steps, displacement, encode
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
+from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import GEOMETRY, Subject
 from service.reflectance.super_resolution import enlarge, resample
@@ -160,7 +161,10 @@ def _displaced(
 ) -> tuple[Codes, int, float, float]:
     """Displacement codes, and the numbers of :class:`Integration`."""
     steps = Steps.of(subject.chart, subject.vertices)
-    surface = subject.islands(size) == subject.head.part_names.index("skin")
-    height, facts = displacement(bumps, steps, surface & (skin > 0))
+    part = subject.head.part_names.index("skin")
+    surface = (subject.islands(size) == part) & (skin > 0)
+    height, facts = displacement(bumps, steps, surface)
     height *= skin * np.float32(1 / 255)
+    texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
+    height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     return encode(height), facts.iterations, facts.residual, facts.ignored_fraction
