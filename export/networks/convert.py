@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 import torch
 import typer
 from torch import Tensor, nn
@@ -28,7 +27,7 @@ from export.faces.onnx_tools import ParityError, store_half
 from export.faces.registry import MODELS, register
 from models.networks.configs import CONTEXT_CHANNELS, ZETA_CHANNELS, Zeta, build
 from models.networks.context import HEIGHT, WIDTH, ContextNet
-from models.networks.rcan import SCALE, RcanBody, RcanTail
+from models.networks.rcan import SCALE
 from models.networks.stages import CONTEXT, TEXTURE, StageNet
 from service.errors import ModelFault
 from service.runtime.describe import KEY
@@ -67,8 +66,8 @@ def parts_of(network: str, module: nn.Module) -> list[Part]:
 
 def _zeta_parts(module: Zeta) -> list[Part]:
     size = module.size
-    body = cast(RcanBody, module.body)
-    tail = cast(RcanTail, module.tail)
+    body = module.body
+    tail = module.tail
     features = tuple(f"feature_{i}" for i in range(size.features))
     noise = tuple(f"noise_{i}" for i in range(size.noise))
     about_body = _about("zeta_body", ZETA_CHANNELS, ("features",), whole=list(ZETA_TEXTURE))
@@ -223,5 +222,3 @@ def main(
 
 if __name__ == "__main__":
     typer.run(main)
-
-

@@ -6,6 +6,7 @@ transposed convolutions by nearest neighbour and convolution, which leave no che
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import cast
 
@@ -46,7 +47,8 @@ class NormResidual(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            nn.Conv2d(width, width, 3, padding=1), PixelNorm(), nn.ReLU(), nn.Conv2d(width, width, 3, padding=1), PixelNorm()
+            nn.Conv2d(width, width, 3, padding=1), PixelNorm(), nn.ReLU(),
+            nn.Conv2d(width, width, 3, padding=1), PixelNorm(),
         )  # fmt: skip
 
     def forward(self, x: Tensor) -> Tensor:
@@ -67,8 +69,8 @@ class CoarseToFine(nn.Module):
         self.size = size
         width, local = size.width, size.width // 2
         widths = [width * 2**i for i in range(size.halvings + 1)]
-        down = [_conv(a, b, 3, 2) for a, b in zip(widths, widths[1:], strict=False)]
-        up = [nn.Sequential(Up(b, a), PixelNorm(), nn.ReLU()) for a, b in zip(widths, widths[1:], strict=False)]
+        down = [_conv(a, b, 3, 2) for a, b in itertools.pairwise(widths)]
+        up = [nn.Sequential(Up(b, a), PixelNorm(), nn.ReLU()) for a, b in itertools.pairwise(widths)]
         blocks = [NormResidual(widths[-1]) for _ in range(size.global_blocks)]
         self.coarse = nn.Sequential(_conv(channels, width, 7), *down, *blocks, *reversed(up))
         self.enter = nn.Sequential(_conv(channels, local, 7), _conv(local, width, 3, 2))

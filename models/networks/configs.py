@@ -1,9 +1,10 @@
-"""Named sizes of the networks: ``compact`` ships, ``wide`` is for training on an accelerator, ``paper`` is AvatarMe's."""
+"""Named sizes: ``slim`` and ``compact`` for CPUs, ``wide`` to train on an accelerator, ``paper`` is AvatarMe's."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import nn
@@ -33,7 +34,7 @@ class Zeta(nn.Module):
 
     def forward(self, x: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
         """(N, 7, h, w) and (N, size.noise, h, w) -> (N, 3, 8h, 8w)."""
-        return self.tail(torch.cat([self.body(x), noise, x[:, :3]], 1))  # type: ignore[no-any-return]
+        return cast(torch.Tensor, self.tail(torch.cat([self.body(x), noise, x[:, :3]], 1)))
 
 
 @dataclass(frozen=True)

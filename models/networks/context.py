@@ -6,6 +6,7 @@ logarithm of the baked light to every tile. It always runs on the whole, so it m
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import cast
 
@@ -52,11 +53,9 @@ class ContextNet(nn.Module):
         self.stem = nn.Conv2d(channels + 3, widths[0], 3, padding=1)
         pairs = list(zip(widths, size.blocks, strict=True))
         self.before = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
-        self.down = nn.ModuleList(
-            nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in zip(widths, widths[1:], strict=False)
-        )
+        self.down = nn.ModuleList(nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in itertools.pairwise(widths))
         self.bottom = self._blocks(*pairs[-1])
-        self.up = nn.ModuleList(nn.Conv2d(b, a, 3, padding=1) for a, b in zip(widths, widths[1:], strict=False))
+        self.up = nn.ModuleList(nn.Conv2d(b, a, 3, padding=1) for a, b in itertools.pairwise(widths))
         self.merge = nn.ModuleList(nn.Conv2d(2 * w, w, 1) for w in widths[:-1])
         self.after = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.act = activation()

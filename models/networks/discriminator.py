@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import cast
 
 import torch
@@ -21,7 +22,7 @@ class PatchDiscriminator(nn.Module):
         widths = [channels, *(min(width * 2**i, width * 8) for i in range(layers))]
         stages = [
             nn.Sequential(spectral_norm(nn.Conv2d(a, b, 4, stride=2, padding=1)), activation())
-            for a, b in zip(widths, widths[1:], strict=False)
+            for a, b in itertools.pairwise(widths)
         ]
         last = nn.Sequential(spectral_norm(nn.Conv2d(widths[-1], widths[-1], 3, padding=1)), activation())
         self.stages = nn.ModuleList([*stages, last, spectral_norm(nn.Conv2d(widths[-1], 1, 3, padding=1))])

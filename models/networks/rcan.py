@@ -20,7 +20,7 @@ SCALE = 8
 
 @dataclass(frozen=True)
 class RcanSize:
-    """Residual groups, blocks in each, features, reduction of channel attention, and widths of the tail at x2 and x4."""
+    """Residual groups, blocks in each, features, reduction of channel attention, widths of the tail at x2 and x4."""
 
     groups: int
     blocks: int

@@ -7,7 +7,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import linear, srgb_coded
+from models.networks.blocks import linear, rounded_up, srgb_coded
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
@@ -22,8 +22,21 @@ POSITION = tuple(f"position_{axis}" for axis in "xyz")
 MASK = ("mask",)
 CONTEXT = ("context_0", "context_1", "context_2")
 
+WINDOW = 17
+"""Texels (odd) over which the mean is taken that detail is measured from: about 1.2 mm."""
+
+DETAIL_GAIN = 10.0
+"""Pores are a few codes deep; so enlarged they are as large as the other inputs."""
+
 STEEPEST = 3.0
 """Largest slope of a predicted normal along each axis: 72 degrees."""
+
+
+def detail_of(grey: Tensor) -> Tensor:
+    """(N, 1, H, W) enlarged difference from the mean of the neighbourhood."""
+    mean = nn.functional.avg_pool2d(grey, WINDOW, stride=1, padding=WINDOW // 2, count_include_pad=False)
+    return (grey - mean) * DETAIL_GAIN
+
 
 BodySize = TranslatorSize | CoarseToFineSize
 
@@ -40,15 +53,17 @@ class StageNet(nn.Module):
     Attributes:
         channels: names of the input channels in order; values as in ``service`` (all about [-1, 1]).
         outputs: names of the output channels.
+        detail: how many of the first channels carry detail of single texels.
     """
 
     channels: tuple[str, ...]
     outputs: tuple[str, ...]
     detail: int
 
-    def __init__(self, size: BodySize, out: int) -> None:
+    def __init__(self, size: BodySize, out: int, added: int = 0) -> None:
         super().__init__()
-        self.body = _body(self.detail, len(self.channels), out, size)
+        self.body = _body(self.detail + added, len(self.channels) + added, out, size)
+        self.reach = WINDOW // 2 if added else 0
 
     @property
     def stride(self) -> int:
@@ -57,7 +72,7 @@ class StageNet(nn.Module):
 
     def halo(self) -> int:
         """Input pixels beyond which nothing matters."""
-        return self.body.halo()
+        return rounded_up(self.body.halo() + self.reach, self.stride)
 
 
 class Delta(StageNet):
@@ -95,11 +110,12 @@ class Psi(StageNet):
     detail = 3
 
     def __init__(self, size: BodySize) -> None:
-        super().__init__(size, 1)
+        super().__init__(size, 1, added=1)
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, 6, H, W) -> (N, 1, H, W)."""
-        return torch.tanh(self.body(x))
+        grey = 0.2126 * x[:, :1] + 0.7152 * x[:, 1:2] + 0.0722 * x[:, 2:3]
+        return torch.tanh(self.body(torch.cat([detail_of(grey), x], 1)))
 
 
 class NormalNet(StageNet):
@@ -108,11 +124,11 @@ class NormalNet(StageNet):
     detail = 1
 
     def __init__(self, size: BodySize) -> None:
-        super().__init__(size, 2)
+        super().__init__(size, 2, added=1)
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, C, H, W) -> (N, 3, H, W) unit normals in the mesh's tangent space, +Y up."""
-        slopes = STEEPEST * torch.tanh(self.body(x) / STEEPEST)
+        slopes = STEEPEST * torch.tanh(self.body(torch.cat([detail_of(x[:, :1]), x], 1)) / STEEPEST)
         length = torch.rsqrt(slopes.square().sum(1, keepdim=True) + 1.0)
         return cast(Tensor, torch.cat([slopes * length, length], 1))
 

@@ -27,8 +27,8 @@ class TranslatorSize:
 class Translator(nn.Module):
     """Detail channels and slow channels -> output channels.
 
-    The detail channels enter by pixel unshuffle, so that none of their texels is lost; the slow ones (geometry, context)
-    by their mean over 2 x 2 texels, which is all there is in them.
+    The detail channels enter by pixel unshuffle, so that none of their texels is lost; the slow ones (geometry,
+    context) by their mean over 2 x 2 texels, which is all there is in them.
     """
 
     def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize) -> None:

@@ -15,7 +15,18 @@ from models.networks.stages import Delta
 from models.training.degrade import blur, gain, half_mirrored, lost_detail, noisy, smooth_field
 from models.training.geometry import CHANNELS
 from models.training.store import Arrays, Patches, Wholes
-from models.training.tasks import FLIPPED, Batch, byte, channels, choice, fixed_batches, patch_batch, psnr, uniform
+from models.training.tasks import (
+    FLIPPED,
+    Batch,
+    byte,
+    channels,
+    choice,
+    fixed_batches,
+    fixed_items,
+    patch_batch,
+    psnr,
+    uniform,
+)
 
 CONTEXT_CELL = 6144 / 288
 """Texels of the full chart under one of the context's."""
@@ -53,7 +64,7 @@ class ContextTask:
 
     def batch(self, size: int, generator: torch.Generator) -> Batch:
         """Random charts under random lights of theirs."""
-        batch = self._of([self._pick(generator) for _ in range(size)])
+        batch = self.of([self._pick(generator) for _ in range(size)])
         flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
         for name in batch:
             signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
@@ -71,10 +82,7 @@ class ContextTask:
     def held_out(self) -> list[Batch]:
         """Two lights of each held-out capture."""
         pairs = [(item, light) for item in self.test.items for light in (0, 1)][:24]
-        batches = [self._of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
-        for batch in batches:
-            batch["clean"] = batch["texture"]
-        return batches
+        return [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """log(texture / albedo)."""
@@ -101,10 +109,17 @@ class ContextTask:
         item = self.train.items[choice(generator, len(self.train.items))]
         return item, choice(generator, len(item["texture"]))
 
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches."""
+        return [int(item["seed"]) for item in self.test.items for _ in (0, 1)][:24]
+
     @staticmethod
-    def _of(pairs: list[tuple[Arrays, int]]) -> Batch:
+    def of(pairs: list[tuple[Arrays, int]]) -> Batch:
+        """Charts of (capture, light)."""
+        texture = torch.stack([byte(item["texture"][light]) for item, light in pairs])
         return {
-            "texture": torch.stack([byte(item["texture"][light]) for item, light in pairs]),
+            "texture": texture,
+            "clean": texture,
             "albedo": torch.stack([byte(item["albedo"]) for item, _ in pairs]),
             "geometry": torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs]),
         }
@@ -141,6 +156,10 @@ class DeltaTask:
         for batch in batches:
             self._degrade(batch, generator)
         return batches
+
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches."""
+        return [int(item["seed"]) for item in fixed_items(self.test)]
 
     def _degrade(self, batch: Batch, generator: torch.Generator) -> None:
         texture, albedo = batch["texture"], batch["albedo"]

@@ -1,4 +1,4 @@
-"""One capture of the light stage as training data: the whole chart small under many lights, and windows in full size."""
+"""One capture of the light stage as training data: the whole chart small in many lights, and windows in full size."""
 
 from __future__ import annotations
 

@@ -42,9 +42,7 @@ def draw(seed: int, pose: str, part: str, folder: Path, device: str, recipe: Rec
     return path
 
 
-def _share(
-    seeds: list[int], round_: int, part: str, folder: Path, device: str, recipe: Recipe, threads: int
-) -> int:
+def _share(seeds: list[int], round_: int, part: str, folder: Path, device: str, recipe: Recipe, threads: int) -> int:
     torch.set_num_threads(threads)
     written = 0
     for seed in seeds:
@@ -79,7 +77,9 @@ def main(
     for round_ in range(rounds):
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
             shares = [seeds[i::jobs] for i in range(jobs)]
-            work = [pool.submit(_share, share, round_, part, output, device, recipe, threads) for share in shares if share]
+            work = [
+                pool.submit(_share, share, round_, part, output, device, recipe, threads) for share in shares if share
+            ]
             written = sum(job.result() for job in work)
         typer.echo(f"round {round_}: {written} written, {len(seeds) - written} there already")
 

@@ -1,4 +1,4 @@
-"""Tasks of psi (specular albedo), rho (specular normals) and sigma (diffuse normals), all read off the diffuse albedo."""
+"""Tasks of psi (specular albedo), rho and sigma (specular and diffuse normals), all read off the diffuse albedo."""
 
 from __future__ import annotations
 
@@ -6,16 +6,34 @@ from pathlib import Path
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from models.networks.stages import Psi, Rho, Sigma
 from models.training.degrade import blur, gain, noisy
 from models.training.geometry import CHANNELS
 from models.training.store import Patches
-from models.training.tasks import Batch, channels, fixed_batches, patch_batch, uniform
+from models.training.tasks import Batch, channels, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
 
 HAIR_WEIGHT = 0.3
 """Normals of hair are half chance; they count less."""
+
+
+STRENGTH_WEIGHT = 0.4
+STRENGTH_WINDOW = 16
+"""Texels over which the strength of relief is compared."""
+
+
+def local_strength(slopes: Tensor) -> Tensor:
+    """(N, 1, h, w) root mean square of slopes (N, 2, h, w) around each texel.
+
+    Where colour says little about a pore's place, the least error is a flat map. Skin is not flat; so the strength of
+    its relief is asked for by itself.
+    """
+    power = slopes.square().sum(1, keepdim=True)
+    pooled = functional.avg_pool2d(power, STRENGTH_WINDOW, STRENGTH_WINDOW // 2)
+    around = functional.interpolate(pooled, slopes.shape[2:], mode="bilinear", align_corners=False)
+    return (around + 1e-6).sqrt()
 
 
 def grey(albedo: Tensor) -> Tensor:
@@ -57,6 +75,10 @@ class _AlbedoTask:
     def held_out(self) -> list[Batch]:
         """Fixed crops, clean."""
         return fixed_batches(self.test, self.side)
+
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches."""
+        return [int(item["seed"]) for item in fixed_items(self.test)]
 
 
 class PsiTask(_AlbedoTask):
@@ -115,7 +137,8 @@ class NormalTask(_AlbedoTask):
         slopes = ((found - wanted).abs() * weight).mean()
         edges = sum(((found.diff(dim=d) - wanted.diff(dim=d)).abs()).mean() for d in (2, 3))
         cosine = ((1.0 - (result * truth).sum(1, keepdim=True)) * weight).mean()
-        return slopes + 0.5 * edges + cosine
+        strength = ((local_strength(found) - local_strength(wanted)).abs() * weight).mean()
+        return slopes + 0.5 * edges + cosine + STRENGTH_WEIGHT * strength
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
         """Mean angle against that of the flat map; share of fine detail; correlation of fine slopes."""

@@ -63,6 +63,10 @@ class ZetaTask:
             batches.append(batch)
         return batches
 
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches."""
+        return [int(item["seed"]) for item in self.test.items[:16]]
+
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Large texture in [0, 1]."""
         index = [CHANNELS.index(name) for name in ZETA_CHANNELS[3:]]

@@ -31,6 +31,9 @@ class Task(Protocol):
     def held_out(self) -> list[Batch]:
         """Fixed batches of subjects that training never sees."""
 
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches, in order."""
+
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """The network's result."""
 
@@ -59,13 +62,6 @@ def byte(values: np.ndarray) -> Tensor:
     return torch.from_numpy(np.asarray(values, np.float32) / np.float32(255.0))
 
 
-def enlarged(cells: np.ndarray, scale: int, side: int) -> Tensor:
-    """Geometry cells with a margin of one -> (C, side, side) by bilinear enlargement, centres aligned."""
-    tensor = torch.from_numpy(np.asarray(cells, np.float32))[None]
-    big = functional.interpolate(tensor, scale_factor=float(scale), mode="bilinear", align_corners=False)[0]
-    return big[:, scale : scale + side, scale : scale + side]
-
-
 @dataclass(frozen=True)
 class Crop:
     """A random part of a patch, mirrored or not."""
@@ -82,26 +78,33 @@ class Crop:
         row, column = (multiple * choice(generator, steps) for _ in range(2))
         return cls(row, column, side, bool(torch.rand(1, generator=generator) < 0.5))
 
-    def cut(self, values: Tensor, signs: Tensor | None = None) -> Tensor:
-        """(C, h, w) -> (C, side, side); mirrored channels times their signs."""
+    def cut(self, values: np.ndarray) -> np.ndarray:
+        """(C, h, w) -> (C, side, side)."""
         part = values[:, self.row : self.row + self.side, self.column : self.column + self.side]
-        if not self.flip:
-            return part
-        part = part.flip(-1)
-        return part if signs is None else part * signs.view(-1, 1, 1)
+        return part[..., ::-1] if self.flip else part
+
+
+def enlarged(cells: np.ndarray, scale: int, crop: Crop) -> Tensor:
+    """Geometry cells with a margin of one -> (C, side, side) under a crop by bilinear enlargement, centres aligned."""
+    row, column, count = crop.row // scale, crop.column // scale, crop.side // scale + 2
+    near = np.asarray(cells[:, row : row + count, column : column + count], np.float32)
+    big = functional.interpolate(
+        torch.from_numpy(near)[None], scale_factor=float(scale), mode="bilinear", align_corners=False
+    )[0]
+    part = big[:, scale : scale + crop.side, scale : scale + crop.side]
+    return part.flip(-1) * FLIPPED.view(-1, 1, 1) if crop.flip else part
 
 
 def crop_of(item: Arrays, crop: Crop) -> Batch:
     """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit."""
-    whole = int(item["window"][2])
     scale = int(item["window"][4]) // 768
-    result = {"geometry": crop.cut(enlarged(item["geometry"], scale, whole), FLIPPED)}
+    result = {"geometry": enlarged(item["geometry"], scale, crop)}
     for name in ("albedo", "specular", "mask", "hair", "texture"):
         if name in item:
-            result[name] = crop.cut(byte(item[name]))
+            result[name] = byte(crop.cut(item[name]))
     for name in ("specular_normal", "diffuse_normal"):
         if name in item:
-            xy = crop.cut(torch.from_numpy(np.asarray(item[name], np.float32) / np.float32(32767.0)))
+            xy = torch.from_numpy(np.asarray(crop.cut(item[name]), np.float32) / np.float32(32767.0))
             if crop.flip:
                 xy = xy * torch.tensor([-1.0, 1.0]).view(2, 1, 1)
             z = (1.0 - xy.square().sum(0, keepdim=True)).clamp(min=1e-4).sqrt()
@@ -120,10 +123,14 @@ def patch_batch(patches: Patches, size: int, side: int, generator: torch.Generat
     return stack([crop_of(i, Crop.random(side, int(i["window"][2]), generator)) for i in items])
 
 
-def fixed_batches(patches: Patches, side: int, most: int = 24) -> list[Batch]:
-    """Middles of patches, evenly taken from all."""
-    step = max(len(patches.items) // most, 1)
-    items = patches.items[::step][:most]
+def fixed_items(patches: Patches, most: int = 24) -> list[Arrays]:
+    """Patches evenly taken from all."""
+    return patches.items[:: max(len(patches.items) // most, 1)][:most]
+
+
+def fixed_batches(patches: Patches, side: int) -> list[Batch]:
+    """Middles of the fixed patches."""
+    items = fixed_items(patches)
     middle = (int(items[0]["window"][2]) - side) // 2 // 8 * 8
     crops = [crop_of(item, Crop(middle, middle, side, False)) for item in items]
     return [stack(crops[i : i + 4]) for i in range(0, len(crops), 4)]

@@ -110,7 +110,8 @@ class Trainer:
         return {name: float(value.detach()) for name, value in parts.items()}
 
     def _adversarial(self, task: ZetaTask, result: Tensor, batch: Batch) -> dict[str, Tensor]:
-        assert self.judge is not None and self.judge_optimiser is not None
+        if self.judge is None or self.judge_optimiser is None:
+            return {}
         real, fake = task.judged(batch, batch["large"]), task.judged(batch, result)
         loss = judge_loss(self.judge(real), self.judge(fake.detach()))
         self.judge_optimiser.zero_grad(set_to_none=True)

@@ -1,0 +1,234 @@
+"""Held-out results of the shipped networks beside simple baselines: ``python -m models.training.evaluate --data DIR``.
+
+The networks are the ONNX files that the service runs. Subjects and lights are those that training never saw. Results
+are given for all subjects and by skin tone (individual typology angle). ``--write FILE`` puts the tables between the
+lines ``<!-- held-out -->`` and ``<!-- /held-out -->`` of a Markdown file.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, cast
+
+import numpy as np
+import torch
+import typer
+from torch import Tensor, nn
+from torch.nn import functional
+
+from models.lightstage.skin.subject import Subject
+from models.training.albedo import ContextTask, log_light, unlit
+from models.training.degrade import blur
+from models.training.reflectance import NormalTask, angles, grey
+from models.training.tasks import Batch, Task, channels, psnr
+from models.training.train import TASKS
+from service.runtime.networks import Engine, open_network
+from service.runtime.sessions import MODELS
+
+TONES = (("dark", -90.0, -30.0), ("brown", -30.0, 10.0), ("tan", 10.0, 28.0), ("light", 28.0, 90.0))
+MARK = ("<!-- held-out -->", "<!-- /held-out -->")
+EVALUATED = ("delta_context", "delta", "psi", "rho", "sigma", "zeta")
+
+Row = dict[str, float]
+Table = dict[str, dict[str, list[float]]]
+
+
+class Shipped(nn.Module):
+    """An ONNX file of the service as a torch module."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        super().__init__()
+        self.name, self.engine = name, Engine(threads=1, folder=folder)
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """(N, C, h, w) -> (N, K, h', w')."""
+        with open_network(self.name, self.engine) as network:
+            return torch.stack([torch.from_numpy(network.run(item.numpy())) for item in maps])
+
+
+class ShippedZeta(nn.Module):
+    """Body and tail."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.body, self.tail = Shipped("zeta_body", folder), Shipped("zeta_tail", folder)
+
+    def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
+        """(N, 7, h, w) and noise -> (N, 3, 8h, 8w)."""
+        return cast(Tensor, self.tail(torch.cat([self.body(maps), noise, maps[:, :3]], 1)))
+
+
+def tone(seed: int) -> str:
+    """Name of the class of a subject's skin."""
+    angle = Subject.sample(seed).tone.typology_angle_deg
+    return next((name for name, low, high in TONES if low <= angle < high), TONES[-1][0])
+
+
+def flat_colour(texture: Tensor, albedo: Tensor, mask: Tensor) -> float:
+    """PSNR of one flat colour that knows the true mean: what no de-lighting network may stay below."""
+    mean = (albedo * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
+    return psnr(mean.expand_as(albedo), albedo, mask)
+
+
+def divided(batch: Batch) -> Tensor:
+    """Albedo by the classic way: the texture over its smooth shading, brought to the texture's own mean brightness.
+
+    The shading is the best fit of second-degree harmonics of the normal to the texture's luminance.
+    """
+    texture, mask = batch["clean"], channels(batch, ("mask",))
+    result = []
+    normals = channels(batch, ("normal_object_x", "normal_object_y", "normal_object_z"))
+    for image, normal, inside in zip(texture, normals, mask, strict=True):
+        x, y, z = normal
+        basis = torch.stack([torch.ones_like(x), x, y, z, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
+        linear = image.clamp(min=1e-3) ** 2.2
+        chosen = inside[0] > 0.5
+        a, b = basis[:, chosen].T, grey(linear[None])[0, 0][chosen]
+        fitted = torch.linalg.lstsq(a, b[:, None]).solution[:, 0]
+        shading = torch.einsum("khw,k->hw", basis, fitted).clamp(min=float(b.mean()) * 0.1)
+        result.append((linear / shading * b.mean()).clamp(0.0, 1.0) ** (1.0 / 2.2))
+    return torch.stack(result)
+
+
+def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row]:
+    """Albedo of the whole chart by its low-frequency light alone."""
+
+    def measure(batch: Batch) -> Row:
+        light = task.predict(network, batch)
+        mask = channels(batch, ("mask",))
+        albedo = batch["albedo"]
+        true = log_light(batch["clean"], albedo)
+        found = unlit(batch["clean"], light)
+        gain = ((light - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
+        return {
+            "network dB": psnr(found, albedo, mask),
+            "network, best gain dB": psnr(unlit(batch["clean"], light - gain), albedo, mask),
+            "texture itself dB": psnr(batch["texture"], albedo, mask),
+            "divided by shading dB": psnr(divided(batch), albedo, mask),
+            "one true colour dB": flat_colour(batch["texture"], albedo, mask),
+        }
+
+    return measure
+
+
+def dark_is_deep(batch: Batch) -> Tensor:
+    """Normals of a surface whose height is the grey albedo, as strong as the truth's fine slopes are on average."""
+    height = blur(grey(batch["albedo"]), 0.7)
+    fine = height - blur(height, 6.0)
+    padded = functional.pad(fine, (1, 1, 1, 1), mode="reflect")
+    p = -(padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2])
+    q = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
+    slopes = torch.cat([p, q], 1)
+    slopes = slopes * (0.12 / (slopes.std() + 1e-9))
+    normal = torch.cat([slopes, torch.ones_like(p)], 1)
+    return normal / normal.square().sum(1, keepdim=True).sqrt()
+
+
+def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
+    """Angles and detail of normals."""
+
+    def measure(batch: Batch) -> Row:
+        truth = batch[task.target]
+        numbers = task.measure(task.predict(network, batch), batch)
+        weight = batch["mask"] * (batch["hair"] < 0.3)
+        soft = blur(truth, 6.0)
+        soft = soft / soft.square().sum(1, keepdim=True).sqrt()
+        count = weight.sum() + 1e-6
+
+        def mean_angle(normal: Tensor) -> float:
+            return float((angles(normal, truth) * weight).sum() / count)
+
+        deep = task.measure(dark_is_deep(batch), batch)
+        return {
+            "network deg": -numbers["score"], "flat deg": -numbers["flat"], "blurred truth deg": mean_angle(soft),
+            "dark is deep deg": -deep["score"], "detail": numbers["detail"], "correlation": numbers["correlation"],
+            "dark is deep correlation": deep["correlation"],
+        }  # fmt: skip
+
+    return measure
+
+
+def plain_rows(task: Task, network: nn.Module) -> Callable[[Batch], Row]:
+    """What the task itself measures."""
+
+    def measure(batch: Batch) -> Row:
+        numbers = task.measure(task.predict(network, batch), batch)
+        return {("network" if name == "score" else name): abs(value) for name, value in numbers.items()}
+
+    return measure
+
+
+def tabulate(batches: list[Batch], seeds: list[int], measure: Callable[[Batch], Row]) -> Table:
+    """Numbers by row and skin tone; one batch per item."""
+    result: Table = defaultdict(lambda: defaultdict(list))
+    for batch, seed in zip(batches, seeds, strict=True):
+        for name, value in measure(batch).items():
+            result[name]["all"].append(value)
+            result[name][tone(seed)].append(value)
+    return result
+
+
+def single(batches: list[Batch]) -> list[Batch]:
+    """Batches of one."""
+    return [
+        {name: values[i : i + 1] for name, values in batch.items()}
+        for batch in batches
+        for i in range(len(next(iter(batch.values()))))
+    ]
+
+
+def as_markdown(title: str, table: Table) -> str:
+    """Medians by row and tone."""
+    tones = ["all", *(name for name, _, _ in TONES)]
+    counts = {t: len(next(iter(table.values())).get(t, [])) for t in tones}
+    shown = [t for t in tones if counts[t]]
+    lines = [f"**{title}**", "", "| median | " + " | ".join(f"{t} ({counts[t]})" for t in shown) + " |"]
+    lines.append("|---" * (len(shown) + 1) + "|")
+    for name, by_tone in table.items():
+        lines.append(f"| {name} | " + " | ".join(f"{np.median(by_tone[t]):.3g}" for t in shown) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def evaluate(network: str, data: Path, folder: Path) -> str:
+    """Table of one network."""
+    module = ShippedZeta(folder) if network == "zeta" else Shipped(network, folder)
+    with torch.no_grad():
+        if network == "delta_context":
+            task = ContextTask(data)
+            task.refresh()
+            pairs = [(item, light) for item in task.test.items for light in (0, 1)]
+            batches = [task.of([pair]) for pair in pairs]
+            seeds = [int(item["seed"]) for item, _ in pairs]
+            return as_markdown(
+                "delta's context: albedo of whole charts", tabulate(batches, seeds, context_rows(task, module))
+            )
+        other = TASKS[network](data, 256)
+        other.refresh()
+        batches = single(other.held_out())
+        seeds = other.seeds()
+        rows = normal_rows(other, module) if isinstance(other, NormalTask) else plain_rows(other, module)
+        return as_markdown(network, tabulate(batches, seeds, rows))
+
+
+def main(
+    data: Annotated[Path, typer.Option(help="Folder of captures, with held-out ones.")],
+    networks: Annotated[str, typer.Option(help="Names, with commas between.")] = ",".join(EVALUATED),
+    folder: Annotated[Path, typer.Option(help="Folder of the ONNX files.")] = MODELS,
+    write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
+) -> None:
+    """Print the tables."""
+    torch.set_num_threads(1)
+    tables = []
+    for name in networks.split(","):
+        tables.append(evaluate(name.strip(), data, folder))
+        typer.echo(tables[-1])
+    if write is not None:
+        text = write.read_text(encoding="utf-8")
+        before, after = text.split(MARK[0])[0], text.split(MARK[1])[1]
+        write.write_text(before + MARK[0] + "\n" + "\n".join(tables) + MARK[1] + after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,186 @@
+"""What tiling relies on: bounded neighbourhoods, no checkerboard, and sane values on hard inputs."""
+
+from __future__ import annotations
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from torch import Tensor, nn  # noqa: E402
+
+from models.networks.blocks import initialise, linear, shuffle_head, srgb_coded  # noqa: E402
+from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize  # noqa: E402
+from models.networks.configs import CONFIGS, NETWORKS, Zeta, build, parameters  # noqa: E402
+from models.networks.context import HEIGHT, WIDTH  # noqa: E402
+from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss  # noqa: E402
+from models.networks.stages import StageNet  # noqa: E402
+from service.errors import UsageError  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+STAGES = ("delta", "delta_blind", "psi", "rho", "sigma")
+
+
+def stage(name: str) -> StageNet:
+    """A slim stage whose output really depends on its body: heads begin nearly mute."""
+    torch.manual_seed(3)
+    network = build(name, "slim")
+    assert isinstance(network, StageNet)
+    for part in network.modules():
+        if isinstance(part, nn.Conv2d):
+            nn.init.normal_(part.weight, std=1.5 / (part.weight[0].numel() ** 0.5))
+    return network.double().eval()
+
+
+def maps(network: StageNet, height: int, width: int) -> Tensor:
+    generator = torch.Generator().manual_seed(1)
+    return torch.rand(1, len(network.channels), height, width, generator=generator, dtype=torch.float64) * 2 - 1
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_nothing_beyond_the_halo_matters(name: str) -> None:
+    """Were the halo too small, tiles would differ from the whole along their borders."""
+    network = stage(name)
+    halo, stride = network.halo(), network.stride
+    side = 2 * halo + 4 * stride
+    x = maps(network, side, side)
+    inner = slice(halo, side - halo)
+    with torch.no_grad():
+        whole = network(x)
+        far = x.clone()
+        far[..., :, :1] += 0.7  # one halo away from the inner part
+        far[..., :1, :] -= 0.7
+        assert torch.equal(network(far)[..., inner, inner], whole[..., inner, inner])
+        near = x.clone()
+        near[..., :, halo - 1] += 0.7
+        assert not torch.allclose(network(near)[..., inner, inner], whole[..., inner, inner], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_halo_is_not_much_wider_than_the_reach(name: str) -> None:
+    """A halo far too wide would cost time in every tile."""
+    network = stage(name)
+    side = 2 * network.halo() + 4 * network.stride
+    x = maps(network, side, side).requires_grad_(True)
+    middle = side // 2
+    network(x)[..., middle, middle].sum().backward()
+    reached = (x.grad.abs().sum((0, 1, 2)) > 0).nonzero().flatten()
+    reach = max(middle - int(reached.min()), int(reached.max()) - middle)
+    assert reach <= network.halo() <= reach + 4 * network.stride
+
+
+def test_coarse_to_fine_halo() -> None:
+    """The paper's generator, small, keeps the same promise."""
+    torch.manual_seed(0)
+    network = CoarseToFine(4, 2, CoarseToFineSize(8, 2, 2, 1)).double().eval()
+    halo, stride = network.halo(), network.size.stride
+    side = 2 * halo + 2 * stride
+    x = torch.rand(1, 4, side, side, dtype=torch.float64)
+    inner = slice(halo, side - halo)
+    with torch.no_grad():
+        far = x.clone()
+        far[..., :1] += 1.0
+        assert torch.equal(network(far)[..., inner, inner], network(x)[..., inner, inner])
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_any_of_the_named_sizes_builds(name: str) -> None:
+    """Including the paper's, on no memory at all."""
+    for config in CONFIGS:
+        with torch.device("meta"):
+            try:
+                network = build(name, config)
+            except NotImplementedError:  # initialisation that needs numbers
+                continue
+        assert parameters(network) > 1000
+
+
+def test_paper_has_the_published_number_of_parameters() -> None:
+    """RCAN 10 x 20 has 15.7 million (method: 15.74 million with 64 features)."""
+    zeta = build("zeta", "paper")
+    assert isinstance(zeta, Zeta)
+    assert 15.0e6 < parameters(zeta) < 16.5e6
+
+
+@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("value", [-1.0, 1.0, 0.0])
+def test_constant_inputs_give_finite_values_in_range(name: str, value: float) -> None:
+    """A black texture has a logarithm of minus infinity, unless it is guarded."""
+    network = build(name, "slim").eval()
+    assert isinstance(network, StageNet)
+    with torch.no_grad():
+        result = network(torch.full((1, len(network.channels), 64, 64), value))
+    assert torch.isfinite(result).all() and result.abs().max() <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("name", ["rho", "sigma"])
+def test_normals_are_unit_and_face_outwards(name: str) -> None:
+    """Whatever comes in."""
+    network = stage(name).float()
+    with torch.no_grad():
+        normal = network(maps(network, 64, 96).float() * 50.0)
+    assert torch.allclose(normal.square().sum(1), torch.ones(1, 64, 96), atol=1e-5)
+    assert normal[:, 2].min() > 0.2
+
+
+def test_shuffle_head_begins_without_a_checkerboard() -> None:
+    """A plain pixel shuffle begins with four different sub-images, which show as a pattern of 2 x 2 texels."""
+    torch.manual_seed(0)
+    head = shuffle_head(8, 3)
+    with torch.no_grad():
+        result = head(torch.rand(1, 8, 1, 1).expand(-1, -1, 16, 16))[..., 4:-4, 4:-4]
+    assert result.flatten(2).std(2).max() < 1e-6
+
+
+def test_zeta_enlarges_by_eight_and_its_tail_looks_no_further_than_it_says() -> None:
+    """The tail runs in tiles; the body never does."""
+    torch.manual_seed(0)
+    zeta = build("zeta", "slim")
+    assert isinstance(zeta, Zeta)
+    initialise(zeta.tail)
+    tail, size = zeta.tail.double().eval(), zeta.size
+    x = torch.rand(1, size.features + size.noise + 3, 24, 24, dtype=torch.float64) * 2 - 1
+    with torch.no_grad():
+        whole = tail(x)
+        assert whole.shape == (1, 3, 192, 192)
+        far = x.clone()
+        far[..., : 12 - tail.halo] = 0.3
+        assert torch.equal(tail(far)[..., 12 * 8 :], whole[..., 12 * 8 :])
+
+
+def test_context_takes_the_whole_chart() -> None:
+    """And gives three logarithms of light."""
+    network = build("delta_context", "slim").eval()
+    with torch.no_grad():
+        assert network(torch.zeros(1, 11, HEIGHT, WIDTH)).shape == (1, 3, HEIGHT, WIDTH)
+
+
+def test_delta_leaves_light_that_the_context_explains() -> None:
+    """With a mute body the albedo is texture / light: half the linear texture under twice the light."""
+    network = build("delta", "slim").eval()
+    assert isinstance(network, StageNet)
+    nn.init.zeros_(network.body.head[0].weight)
+    texture = torch.full((1, 3, 32, 32), 0.6)
+    light = torch.full((1, 3, 32, 32), 0.6931472)
+    rest = torch.zeros(1, len(network.channels) - 6, 32, 32)
+    with torch.no_grad():
+        result = network(torch.cat([texture * 2 - 1, light, rest], 1)) * 0.5 + 0.5
+    assert torch.allclose(result, srgb_coded(linear(texture) / 2), atol=1e-5)
+
+
+def test_discriminator_losses() -> None:
+    """A perfect copy matches in all features; a judge that is fooled is told so."""
+    judge = Discriminator(3, 8)
+    real, fake = torch.rand(2, 3, 64, 64), torch.rand(2, 3, 64, 64)
+    assert float(matching_loss(judge(real), judge(real))) == pytest.approx(0.0, abs=1e-6)
+    assert float(matching_loss(judge(real), judge(fake))) > 0
+    sure = [[torch.full((1, 1, 2, 2), 2.0)]]
+    assert float(judge_loss(sure, [[-sure[0][0]]])) == 0.0
+    assert float(fool_loss(sure)) == -2.0
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UsageError, match="huge"):
+        build("rho", "huge")
+    with pytest.raises(UsageError, match="omega"):
+        build("omega")

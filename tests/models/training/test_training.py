@@ -1,0 +1,188 @@
+"""Batches that mean what they say, and runs that go on where they stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from models.lightstage.split import HELD_OUT, TRAIN, subject_part  # noqa: E402
+from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
+from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
+from models.training.degrade import blur, half_mirrored, lost_detail, noisy  # noqa: E402
+from models.training.geometry import CHANNELS  # noqa: E402
+from models.training.reflectance import NormalTask, angles, local_strength  # noqa: E402
+from models.training.store import Patches, Wholes  # noqa: E402
+from models.training.super_resolution import ZetaTask  # noqa: E402
+from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
+from models.training.train import TASKS, Run, Trainer, go  # noqa: E402
+from service.errors import ModelFault  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Made-up captures: noise in the form of ``models.training.capture``."""
+    folder = tmp_path_factory.mktemp("captures")
+    rng = np.random.default_rng(0)
+    for part, seed in ((TRAIN, 1), (HELD_OUT, 2)):
+        width, height = WHOLE
+        arrays: dict[str, np.ndarray] = {
+            "whole_albedo": rng.integers(60, 200, (3, height, width), dtype=np.uint8),
+            "whole_texture": rng.integers(60, 200, (2, 3, height, width), dtype=np.uint8),
+            "whole_geometry": np.ones((len(CHANNELS), height, width), np.float16),
+            "patches": np.array(2),
+        }
+        for i in range(2):
+            arrays |= {
+                f"patch{i}_albedo": rng.integers(60, 200, (3, 512, 512), dtype=np.uint8),
+                f"patch{i}_texture": rng.integers(60, 200, (3, 512, 512), dtype=np.uint8),
+                f"patch{i}_specular": rng.integers(60, 200, (1, 512, 512), dtype=np.uint8),
+                f"patch{i}_specular_normal": rng.integers(-9000, 9000, (2, 512, 512), dtype=np.int16),
+                f"patch{i}_diffuse_normal": rng.integers(-9000, 9000, (2, 512, 512), dtype=np.int16),
+                f"patch{i}_mask": np.full((1, 512, 512), 255, np.uint8),
+                f"patch{i}_hair": np.zeros((1, 512, 512), np.uint8),
+                f"patch{i}_geometry": rng.normal(size=(len(CHANNELS), 66, 66)).astype(np.float16),
+                f"patch{i}_window": np.array([1024, 512, 512, 512, 6144]),
+            }
+        (folder / part).mkdir()
+        np.savez(folder / part / f"{seed}_neutral.npz", **arrays)
+    return folder
+
+
+def test_a_crop_of_geometry_is_that_part_of_the_whole(data: Path) -> None:
+    """A crop cut before enlarging would otherwise be shifted by a fraction of a cell."""
+    patches = Patches(data / TRAIN, ("geometry", "mask"))
+    patches.refresh()
+    item = patches.items[0]
+    whole = enlarged(item["geometry"], 8, Crop(0, 0, 512, False))
+    part = enlarged(item["geometry"], 8, Crop(64, 136, 256, False))
+    assert torch.allclose(part, whole[:, 64:320, 136:392], atol=1e-5)
+
+
+def test_a_mirrored_crop_turns_x_around(data: Path) -> None:
+    """Pores would turn to bumps on one side of the face."""
+    patches = Patches(data / TRAIN, ("specular_normal", "geometry", "mask"))
+    patches.refresh()
+    plain, mirrored = (crop_of(patches.items[0], Crop(0, 0, 512, flip)) for flip in (False, True))
+    back = mirrored["specular_normal"].flip(-1) * torch.tensor([-1.0, 1.0, 1.0]).view(3, 1, 1)
+    assert torch.allclose(back, plain["specular_normal"])
+    x, y = CHANNELS.index("normal_object_x"), CHANNELS.index("normal_object_y")
+    assert torch.allclose(mirrored["geometry"][x].flip(-1), -plain["geometry"][x])
+    assert torch.allclose(mirrored["geometry"][y].flip(-1), plain["geometry"][y])
+
+
+def test_light_out_and_in_again() -> None:
+    """log_light and unlit are inverse, also in black."""
+    albedo = torch.rand(1, 3, 8, 8) * 0.8 + 0.1
+    texture = torch.rand(1, 3, 8, 8) * 0.8 + 0.1
+    assert torch.allclose(unlit(texture, log_light(texture, albedo)), albedo, atol=1e-4)
+    black = unlit(torch.zeros(1, 3, 2, 2), log_light(torch.zeros(1, 3, 2, 2), torch.zeros(1, 3, 2, 2)))
+    assert torch.isfinite(black).all()
+
+
+def test_degradations_keep_what_they_should() -> None:
+    image = torch.rand(2, 3, 64, 96)
+    generator = torch.Generator().manual_seed(0)
+    assert torch.equal(blur(image, 0.0), image)
+    assert float(blur(image, 3.0).mean()) == pytest.approx(float(image.mean()), abs=2e-3)
+    assert torch.allclose(lost_detail(image, torch.ones(2, 1, 1, 1), 8.0), image, atol=1e-5)
+    assert noisy(image, generator).min() >= 0.0
+    vector = torch.ones(1, 1, 4, 96)
+    (mirrored,) = half_mirrored([vector], generator, [torch.tensor([-1.0])])
+    ends = sorted([float(mirrored[0, 0, 0, 0]), float(mirrored[0, 0, 0, -1])])
+    assert ends == [pytest.approx(-1.0, abs=1e-3), pytest.approx(1.0, abs=1e-3)]
+
+
+def test_measures_against_closed_forms() -> None:
+    """10 degrees are 10 degrees, also where the cosine is flat; an error of 0.1 is 20 dB."""
+    up = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    for degrees in (0.0, 0.01, 10.0, 170.0):
+        a = np.radians(degrees)
+        tilted = torch.tensor([np.sin(a), 0.0, np.cos(a)], dtype=torch.float32).view(1, 3, 1, 1)
+        assert float(angles(tilted, up)) == pytest.approx(degrees, abs=2e-3)
+    one = torch.ones(1, 3, 4, 4)
+    assert psnr(one * 0.5, one * 0.6, one[:, :1]) == pytest.approx(20.0, abs=1e-3)
+    assert psnr(one, one, one[:, :1] * 0.0) == 99.0
+    assert float(local_strength(torch.full((1, 2, 64, 64), 0.3)).mean()) == pytest.approx(0.3 * 2**0.5, abs=1e-3)
+
+
+def test_zeta_pairs_belong_together(data: Path) -> None:
+    """The large crop made small again is the small crop, before noise and blur."""
+    task = ZetaTask(data)
+    task.refresh()
+    batch = task.held_out()[0]
+    again = torch.nn.functional.interpolate(batch["large"], scale_factor=1 / 8, mode="area")
+    assert torch.allclose(again, batch["small"], atol=1e-5)
+
+
+def test_delta_sees_detail_that_its_target_has(data: Path) -> None:
+    """Texture and albedo lose the same share of detail, so that delta neither blurs nor invents."""
+    task = DeltaTask(data)
+    task.refresh()
+    batch = task.batch(2, torch.Generator().manual_seed(1))
+    assert batch["texture"].shape == batch["albedo"].shape == (2, 3, 256, 256)
+    assert batch["context"].shape == (2, 3, 256, 256) and torch.isfinite(batch["context"]).all()
+
+
+def test_no_captures_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ModelFault, match=r"models\.training\.factory"):
+        Wholes(tmp_path).refresh()
+
+
+@pytest.mark.parametrize("network", sorted(TASKS))
+def test_every_network_takes_a_step(network: str, data: Path) -> None:
+    """And its loss is finite, with the discriminator too."""
+    task = TASKS[network](data, 64)
+    task.refresh()
+    weight = 0.01 if network == "zeta" else 0.0
+    trainer = Trainer(Run(network, "slim", 2, 2, 64, 1e-3, 0, 0.0, weight), task, "cpu")
+    before = [p.detach().clone() for p in trainer.network.parameters()]
+    losses = trainer.train_step()
+    assert all(np.isfinite(value) for value in losses.values())
+    assert ("matching" in losses) == (network == "zeta")
+    assert any(not torch.equal(a, b) for a, b in zip(before, trainer.network.parameters(), strict=True))
+
+
+def test_a_run_goes_on_where_it_stopped(data: Path, tmp_path: Path) -> None:
+    """Two steps at once, and one step, a restart and another step, end with the same weights."""
+    run = Run("psi", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0)
+
+    def trainer() -> Trainer:
+        task = TASKS["psi"](data, 64)
+        task.refresh()
+        return Trainer(run, task, "cpu")
+
+    (tmp_path / "once").mkdir()
+    whole = trainer()
+    go(whole, tmp_path / "once", 10, 10.0)
+    (tmp_path / "twice").mkdir()
+    first = trainer()
+    first.train_step()
+    first.save(tmp_path / "twice")
+    second = trainer()
+    second.load(tmp_path / "twice")
+    assert second.step == 1
+    go(second, tmp_path / "twice", 10, 10.0)
+    pairs = zip(whole.average.parameters(), second.average.parameters(), strict=True)
+    assert all(torch.allclose(a, b, atol=1e-7) for a, b in pairs)
+    assert (tmp_path / "twice" / "log.jsonl").read_text().count("\n") == 1
+    other = Trainer(Run("rho", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0), NormalTask(data, "specular_normal", 64), "cpu")
+    with pytest.raises(ModelFault, match="psi"):
+        other.load(tmp_path / "twice")
+
+
+@pytest.mark.slow
+def test_a_real_capture() -> None:
+    """Drawn by the light stage: texture is albedo under light, normals are small angles, nothing is missing."""
+    seed = next(s for s in range(1000, 1100) if subject_part(s) == TRAIN)
+    sitting = Sitting.of(Studio.open(), seed, "neutral", TRAIN)
+    arrays = capture(sitting, Recipe(lights=1, patch=128, block=1, lit=1, draft_width=0))
+    assert int(arrays["patches"]) == 1
+    assert arrays["whole_texture"].shape == (1, 3, WHOLE[1], WHOLE[0])
+    assert arrays["patch0_albedo"].std() > 0 and "patch0_texture" in arrays
+    assert np.abs(arrays["patch0_specular_normal"].astype(np.int32)).mean() < 0.3 * 32767
