@@ -59,7 +59,7 @@ class Server:
         self.data = data
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
-        chosen = {"data": data, "port": self.port, "program": TOY, "reserve_mb": 1, **(settings or {})}
+        chosen = {"data": data, "port": self.port, "program": TOY, "reserve_mb": 1, "niceness": 0, **(settings or {})}
         self._environment = {**os.environ, **(environment or {})}
         self._environment |= {PREFIX + name.upper(): str(value) for name, value in chosen.items()}
         self._command = [sys.executable, "-m", "service", "serve", *(() if with_worker else ("--no-worker",))]
@@ -136,7 +136,10 @@ class Server:
 def post(client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None) -> httpx.Response:
     """Post a photo."""
     headers = {"Idempotency-Key": key} if key is not None else {}
-    files: Any = {"image": ("photo.jpg", photo, "image/jpeg"), "options": (None, f'{{"seed": {seed}}}', "application/json")}
+    files: Any = {
+        "image": ("photo.jpg", photo, "image/jpeg"),
+        "options": (None, f'{{"seed": {seed}}}', "application/json"),
+    }
     return client.post("/v1/avatars", files=files, headers=headers)
 
 

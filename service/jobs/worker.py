@@ -64,6 +64,7 @@ class Worker:
         self.beat()
         if self._fault is None:
             workflow.launch(self.settings, self.runner)
+            logs.set_up()  # the library has put a handler of its own in
         next_time = dict.fromkeys(CHORES, 0.0)
         while not self.runner.stopping.wait(0.5):
             self.runner.warm()

@@ -1,0 +1,182 @@
+"""Keys and quotas, a full house, and a server that shuts down."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import namedtuple
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.api.keys import Keys, new_key
+from service.errors import UsageError
+from service.jobs.settings import Settings
+from tests.service.api.conftest import GOOD, TOY, Api, is_problem, open_api
+from tests.service.photo.badimages import picture, save
+
+KEYS = {name: new_key(name) for name in ("ada", "bob", "eve")}
+
+
+def bearer(name: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {KEYS[name][0]}"}
+
+
+@pytest.fixture
+def api(tmp_path: Path) -> Iterator[Api]:
+    entries = [KEYS["ada"][1], {**KEYS["bob"][1], "max_unfinished": 2}, {**KEYS["eve"][1], "per_day": 1}]
+    file = tmp_path / "keys.json"
+    file.write_text(json.dumps({"keys": entries}))
+    settings = Settings(data=tmp_path / "data", program=TOY, keys=str(file), reserve_mb=1, max_queued=6, uploads=2)
+    with open_api(settings) as client:
+        yield Api(client)
+
+
+def test_without_a_key_nothing_is_given_or_taken(api: Api) -> None:
+    for headers in ({}, {"Authorization": "Bearer wrong"}, {"Authorization": "Basic x"}, {"X-API-Key": ""}):
+        answer = api.client.get("/v1/avatars", headers=headers)
+        is_problem(answer, 401, "unauthorized")
+        assert answer.headers["www-authenticate"] == "Bearer"
+        is_problem(api.client.post("/v1/avatars", files={"image": ("x", GOOD)}, headers=headers), 401, "unauthorized")
+    assert api.stored() == []
+    assert api.client.get("/livez").status_code == 200
+    assert api.client.get("/v1/models").status_code == 200
+
+
+def test_nobody_sees_the_jobs_of_another(api: Api) -> None:
+    job = api.post(**bearer("ada")).json()["id"]
+    strange = "0" * 32
+    for path in ("", "/events", "/archive.zip", "/files", "/files/manifest.json"):
+        theirs = api.client.get(f"/v1/avatars/{job}{path}", headers=bearer("bob"))
+        nobodys = api.client.get(f"/v1/avatars/{strange}{path}", headers=bearer("bob"))
+        is_problem(theirs, 404, "not-found")
+        assert theirs.text.replace(job, "") == nobodys.text.replace(strange, ""), "both have to look the same"
+    is_problem(api.client.delete(f"/v1/avatars/{job}", headers=bearer("bob")), 404, "not-found")
+    assert api.client.get("/v1/avatars", headers=bearer("bob")).json()["items"] == []
+    assert [item["id"] for item in api.client.get("/v1/avatars", headers=bearer("ada")).json()["items"]] == [job]
+
+
+def test_the_other_header_works_too(api: Api) -> None:
+    assert api.client.get("/v1/avatars", headers={"X-API-Key": KEYS["ada"][0]}).status_code == 200
+
+
+def test_the_same_key_for_repeating_of_two_tenants_is_two_jobs(api: Api) -> None:
+    jobs = {api.post(**bearer(name), Idempotency_Key="k").json()["id"] for name in ("ada", "bob")}
+    assert len(jobs) == 2
+
+
+def test_a_quota_is_kept(api: Api) -> None:
+    for _ in range(2):
+        assert api.post(**bearer("bob")).status_code == 202
+    answer = api.post(**bearer("bob"))
+    is_problem(answer, 429, "quota")
+    assert int(answer.headers["retry-after"]) > 0
+    assert api.post(**bearer("ada")).status_code == 202, "the quota of one is not that of another"
+    assert api.post(**bearer("eve")).status_code == 202
+    is_problem(api.post(**bearer("eve")), 429, "quota")
+
+
+def test_a_full_queue_takes_nothing_and_stores_nothing(api: Api) -> None:
+    for _ in range(6):
+        assert api.post(**bearer("ada")).status_code == 202
+    before = api.stored()
+    answer = api.post(**bearer("ada"))
+    is_problem(answer, 429, "queue-full")
+    assert "retry-after" in answer.headers
+    assert api.stored() == before
+
+
+def test_a_repeated_request_is_answered_even_when_the_queue_is_full(api: Api) -> None:
+    first = api.post(**bearer("ada"), Idempotency_Key="k").json()["id"]
+    for _ in range(5):
+        api.post(**bearer("ada"))
+    assert api.post(**bearer("ada"), Idempotency_Key="k").json()["id"] == first
+
+
+def test_too_many_uploads_at_once_have_to_wait(api: Api) -> None:
+    api.context.uploads = 2
+    is_problem(api.post(**bearer("ada")), 503, "busy")
+    api.context.uploads = 0
+    assert api.post(**bearer("ada")).status_code == 202
+    assert api.context.uploads == 0
+
+
+def test_the_reserve_of_the_disk_is_not_touched(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9, 10))
+    is_problem(api.post(**bearer("ada")), 507, "no-space")
+    is_problem(api.client.get("/readyz"), 503, "starting")
+    assert api.client.get("/livez").status_code == 200
+    assert api.stored() == []
+
+
+def test_a_server_that_shuts_down_takes_nothing(api: Api) -> None:
+    api.context.draining.set()
+    answer = api.post(**bearer("ada"))
+    is_problem(answer, 503, "draining")
+    assert "retry-after" in answer.headers
+    is_problem(api.client.get("/readyz"), 503, "starting")
+    assert api.client.get("/livez").status_code == 200
+
+
+def test_a_disk_that_fails_while_storing_takes_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No 202 for what is not on the disk."""
+
+    def full(*a: object, **b: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(api.context.artifacts, "put", full)
+    is_problem(api.post(**bearer("ada")), 500, "internal")
+    assert api.context.store.counts() == {}
+    assert api.stored() == []
+
+
+def test_a_database_that_fails_takes_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sqlalchemy as sa
+
+    def fail(*a: object) -> None:
+        raise sa.exc.OperationalError("insert", {}, Exception("disk I/O error"))
+
+    monkeypatch.setattr(api.context.queue, "put", fail)
+    is_problem(api.post(**bearer("ada")), 500, "internal")
+    assert api.context.store.counts() == {}
+    assert api.stored() == []
+
+
+def test_without_a_worker_the_server_is_not_ready(api: Api) -> None:
+    is_problem(api.client.get("/readyz"), 503, "starting")
+
+
+def test_strangers_cannot_list_an_open_server(tmp_path: Path) -> None:
+    """Without keys whoever knows an id sees the job; ids cannot be guessed, so they must not be listed either."""
+    settings = Settings(data=tmp_path / "data", program=TOY, host="0.0.0.0", reserve_mb=1)  # noqa: S104
+    with open_api(settings) as client:
+        api = Api(client)
+        is_problem(client.get("/v1/avatars"), 403, "listing-needs-key")
+        job = api.post(save(picture(300, 300), "PNG")).json()["id"]
+        assert client.get(f"/v1/avatars/{job}").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        '{"keys": []}',
+        '{"keys": [{"name": "x", "sha256": "short"}]}',
+        json.dumps({"keys": [{"sha256": "0" * 64}]}),
+    ],
+)
+def test_a_file_of_keys_that_is_wrong_stops_the_start(tmp_path: Path, text: str) -> None:
+    """An empty file must not open the server to everybody."""
+    file = tmp_path / "keys.json"
+    file.write_text(text)
+    with pytest.raises(UsageError, match="keys"):
+        Keys(str(file))
+
+
+def test_the_file_holds_no_key(tmp_path: Path) -> None:
+    key, entry = new_key("x")
+    assert key not in json.dumps(entry)
+    assert len(key) >= 43
