@@ -18,6 +18,7 @@ from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.result import MID, SCALE_MM, Integration, unpack_normals
 
 Float = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 COARSEST_MM = 6.0
@@ -28,6 +29,8 @@ LENGTH_SLACK = 0.2
 
 _BAND = 256
 _COARSE_WIDTH = 768
+_RIDGE = 1e-3
+"""Added to the variance of places (1 where there is no border), so that a strip one texel wide has a slope of 0."""
 _SIGMAS = (1.0, 1.5, 2.25, 3.4, 5.0, 7.6, 11.4, 17.0, 26.0)
 
 
@@ -108,29 +111,53 @@ def slopes(normals: Float) -> tuple[Float, Float, Mask]:
 
 
 def coarse_part(height: Float, mask: Mask, steps: Steps) -> Float:
-    """(H, W) mean of heights over a Gaussian of ``COARSEST_MM`` on the surface, within the mask.
+    """(H, W) heights smoothed by a Gaussian of ``COARSEST_MM`` on the surface, within the mask.
 
-    The Gaussian's width in texels differs over the chart; it is interpolated between a few fixed ones.
+    The value is that of a plane fitted with the Gaussian as weight, not of the mean: at a border a mean comes from one
+    side only, and any slope would leave a rim. The width of the Gaussian in texels differs over the chart; it is
+    interpolated between a few fixed ones.
     """
     import cv2
 
-    size = (
-        min(_COARSE_WIDTH, height.shape[1]),
-        min(_COARSE_WIDTH, height.shape[1]) * height.shape[0] // height.shape[1],
-    )
-    size = (size[0], max(size[1], 1))
-    weight = np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA))
-    total = np.asarray(cv2.resize(height, size, interpolation=cv2.INTER_AREA))  # 0 outside the mask
+    width = min(_COARSE_WIDTH, height.shape[1])
+    size = (width, max(width * height.shape[0] // height.shape[1], 1))
+    weight = np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float64)
+    total = np.asarray(cv2.resize(height, size, interpolation=cv2.INTER_AREA), np.float64)  # 0 outside the mask
     mm = np.asarray(cv2.resize(steps.texel_mm(), size, interpolation=cv2.INTER_AREA)) * (steps.width / size[0])
     sigma = COARSEST_MM / np.maximum(mm, 1e-3)
-    level = np.interp(np.log(sigma), np.log(_SIGMAS), np.arange(len(_SIGMAS))).astype(np.float32)
-    mean = np.zeros_like(total)
-    for index, width in enumerate(_SIGMAS):
+    level = np.interp(np.log(sigma), np.log(_SIGMAS), np.arange(len(_SIGMAS)))
+    smooth = np.zeros_like(total)
+    for index, width_px in enumerate(_SIGMAS):
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
-            soft = [cv2.GaussianBlur(plane, (0, 0), width, borderType=cv2.BORDER_CONSTANT) for plane in (total, weight)]
-            mean += share * np.asarray(soft[0]) / np.maximum(np.asarray(soft[1]), 1e-6)
-    return np.asarray(cv2.resize(mean, height.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32) * mask
+            smooth += share * _local_planes(total, weight, width_px)
+    result = np.asarray(cv2.resize(smooth.astype(np.float32), height.shape[::-1], interpolation=cv2.INTER_LINEAR))
+    return np.asarray(result * mask, np.float32)
+
+
+def _local_planes(total: Array, weight: Array, sigma: float) -> Array:
+    """(h, w) value at each texel of the plane that fits the heights around it.
+
+    Args:
+        total: (h, w) height times weight.
+        weight: (h, w) >= 0.
+        sigma: of the Gaussian that the weights are multiplied with, in texels.
+    """
+    import cv2
+
+    def around(values: Array) -> Array:
+        return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))
+
+    y, x = (axis / sigma for axis in np.mgrid[: weight.shape[0], : weight.shape[1]].astype(np.float64))
+    mass = np.maximum(around(weight), 1e-9)
+    mx, my, mh = (around(values) / mass for values in (weight * x, weight * y, total))
+    xx = around(weight * x * x) / mass - mx * mx + _RIDGE
+    yy = around(weight * y * y) / mass - my * my + _RIDGE
+    xy = around(weight * x * y) / mass - mx * my
+    xh, yh = around(total * x) / mass - mx * mh, around(total * y) / mass - my * mh
+    determinant = xx * yy - xy * xy
+    along, down = (yy * xh - xy * yh) / determinant, (xx * yh - xy * xh) / determinant
+    return np.asarray(mh + along * (x - mx) + down * (y - my))
 
 
 def encode(height: Float) -> npt.NDArray[np.uint16]:

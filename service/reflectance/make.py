@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from service.reflectance import normals
 from service.reflectance.diffuse_albedo import diffuse_albedo
-from service.reflectance.displacement import Steps, displacement, encode
+from service.reflectance.displacement import MOST_MM, Steps, displacement, encode
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
@@ -167,4 +167,5 @@ def _displaced(
     height *= skin * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
+    np.clip(height, -MOST_MM, MOST_MM, out=height)
     return encode(height), facts.iterations, facts.residual, facts.ignored_fraction
