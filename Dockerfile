@@ -11,7 +11,8 @@ COPY pyproject.toml requirements.lock deploy/requirements.py ./
 # The dependencies first: this layer stays as it is while only the program changes.
 RUN python -m venv --without-pip /app \
     && python requirements.py "${EXTRAS}" > requirements.txt \
-    && pip --python /app/bin/python install --only-binary=:all: -c requirements.lock -r requirements.txt
+    && pip --python /app/bin/python install --only-binary=:all: -c requirements.lock -r requirements.txt \
+    && find /app/lib/python3*/site-packages/scipy -depth -type d -name tests -exec rm -r {} +
 COPY README.md LICENSE NOTICE THIRD_PARTY.md ./
 COPY LICENSES LICENSES
 COPY service service
@@ -42,6 +43,7 @@ COPY --from=build /app /app
 ENV PATH=/app/bin:$PATH \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1 \
+    ORT_DISABLE_TELEMETRY=1 \
     AVATARME_HOST=0.0.0.0 \
     AVATARME_PORT=8000 \
     AVATARME_DATA=/data

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -130,7 +131,12 @@ def native_session(name: str, data: bytes, threads: int, folder: Path = MODELS, 
 
 @lru_cache(maxsize=1)
 def _runtime() -> Any:
-    """onnxruntime, imported at first use (0.1 s)."""
+    """onnxruntime, imported at first use (0.1 s).
+
+    Left alone it makes up a device id, keeps a diary of sessions in the user's home and sends it to its makers. It
+    looks at this variable while it loads. This program talks to nobody.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
     import onnxruntime
 
     return onnxruntime
