@@ -16,6 +16,8 @@ let job: Job | null = null;
 let retry: () => void = never;
 let close: () => void = never;
 
+// A browser of a phone says "coarse pointer" only where it has no pen and no mouse; touch is what matters here.
+document.body.classList.toggle("touch", navigator.maxTouchPoints > 0);
 const intake = new Intake(() => clearFault());
 const work = new Work();
 
