@@ -50,7 +50,12 @@ QUALITY = {
         },
         {"quality": "standard", "size": [1536, 1024], "jobs": 1, "median_s": 9.0, "p90_s": 9.0, "peak_rss_mb": 900.0},
     ],
-    "qualities": ["draft", "standard", "high", "reference"],
+    "levels": [
+        {"name": "draft", "size": [1536, 1024]},
+        {"name": "standard", "size": [6144, 4096]},
+        {"name": "high", "size": [6144, 4096]},
+        {"name": "reference", "size": [6144, 4096]},
+    ],
 }
 
 

@@ -73,7 +73,7 @@ def test_options_are_those_that_were_chosen(fake: Fake, open_page: Opener) -> No
 def test_measured_times_are_shown(fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)
     text = page.inner_text("label:has([name=quality][value=standard])")
-    assert "41 s" in text  # of the size that most jobs had
+    assert "41 s" in text  # of the level's own size
     assert "about" not in page.inner_text("label:has([name=quality][value=high])"), "a time that nobody measured"
 
 

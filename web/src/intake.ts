@@ -7,10 +7,9 @@ const USUAL = "standard";
 
 /** Levels of quality that this page has words for; a newer server's others are shown by name. */
 const ABOUT: Record<string, string> = {
-  draft: "a quick look, 1536 × 1024",
-  standard: "6144 × 4096",
+  draft: "a quick look",
   high: "16-bit normals, fine mesh",
-  reference: "as high, full precision",
+  reference: "full precision",
 };
 
 const FAST = ["texture", "confidence", "shape_normal"];
@@ -18,6 +17,7 @@ const MAPS = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_n
 
 interface Level {
   name: string;
+  size: number[];
   seconds: number | null;
 }
 
@@ -94,7 +94,7 @@ export class Intake {
       ...levels.map((level) => {
         const input = make("input", { type: "radio", name: "quality", value: level.name, checked: level === usual });
         const time = level.seconds === null ? "" : `about ${duration(level.seconds)}`;
-        const about = [time, ABOUT[level.name]].filter(Boolean).join("; ");
+        const about = [time, ABOUT[level.name], level.size.join(" × ")].filter(Boolean).join("; ");
         const text = make("span", {}, make("b", {}, words(level.name)), make("small", {}, about));
         return make("label", { class: "choice" }, input, text);
       }),
@@ -116,13 +116,13 @@ export class Intake {
   }
 }
 
-/** Levels with the median time of the size that most jobs had. */
+/** Levels with the median time that jobs of their size took here. */
 function read(content: unknown): Level[] {
   const given = (typeof content === "object" && content !== null ? content : {}) as Record<string, unknown>;
-  const items = (Array.isArray(given.items) ? given.items : []) as Record<string, unknown>[];
-  return (Array.isArray(given.qualities) ? given.qualities : []).map(String).map((name) => {
-    const measured = items.filter((item) => item.quality === name && Number.isFinite(item.median_s));
-    measured.sort((a, b) => Number(b.jobs) - Number(a.jobs));
-    return { name, seconds: measured[0] ? Number(measured[0].median_s) : null };
+  const rows = (name: string) => (Array.isArray(given[name]) ? given[name] : []) as Record<string, unknown>[];
+  return rows("levels").map((level) => {
+    const size = (Array.isArray(level.size) ? level.size : []).map(Number);
+    const measured = rows("items").find((item) => item.quality === level.name && String(item.size) === String(size));
+    return { name: String(level.name), size, seconds: Number.isFinite(measured?.median_s) ? Number(measured!.median_s) : null };
   });
 }
