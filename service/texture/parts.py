@@ -28,8 +28,8 @@ LID_SHADE = ((-0.55, 0.75), (-0.30, 0.95), (-0.05, 1.0), (0.10, 0.87), (0.23, 0.
 """Height on the eyeball over its radius, and how much light the lids leave there (on sRGB values)."""
 CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 """The same sideways, towards the corners of the lids."""
-ALIKE = 0.10
-"""RGB distance between photo and paint at which the photo counts for a third: more is lid, lash or a mirrored lamp."""
+ALIKE = 0.45
+"""RGB distance between photo and paint at which the photo counts for a third: far more is skin or a mirrored lamp."""
 
 LEAST_SAMPLES = 12
 
