@@ -68,7 +68,7 @@ class Maker:
         """Load networks, head and chart once."""
         self._finder, self._recorder = FaceFinder(), Recorder()
         self._head, self._settings = load_head(), settings
-        self._chart = Chart.build(self._head, *Options().size)
+        self._chart = Chart.build(self._head, *Options().texture_size)
 
     def __call__(self, path: Path, person: str) -> Likeness:
         """Make an avatar of the largest face in a photo; AvatarError as the pipeline raises it."""

@@ -69,7 +69,7 @@ class Reflectance:
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 
-def unpack_normals(codes: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
-    """(..., 3) float32 unit normals of (..., 2) int16 codes."""
+def unpack_normals(codes: npt.NDArray[np.int16] | npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """(..., 3) float32 unit normals of (..., 2) codes, or of means of codes."""
     x, y = (codes[..., axis] * np.float32(1 / NORMAL_ONE) for axis in (0, 1))
     return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)

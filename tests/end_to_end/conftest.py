@@ -15,15 +15,18 @@ from PIL import Image
 
 from service import diagnosis
 from service.archive.avatar import Avatar
-from service.options import Options
+from service.options import TEXTURE_MAPS, Options
 from service.pipeline import make_avatar
 from tests.end_to_end.command import Ran, avatarme
 
 Pixels = npt.NDArray[np.uint8]
 MADE = pytest.StashKey[Ran]()
 
-QUICK = Options(size=(192, 128))
-"""Small maps: these tests look at the fit and at what the maps say of it."""
+QUICK = Options(size=(192, 128), maps=TEXTURE_MAPS)
+"""Small maps, no networks: these tests look at the fit and at what the maps say of it."""
+
+TEXTURE_ONLY = ("--maps", ",".join(TEXTURE_MAPS))
+"""The same for the command; ``test_reflectance`` has the networks."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ def png(pixels: Pixels, **options: Any) -> bytes:
 @pytest.fixture(scope="session")
 def sample(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config) -> Sample:
     path = tmp_path_factory.mktemp("sample") / "sample.zip"
-    run = avatarme("make", diagnosis.SAMPLE, "-o", path, "--json")
+    run = avatarme("make", diagnosis.SAMPLE, "-o", path, "--json", *TEXTURE_ONLY)
     assert run.status == 0, run.stderr
     pytestconfig.stash[MADE] = run
     members = unpacked(path.read_bytes())

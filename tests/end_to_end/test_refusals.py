@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from tests.end_to_end.command import avatarme
-from tests.end_to_end.conftest import Pixels, png, unpacked
+from tests.end_to_end.conftest import TEXTURE_ONLY, Pixels, png, unpacked
 
 
 def jpeg(pixels: Pixels) -> bytes:
@@ -36,7 +36,7 @@ def test_two_faces_are_refused_with_their_boxes_until_one_is_chosen(portrait: Pi
     boxes = np.array(error["boxes"])
     assert boxes.shape == (2, 4)
     np.testing.assert_allclose(boxes[1] - boxes[0], [512, 0, 512, 0], atol=6)
-    chosen = avatarme("make", tmp_path / "photo.jpg", "-o", "-", "--face", "1", "--size", "192x128")
+    chosen = avatarme("make", tmp_path / "photo.jpg", "-o", "-", "--face", "1", "--size", "192x128", *TEXTURE_ONLY)
     assert chosen.status == 0, chosen.stderr
     manifest = json.loads(unpacked(chosen.stdout)["manifest.json"])
     np.testing.assert_allclose(manifest["input"]["face_box"], boxes[1], atol=0.1)

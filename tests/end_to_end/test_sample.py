@@ -21,7 +21,7 @@ from service.fit.basis import surface_points
 from service.head.files import save_head
 from service.pipeline import make_avatar
 from tests.end_to_end.command import ROOT, avatarme
-from tests.end_to_end.conftest import QUICK, Pixels, Sample, png
+from tests.end_to_end.conftest import QUICK, TEXTURE_ONLY, Pixels, Sample, png
 from tests.service.archive.test_meshes import validator_report
 
 EXPECTED = [
@@ -49,7 +49,7 @@ def test_the_archive_is_complete(sample: Sample) -> None:
 
 def test_a_second_process_pipes_the_same_bytes(sample: Sample) -> None:
     """Also through ``-``: anything that depends on the clock, on hashing order, on threads or on memory shows."""
-    piped = avatarme("make", "-", stdin=diagnosis.SAMPLE.read_bytes())
+    piped = avatarme("make", "-", *TEXTURE_ONLY, stdin=diagnosis.SAMPLE.read_bytes())
     assert (piped.status, piped.stderr) == (0, "")
     assert hashlib.sha256(piped.stdout).digest() == hashlib.sha256(sample.path.read_bytes()).digest()
     assert [path.name for path in sample.path.parent.iterdir()] == ["sample.zip"], "temporary files were left behind"
@@ -118,7 +118,7 @@ def test_a_turn_in_the_exif_data_changes_nothing(sample: Sample, portrait: Pixel
     exif = Image.Exif()
     exif[0x0112] = 6  # turn by 90 degrees clockwise to see it upright
     (tmp_path / "side.png").write_bytes(png(np.ascontiguousarray(np.rot90(portrait)), exif=exif))
-    run = avatarme("make", tmp_path / "side.png", "-o", "-")
+    run = avatarme("make", tmp_path / "side.png", "-o", "-", *TEXTURE_ONLY)
     assert run.status == 0, run.stderr
     with zipfile.ZipFile(io.BytesIO(run.stdout)) as archive:
         for name in ("mesh/head.obj", "mesh/head.glb", "maps/texture.png", "maps/confidence.png"):

@@ -22,6 +22,10 @@ TILE = (256, 306)
 _GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
 _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
 
+_MAPS_A_ROW = 3
+_RELIEF_MM = 0.15
+"""Height that is black or white in the sheet's picture of the relief."""
+
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 
 SEEN_COLOUR = (46, 134, 96)
@@ -32,7 +36,9 @@ MADE_UP_COLOUR = (206, 202, 196)
 
 def sheet(avatar: Avatar) -> Image:
     """(h, w, 3) uint8 sRGB: textured from five sides, clay, the facts of the fit, the maps."""
-    rows = (TILE[1] + _CAPTION, TILE[1] + _CAPTION, _map_size()[1] + _CAPTION)
+    maps = list(_maps(avatar))
+    maps_high = _map_size()[1] + _CAPTION
+    rows = (TILE[1] + _CAPTION, TILE[1] + _CAPTION, *[maps_high] * -(-len(maps) // _MAPS_A_ROW))
     page = blank(_WIDTH, _TITLE + sum(rows) + _MARGIN)
     write(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
     write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · one photo", _MARGIN + 104, 40, 15, GREY)
@@ -45,8 +51,9 @@ def sheet(avatar: Avatar) -> Image:
         _tile(page, picture, caption, x, y)
     _facts(page, avatar, columns[3] + 16, y + 8)
     y += rows[1]
-    for x, (caption, picture) in zip(_columns(_map_size()[0]), _maps(avatar), strict=False):
-        _tile(page, picture, caption, x, y)
+    for index, (caption, picture) in enumerate(maps):
+        row, column = divmod(index, _MAPS_A_ROW)
+        _tile(page, picture, caption, list(_columns(_map_size()[0]))[column], y + row * maps_high)
     return page
 
 
@@ -55,7 +62,7 @@ def _columns(width: int) -> Iterator[int]:
 
 
 def _map_size() -> tuple[int, int]:
-    width = (_WIDTH - 2 * _MARGIN - 2 * _GAP) // 3
+    width = (_WIDTH - 2 * _MARGIN - (_MAPS_A_ROW - 1) * _GAP) // _MAPS_A_ROW
     return width, round(width * 2 / 3)
 
 
@@ -109,9 +116,37 @@ def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         ("Confidence: seen (green), mirrored (blue), made up (grey)", confidence_colours(avatar.texture.confidence)),
         ("Shape normals, object space", encode_normals8(avatar.texture.shape_normal_object)),
     )
-    for caption, picture in maps:
+    for caption, picture in (*maps, *_reflectance(avatar)):
         way = cv2.INTER_AREA if picture.shape[1] >= _map_size()[0] else cv2.INTER_NEAREST
         yield caption, np.asarray(cv2.resize(picture, _map_size(), interpolation=way), np.uint8)
+
+
+def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    """Maps of the networks that there are, made small first: they may have a hundred times the texels."""
+    import cv2
+
+    from service.reflectance.result import MID, SCALE_MM, unpack_normals
+
+    made = avatar.reflectance
+    if made is None:
+        return
+
+    def small(codes: npt.NDArray[np.uint16] | npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+        return np.asarray(cv2.resize(codes, _map_size(), interpolation=cv2.INTER_AREA), np.float32)
+
+    def grey(values: npt.NDArray[np.float32]) -> Image:
+        return np.repeat(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)[..., None], 3, 2)
+
+    if made.diffuse_albedo is not None:
+        yield "Diffuse albedo", np.rint(small(made.diffuse_albedo) / 257).astype(np.uint8)
+    if made.specular_albedo is not None:
+        yield "Specular albedo", grey(small(made.specular_albedo) / 65535)
+    for caption, normals in (("Specular", made.specular_normal), ("Diffuse", made.diffuse_normal)):
+        if normals is not None:
+            yield f"{caption} normals, tangent space", encode_normals8(unpack_normals(small(normals)))
+    if made.displacement is not None:
+        height = (small(made.displacement) - MID) * np.float32(SCALE_MM)
+        yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(np.float32(0.5) + height * np.float32(0.5 / _RELIEF_MM))
 
 
 def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:

@@ -279,3 +279,13 @@ def test_a_full_disk_leaves_no_half_archive(tmp_path: Path, monkeypatch: pytest.
     assert target.read_bytes() == b"the archive of yesterday"
     monkeypatch.undo()
     write_file(target, {"LICENSES.md": b"x"})
+
+
+def test_the_sheet_grows_by_the_maps_that_there_are() -> None:
+    from service.archive.preview.sheet import sheet
+
+    plain, full = sheet(toy_avatar()), sheet(avatar())
+    assert full.shape[0] > plain.shape[0] + 500 and full.shape[1] == plain.shape[1]
+    np.testing.assert_array_equal(full[: plain.shape[0] - 40], plain[:-40])
+    one = sheet(replace(avatar(), reflectance=Reflectance(size=SIZE, diffuse_albedo=toy_reflectance().diffuse_albedo)))
+    assert plain.shape[0] < one.shape[0] < full.shape[0]
