@@ -36,6 +36,9 @@ FAULTS = {
 SECONDS = "AVATARME_TOY_SECONDS"
 """Variable with the seconds that each stage takes."""
 
+BUSY = "AVATARME_TOY_BUSY"
+"""Variable that makes a stage compute for its time rather than sleep."""
+
 LOG = "AVATARME_TOY_LOG"
 """Variable with the path of a file that gets a line for each stage that begins or is kept."""
 
@@ -74,7 +77,7 @@ def run(task: Task, reporter: Reporter) -> None:
 
         def make(name: str = name, before: npt.NDArray[np.int64] = before) -> npt.NDArray[np.int64]:
             _note(task.job, "begin", name)
-            time.sleep(float(os.environ.get(SECONDS, "0.02")))
+            _spend(float(os.environ.get(SECONDS, "0.02")))
             return _stage(name, digest, seed, before)
 
         value = stages.keep(name, make)
@@ -106,6 +109,15 @@ def _fault(seed: int, mark: Path) -> None:
         raise RuntimeError("a secret path: /etc/shadow")
     if seed == 107:
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _spend(seconds: float) -> None:
+    if not os.environ.get(BUSY):
+        time.sleep(seconds)
+        return
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        hashlib.sha256(bytes(1 << 16)).digest()
 
 
 def _note(job: str, what: str, stage: str) -> None:

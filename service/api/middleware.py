@@ -22,6 +22,9 @@ log = logging.getLogger("service.api.access")
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}\Z")
 _PORT = re.compile(r":\d{1,5}\Z")
 
+MAX_HEAD = 32 << 10
+"""Bytes of the address and the headers of a request."""
+
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -92,6 +95,10 @@ class Front:
         if "content-length" in request.headers and "transfer-encoding" in request.headers:
             detail = "Content-Length and Transfer-Encoding exclude each other"
             return ProblemError("bad-request", 400, detail, {"Connection": "close"})
+        size = len(request.scope.get("raw_path", b"")) + len(request.scope["query_string"])
+        if size + sum(len(name) + len(value) for name, value in request.scope["headers"]) > MAX_HEAD:
+            detail = f"address and headers may have {MAX_HEAD} bytes"
+            return ProblemError("bad-request", 431, detail, {"Connection": "close"})
         return None
 
 

@@ -13,6 +13,9 @@ import sqlalchemy as sa
 
 from service.errors import UsageError
 
+_GRACE = 20.0
+"""Seconds that Postgres may take to notice that the last worker of a name is gone."""
+
 
 class FileLock:
     """A lock on a file in the data folder, held until the process ends.
@@ -71,7 +74,11 @@ class DatabaseLock:
         if engine.dialect.name == "sqlite":
             return
         self._connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-        if not self._try(worker):
+        deadline = time.monotonic() + _GRACE
+        while not self._try(worker):
+            if time.monotonic() < deadline:
+                time.sleep(0.5)
+                continue
             self._connection.close()
             raise UsageError(f"there is another worker {worker!r}; give each one a name of its own", field="worker")
 

@@ -1,0 +1,185 @@
+"""Several workers on one Postgres: one is killed again and again, one is frozen for a while, and Postgres is restarted.
+
+    python -m benchmarks.chaos_postgres --seconds 240
+
+Every accepted job has to succeed with the bytes of an undisturbed run. Needs Debian's package postgresql.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import httpx
+
+from benchmarks.postgres import Postgres
+from benchmarks.serving import Server, post, small_photo, wait_for
+from benchmarks.toy_job import SECONDS, archive
+from service.jobs.process import descendants
+from service.jobs.settings import PREFIX
+
+
+class Workers:
+    """Processes of ``avatarme worker`` that share a database and a folder of artifacts.
+
+    Args:
+        folder: for their data and logs.
+        settings: of all of them.
+        names: one for each.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, object], names: Sequence[str]) -> None:
+        self._folder = folder
+        self._settings = settings
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        for name in names:
+            self.start(name)
+
+    def start(self, name: str) -> None:
+        """Start the worker of a name."""
+        values = {**self._settings, "data": self._folder / name, "worker": name}
+        environment = os.environ | {PREFIX + key.upper(): str(value) for key, value in values.items()}
+        environment[SECONDS] = "1.0"
+        with (self._folder / f"{name}.log").open("ab") as log:
+            self.running[name] = subprocess.Popen(
+                [sys.executable, "-m", "service", "worker"], env=environment, stdout=log, stderr=log
+            )
+
+    def signal(self, name: str, number: signal.Signals, *, jobs: bool = True) -> None:
+        """Send a signal to a worker, and to the processes of its jobs unless ``jobs`` is False."""
+        process = self.running[name].pid
+        for other in [process, *descendants(process)]:
+            with contextlib.suppress(OSError):
+                if jobs or b"toy_job" not in Path(f"/proc/{other}/cmdline").read_bytes():
+                    os.kill(other, number)
+
+    def stop(self) -> None:
+        """Kill all."""
+        for name, process in self.running.items():
+            self.signal(name, signal.SIGCONT)
+            self.signal(name, signal.SIGKILL)
+            process.wait()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=240)
+    parser.add_argument("--workers", type=int, default=3)
+    parser.add_argument("--every", type=float, default=20, help="seconds between two kills")
+    asked = parser.parse_args(arguments)
+    folder = Path(tempfile.mkdtemp(prefix="chaos-postgres-"))
+    lost = _run(folder, asked.seconds, asked.workers, asked.every)
+    if not lost:
+        shutil.rmtree(folder)
+    raise SystemExit(1 if lost else 0)
+
+
+def _run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
+    postgres = Postgres(folder)
+    postgres.start()
+    settings: dict[str, object] = {
+        "database": postgres.url, "artifacts": f"file://{folder}/artifacts", "program": "benchmarks.toy_job",
+        "reserve_mb": 1, "niceness": 0,
+    }  # fmt: skip
+    server = Server(folder / "server", settings, with_worker=False)
+    server.start(ready=False)
+    workers = Workers(folder, settings, [f"w{number}" for number in range(count)])
+    accepted: dict[str, tuple[str, int]] = {}
+    try:
+        server.wait("readyz")
+        over = threading.Event()
+        poster = threading.Thread(target=_post, args=(server, accepted, over))
+        poster.start()
+        kills = _disturb(workers, postgres, seconds, every)
+        over.set()
+        poster.join()
+        begin = time.monotonic()
+        states, lost = _look(server, accepted)
+        print(f"{kills} workers killed, one frozen for a third of the time, Postgres stopped once like by a power cut")
+        print(f"{len(accepted)} jobs accepted; at the end {dict(states)}, {time.monotonic() - begin:.0f} s afterwards")
+        print(f"lost or other bytes: {len(lost)}")
+        for line in lost:
+            print(line)
+        return lost
+    finally:
+        workers.stop()
+        server.kill()
+        with contextlib.suppress(subprocess.CalledProcessError):
+            postgres.stop()
+
+
+def _disturb(workers: Workers, postgres: Postgres, seconds: float, every: float) -> int:
+    """Kill a worker ``every`` seconds, freeze the last one in the middle third, restart Postgres in the middle."""
+    names = list(workers.running)
+    begin, kills, frozen, restarted = time.monotonic(), 0, False, False
+    while (passed := time.monotonic() - begin) < seconds:
+        if not frozen and passed > seconds / 3:
+            workers.signal(names[-1], signal.SIGSTOP)
+            frozen = True
+        if not restarted and passed > seconds / 2:
+            postgres.stop("immediate")
+            time.sleep(8)
+            postgres.start()
+            restarted = True
+        if frozen and passed > seconds * 2 / 3:
+            workers.signal(names[-1], signal.SIGCONT)
+        time.sleep(every / 2)
+        victim = random.choice(names[:-1])  # noqa: S311 - whom to kill is no secret
+        workers.signal(victim, signal.SIGKILL)
+        kills += 1
+        time.sleep(every / 2)
+        for name in names[:-1]:
+            if workers.running[name].poll() is not None:
+                workers.start(name)
+    workers.signal(names[-1], signal.SIGCONT)
+    for name in names:
+        if workers.running[name].poll() is not None:
+            workers.start(name)
+    return kills
+
+
+def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.Event) -> None:
+    count = 0
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        while not over.is_set():
+            count += 1
+            photo = small_photo(count)
+            while not over.is_set():
+                with contextlib.suppress(httpx.HTTPError):
+                    answer = post(client, photo, count, f"key-{count}")
+                    if answer.status_code == 202:
+                        accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), count)
+                        break
+                time.sleep(0.5)
+            over.wait(3.0)
+
+
+def _look(server: Server, accepted: dict[str, tuple[str, int]]) -> tuple[Counter[str], list[str]]:
+    states: Counter[str] = Counter()
+    lost = []
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        for job, (digest, count) in accepted.items():
+            state = wait_for(client, job, within=600)
+            states[state["state"]] += 1
+            content = client.get(f"/v1/avatars/{job}/archive.zip").content
+            if state["state"] != "succeeded" or content != archive(digest, count):
+                lost.append(f"{job}: {state}")
+    return states, lost
+
+
+if __name__ == "__main__":
+    main()
