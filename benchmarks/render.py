@@ -7,6 +7,9 @@ of the camera.
 
 from __future__ import annotations
 
+import glob
+import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,8 @@ from service.geometry.normals import vertex_normals
 Float = npt.NDArray[np.float64]
 
 LIGHTS = ("soft", "harsh")
+
+_OLDEST_LLVM = 16
 
 
 @dataclass(frozen=True)
@@ -132,8 +137,23 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
     )
 
 
+def newest_llvm(folders: tuple[str, ...] = ("/usr/lib/*-linux-gnu", "/usr/lib64", "/usr/lib/llvm-*/lib")) -> str | None:
+    """Path of the newest LLVM library of at least version 16, by the version in its name; None where there is none."""
+    found = []
+    for folder in folders:
+        for path in glob.glob(f"{folder}/libLLVM*.so*"):
+            version = re.search(r"libLLVM(?:-|\.so\.)(\d+)", path)
+            if version and int(version[1]) >= _OLDEST_LLVM:
+                found.append((int(version[1]), path))
+    return max(found)[1] if found else None
+
+
 def _llvm(mi: Any) -> bool:
-    """True where the vectorised variant finds its LLVM library."""
+    """True where the vectorised variant finds an LLVM library that it can use: older ones abort the process."""
+    library = newest_llvm()
+    if library is None:
+        return False
+    os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
     try:
         mi.set_variant("llvm_ad_rgb")
         import drjit

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from service.errors import UsageError
 from service.scene.environment import illumination
-from service.scene.estimate import Estimates, estimate
+from service.scene.estimate import Facts, estimate
 from service.scene.scene import Scene
 from service.scene.surface import Surface
 
@@ -131,14 +131,12 @@ def plan(scene: Scene, surface: Surface, tolerance: float = 1.0) -> Plan:
             continue  # together they cost more than one by one
         chosen.append(item)
         spent += bounds[item]
-    left = set(chosen)
-    decisions = [
-        Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], estimates)) for e, i in items
-    ]
+    left, facts = set(chosen), estimates.facts()
+    decisions = [Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], facts)) for e, i in items]
     return Plan(tuple(decisions), float(tolerance))
 
 
-def _why(effect: str, light: int | None, bound: float, e: Estimates) -> str:
+def _why(effect: str, light: int | None, bound: float, e: Facts) -> str:
     if light is None:
         facts = {
             "occlusion": f"the sky gives {e.sky_share:.0%} of the light, {1.0 - e.openness:.0%} of it hidden",
@@ -163,4 +161,3 @@ def report(made: Plan) -> str:
         name = d.effect if d.light is None else f"{d.effect} of light {d.light}"
         lines.append(f"{'runs    ' if d.runs else 'left out'} {name:28s} {d.why}")
     return "\n".join([*lines, f"error at most {made.bound:.2f}/255 of {made.tolerance:g}/255 allowed"])
-

@@ -9,26 +9,29 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-RING_MM = (0.0, 0.6, 0.6, 0.6, 0.6, 2.0, 2.0, 2.0, 2.0)
+RING_MM = (0.0, *(0.6,) * 4, *(1.8,) * 4, *(3.8,) * 4)
 """Distance of each place of a sample from its centre."""
 
-AZIMUTHS = 8
+PLACES = 5
+"""So many of them, from the first, have their fine relief looked at."""
+
+AZIMUTHS = 16
 
 
 @dataclass(frozen=True)
 class Surface:
-    """K samples spread over the face; S = 9 places each: the point and two rings of four about it (``RING_MM``).
+    """K samples spread over the face; S = 13 places each: the point and three rings of four about it (``RING_MM``).
 
     Attributes:
         position: (S, K, 3) metres.
         diffuse_normal: (S, K, 3) unit, head space.
+        specular_normal: (P, K, 3) unit, head space; P = 5 (``PLACES``).
         albedo: (S, K, 3) linear diffuse albedo.
         normal, tangent, bitangent: (K, 3) smooth frame.
-        specular_normal: (K, 3) unit, head space.
         specular: (K,) specular albedo s.
         alpha: (K, 2) GGX alpha of both lobes; ``share`` (K,) of the first.
         visible: (K, D) in [0, 1], which of D spread directions the point sees.
-        horizon: (K, 8) slope of the fine relief's horizon, azimuths counter-clockwise from the tangent.
+        horizon: (P, K, 16) slope of the fine relief's horizon, azimuths counter-clockwise from the tangent.
         weight: (K,) share of the face's texels that the sample stands for, sum 1.
     """
 

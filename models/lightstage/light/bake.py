@@ -18,13 +18,14 @@ from torch import Tensor
 
 from models.lightstage.light import relief, scatter
 from models.lightstage.light.geometry import Geometry, Site
-from models.lightstage.light.lobes import SMALLEST_ALPHA, Gloss, directional_albedo, fresnel, ggx
+from models.lightstage.light.lobes import Gloss, directional_albedo, fresnel, ggx
 from models.lightstage.light.reflection import mirror_of
 from models.lightstage.light.response import developed
 from models.lightstage.light.sampling import dot, unit
 from models.lightstage.skin.window import ChartWindow
 from service.errors import UsageError
 from service.scene.environment import Illumination, illumination
+from service.scene.gloss import SMALLEST_ALPHA
 from service.scene.harmonics import COSINE_LOBE, project
 from service.scene.plan import Plan
 from service.scene.scene import PointLight, Scene
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from models.lightstage.stage import Stage
 
 _NEAREST_M = 1e-3
+
+TILE = 1024
 
 
 class LitMaps(Protocol):
@@ -271,7 +274,7 @@ def bake_texture(skin: Skin, stage: Stage, width: int, height: int, seed: int) -
     """(height, width, 3) uint8 sRGB texture of a whole chart under the light named ``seed``."""
     from models.lightstage.light.expose import expose
     from models.lightstage.light.prior import sample_scene
-    from models.lightstage.light.survey import survey
+    from models.lightstage.light.survey import survey_chart
     from service.scene.plan import plan as choose
 
     scale = skin.subject.gloss.scatter_scale
@@ -279,15 +282,13 @@ def bake_texture(skin: Skin, stage: Stage, width: int, height: int, seed: int) -
     small = ChartWindow.whole(192, 128)
     maps = skin.maps(small)
     scene = expose(maps, geometry, sample_scene(seed), small)
-    chosen = choose(scene, survey(maps, geometry, small))
+    chosen = choose(scene, survey_chart(skin.maps, geometry, width, height))
     result = np.zeros((height, width, 3), np.uint8)
-    for y in range(0, height, 1024):
-        for x in range(0, width, 1024):
-            tile = ChartWindow(x, y, min(1024, width - x), min(1024, height - y), width, height)
+    for y in range(0, height, TILE):
+        for x in range(0, width, TILE):
+            tile = ChartWindow(x, y, min(TILE, width - x), min(TILE, height - y), width, height)
             outer = footprint(tile, geometry, chosen, scale)
-            image = bake(
-                skin.maps(outer), geometry, scene, chosen, tile, maps_window=outer, scatter_scale=scale
-            )
+            image = bake(skin.maps(outer), geometry, scene, chosen, tile, maps_window=outer, scatter_scale=scale)
             coded = (image * 255.0).round().byte().cpu().numpy().transpose(1, 2, 0)
             result[y : y + tile.height, x : x + tile.width] = coded
     return result

@@ -13,12 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-F0_SCALE = 0.04
-"""Reflectance at normal incidence of specular albedo 1 (glTF's default)."""
-
-SMALLEST_ALPHA = 0.03
-
-_TABLE_COSINES, _TABLE_ALPHAS = 32, 32
+from service.scene.gloss import ALPHAS, COSINES, F0_SCALE, SMALLEST_ALPHA, albedo_table
 
 
 @dataclass(frozen=True)
@@ -63,36 +58,16 @@ def fresnel(f0: Tensor, v_h: Tensor) -> Tensor:
 
 @functools.lru_cache(maxsize=4)
 def _table(device: str) -> Tensor:
-    """(2, cosines, alphas): directional albedo is f0 * scale + bias, by numerical integration over half vectors."""
-    cosine = (torch.arange(_TABLE_COSINES, dtype=torch.float64) + 0.5) / _TABLE_COSINES
-    alpha = ((torch.arange(_TABLE_ALPHAS, dtype=torch.float64) + 0.5) / _TABLE_ALPHAS).clamp(min=SMALLEST_ALPHA)
-    count = 32
-    u = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    # Half vectors spread by D n.h: tan^2 = alpha^2 u / (1 - u).
-    tan2 = alpha[:, None] ** 2 * (u / (1.0 - u))
-    h_z = (1.0 + tan2).rsqrt()[None, :, :, None]
-    h_x = (1.0 - h_z**2).clamp(min=0).sqrt() * torch.cos(math.pi * u)
-    v_z = cosine[:, None, None, None]
-    v_h = (1.0 - v_z**2).sqrt() * h_x + v_z * h_z
-    l_z = 2.0 * v_h * h_z - v_z
-    a2 = (alpha**2)[None, :, None, None]
-
-    def masking(c: Tensor) -> Tensor:
-        return 2.0 * c / (c + (a2 + (1.0 - a2) * c * c).sqrt())
-
-    weight = masking(v_z) * masking(l_z.clamp(min=1e-6)) * v_h.clamp(min=0) / (v_z * h_z)
-    weight = torch.where((l_z > 0) & (v_h > 0), weight, 0.0)
-    rise = (1.0 - v_h.clamp(0.0, 1.0)) ** 5
-    both = torch.stack([(weight * (1.0 - rise)).mean((-1, -2)), (weight * rise).mean((-1, -2))])
-    return both.float().to(device)
+    """``albedo_table`` on a device."""
+    return torch.from_numpy(albedo_table()).float().to(device)
 
 
 def directional_albedo(f0: Tensor, alpha: Tensor, n_v: Tensor, *, rising: bool = True) -> Tensor:
     """(h, w) share of even light that a lobe sends to the viewer, at most 1; no Fresnel rise where not ``rising``."""
     table = _table(str(alpha.device)).to(alpha.dtype)
-    row = (n_v * _TABLE_COSINES - 0.5).clamp(0.0, _TABLE_COSINES - 1.0)
-    column = (alpha * _TABLE_ALPHAS - 0.5).clamp(0.0, _TABLE_ALPHAS - 1.0)
-    r0, c0 = row.floor().clamp(max=_TABLE_COSINES - 2), column.floor().clamp(max=_TABLE_ALPHAS - 2)
+    row = (n_v * COSINES - 0.5).clamp(0.0, COSINES - 1.0)
+    column = (alpha * ALPHAS - 0.5).clamp(0.0, ALPHAS - 1.0)
+    r0, c0 = row.floor().clamp(max=COSINES - 2), column.floor().clamp(max=ALPHAS - 2)
     fr, fc = row - r0, column - c0
     r, c = r0.long(), c0.long()
     upper = torch.lerp(table[:, r, c], table[:, r, c + 1], fc)

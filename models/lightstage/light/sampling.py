@@ -32,6 +32,12 @@ def displaced(image: Tensor, right: Tensor, up: Tensor) -> Tensor:
     height, width = image.shape
     column = (torch.arange(width, device=image.device) + right).clamp(0, width - 1)
     row = (torch.arange(height, device=image.device)[:, None] - up).clamp(0, height - 1)
+    return read_at(image, row.expand(height, width), column.expand(height, width))
+
+
+def read_at(image: Tensor, row: Tensor, column: Tensor) -> Tensor:
+    """Bilinear values of an image (h, w) at rows in [0, h - 1] and columns in [0, w - 1] of any one shape."""
+    height, width = image.shape
     c0, r0 = column.floor(), row.floor()
     fc, fr = column - c0, row - r0
     c0, r0 = c0.long(), r0.long()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -13,10 +14,10 @@ from torch import Tensor
 from models.lightstage.light.bake import LitMaps
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.relief import STEPS_MM
-from models.lightstage.light.sampling import displaced, enlarged
+from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.window import ChartWindow
-from service.scene.surface import AZIMUTHS, RING_MM, Surface
+from service.scene.surface import AZIMUTHS, PLACES, RING_MM, Surface
 
 Array = npt.NDArray[np.float64]
 
@@ -45,53 +46,119 @@ def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 
         """(K, C) of (C, h, w)."""
         return np.asarray(image.reshape(image.shape[0], -1)[:, at].T.double().cpu().numpy())
 
-    diffuse = site.to_head(skin.diffuse_normal)
-    places = [_beside(site.step, row, column, k, window) for k in range(len(RING_MM))]
-    seen = enlarged(geometry.visible.float() / 255.0, window) if window.width * window.height <= 65536 else None
-    visible = pick(seen) if seen is not None else _visible(geometry, window, row, column)
+    rings = [_beside(site.texels_per_mm[row, column], row, column, k, window) for k in range(len(RING_MM))]
+    places = _on_skin(rings, (skin.mask[0] > 0.5).flatten())
+
+    def pick_all(image: Tensor, count: int = len(places)) -> Array:
+        """(S, K, C) at all places, or the first so many."""
+        return np.stack([pick(image, at) for at in places[:count]])
+
     rough = pick(skin.roughness.float())
     return Surface(
-        position=np.stack([pick(site.position, at) for at in places]) / 1000.0,
-        diffuse_normal=np.stack([pick(diffuse, at) for at in places]),
-        albedo=np.stack([pick(skin.diffuse_albedo.float(), at) for at in places]).clip(0.0, 1.0),
+        position=pick_all(site.position) / 1000.0,
+        diffuse_normal=pick_all(site.to_head(skin.diffuse_normal)),
+        albedo=pick_all(skin.diffuse_albedo.float()).clip(0.0, 1.0),
         normal=pick(site.normal),
         tangent=pick(site.tangent),
         bitangent=pick(site.bitangent),
-        specular_normal=pick(site.to_head(skin.specular_normal)),
+        specular_normal=pick_all(site.to_head(skin.specular_normal), PLACES),
         specular=pick(skin.specular_albedo.float())[:, 0],
         alpha=rough[:, :2].clip(0.03, 1.0),
-        share=rough[:, 2],
-        visible=visible,
-        horizon=_horizons(skin.height_mm[0].float(), site.step, pick),
+        share=rough[:, 2].clip(0.0, 1.0),
+        visible=_visible(geometry, window, row, column),
+        horizon=np.stack([_horizons(skin.height_mm[0].float(), site.step, at) for at in places[:PLACES]]),
         weight=np.full(count, 1.0 / count),
     )
 
 
-def _beside(step: Tensor, row: Tensor, column: Tensor, place: int, window: ChartWindow) -> Tensor:
-    """Flat index of the texel at a place of the rings."""
-    angle = (place % 4) * 0.5 * math.pi + (0.25 * math.pi if place > 4 else 0.0)
-    x, y = RING_MM[place] * math.cos(angle), RING_MM[place] * math.sin(angle)
-    right = (step[0, 0] * x + step[0, 1] * y)[row, column].round().long()
-    up = (step[1, 0] * x + step[1, 1] * y)[row, column].round().long()
+def survey_chart(
+    draw: Callable[[ChartWindow], LitMaps], geometry: Geometry, width: int, height: int, windows: int = 8
+) -> Surface:
+    """Samples for baking a whole chart of a size; large charts are looked at through small windows on the face.
+
+    Fine relief and highlights are other ones on a small copy of the maps, so the maps have to be of the chart's size.
+
+    Args:
+        draw: gives the maps of a window (``Skin.maps``).
+        geometry: the head.
+        width: columns of the chart.
+        height: rows of the chart.
+        windows: how many to look through.
+    """
+    if width * height <= 384 * 256:
+        whole = ChartWindow.whole(width, height)
+        return survey(draw(whole), geometry, whole)
+    face = geometry.face[0].double()
+    total = (face if float(face.sum()) > 1e-3 else geometry.mask[0].double()).flatten().cumsum(0)
+    spots = (np.arange(windows) + Stream(0, "survey windows").uniform(size=windows)) / windows * float(total[-1])
+    index = torch.searchsorted(total, torch.from_numpy(spots).to(total)).clamp(max=total.numel() - 1).tolist()
+    side = 96
+    parts = []
+    for k, at in enumerate(index):
+        row, column = divmod(int(at), face.shape[1])
+        x = min(max(int((column + 0.5) / face.shape[1] * width) - side // 2, 0), width - side)
+        y = min(max(int((row + 0.5) / face.shape[0] * height) - side // 2, 0), height - side)
+        window = ChartWindow(x, y, side, side, width, height)
+        parts.append(survey(draw(window), geometry, window, 384 // windows, k))
+    return joined(parts)
+
+
+def joined(parts: list[Surface]) -> Surface:
+    """Samples of several surveys that stand for equal shares of the face."""
+    fields = {}
+    for f in dataclasses.fields(Surface):
+        arrays = [getattr(part, f.name) for part in parts]
+        by_place = f.name in ("position", "diffuse_normal", "albedo", "specular_normal", "horizon")
+        fields[f.name] = np.concatenate(arrays, 1 if by_place else 0)
+    return dataclasses.replace(Surface(**fields), weight=fields["weight"] / len(parts))
+
+
+def _beside(density: Tensor, row: Tensor, column: Tensor, place: int, window: ChartWindow) -> Tensor:
+    """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
+    ring, spoke = divmod(place + 3, 4)
+    angle = (spoke + 0.5 * ring) * 0.5 * math.pi
+    right = (density * (RING_MM[place] * math.cos(angle))).round().long()
+    up = (density * (RING_MM[place] * math.sin(angle))).round().long()
     return (row - up).clamp(0, window.height - 1) * window.width + (column + right).clamp(0, window.width - 1)
 
 
+def _on_skin(places: list[Tensor], skin: Tensor) -> list[Tensor]:
+    """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
+    result = places[:1]
+    for k, at in enumerate(places[1:], 1):
+        opposite = places[(k - 1) // 4 * 4 + (k + 1) % 4 + 1]
+        result.append(torch.where(skin[at], at, torch.where(skin[opposite], opposite, places[0])))
+    return result
+
+
 def _visible(geometry: Geometry, window: ChartWindow, row: Tensor, column: Tensor) -> Array:
-    """(K, D) visibility at texels, from the nearest texel of its own map."""
+    """(K, D) visibility at texels, bilinear as ``enlarged`` has it."""
     _, height, width = geometry.visible.shape
-    r = ((row + window.y + 0.5) / window.chart_height * height).long().clamp(0, height - 1)
-    c = ((column + window.x + 0.5) / window.chart_width * width).long().clamp(0, width - 1)
-    return np.asarray(geometry.visible[:, r, c].T.double().cpu().numpy()) / 255.0
+    at = [window.rows(height).to(row.device)[row], window.columns(width).to(row.device)[column]]
+    low = [x.floor() for x in at]
+    share = [(x - x0).float() for x, x0 in zip(at, low, strict=True)]
+    r0, c0 = (x.long() for x in low)
+
+    def corner(dr: int, dc: int) -> Tensor:
+        return geometry.visible[:, (r0 + dr).clamp(0, height - 1), (c0 + dc).clamp(0, width - 1)].float() / 255.0
+
+    top = torch.lerp(corner(0, 0), corner(0, 1), share[1])
+    low_row = torch.lerp(corner(1, 0), corner(1, 1), share[1])
+    return np.asarray(torch.lerp(top, low_row, share[0]).T.double().cpu().numpy())
 
 
-def _horizons(height: Tensor, step: Tensor, pick: Callable[[Tensor], Array]) -> Array:
-    slopes = []
-    for k in range(AZIMUTHS):
-        x, y = math.cos(2.0 * math.pi * k / AZIMUTHS), math.sin(2.0 * math.pi * k / AZIMUTHS)
-        right, up = step[0, 0] * x + step[0, 1] * y, step[1, 0] * x + step[1, 1] * y
-        horizon = torch.zeros_like(height)
-        for mm in STEPS_MM:
-            beside = displaced(height, (right * mm).clamp(-64, 64), (up * mm).clamp(-64, 64))
-            horizon = torch.maximum(horizon, (beside - height) / mm)
-        slopes.append(horizon)
-    return pick(torch.stack(slopes))
+def _horizons(height: Tensor, step: Tensor, at: Tensor) -> Array:
+    """(K, azimuths) horizon of the relief at flat indices, as ``relief_shadow`` finds it."""
+    rows, columns = height.shape
+    row, column = at // columns, at % columns
+    (xx, xy), (yx, yy) = (step.reshape(2, 2, -1)[i, :, at] for i in (0, 1))
+    angle = torch.arange(AZIMUTHS, device=height.device) * (2.0 * math.pi / AZIMUTHS)
+    x, y = angle.cos()[:, None], angle.sin()[:, None]
+    right, up = xx * x + xy * y, yx * x + yy * y
+    here = height.reshape(-1)[at]
+    horizon = torch.zeros_like(right)
+    for mm in STEPS_MM:
+        c = (column + (right * mm).clamp(-64, 64)).clamp(0, columns - 1)
+        r = (row - (up * mm).clamp(-64, 64)).clamp(0, rows - 1)
+        horizon = torch.maximum(horizon, (read_at(height, r, c) - here) / mm)
+    return np.asarray(horizon.T.double().cpu().numpy())

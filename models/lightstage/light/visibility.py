@@ -14,6 +14,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from service.scene.shading import HORIZON
+
 _BIAS_MM = 0.6
 _SOFT_MM = 0.8
 _CELLS = 1.5  # a point of the nearest four cells is at most this far away
@@ -138,7 +140,7 @@ def lit_from_point(occluders: Tensor, spacing_mm: float, points: Points, light_m
     outside = ((at < low[:, None]) | (at > low[:, None] + cell * size)).any(0)
     lit = torch.where(outside, 1.0, lit)
     # Relief may tilt towards a light just below the smooth horizon, not to one far below it.
-    return lit * ((cosine + 0.25) / 0.25).clamp(0.0, 1.0)
+    return lit * ((cosine + HORIZON) / HORIZON).clamp(0.0, 1.0)
 
 
 def lit_from_ball(

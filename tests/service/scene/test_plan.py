@@ -11,7 +11,7 @@ from service.errors import UsageError
 from service.scene.plan import EFFECTS, Plan, plan, report
 from service.scene.scene import Environment, PointLight, Response, Scene
 from service.scene.sphere import spread_directions
-from service.scene.surface import AZIMUTHS, RING_MM, Surface
+from service.scene.surface import AZIMUTHS, PLACES, RING_MM, Surface
 
 GREY = (0.5, 0.5, 0.5)
 EVEN = Environment(zenith=GREY, horizon=GREY, ground=GREY)
@@ -31,9 +31,10 @@ def dome(specular: float = 0.7, covered: float = 0.0) -> Surface:
         position=np.repeat(0.08 * normal[None], places, 0),
         diffuse_normal=np.repeat(normal[None], places, 0),
         albedo=np.full((places, count, 3), 0.4),
-        normal=normal, tangent=tangent, bitangent=np.cross(normal, tangent), specular_normal=normal,
-        specular=np.full(count, specular), alpha=np.tile([0.3, 0.5], (count, 1)), share=np.full(count, 0.8),
-        visible=visible.astype(float), horizon=np.zeros((count, AZIMUTHS)), weight=np.full(count, 1.0 / count),
+        normal=normal, tangent=tangent, bitangent=np.cross(normal, tangent),
+        specular_normal=np.repeat(normal[None], PLACES, 0), specular=np.full(count, specular),
+        alpha=np.tile([0.3, 0.5], (count, 1)), share=np.full(count, 0.8), visible=visible.astype(float),
+        horizon=np.zeros((PLACES, count, AZIMUTHS)), weight=np.full(count, 1.0 / count),
     )  # fmt: skip
 
 
