@@ -25,7 +25,6 @@ from models.lightstage.stage import Stage
 from models.training.geometry import WIDTH as GEOMETRY_WIDTH
 from models.training.geometry import GeometryMaps
 from service.scene.environment import names
-from service.scene.plan import Plan
 from service.scene.plan import plan as choose
 from service.scene.scene import Scene
 
@@ -93,8 +92,8 @@ class Sitting:
         channels = studio.maps.channels(vertices)
         return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels)
 
-    def scene(self, number: int) -> tuple[Scene, Plan]:
-        """The ``number``-th scene of this sitting that belongs to its part of the split, exposed, with its plan."""
+    def scene(self, number: int) -> Scene:
+        """The ``number``-th scene of this sitting that belongs to its part of the split, exposed."""
         found, candidate = -1, 0
         while True:
             seed = (self.seed * 8191 + candidate) * 31 + sum(self.pose.encode()) % 31
@@ -102,14 +101,14 @@ class Sitting:
             name = scene.environment.name if scene.environment.name in names() else f"procedural-{seed}"
             found += light_part(str(name)) == self.part
             if found == number:
-                break
+                return expose(self.small, self.geometry, scene, SMALL)
             candidate += 1
-        scene = expose(self.small, self.geometry, scene, SMALL)
-        return scene, choose(scene, survey(self.small, self.geometry, SMALL))
 
     def baked(self, maps: SkinMaps, window: ChartWindow, number: int) -> Tensor:
         """(3, h, w) sRGB-coded texture of a window; light from beyond the window is that of its border."""
-        scene, plan = self.scene(number)
+        scene = self.scene(number)
+        # Planned at the size that is baked: a small copy of the skin has no relief to cast shadows.
+        plan = choose(scene, survey(maps, self.geometry, window))
         scale = self.skin.subject.gloss.scatter_scale
         return bake(maps, self.geometry, scene, plan, window, scatter_scale=scale)
 
