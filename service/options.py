@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from service.errors import UsageError
 from service.fit.settings import FitSettings
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
-from service.reflectance.plan import ROLES, Plan
+from service.reflectance.plan import NETWORKS, ROLES, Plan
 
 REFLECTANCE_MAPS = ROLES
 TEXTURE_MAPS = ("texture", "confidence", "shape_normal")
@@ -108,9 +109,12 @@ class Options:
         return self.bits or self.level.normal_bits
 
     def plan(self) -> Plan:
-        """The stages of reflectance that the maps need."""
+        """The stages of reflectance that the maps need.
+
+        Without a network to enlarge it in this installation the texture is resampled, and the manifest says so.
+        """
         enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
-        return Plan.of(self.maps, super_resolution=enlarged)
+        return Plan.of(self.maps, super_resolution=enlarged and installed(NETWORKS["super_resolution"]))
 
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""
@@ -123,10 +127,14 @@ class Options:
 
 def default_maps() -> tuple[str, ...]:
     """Every map, but for those whose networks this installation does not list."""
+    return tuple(name for name in MAP_NAMES if installed(Plan.of([name], super_resolution=False).networks))
+
+
+def installed(networks: Collection[str]) -> bool:
+    """Whether this installation lists all of these networks."""
     from service.runtime.sessions import model_table
 
-    there = set(model_table())
-    return tuple(name for name in MAP_NAMES if set(Plan.of([name]).networks) <= there)
+    return set(networks) <= set(model_table())
 
 
 def parse_maps(text: str) -> tuple[str, ...]:

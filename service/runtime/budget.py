@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE
+from service.levels import LEVELS, TEXTURE_SIZE
 from service.options import Options
 from service.reflectance.plan import Plan
 from service.runtime.networks import Engine, choose_engine, open_network
@@ -73,16 +73,15 @@ def _choose(options: Options) -> str:
 
 def expected(options: Options) -> dict[str, float]:
     """Seconds that each level should take on this machine for the maps of ``options``."""
-    speeds: dict[str, Speed] = {}
+    asked = {name: replace(options, quality=name) for name in LEVELS}  # type: ignore[arg-type]
+    networks = tuple({network: None for each in asked.values() for network in each.plan().networks})
+    speeds: dict[Engine, Speed] = {}
     result = {}
-    for name, level in LEVELS.items():
-        asked = replace(options, quality=name)  # type: ignore[arg-type]
-        plan = asked.plan()
-        if level.precision not in speeds:
-            engine = choose_engine(options.runtime, precision=level.precision)
-            every = Plan.of(options.maps, super_resolution=asked.map_size[0] >= SMALLEST_ENLARGED)
-            speeds[level.precision] = measure(engine, every.networks)
-        result[name] = SAFETY * estimate(speeds[level.precision], asked, plan)
+    for name, each in asked.items():
+        engine = choose_engine(options.runtime, precision=each.level.precision)
+        if engine not in speeds:
+            speeds[engine] = measure(engine, networks)
+        result[name] = SAFETY * estimate(speeds[engine], each, each.plan())
     return result
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ from service.options import (
     parse_maps,
     parse_size,
 )
+from service.reflectance.plan import NETWORKS
 
 BAD = [
     ("maps", ()),
@@ -84,9 +86,14 @@ def test_maps_keep_the_order_of_the_archive_so_that_equal_requests_give_equal_by
     assert Options(maps=MAP_NAMES[::-1]) == Options(maps=MAP_NAMES)
 
 
+def list_networks(monkeypatch: pytest.MonkeyPatch, names: Collection[str]) -> None:
+    """Make an installation that has these networks of maps."""
+    monkeypatch.setattr("service.runtime.sessions.model_table", lambda: {name: {} for name in names})
+
+
 def test_maps_are_left_out_by_default_where_their_networks_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    listed = {"zeta_body", "zeta_tail", "delta_context", "delta", "psi"}
-    monkeypatch.setattr("service.runtime.sessions.model_table", lambda: {name: {} for name in listed})
+    list_networks(monkeypatch, {"zeta_body", "delta_context", "delta", "psi"})
+    assert Options().plan().stages == ("diffuse_albedo", "specular_albedo"), "half of zeta is of no use"
     assert default_maps() == ("diffuse_albedo", "specular_albedo", *TEXTURE_MAPS)
 
 
@@ -103,7 +110,8 @@ def test_which_maps_a_size_is_of(asked: dict[str, Any], maps: tuple[int, int] | 
     assert maps is None or options.map_size == maps
 
 
-def test_stages_that_nobody_asked_for_do_not_run() -> None:
+def test_stages_that_nobody_asked_for_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    list_networks(monkeypatch, {name for names in NETWORKS.values() for name in names})
     assert Options(maps=TEXTURE_MAPS).plan().stages == ()
     assert Options(maps=("diffuse_albedo",)).plan().stages == ("super_resolution", "diffuse_albedo")
     assert Options(maps=("diffuse_albedo",), quality="draft").plan().stages == ("diffuse_albedo",)

@@ -140,13 +140,13 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     if made.diffuse_albedo is not None:
         yield "Diffuse albedo", np.rint(small(made.diffuse_albedo) / 257).astype(np.uint8)
     if made.specular_albedo is not None:
-        yield "Specular albedo", grey(small(made.specular_albedo) / 65535)
+        yield "Specular albedo", grey(small(made.specular_albedo) * np.float32(1 / 65535))
     for caption, normals in (("Specular", made.specular_normal), ("Diffuse", made.diffuse_normal)):
         if normals is not None:
             yield f"{caption} normals, tangent space", encode_normals8(unpack_normals(small(normals)))
     if made.displacement is not None:
-        height = (small(made.displacement) - MID) * np.float32(SCALE_MM)
-        yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(np.float32(0.5) + height * np.float32(0.5 / _RELIEF_MM))
+        height = (small(made.displacement) - MID) * np.float32(0.5 * SCALE_MM / _RELIEF_MM)
+        yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(height + np.float32(0.5))
 
 
 def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:

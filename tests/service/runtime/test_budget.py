@@ -23,6 +23,11 @@ SPEED = Speed(
 )
 
 
+@pytest.fixture(autouse=True)
+def every_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.options.installed", lambda networks: True)
+
+
 def seconds(**asked: object) -> float:
     options = Options(**({"maps": MAP_NAMES} | asked))  # type: ignore[arg-type]
     return estimate(SPEED, options, options.plan())
