@@ -82,13 +82,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--every", type=float, default=20, help="seconds between two kills")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-postgres-"))
-    lost = _run(folder, asked.seconds, asked.workers, asked.every)
+    lost = run(folder, asked.seconds, asked.workers, asked.every)
     if not lost:
         shutil.rmtree(folder)
     raise SystemExit(1 if lost else 0)
 
 
-def _run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
+def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
+    """Run it; returns a line for each job that was lost or has other bytes."""
     postgres = Postgres(folder)
     postgres.start()
     settings: dict[str, object] = {

@@ -121,6 +121,9 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
     server = _Server(config, app)
     if keeper is not None:
         keeper.start()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # uvicorn raises the signal once more at the end, when the worker is still to be stopped.
+        signal.signal(number, lambda number, frame: None)
     try:
         server.run()
     finally:

@@ -1,0 +1,163 @@
+"""Killing, freezing and stopping a whole service."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from benchmarks.chaos import chaos, redone
+from benchmarks.postgres import find_programs
+from benchmarks.serving import Server, post, small_photo, wait_for
+from benchmarks.toy_job import LOG, SECONDS, archive
+
+
+def test_after_a_kill_the_job_goes_on_after_its_last_stage(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    server = Server(tmp_path / "data", {}, {LOG: str(log), SECONDS: "1.0"})
+    server.start()
+    photo = small_photo(1)
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        job = post(client, photo, 3).json()["id"]
+        deadline = time.monotonic() + 60
+        while not log.exists() or f"{job} kept one" not in log.read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        processes = server.processes()
+        server.kill()
+        time.sleep(0.3)
+        assert not [process for process in processes if _runs(process)], "a job's process outlived the server"
+        server.start()
+        assert wait_for(client, job)["state"] == "succeeded"
+        content = client.get(f"/v1/avatars/{job}/archive.zip").content
+    assert content == archive(hashlib.sha256(photo).hexdigest(), 3)
+    assert redone(log) == []
+    assert server.stop() == 0
+
+
+def test_a_second_server_on_the_folder_refuses_to_start(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", with_worker=False)
+    server.start(ready=False)
+    other = Server(tmp_path / "data", with_worker=False)
+    command = [sys.executable, "-m", "service", "serve", "--no-worker", "--data", str(tmp_path / "data")]
+    second = subprocess.run(
+        [*command, "--port", str(other.port)], check=False, capture_output=True, text=True, timeout=60
+    )
+    assert second.returncode == 2
+    assert "in use" in second.stderr
+    assert server.stop() == 0
+
+
+def test_a_signal_ends_it_and_the_job_goes_on_after_the_next_start(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", {}, {SECONDS: "0.7"})
+    server.start()
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        job = post(client, small_photo(1)).json()["id"]
+        with client.stream("GET", f"/v1/avatars/{job}/events") as events:
+            lines = events.iter_lines()
+            while "running" not in next(lines):
+                pass
+            processes = server.processes()
+            begin = time.monotonic()
+            assert server.process is not None
+            server.process.send_signal(signal.SIGTERM)
+            assert "succeeded" not in "".join(lines), "the stream ends although the job has not"
+        assert server.process.wait(45) == 0
+        assert time.monotonic() - begin < 45
+        assert not [process for process in processes if _runs(process)]
+        server.start()
+        assert wait_for(client, job)["state"] == "succeeded"
+    server.stop()
+
+
+def test_a_worker_that_dies_is_started_again_and_http_stays(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data")
+    server.start()
+    with httpx.Client(base_url=server.url, timeout=30) as client:
+        worker = server.worker()
+        assert worker is not None
+        os.kill(worker, signal.SIGKILL)
+        assert client.get("/livez").status_code == 200
+        assert wait_for(client, post(client, small_photo(1)).json()["id"])["state"] == "succeeded"
+        assert server.worker() not in (None, worker)
+    server.stop()
+
+
+@pytest.mark.slow
+def test_nothing_is_lost_in_a_little_chaos(tmp_path: Path) -> None:
+    findings = chaos(tmp_path, 4)
+    assert findings.well(), findings
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_programs() is None, reason="Postgres is not installed")
+def test_nothing_is_lost_with_several_workers_on_postgres(tmp_path: Path) -> None:
+    from benchmarks.chaos_postgres import run
+
+    assert run(tmp_path, seconds=60, count=3, every=15) == []
+
+
+@pytest.mark.slow
+def test_a_photo_becomes_the_same_archive_as_on_the_command_line(tmp_path: Path) -> None:
+    """The pipeline itself behind the service, and the bytes that the service promises."""
+    from service.diagnosis import SAMPLE
+
+    options = '{"quality": "draft", "maps": ["texture", "confidence"]}'
+    server = Server(tmp_path / "data", {"program": "service.jobs.child"})
+    server.start()
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        files = {"image": ("me.png", SAMPLE.read_bytes()), "options": (None, options)}
+        job = client.post("/v1/avatars", files=files).json()["id"]
+        state = wait_for(client, job, within=600)
+        assert state["state"] == "succeeded", state
+        served = client.get(f"/v1/avatars/{job}/archive.zip").content
+        noise = client.post("/v1/avatars", files={"image": ("x", small_photo(5))}).json()["id"]
+        refused = wait_for(client, noise, within=600)
+    server.stop()
+    assert refused["error"]["code"] == "no-face"
+    assert refused["error"]["status"] == 422
+    out = tmp_path / "out.zip"
+    command = [sys.executable, "-m", "service", "make", str(SAMPLE), "-o", str(out), "--quality", "draft"]
+    subprocess.run([*command, "--maps", "texture,confidence"], check=True, capture_output=True)
+    assert served == out.read_bytes()
+
+
+@pytest.mark.slow
+def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
+    """A run that finds all its stages kept, against one that computes them."""
+    from io import BytesIO
+
+    from service.archive.pack import write_archive
+    from service.diagnosis import SAMPLE
+    from service.jobs.artifacts import Artifacts
+    from service.jobs.child import kinds, options_from
+    from service.jobs.stages import KeptStages
+    from service.pipeline import make_avatar
+    from service.stages import Unkept
+
+    (tmp_path / "scratch").mkdir()
+    made: list[str] = []
+    artifacts = Artifacts(f"file://{tmp_path}/artifacts")
+    kept = KeptStages(artifacts, "0" * 32, "basis", kinds(), tmp_path / "scratch", made.append)
+    options = options_from({"quality": "draft", "size": [192, 128]})
+    results = []
+    for stages in (kept, kept, Unkept()):
+        stream = BytesIO()
+        write_archive(make_avatar(SAMPLE.read_bytes(), options, stages=stages), stream)
+        results.append(stream.getvalue())
+    assert results[0] == results[1] == results[2]
+    assert len(made) == len(set(made)) >= 5, "the second run computed a stage again"
+
+
+def _runs(process: int) -> bool:
+    try:
+        return " Z " not in Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return False
