@@ -192,13 +192,25 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Mask) -> tu
     return right, down, usable
 
 
-def _fill_holes(height: Float, known: Mask, mask: Mask) -> None:
-    """Give texels of the mask without a height the mean of those around, within a few texels; else they stay 0."""
+def continue_beyond(height: Float, surface: Mask, outside: Mask, rounds: int = 3) -> None:
+    """Let heights go on for three texels a round where ``outside`` is True, so that filtering meets no edge there."""
+    known = surface
+    for _ in range(rounds):
+        known = _fill_holes(height, known, known | outside)
+
+
+def _fill_holes(height: Float, known: Mask, mask: Mask) -> Mask:
+    """Give texels of the mask without a height the mean of those within three texels; which have one then.
+
+    Others stay 0. ``height`` is changed in place.
+    """
     import cv2
 
     missing = mask & ~known
     if not missing.any():
-        return
-    total = np.asarray(cv2.boxFilter(height * known, -1, (7, 7), normalize=False))
-    count = np.asarray(cv2.boxFilter(known.astype(np.float32), -1, (7, 7), normalize=False))
+        return known
+    total = np.asarray(cv2.boxFilter(height * known, -1, (7, 7), normalize=False, borderType=cv2.BORDER_CONSTANT))
+    weight = known.astype(np.float32)
+    count = np.asarray(cv2.boxFilter(weight, -1, (7, 7), normalize=False, borderType=cv2.BORDER_CONSTANT))
     height[missing] = total[missing] / np.maximum(count[missing], 1)
+    return known | (missing & (count > 0.5))

@@ -18,9 +18,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from service.geometry.chart import NO_PART
 from service.reflectance import normals
 from service.reflectance.diffuse_albedo import diffuse_albedo
-from service.reflectance.displacement import MOST_MM, Steps, displacement, encode
+from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
@@ -162,10 +163,12 @@ def _displaced(
     """Displacement codes, and the numbers of :class:`Integration`."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
-    surface = (subject.islands(size) == part) & (skin > 0)
+    islands = subject.islands(size)
+    surface = (islands == part) & (skin > 0)
     height, facts = displacement(bumps, steps, surface)
     height *= skin * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
+    continue_beyond(height, surface, islands == NO_PART)
     return encode(height), facts.iterations, facts.residual, facts.ignored_fraction

@@ -42,7 +42,8 @@ class Reflectance:
         specular_albedo: (H, W) uint16, linear, 65535 = 1: F0 = 0.04 times it.
         specular_normal: (H, W, 2) int16, x and y of unit normals times ``NORMAL_ONE``, z > 0; tangent space, +Y up.
         diffuse_normal: the same for diffuse light.
-        displacement: (H, W) uint16 along the normal, see ``MID`` and ``SCALE_MM``.
+        displacement: (H, W) uint16 along the normal, see ``MID`` and ``SCALE_MM``; goes on for nine texels beyond the
+            islands, then 0.
         runtime, precision: what the networks ran on.
         tile: inner side of the tiles, in texels.
         super_resolution: whether the texture was enlarged by a network; else it was resampled.

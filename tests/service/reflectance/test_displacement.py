@@ -13,6 +13,7 @@ from service.reflectance.displacement import (
     MOST_MM,
     Steps,
     coarse_part,
+    continue_beyond,
     decode,
     displacement,
     encode,
@@ -205,6 +206,18 @@ def test_a_strip_one_texel_wide_is_harmless() -> None:
     slope = np.full(ALL.shape, 0.2, np.float32)
     found, _ = displacement(codes(slope, slope), steps(), mask)
     assert np.isfinite(found).all() and np.abs(found).max() <= MOST_MM
+
+
+def test_heights_go_on_beyond_the_border_but_not_into_other_parts() -> None:
+    """A renderer that filters between texels would otherwise see a step at the border of an island."""
+    height = np.zeros(ALL.shape, np.float32)
+    surface, outside = np.zeros_like(ALL), np.zeros_like(ALL)
+    surface[:, :100], outside[:, 100:] = True, True
+    outside[50:60, 100:] = False
+    height[surface] = 0.4
+    continue_beyond(height, surface, outside)
+    np.testing.assert_allclose(height[:40, :109], 0.4, rtol=1e-5)
+    assert not height[:, 109:].any() and not height[50:60, 100:].any()
 
 
 def test_codes_hold_heights_to_25_nanometres() -> None:
