@@ -118,13 +118,34 @@ class Planes:
 
 def interpolated(plane: Float, size: tuple[int, int], rows: Indices, columns: Indices) -> Float:
     """(len(rows), len(columns)) values of a coarse (h, w) plane at texels of the same chart at ``size``."""
+    tall, wide = size[1] / plane.shape[0], size[0] / plane.shape[1]
+    if not (tall.is_integer() and wide.is_integer()) or not (len(rows) and len(columns)):
+        return _interpolated_anywhere(plane, size, rows, columns)
+    block, first_row, first_column = _enlarged_block(plane, int(tall), int(wide), rows, columns)
+    return np.ascontiguousarray(_pick(block, rows - first_row, columns - first_column))
+
+
+def _enlarged_block(plane: Float, tall: int, wide: int, rows: Indices, columns: Indices) -> tuple[Float, int, int]:
+    """The part of the plane around some texels, enlarged by whole factors, and the texel of its corner.
+
+    OpenCV is several times as fast as indexing; a coarse texel more at each side keeps its border out of the result.
+    """
+    import cv2
+
+    top, bottom = max(int(rows.min()) // tall - 1, 0), min(int(rows.max()) // tall + 2, plane.shape[0])
+    left, right = max(int(columns.min()) // wide - 1, 0), min(int(columns.max()) // wide + 2, plane.shape[1])
+    part = np.ascontiguousarray(plane[top:bottom, left:right])
+    size = ((right - left) * wide, (bottom - top) * tall)
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)), top * tall, left * wide
+
+
+def _interpolated_anywhere(plane: Float, size: tuple[int, int], rows: Indices, columns: Indices) -> Float:
+    """The same for any ratio of sizes."""
     above, below, down = _between(plane.shape[0], size[1], rows)
     left, right, across = _between(plane.shape[1], size[0], columns)
-    first = int(above.min())
-    few = plane[first : int(below.max()) + 1]
-    lines = few[:, left] * (1 - across) + few[:, right] * across
-    result: Float = lines[above - first] * (1 - down[:, None])
-    result += lines[below - first] * down[:, None]
+    lines = plane[:, left] * (1 - across) + plane[:, right] * across
+    result: Float = lines[above] * (1 - down[:, None])
+    result += lines[below] * down[:, None]
     return result
 
 

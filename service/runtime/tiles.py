@@ -8,7 +8,7 @@ Tile origins are multiples of the network's stride, because down-sampling makes 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,7 @@ def run_tiles(
         network: a loaded network that may be cut into tiles.
         read: gives the input; the next tile is read, in another thread, while one is computed.
         size: (width, height) of the map in input pixels.
-        write: takes each tile's result, in order.
+        write: takes each tile's result, in order, in another thread, while the next one is computed.
         tile: inner side of a tile in input pixels.
         progress: told the share that is done, in (0, 1], after each tile.
 
@@ -80,13 +80,23 @@ def run_tiles(
     if what.whole is not None:
         raise ModelFault(f"network {network.name} takes whole maps of {what.whole}; it cannot run in tiles")
     todo = tiles(*size, tile, what.stride)
-    for index, (one, maps) in enumerate(_read_ahead(read, todo, size, what)):
-        result = network.run(maps)
-        rows, columns = Tile(
-            what.halo, what.halo, what.halo + one.bottom - one.top, what.halo + one.right - one.left
-        ).scaled(what.scale)
-        write(one, result[:, rows, columns])
-        progress((index + 1) / len(todo))
+    with ThreadPoolExecutor(1) as writer:
+        written: Future[None] | None = None
+        for index, (one, maps) in enumerate(_read_ahead(read, todo, size, what)):
+            result = network.run(maps)
+            if written is not None:
+                written.result()  # one tile at most waits to be written
+            written = writer.submit(write, one, _inside(result, one, what))
+            progress((index + 1) / len(todo))
+        if written is not None:
+            written.result()
+
+
+def _inside(result: Float, one: Tile, what: Description) -> Float:
+    """The result of a tile without its halo."""
+    tall, wide = one.bottom - one.top, one.right - one.left
+    rows, columns = Tile(what.halo, what.halo, what.halo + tall, what.halo + wide).scaled(what.scale)
+    return result[:, rows, columns]
 
 
 def run_whole(network: Network, maps: Float) -> Float:

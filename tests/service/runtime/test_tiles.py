@@ -141,3 +141,16 @@ def test_whole_networks_are_not_cut(folder: Path) -> None:
 def test_a_tile_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="0"):
         tiles(10, 10, 0, 1)
+
+
+def test_a_failing_writer_is_heard(plain: Network) -> None:
+    """Also of the last tile, after which nothing else is waited for."""
+    maps = image(40, 40)
+
+    def write(one: Tile, part: Float) -> None:
+        if one.bottom == one.right == 40:
+            raise OSError("no space")
+
+    for tile in (16, 64):
+        with pytest.raises(OSError, match="no space"):
+            run_tiles(plain, lambda rows, columns: maps[:, rows][:, :, columns], (40, 40), write, tile=tile)
