@@ -315,7 +315,7 @@ def test_the_time_is_up_while_heartbeats_come(fake: Fake) -> None:
         request.send_response(200)
         request.send_header("Content-Type", "text/event-stream")
         request.end_headers()
-        for _ in range(100):
+        for _ in range(500):
             request.wfile.write(b": heartbeat\n\n")
             time.sleep(0.02)
         request.close_connection = True
@@ -326,7 +326,7 @@ def test_the_time_is_up_while_heartbeats_come(fake: Fake) -> None:
         begin = time.monotonic()
         with pytest.raises(WaitTimedOut):
             client.wait(job.id, timeout_s=0.2)
-        assert time.monotonic() - begin < 1
+        assert time.monotonic() - begin < 5
 
 
 @pytest.mark.parametrize(
