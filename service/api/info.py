@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from service.api.avatars import Here
 from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
-from service.api.schemas import Health, ModelList, Problem, QualityList, Readiness
+from service.api.schemas import Health, ModelList, QualityList, Readiness
 from service.jobs.problems import TITLES, problem
 from service.jobs.store import Row
 
@@ -26,7 +26,7 @@ async def livez() -> Response:
     return JSONResponse({"status": "alive"}, headers={"Cache-Control": "no-store"})
 
 
-@router.get("/readyz", response_model=Readiness, responses={503: {"model": Problem}}, summary="Photos are taken.")
+@router.get("/readyz", response_model=Readiness, summary="Photos are taken.")
 def readyz(context: Here) -> Response:
     """Ready means: the database answers, a worker lives whose data files and networks are checked, there is space."""
     reason = None
