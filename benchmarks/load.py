@@ -12,9 +12,7 @@ import argparse
 import asyncio
 import contextlib
 import json
-import platform
 import shutil
-import statistics
 import tempfile
 import threading
 import time
@@ -194,19 +192,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--downloads", type=int, default=20)
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="load-"))
-    found: dict[str, Any] = {"machine": platform.processor() or platform.machine()}
     with running(folder) as server, httpx.Client(base_url=server.url, timeout=60) as client:
         job = post(client, small_photo(1)).json()["id"]
         wait_for(client, job, within=300)
-        found["uploads"] = uploads(server, asked.uploads, 20)
-        found["status"] = asyncio.run(status_requests(server.url, job, asked.rate, asked.seconds))
+        _print("status", asyncio.run(status_requests(server.url, job, asked.rate, asked.seconds)))
         _large_archive(server, job, 200)
-        found["downloads"] = downloads(server, job, asked.downloads)
-        found["queue"] = queue(server, asked.queued)
-        found["status_with_queue"] = asyncio.run(status_requests(server.url, job, asked.rate, asked.seconds))
-        found["http_process_mb"] = round(statistics.mean([resident_mb(server.processes()[0])]), 1)
+        _print("downloads", downloads(server, job, asked.downloads))
+        _print("uploads", uploads(server, asked.uploads, 20))
+        _print("queue", queue(server, asked.queued))
+        _print("status with a queue", asyncio.run(status_requests(server.url, job, asked.rate, asked.seconds)))
+        _print("memory of the HTTP process", {"mb": round(resident_mb(server.processes()[0]), 1)})
     shutil.rmtree(folder)
-    print(json.dumps(found, indent=1))
+
+
+def _print(name: str, found: dict[str, Any]) -> None:
+    print(json.dumps({name: found}), flush=True)
 
 
 if __name__ == "__main__":
