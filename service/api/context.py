@@ -100,19 +100,19 @@ class Context:
         self.engine.dispose()
 
 
-def context_of(connection: HTTPConnection) -> Context:
-    """The context of the application that got a request."""
+async def context_of(connection: HTTPConnection) -> Context:
+    """The context of the application that got a request; asynchronous, as a hop to a thread would cost more."""
     context: Context = connection.app.state.context
     return context
 
 
-def tenant_of(connection: HTTPConnection) -> Tenant:
+async def tenant_of(connection: HTTPConnection) -> Tenant:
     """Who sent a request.
 
     Raises:
         ProblemError: nobody whom this server knows.
     """
-    tenant = context_of(connection).keys.tenant(connection.headers)
+    tenant = (await context_of(connection)).keys.tenant(connection.headers)
     if tenant is None:
         raise ProblemError("unauthorized", 401, headers={"WWW-Authenticate": "Bearer"})
     return tenant

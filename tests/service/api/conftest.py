@@ -33,7 +33,7 @@ class Api:
 
     def post(
         self,
-        photo: bytes = GOOD,
+        photo: Any = GOOD,
         options: Any = None,
         *,
         name: str = "photo.jpg",

@@ -30,7 +30,9 @@ def test_no_request_makes_the_server_fail(tmp_path: Path) -> None:
             connection.execute(sa.insert(WORKERS).values(**beat))
         checks: list[Any] = [not_a_server_error, content_type_conformance, response_schema_conformance]
         asked = 0
-        for operation in (found.ok() for found in described.get_all_operations()):
+        found: Any
+        for found in described.get_all_operations():
+            operation = found.ok()
             if operation.path == "/v1/avatars/{job}/events":
                 continue  # an open stream; tested with the real server
 

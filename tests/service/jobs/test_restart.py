@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -113,7 +114,7 @@ def test_a_photo_becomes_the_same_archive_as_on_the_command_line(tmp_path: Path)
     server = Server(tmp_path / "data", {"program": "service.jobs.child"})
     server.start()
     with httpx.Client(base_url=server.url, timeout=60) as client:
-        files = {"image": ("me.png", SAMPLE.read_bytes()), "options": (None, options)}
+        files: Any = {"image": ("me.png", SAMPLE.read_bytes()), "options": (None, options)}
         job = client.post("/v1/avatars", files=files).json()["id"]
         state = wait_for(client, job, within=600)
         assert state["state"] == "succeeded", state
