@@ -111,7 +111,10 @@ def usda_bytes(
         if chosen.any():
             blocks.append(_mesh(name, head.polygons[chosen], head.polygon_uv[chosen], head.uv, vertices, normals))
     used = {material_of(name).name: material_of(name) for name in head.part_names}
-    blocks += ['    def Scope "Materials"\n    {\n', *(_material(material, textured, texture) for material in used.values())]
+    blocks += [
+        '    def Scope "Materials"\n    {\n',
+        *(_material(material, textured, texture) for material in used.values()),
+    ]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
@@ -161,4 +164,3 @@ def _tuples(rows: npt.NDArray[np.floating] | list[npt.NDArray[np.floating]], dig
 
 def _integers(values: npt.NDArray[np.integer]) -> str:
     return ", ".join(map(str, np.asarray(values).ravel().tolist()))
-
