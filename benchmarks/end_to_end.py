@@ -1,4 +1,4 @@
-"""The whole program from process start to written archive: ``python -m benchmarks.end_to_end PHOTO [--runs N]``.
+"""The whole program from process start to written archive: ``python -m benchmarks.end_to_end PHOTO``.
 
 Prints wall and processor seconds and the main process's peak resident memory (lowest, median, highest of the runs), the
 seconds of each stage in the last run, the load of the machine before, and the modules that take longest to import.
@@ -17,9 +17,10 @@ import time
 from pathlib import Path
 
 
-def run(photo: Path, out: Path) -> tuple[float, float, dict[str, float], float]:
+def run(photo: Path, out: Path, quality: str) -> tuple[float, float, dict[str, float], float]:
     """(wall s, processor s, seconds by stage, peak MB) of one run."""
-    command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(out), "--face", "largest", "--json"]
+    command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(out)]
+    command += ["--face", "largest", "--json", "--quality", quality]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -54,10 +55,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photo", type=Path)
     parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--quality", default="standard")
     arguments = parser.parse_args()
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        runs = [run(arguments.photo, Path(folder) / "out.zip") for _ in range(max(1, arguments.runs))]
+        runs = [run(arguments.photo, Path(folder) / "out.zip", arguments.quality) for _ in range(max(1, arguments.runs))]
     lines = [
         f"{len(runs)} runs, load average {load:.1f} before, on {os.cpu_count()} cores; lowest / median / highest",
         f"wall s       {spread([r[0] for r in runs])}",

@@ -23,9 +23,9 @@ Image = npt.NDArray[np.uint8]
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 
 
-def make(photo: Path, archive: Path) -> dict[str, Any]:
+def make(photo: Path, archive: Path, quality: str = "standard") -> dict[str, Any]:
     """One run of the command line; its JSON with ``status`` and, where it failed, ``error``."""
-    command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(archive), "--json"]
+    command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(archive), "--json", "--quality", quality]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     out: dict[str, Any] = {"photo": photo.name, "status": done.returncode}
     try:
@@ -92,6 +92,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--quality", default="standard")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     photos = sorted(p for p in arguments.folder.iterdir() if p.suffix.lower() in SUFFIXES)
@@ -101,7 +102,7 @@ def main() -> None:
     archives = []
     for photo in photos:
         archive = arguments.out / f"{photo.stem}.zip"
-        result = make(photo, archive)
+        result = make(photo, archive, arguments.quality)
         if not result["status"]:
             result["manifest_fit"] = manifest_of(archive)["fit"]
             archives.append(archive)

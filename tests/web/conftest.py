@@ -50,7 +50,8 @@ def browser() -> Iterator[Browser]:
 def plain_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An archive of the program itself, with the maps that need no networks."""
     target = tmp_path_factory.mktemp("archive") / "plain.zip"
-    command = [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(target)]
+    maps = ("--maps", "texture,confidence,shape_normal")
+    command = [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(target), *maps]
     subprocess.run([*command, "--maps", "texture,confidence,shape_normal"], cwd=ROOT, check=True, capture_output=True)
     assert zipfile.is_zipfile(target)
     return target

@@ -1,0 +1,103 @@
+"""The networks in the box: tiles equal the whole, hard textures stay sane, detail is not shaped by the tiles."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.reflectance.planes import Planes
+from service.runtime.networks import Engine, open_network
+from service.runtime.sessions import model_table
+from tests.service.runtime.test_tiles import tiled, untiled
+
+Float = npt.NDArray[np.float32]
+
+TRANSLATORS = ("delta", "psi", "rho", "sigma")
+ENGINE = Engine(threads=2)
+
+
+def like_maps(channels: tuple[str, ...], height: int, width: int) -> Float:
+    """Colour and geometry of about the real ranges: smooth fields with grain."""
+    rng = np.random.default_rng(4)
+    row, column = np.mgrid[:height, :width] / 90.0
+    planes = [
+        0.5 * np.sin(row + k) * np.cos(column * (1 + k % 3)) + 0.05 * rng.standard_normal((height, width))
+        for k in range(len(channels))
+    ]
+    return np.asarray(planes, np.float32)
+
+
+def test_all_networks_of_the_method_are_in_the_box() -> None:
+    """Without one of them ``avatarme make`` would leave out maps."""
+    wanted = {"zeta_body", "zeta_tail", "delta_context", *TRANSLATORS}
+    table = model_table()
+    assert wanted <= set(table)
+    assert all(table[name]["licence"] == "Apache-2.0" for name in wanted)
+
+
+@pytest.mark.parametrize("name", TRANSLATORS)
+def test_tiles_equal_the_whole(name: str) -> None:
+    """A halo shorter than what the trained weights use, or a norm over the tile, would show as seams."""
+    with open_network(name, ENGINE) as network:
+        maps = like_maps(network.description.channels, 320, 440)
+        whole = untiled(network, maps)
+        assert np.abs(tiled(network, maps, 128) - whole).max() <= 1e-4
+        assert np.abs(tiled(network, maps, 256) - whole).max() <= 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TRANSLATORS)
+def test_tiles_equal_the_whole_at_the_sizes_in_use(name: str) -> None:
+    """256, 512, 1024 and 1536 against untiled."""
+    with open_network(name, ENGINE) as network:
+        maps = like_maps(network.description.channels, 1100, 1700)
+        whole = untiled(network, maps)
+        for tile in (256, 512, 1024, 1536):
+            assert np.abs(tiled(network, maps, tile) - whole).max() <= 1e-4, tile
+
+
+def test_enlargement_in_tiles_equals_the_whole() -> None:
+    """The tail of zeta, at its own halo."""
+    with open_network("zeta_tail", ENGINE) as network:
+        maps = like_maps(network.description.channels, 40, 56)
+        assert np.abs(tiled(network, maps, 16) - untiled(network, maps)).max() <= 1e-4
+
+
+@pytest.mark.parametrize("name", TRANSLATORS)
+@pytest.mark.parametrize("value", [-1.0, 1.0, 0.3])
+def test_black_white_and_constant_maps(name: str, value: float) -> None:
+    """The logarithm of black, a constant without any detail: finite, in range, normals of unit length."""
+    with open_network(name, ENGINE) as network:
+        what = network.description
+        side = 8 * what.stride
+        result = network.run(np.full((len(what.channels), side, side), value, np.float32))
+    assert np.isfinite(result).all() and np.abs(result).max() <= 1 + 1e-5
+    if len(what.outputs) == 3 and "normal" in what.outputs[0]:
+        assert np.abs(np.square(result).sum(0) - 1).max() < 1e-4
+        assert result[2].min() > 0.2
+
+
+def test_a_constant_map_shows_no_checkerboard() -> None:
+    """Pixel shuffles and strides must not print their pattern on even skin: pores would be read off it."""
+    for name in ("rho", "sigma"):
+        with open_network(name, ENGINE) as network:
+            what = network.description
+            side = 8 * what.stride + 2 * what.halo
+            maps = np.zeros((len(what.channels), side, side), np.float32)
+            maps[[i for i, channel in enumerate(what.channels) if channel.endswith("_z")]] = 0.8
+            inside = network.run(maps)[:2, what.halo : -what.halo, what.halo : -what.halo]
+        assert inside.std((1, 2)).max() < 5e-3, name
+
+
+def test_one_colour_stays_one_colour_under_even_light() -> None:
+    """delta on a constant texture with no light to remove leaves it about as it is, wherever it lies."""
+    with open_network("delta", ENGINE) as network:
+        what = network.description
+        planes = Planes((what.stride * 10, what.stride * 8))
+        constant = {"texture_r": 0.4, "texture_g": 0.1, "texture_b": -0.1, "normal_object_z": 1.0, "mask": 1.0}
+        for name in what.channels:
+            planes.add_full([name], np.full((1, planes.size[1], planes.size[0]), constant.get(name, 0.0), np.float32))
+        rows, columns = np.arange(planes.size[1]), np.arange(planes.size[0])
+        result = network.run(planes.read(what.channels)(rows, columns))
+    assert np.abs(result.mean((1, 2)) - [0.4, 0.1, -0.1]).max() < 0.25
