@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import resource
+import sys
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -50,6 +52,19 @@ def memory_mb() -> dict[str, int | None]:
     """``total`` and ``available`` memory in MiB, None where the system does not say."""
     fields = _fields(Path("/proc/meminfo"))
     return {key: _mib(fields.get(name)) for key, name in (("total", "MemTotal"), ("available", "MemAvailable"))}
+
+
+def peak_rss_mb() -> float:
+    """Largest resident memory of this process so far, MiB.
+
+    Linux counts into ``ru_maxrss`` what the program that started this one held at that moment, hence /proc first.
+    """
+    try:
+        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
+            return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
+    except (OSError, StopIteration):
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
 
 
 def runtimes() -> list[str]:

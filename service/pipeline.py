@@ -10,8 +10,6 @@ It runs one way; each stage takes what it names and returns new things. ``servic
 
 from __future__ import annotations
 
-import resource
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +18,7 @@ from pathlib import Path
 
 from service.archive.avatar import Avatar
 from service.archive.cards import model_cards
+from service.diagnosis import peak_rss_mb
 from service.faces.choice import choose_face
 from service.faces.finder import FaceFinder
 from service.faces.identity import Recogniser
@@ -124,23 +123,10 @@ def make_avatar(
         reflectance=reflectance,
         warnings=warnings,
         timings_s=timings,
-        peak_rss_mb=_peak_rss_mb(),
+        peak_rss_mb=peak_rss_mb(),
     )
 
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
     head = load_head(head_file)
     return head, Chart.build(head, *options.texture_size)
-
-
-def _peak_rss_mb() -> float:
-    """Largest resident memory of this process so far.
-
-    Linux counts into ``ru_maxrss`` what the program that started this one held at that moment, hence /proc first.
-    """
-    try:
-        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
-            return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
-    except (OSError, StopIteration):
-        unit = 1 if sys.platform == "darwin" else 1024
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20

@@ -53,9 +53,7 @@ def make(
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
     ] = None,
     maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
-    quality: Annotated[
-        str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")
-    ] = None,
+    quality: Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")] = None,
     size: Annotated[
         str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")
     ] = None,
@@ -194,6 +192,28 @@ def worker(
         from service.cli.serve import work as run
 
         run({"worker": name, "data": data, "jobs": jobs, "database": database, "artifacts": artifacts})
+
+
+@app.command()
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer variants on smaller maps: a minute at most.")] = False,
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for accuracy-time.md and its plot.")
+    ] = None,
+    networks: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Networks of other sizes: a models.json, or folders with one.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure what accuracy costs in time, on this machine.
+
+    Tries precisions, runtimes, tiles and sizes of every stage and of the whole, and prints loss, time and memory as
+    Markdown tables. Takes about ten minutes on two cores; let nothing else run meanwhile.
+    """
+    with reported(as_json=as_json):
+        from service.cli.bench import bench as run
+
+        run(quick=quick, as_json=as_json, output=output, networks=networks)
 
 
 @app.command()

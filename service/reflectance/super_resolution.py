@@ -43,7 +43,7 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
     width, height = planes.size
     with open_network(BODY, engine) as body:
         what = body.description
-        _add_noise(planes, what.channels, seed)
+        add_noise(planes, what.channels, seed)
         features = run_whole(body, planes.shrunk(what.channels, planes.size))
     progress(BODY_SHARE)
     planes.add_full(what.planes(len(features)), features)
@@ -51,7 +51,7 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
         scale = tail.description.scale
         if len(tail.description.outputs) != 3:
             raise ModelFault(f"network {TAIL} gives {tail.description.outputs}; it has to give red, green and blue")
-        _add_noise(planes, tail.description.channels, seed)
+        add_noise(planes, tail.description.channels, seed)
         result = np.zeros((height * scale, width * scale, 3), np.uint16)
 
         def write(one: Tile, values: npt.NDArray[np.float32]) -> None:
@@ -65,7 +65,8 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
     return result
 
 
-def _add_noise(planes: Planes, channels: tuple[str, ...], seed: int) -> None:
+def add_noise(planes: Planes, channels: tuple[str, ...], seed: int) -> None:
+    """Add those of ``channels`` that are noise and not there yet: standard normal numbers that the seed decides."""
     names = [name for name in channels if name.startswith(NOISE) and name not in planes.channels]
     for name in names:
         # Keyed by the channel, so that its numbers do not depend on which others there are.

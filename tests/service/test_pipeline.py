@@ -15,7 +15,7 @@ import subprocess, sys
 held = bytearray(b"x") * (600 << 20)
 print(subprocess.run([sys.executable, "-c", sys.argv[1]], check=True, capture_output=True, text=True).stdout)
 """
-OWN_PEAK = "from service.pipeline import _peak_rss_mb; print(_peak_rss_mb())"
+OWN_PEAK = "from service.diagnosis import peak_rss_mb; print(peak_rss_mb())"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux counts the caller")

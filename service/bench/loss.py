@@ -1,0 +1,106 @@
+"""How far one map is from another: decibels for albedo, degrees for normals, micrometres for heights.
+
+Maps of different sizes are compared twice: the larger one made small (what a viewer sees who needs no more), and the
+smaller one enlarged (what is missing for one who does).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from service.reflectance.result import unpack_normals
+
+Float = npt.NDArray[np.float32]
+Kind = Literal["colour", "normal", "height"]
+
+UNITS: dict[Kind, str] = {"colour": "dB", "normal": "°", "height": "µm"}
+"""Unit of :meth:`Loss.shown`."""
+
+SAME_DB = 99.0
+"""PSNR that stands for maps without any difference."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Distance from the reference.
+
+    Attributes:
+        kind: of the maps.
+        at_own: with the reference made as small as the map: root mean square in [0, 1] of coded colours, mean degrees
+            of normals, root mean square in micrometres of heights.
+        at_full: the same with the map made as large as the reference.
+    """
+
+    kind: Kind
+    at_own: float
+    at_full: float
+
+    def shown(self, error: float) -> float:
+        """The number that people read: decibels for colours, else the error itself."""
+        return decibels(error) if self.kind == "colour" else error
+
+
+def decibels(rms: float) -> float:
+    """PSNR of a root mean square error of values in [0, 1], at most ``SAME_DB``."""
+    return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
+
+
+def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: npt.NDArray[np.uint8]) -> Loss:
+    """Loss of a map.
+
+    Args:
+        kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes. "height": (h, w) float32 mm.
+        found: (h, w, ...).
+        reference: (H, W, ...) of the same part of the chart.
+        mask: (H, W) uint8, above 0 where it counts; with nothing in it, everything counts.
+    """
+    one, other = _values(kind, found), _values(kind, reference)
+    errors = []
+    for size in (found.shape[1::-1], reference.shape[1::-1]):
+        counts = _resized(np.asarray(mask, np.float32), size) > 0
+        errors.append(_error(kind, _sized(kind, one, size), _sized(kind, other, size), counts))
+    return Loss(kind, *errors)
+
+
+def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float:
+    if kind == "normal":
+        return unpack_normals(codes)
+    return np.asarray(codes, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
+
+
+def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bool_]) -> float:
+    chosen = counts if counts.any() else np.ones_like(counts)
+    if kind == "normal":
+        return float(degrees(found[chosen], reference[chosen]).mean())
+    rms = float(np.sqrt(np.square(found[chosen] - reference[chosen], dtype=np.float64).mean()))
+    return 1000 * rms if kind == "height" else rms
+
+
+def degrees(found: Float, reference: Float) -> npt.NDArray[np.float64]:
+    """(...) angles between vectors (..., 3) of any length; 0 where one has none. Exact also for the smallest."""
+    one, other = (np.asarray(vectors, np.float64) for vectors in (found, reference))
+    sine = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(sine, np.einsum("...i,...i->...", one, other))))
+
+
+def _sized(kind: Kind, values: Float, size: tuple[int, int]) -> Float:
+    if values.shape[1::-1] == size:
+        return values
+    result = _resized(values, size)
+    if kind != "normal":
+        return result
+    length = np.sqrt(np.einsum("yxi,yxi->yx", result, result))[..., None]
+    return np.asarray(
+        np.where(length > 1e-3, result / np.maximum(length, 1e-3), np.array([0, 0, 1], np.float32)), np.float32
+    )
+
+
+def _resized(values: Float, size: tuple[int, int]) -> Float:
+    import cv2
+
+    way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(values, size, interpolation=way), np.float32)

@@ -1,0 +1,83 @@
+"""A benchmark as a picture: loss against seconds for each stage and for the whole, the Pareto front marked."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from service.bench.loss import UNITS
+from service.bench.result import Bench
+from service.bench.variants import STAGES
+from service.errors import UsageError
+
+LEAST = {"colour": 99.0, "normal": 1e-4, "height": 1e-3}
+"""Where a map without any loss is drawn."""
+
+WHOLE = "specular_normal"
+
+
+def require_matplotlib() -> None:
+    """Raise UsageError where the plot cannot be drawn."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise UsageError("the plot needs matplotlib: pip install matplotlib, or leave out -o and take the tables")
+
+
+def draw(bench: Bench, path: Path) -> None:
+    """Write the picture as PNG.
+
+    Raises:
+        UsageError: matplotlib is not installed.
+    """
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    stages = [stage for stage in STAGES if any(row.variant.stage == stage for row in bench.rows)]
+    columns = 4
+    count = len(stages) + bool(bench.wholes)
+    lines = -(-count // columns)
+    figure = Figure(figsize=(4.6 * columns, 4.0 * lines), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axis, stage in zip(axes, stages, strict=False):
+        points = [
+            (row.variant.label if stage != "encoding" else row.variant.knob, row.measured.seconds, row.loss, row.front)
+            for row in bench.rows if row.variant.stage == stage and row.measured and row.loss
+        ]  # fmt: skip
+        if stage == "encoding":
+            points = [point for point in points if point[2].kind == "normal"]
+        _panel(axis, stage, points)
+    if bench.wholes:
+        points = [
+            (row.run.label, row.made.seconds, row.losses[WHOLE], row.front)
+            for row in bench.wholes if row.made and row.losses and WHOLE in row.losses
+        ]  # fmt: skip
+        _panel(axes[len(stages)], "the whole: specular normals", points)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    figure.savefig(path, dpi=90, metadata={"Software": None})
+
+
+def _panel(axis: Any, title: str, points: Sequence[tuple[str, float, Any, bool]]) -> None:
+    if not points:
+        axis.set_title(f"{title}: nothing")
+        return
+    kind = points[0][2].kind
+    places = []
+    for label, seconds, loss, best in points:
+        value = loss.shown(loss.at_full)
+        value = value if kind == "colour" else max(value, LEAST[kind])
+        places.append((seconds, value, best))
+        axis.plot(seconds, value, "o", color="tab:red" if best else "tab:gray", markersize=7 if best else 4)
+        axis.annotate(label, (seconds, value), fontsize=6, xytext=(4, 3), textcoords="offset points")
+    front = sorted((seconds, value) for seconds, value, is_front in places if is_front)
+    axis.plot([seconds for seconds, _ in front], [value for _, value in front], "-", color="tab:red", linewidth=1)
+    axis.set_title(title)
+    axis.set_xlabel("seconds for a whole chart")
+    axis.set_xscale("log")
+    axis.set_ylabel(f"loss against the reference, {UNITS[kind]}")
+    if kind == "colour":
+        axis.invert_yaxis()
+    else:
+        axis.set_yscale("log")
+    axis.grid(alpha=0.3)

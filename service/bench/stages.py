@@ -1,0 +1,221 @@
+"""One stage in one variant: run it, time it, keep its map."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.bench.material import Material
+from service.bench.variants import TRANSLATORS, Variant, reference
+from service.diagnosis import peak_rss_mb
+from service.levels import FULL_SIZE
+from service.reflectance.diffuse_albedo import CONTEXT, PREFIX
+from service.reflectance.planes import Planes, to_codes
+from service.runtime.describe import Description
+from service.runtime.networks import Engine, Network, open_network
+from service.runtime.tiles import Tile, run_tiles, run_whole, tiles
+
+Result = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a variant took.
+
+    Attributes:
+        seconds: for the whole chart: those of the window, times the pixels that the whole takes, halos included, over
+            the pixels that the window took.
+        window_s: as measured.
+        peak_mb: largest resident memory of the process.
+        megabytes: of the file, where the stage writes one.
+    """
+
+    seconds: float
+    window_s: float
+    peak_mb: float
+    megabytes: float | None = None
+
+
+def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeats: int) -> Measured:
+    """Run a variant once and ``repeats`` times more, and write the window of its map to ``output``.
+
+    Args:
+        variant: what to run.
+        engine: that its networks run on; its folder holds the family in the variant's precision.
+        folder: of the material.
+        output: ``.npy`` file.
+        repeats: the fastest of the further runs counts; with 0 the first does.
+
+    Raises:
+        AvatarError: as the stage.
+    """
+    material = Material.load(folder)
+    ways: dict[str, Callable[[], _Job]] = {
+        "zeta": lambda: _zeta(variant, engine, material),
+        "integration": lambda: _integration(variant, material),
+        "encoding": lambda: _encoding(variant, material),
+    }
+    if variant.stage in TRANSLATORS:
+        with open_network(variant.stage, engine) as network:
+            job = _translation(variant, engine, network, material)
+            result, seconds = _timed(job.work, repeats)
+    else:
+        job = ways[variant.stage]()
+        result, seconds = _timed(job.work, repeats)
+    size = None
+    if isinstance(result, bytes):
+        size, result = len(result) / 1e6 * job.scale, _decoded(variant, result)
+    np.save(output, material.window.of(result) if variant.stage == "zeta" else result)
+    return Measured(job.fixed_s + seconds * job.scale, job.fixed_s + seconds, peak_rss_mb(), size)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Work to time; how many times as much the whole chart is; seconds that do not grow with the chart."""
+
+    work: Callable[[], Any]
+    scale: float = 1.0
+    fixed_s: float = 0.0
+
+
+def _timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float]:
+    seconds = []
+    result = None
+    for _ in range(repeats + 1):
+        result = None  # not two results in memory at a time
+        begin = time.perf_counter()
+        result = work()
+        seconds.append(time.perf_counter() - begin)
+    return result, min(seconds[1:] or seconds)
+
+
+def _zeta(variant: Variant, engine: Engine, material: Material) -> _Job:
+    from service.reflectance.super_resolution import enlarge, resample
+
+    if variant.knob:
+        height, width = material.texture.shape[:2]
+        factor = material.result("zeta").shape[0] // material.window.of(material.texture).shape[0]
+        size = (width * factor, height * factor)
+        return _Job(lambda: resample(material.texture, size))
+    return _Job(lambda: enlarge(material.whole_texture(), 0, engine, variant.tile))
+
+
+def _translation(variant: Variant, engine: Engine, network: Network, material: Material) -> _Job:
+    what = network.description
+    if variant.halo < 1:
+        what = replace(what, halo=int(what.halo * variant.halo) // what.stride * what.stride)
+        network = replace(network, description=what)
+    planes, fixed = inputs(variant, engine, material, what)
+    height, width = planes.size[::-1]
+    normal = variant.stage in ("rho", "sigma")
+
+    def run() -> Result:
+        from service.reflectance.normals import pack_normals
+
+        result: Result = np.zeros((height, width, 2), np.int16) if normal else np.zeros(
+            (height, width, len(what.outputs)), np.uint16)  # fmt: skip
+
+        def keep(tile: Tile, values: npt.NDArray[np.float32]) -> None:
+            packed = pack_normals(*values) if normal else np.moveaxis(to_codes(values), 0, 2)
+            result[tile.scaled(1)] = packed
+
+        run_tiles(network, planes.read(what.channels), planes.size, keep, tile=variant.tile)
+        return result
+
+    whole = (variant.width, variant.width * FULL_SIZE[1] // FULL_SIZE[0])
+    return _Job(run, computed(whole, variant.tile, what) / computed(planes.size, variant.tile, what), fixed)
+
+
+def computed(size: tuple[int, int], tile: int, what: Description) -> int:
+    """Pixels of input that a network computes for a map (width, height), halos included."""
+    return sum(
+        (one.bottom - one.top + 2 * what.halo) * (one.right - one.left + 2 * what.halo)
+        for one in tiles(*size, tile, what.stride)
+    )
+
+
+def inputs(variant: Variant, engine: Engine, material: Material, what: Description) -> tuple[Planes, float]:
+    """What a translator reads in the window, and the seconds of delta's context, which sees the whole chart once."""
+    planes = material.map_planes(variant.width)
+    seconds = 0.0
+    if variant.stage == "delta":
+        planes.add_codes("texture", material.enlarged(variant.width))
+        if any(channel.startswith(PREFIX) for channel in what.channels):
+            with open_network(CONTEXT, engine) as network:
+                about = network.description
+                whole = material.whole_texture()
+                small = whole.shrunk(about.channels, about.whole or whole.size)
+                context, seconds = _timed(lambda: run_whole(network, small), 1)
+            planes.add_coarse(about.planes(len(context)), material.window.planes(context))
+    else:
+        planes.add_codes("albedo", material.albedo(variant.width))
+    return planes, seconds
+
+
+def _integration(variant: Variant, material: Material) -> _Job:
+    from service.bench.material import resized_mask
+    from service.reflectance.displacement import displacement
+
+    side = material.window.pixels(variant.width)
+    normals = _shrunk(material.result("rho"), side)
+    mask = resized_mask(material.skin, side) > 0
+    tolerance = float(variant.knob.removeprefix("tolerance "))
+    most = 100 if variant == reference("integration") else 12
+    steps = material.chart_steps()
+    work = lambda: displacement(normals, steps, mask, tolerance=tolerance, most_steps=most)[0]  # noqa: E731
+    return _Job(work, variant.width**2 * FULL_SIZE[1] / FULL_SIZE[0] / side**2)
+
+
+def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
+    """Codes of x and y of the mean normals."""
+    import cv2
+
+    if normals.shape[0] == side:
+        return np.asarray(normals, np.int16)
+    small = cv2.resize(normals.astype(np.float32), (side, side), interpolation=cv2.INTER_AREA)
+    return np.asarray(np.rint(small), np.int16)
+
+
+def _encoding(variant: Variant, material: Material) -> _Job:
+    from service.archive.images import encode_png, quantise_normals
+    from service.reflectance.result import unpack_normals
+
+    kind, bits, level = coding(variant.knob)
+    stage = "rho" if kind == "normals" else "delta"
+    codes = material.result(stage)
+
+    def work() -> bytes:
+        if kind == "normals":
+            return encode_png(quantise_normals(unpack_normals(codes), bits), srgb=False, level=level)
+        values = codes if bits == 16 else ((codes.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
+        return encode_png(values, srgb=True, level=level)
+
+    return _Job(work, FULL_SIZE[0] * FULL_SIZE[1] / (codes.shape[0] * codes.shape[1]))
+
+
+def coding(knob: str) -> tuple[str, int, int]:
+    """Kind of map, bits and level of packing of a knob such as "normals 8 bits, level 1"."""
+    kind, bits, _, _, level = knob.replace(",", "").split()
+    return kind, int(bits), int(level)
+
+
+def _decoded(variant: Variant, data: bytes) -> Result:
+    """What a reader gets: codes as the reference's."""
+    import cv2
+
+    from service.archive.images import normal_coding
+    from service.reflectance.normals import pack_normals
+
+    kind, bits, _ = coding(variant.knob)
+    image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))[..., ::-1]
+    if kind == "normals":
+        zero, scale = normal_coding(bits)
+        values = (image.astype(np.float32) - zero) / np.float32(scale)
+        return pack_normals(*np.moveaxis(values, 2, 0))
+    return image.copy() if bits == 16 else image.astype(np.uint16) * np.uint16(257)

@@ -1,0 +1,101 @@
+"""The benchmark on toy networks, in this process."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.bench import material
+from service.bench.launch import here
+from service.bench.plot import draw
+from service.bench.rates import Rates
+from service.bench.report import as_markdown
+from service.bench.result import Bench
+from service.bench.run import bench
+from service.bench.variants import STAGES, Extent, Family
+from service.errors import ModelFault, UsageError
+from service.runtime.sessions import model_table
+from tests.service.reflectance.toys import noise, toy_folder, toy_subject
+
+TINY = Extent(256, (3072,), (128,), 128, (0.0,), True, (), (), False, 0)
+
+
+@pytest.fixture
+def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Family:
+    def from_subject(photo: bytes, size: object, side: int, folder: Path) -> None:
+        texture = noise()
+        material.prepare(toy_subject(), texture, np.ones(texture.shape[:2]), side, folder)
+
+    monkeypatch.setattr("service.bench.run.material.from_photo", from_subject)
+    monkeypatch.setattr("service.bench.rates.measure", lambda threads: Rates({"fp32": 1e10}, 1e9))
+    folder = tmp_path / "toys"
+    folder.mkdir()
+    toy_folder(folder)
+    return Family("toys", folder, tuple(model_table(folder)))
+
+
+def by_label(found: Bench, stage: str) -> dict[str, float]:
+    rows = [row for row in found.rows if row.variant.stage == stage]
+    assert not [row.fault for row in rows if row.fault]
+    return {row.variant.label: row.loss.at_full for row in rows if row.loss}
+
+
+def without_blas(work, *arguments, blas_threads=1):  # type: ignore[no-untyped-def]
+    return here(work, *arguments)
+
+
+def test_every_stage_in_every_variant(toys: Family, tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    found = bench(TINY, [toys], launch=without_blas)
+    assert {row.variant.stage for row in found.rows} == set(STAGES)
+    assert not found.notes
+    for stage in ("delta", "psi", "rho", "sigma"):
+        loss = by_label(found, stage)
+        assert loss["reference"] == 0
+        assert loss["tile 128"] < 1e-4, "tiles with a full halo equal the whole"
+        assert loss["tile 128, halo x 0"] > 10 * loss["tile 128"] + 1e-6, "no halo has to show"
+        assert loss["int8 dynamic"] > 0
+        assert loss["int8 static"] > 0
+    heights = by_label(found, "integration")
+    assert heights["tolerance 0.003"] <= heights["tolerance 0.3"]
+    assert by_label(found, "encoding")["normals 8 bits, level 1"] < 0.5
+    for row in found.rows:
+        if row.variant.reference and row.variant.stage not in ("integration", "encoding"):
+            assert row.floor_s
+            assert row.measured
+            assert row.measured.seconds > 0
+    assert any(row.front for row in found.rows)
+    json.dumps(found.to_json(), allow_nan=False)
+    text = as_markdown(found)
+    assert "| tile 128, halo x 0 |" in text
+    pytest.importorskip("matplotlib")
+    draw(found, tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 10_000
+
+
+def test_what_is_not_installed_is_left_out_and_told(toys: Family, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.bench.quantise.available", lambda: False)
+    few = Family("few", toys.folder, ("psi",))
+    found = bench(TINY, [few], launch=without_blas)
+    assert {row.variant.stage for row in found.rows} == {"psi"}
+    assert any(note.startswith("rho was left out") for note in found.notes)
+    assert any("pip install onnx" in note for note in found.notes)
+    assert "pip install onnx" in as_markdown(found)
+
+
+def test_without_networks_there_is_nothing_to_measure(tmp_path: Path) -> None:
+    with pytest.raises(ModelFault, match="--networks"):
+        bench(TINY, [Family("none", tmp_path, ())], launch=without_blas)
+
+
+def test_the_plot_needs_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from service.cli.bench import bench as command
+
+    (tmp_path / "networks").mkdir()
+    toy_folder(tmp_path / "networks")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match="pip install matplotlib"):
+        command(quick=True, as_json=False, output=str(tmp_path), networks=str(tmp_path / "networks"))
