@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 import signal
 import sys
@@ -48,10 +49,13 @@ def archive(photo_sha256: str, seed: int) -> bytes:
     value = np.zeros(0, np.int64)
     for name in STAGES:
         value = _stage(name, photo_sha256, seed, value)
+    name, content = "maps/texture.png", value.tobytes()
+    listed = {"path": name, "size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    manifest = json.dumps({"files": [listed]}).encode()
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as zipped:
-        for name, content in (("manifest.json", b"{}"), ("maps/texture.png", value.tobytes())):
-            zipped.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
+        for path, data in (("manifest.json", manifest), (name, content)):
+            zipped.writestr(zipfile.ZipInfo(path, (1980, 1, 1, 0, 0, 0)), data)
     return stream.getvalue()
 
 

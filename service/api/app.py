@@ -17,6 +17,7 @@ from service.api import avatars, events, files, info, problems
 from service.api.context import Context
 from service.api.middleware import Front
 from service.api.options import adapter
+from service.api.quick import QuickState
 from service.api.schemas import Problem
 from service.jobs.settings import Settings
 
@@ -53,6 +54,7 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
         description="One photo of a face in, a renderable head out.", redirect_slashes=False,
     )  # fmt: skip
     problems.install(app)
+    app.add_middleware(QuickState)
     app.add_middleware(Front, settings=settings)
     for module in (avatars, events, files, info):
         app.include_router(module.router)
@@ -61,9 +63,19 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
     return app
 
 
+class _Page(StaticFiles):
+    """Files that a browser may keep, and has to ask about each time: a new version is seen at once."""
+
+    def file_response(self, *arguments: Any, **named: Any) -> Response:
+        """As it is, with ``Cache-Control``."""
+        answer = super().file_response(*arguments, **named)
+        answer.headers["Cache-Control"] = "no-cache"
+        return answer
+
+
 def _serve_page(app: FastAPI, page: Path) -> None:
     if (page / "index.html").is_file():
-        app.mount("/", StaticFiles(directory=page, html=True), name="page")
+        app.mount("/", _Page(directory=page, html=True), name="page")
         return
 
     @app.get("/", include_in_schema=False)

@@ -13,6 +13,7 @@ from starlette.requests import HTTPConnection
 
 from service.api.keys import Keys, Tenant
 from service.api.problems import ProblemError, not_found
+from service.api.quick import Glance
 from service.api.watcher import Watcher
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, seconds_of_database
@@ -49,6 +50,7 @@ class Context:
         self.engine = connect(settings.database_url, pool=16)
         create_tables(self.engine, settings)
         self.store = Store(self.engine)
+        self.glance = Glance(self.engine.url.database or "" if self.engine.dialect.name == "sqlite" else "")
         self.queue = Queue(self.engine)
         self.artifacts = Artifacts(settings.artifacts_url)
         self.watcher = Watcher(self.store)
@@ -97,6 +99,7 @@ class Context:
 
     def close(self) -> None:
         """Let go of the database."""
+        self.glance.close()
         self.engine.dispose()
 
 

@@ -9,8 +9,6 @@ import secrets
 import socket
 import time
 
-from starlette.datastructures import MutableHeaders
-from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.metrics import DURATION, REQUESTS, UPLOAD_BYTES
@@ -38,6 +36,7 @@ SECURITY_HEADERS = {
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
 }
+_GUARDS = tuple((name.lower().encode(), value.encode()) for name, value in SECURITY_HEADERS.items())
 
 
 class Hosts:
@@ -77,29 +76,49 @@ class Front:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        request = Request(scope)
-        given = request.headers.get("x-request-id", "")
+        headers = Head(scope)
+        given = headers.first(b"x-request-id")
         exchange = _Exchange(scope, receive, send, given if _ID.match(given) else secrets.token_hex(8))
         try:
-            refusal = self._refusal(request)
+            refusal = self._refusal(headers)
             if refusal is not None:
-                await response(refusal.body, refusal.headers, request.url.path)(scope, receive, exchange.send)
+                await response(refusal.body, refusal.headers, scope["path"])(scope, receive, exchange.send)
             else:
                 await self._app(scope, exchange.receive, exchange.send)
         finally:
             exchange.log()
 
-    def _refusal(self, request: Request) -> ProblemError | None:
-        if len(request.headers.getlist("host")) > 1 or not self._hosts.allow(request.headers.get("host", "")):
+    def _refusal(self, head: Head) -> ProblemError | None:
+        if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host")):
             return ProblemError("bad-host", 400)
-        if "content-length" in request.headers and "transfer-encoding" in request.headers:
+        if head.count(b"content-length") and head.count(b"transfer-encoding"):
             detail = "Content-Length and Transfer-Encoding exclude each other"
             return ProblemError("bad-request", 400, detail, {"Connection": "close"})
-        size = len(request.scope.get("raw_path", b"")) + len(request.scope["query_string"])
-        if size + sum(len(name) + len(value) for name, value in request.scope["headers"]) > MAX_HEAD:
+        if head.size() > MAX_HEAD:
             detail = f"address and headers may have {MAX_HEAD} bytes"
             return ProblemError("bad-request", 431, detail, {"Connection": "close"})
         return None
+
+
+class Head:
+    """Address and headers of a request as they came; names are in lower case already."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        self._headers: list[tuple[bytes, bytes]] = scope["headers"]
+
+    def first(self, name: bytes) -> str:
+        """The first value of a header, "" where there is none."""
+        return next((value.decode("latin-1") for key, value in self._headers if key == name), "")
+
+    def count(self, name: bytes) -> int:
+        """How often a header occurs."""
+        return sum(key == name for key, _ in self._headers)
+
+    def size(self) -> int:
+        """Bytes of all."""
+        size = len(self._scope.get("raw_path", b"")) + len(self._scope["query_string"])
+        return size + sum(len(name) + len(value) for name, value in self._headers)
 
 
 class _Exchange:
@@ -119,10 +138,11 @@ class _Exchange:
         if message["type"] == "http.response.start":
             self._status = message["status"]
             self._head = time.perf_counter() - self._begin
-            headers = MutableHeaders(scope=message)
-            headers["X-Request-Id"] = self._id
-            for name, value in SECURITY_HEADERS.items():
-                headers.setdefault(name, value)
+            headers = list(message.get("headers", ()))
+            names = {name.lower() for name, _ in headers}
+            headers.append((b"x-request-id", self._id.encode()))
+            headers += [guard for guard in _GUARDS if guard[0] not in names]
+            message = {**message, "headers": headers}
         self._bytes_out += len(message.get("body", b""))
         await self._send(message)
 

@@ -8,61 +8,80 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
 
 _HASH = 32
 _LENGTH = 8
+_BLOCK = 1 << 20
 
 
 class Damaged(Exception):
     """The bytes are not what was packed."""
 
 
-def pack(value: object, kinds: Mapping[str, type]) -> bytes:
-    """A value as bytes that :func:`unpack` turns into an equal one, to the last bit.
+def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
+    """Write a value so that :func:`unpack` gives an equal one, to the last bit; maps go through in pieces.
 
     Args:
         value: a dataclass out of ``kinds``, an array without objects, a number, a string, None, or a tuple, list or
             dictionary (with strings as keys) of such.
         kinds: dataclasses that may occur, by name.
+        stream: an empty file.
 
     Raises:
         TypeError: the value holds something else.
+        OSError: as the stream raises it.
     """
     arrays: list[np.ndarray[Any, Any]] = []
     tree = json.dumps(_plain(value, kinds, arrays)).encode()
-    body = io.BytesIO()
+    stream.write(bytes(_HASH))
+    body = _Hashed(stream)
     body.write(len(tree).to_bytes(_LENGTH, "big") + tree)
     for array in arrays:
-        np.lib.format.write_array(body, array, allow_pickle=False)
-    content = body.getbuffer()
-    return hashlib.sha256(content).digest() + content
+        np.lib.format.write_array(cast(Any, body), array, allow_pickle=False)
+    stream.seek(0)
+    stream.write(body.digest.digest())
 
 
-def unpack(data: bytes, kinds: Mapping[str, type]) -> Any:
+def unpack(stream: IO[bytes], kinds: Mapping[str, type]) -> Any:
     """The inverse of :func:`pack`.
 
     Raises:
         Damaged: the bytes were cut off or changed, or name a dataclass that is not there any more.
     """
-    view = memoryview(data)
-    if len(data) < _HASH + _LENGTH or hashlib.sha256(view[_HASH:]).digest() != data[:_HASH]:
+    expected, digest = stream.read(_HASH), hashlib.sha256()
+    while block := stream.read(_BLOCK):
+        digest.update(block)
+    if digest.digest() != expected:
         raise Damaged("the hash is not that of the content")
-    body = io.BytesIO(view[_HASH:])
-    tree = json.loads(body.read(int.from_bytes(body.read(_LENGTH), "big")))
+    end = stream.tell()
+    stream.seek(_HASH)
+    tree = json.loads(stream.read(int.from_bytes(stream.read(_LENGTH), "big")))
     arrays = []
-    while body.tell() < len(data) - _HASH:
-        arrays.append(np.lib.format.read_array(body, allow_pickle=False))
+    while stream.tell() < end:
+        arrays.append(np.lib.format.read_array(cast(Any, stream), allow_pickle=False))
     try:
         return _rich(tree, kinds, arrays)
     except (KeyError, TypeError, IndexError) as error:
         raise Damaged(f"made by another version ({error})") from error
+
+
+class _Hashed:
+    """Writes to a stream and hashes what goes through."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self.digest = hashlib.sha256()
+
+    def write(self, data: bytes) -> int:
+        """As of a file."""
+        self.digest.update(data)
+        return self._stream.write(data)
 
 
 def _plain(value: object, kinds: Mapping[str, type], arrays: list[np.ndarray[Any, Any]]) -> Any:

@@ -41,6 +41,9 @@ LOOK = 0.4
 WRITE = 0.5
 """Seconds between two reports of progress within a stage."""
 
+SPACE = 2.0
+"""Seconds between two looks for space on the disk."""
+
 CRASHES = 3
 OUT_OF_MEMORY = 2
 """How often a job's process may crash, or run out of memory, before the job fails."""
@@ -137,6 +140,7 @@ class Runner:
     def _attempts(self, row: Row, scratch: Path) -> dict[str, Any]:
         job = row["id"]
         while True:
+            self._wait_for_space(job)
             photo = self._photo(row, scratch)
             if photo is None:
                 return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
@@ -172,6 +176,20 @@ class Runner:
             process = JobProcess(self.settings)
         self.active[job] = process
         return process.run(task, _Report(self.store, job), _Stop(self, job))
+
+    def free_mb(self) -> float:
+        """Free space in MiB where stages and archives are written."""
+        folder = self.artifacts.folder or self.settings.data
+        return min(shutil.disk_usage(path).free for path in (folder, self.scratch)) / 2**20
+
+    def _wait_for_space(self, job: str) -> None:
+        """A job begins when the reserve is free, which is enough for its stages and its archive."""
+        told = False
+        while patient(self.free_mb) < self.settings.reserve_mb and not self.stopping.is_set() and not self._ended(job):
+            if not told:
+                log.error("a job waits for space on the disk", extra={"job": job, "free_mb": round(self.free_mb())})
+            told = True
+            time.sleep(SPACE)
 
     def _photo(self, row: Row, scratch: Path) -> Path | None:
         """Path of the photo on this machine, None where it is gone."""

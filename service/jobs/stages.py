@@ -54,7 +54,8 @@ class KeptStages:
         key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()
         address = artifact_name(self._job, f"stage_{name}", key, "bin")
         try:
-            kept: T = unpack(self._artifacts.read(address), self._kinds)
+            with self._artifacts.open(address) as stream:
+                kept: T = unpack(stream, self._kinds)
             return kept
         except FileNotFoundError:
             pass
@@ -63,7 +64,8 @@ class KeptStages:
         value = make()
         part = self._scratch / f"{secrets.token_hex(8)}.part"
         try:
-            part.write_bytes(pack(value, self._kinds))
+            with part.open("wb") as target:
+                pack(value, self._kinds, target)
             self._artifacts.put(part, address, durable=False)
         except OSError as error:  # a full disk: the job may still get through
             log.warning("stage %s is not kept: %s", name, error)

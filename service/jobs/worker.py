@@ -195,6 +195,7 @@ def main() -> int:
     worker.stop()
     with contextlib.suppress(OSError):
         shutil.rmtree(worker.runner.scratch, ignore_errors=True)
+    logs.flush()
     os._exit(0)  # threads of steps wait for this
 
 

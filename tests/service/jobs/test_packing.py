@@ -1,6 +1,11 @@
 from __future__ import annotations
 
+import io
+import tracemalloc
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from service.jobs.packing import Damaged, pack, unpack
+from service.jobs import packing
+from service.jobs.packing import Damaged
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,16 @@ class Outer:
 
 
 KINDS: dict[str, type] = {"Inner": Inner, "Outer": Outer}
+
+
+def pack(value: object, kinds: Mapping[str, type]) -> bytes:
+    stream = io.BytesIO()
+    packing.pack(value, kinds, stream)
+    return stream.getvalue()
+
+
+def unpack(data: bytes, kinds: Mapping[str, type]) -> Any:
+    return packing.unpack(io.BytesIO(data), kinds)
 
 
 def test_a_result_comes_back_to_the_last_bit() -> None:
@@ -78,3 +94,23 @@ def test_a_class_that_is_gone_is_damage() -> None:
 def test_what_would_need_pickle_is_refused(value: object) -> None:
     with pytest.raises(TypeError):
         pack(value, KINDS)
+
+
+def test_a_large_map_is_not_copied_as_a_whole(tmp_path: Path) -> None:
+    """Keeping a map of 150 MB must not need another 150 MB beside it."""
+    value = np.arange(48 << 20, dtype=np.uint8)
+    path = tmp_path / "kept"
+    tracemalloc.start()
+    try:
+        with path.open("wb") as target:
+            packing.pack(value, {}, target)
+        written = tracemalloc.get_traced_memory()[1]
+        tracemalloc.reset_peak()
+        with path.open("rb") as source:
+            back = packing.unpack(source, {})
+        read = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.array_equal(back, value)
+    assert written < 0.8 * value.nbytes
+    assert read < 1.5 * value.nbytes

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from benchmarks.toy_job import LOG, SECONDS, archive
+from service.jobs import runner
 from service.jobs.process import descendants
 from service.jobs.settings import Settings
 
@@ -158,6 +159,27 @@ def test_an_archive_that_is_lost_is_made_again(bench: Bench) -> None:
     bench.artifacts.delete(outcome["archive"])
     assert bench.runner.publish(job, outcome) == "lost"
     assert bench.runner.publish(job, bench.runner.make(job)) == "published"
+
+
+def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk is no fault of the photo."""
+    monkeypatch.setattr(runner, "SPACE", 0.02)
+    free = [0.0]
+    monkeypatch.setattr(bench.runner, "free_mb", lambda: free[0])
+    jobs = [bench.add(), bench.add()]
+    work = [threading.Thread(target=bench.run, args=(job,)) for job in jobs]
+    for thread in work:
+        thread.start()
+    assert within(10, lambda: all(state(bench, job)["state"] == "running" for job in jobs))
+    time.sleep(0.3)
+    assert [bench.runner.active[job] for job in jobs] == [None, None]
+    assert bench.store.cancel(jobs[1], 1e10)
+    work[1].join(10)
+    assert not work[1].is_alive(), "a job that waits can be cancelled"
+    free[0] = 1e6
+    work[0].join(30)
+    assert [state(bench, job)["state"] for job in jobs] == ["succeeded", "cancelled"]
+    assert files(bench, jobs[1]) == []
 
 
 def test_two_workers_at_the_same_step_make_one_result(bench: Bench) -> None:
