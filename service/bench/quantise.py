@@ -10,7 +10,7 @@ import hashlib
 import importlib.util
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from service.bench.material import Material
 from service.bench.stages import inputs
 from service.bench.variants import NETWORKS, StageName, Variant, reference
-from service.errors import UsageError
+from service.errors import ModelFault, UsageError
 from service.reflectance.super_resolution import BODY, add_noise
 from service.runtime.describe import Description
 from service.runtime.networks import INPUT, Engine, describe, open_network
@@ -55,17 +55,26 @@ def quantise(stages: Sequence[StageName], static: bool, engine: Engine, material
         raise UsageError("quantising networks needs the package onnx: pip install onnx")
     material = Material.load(material_folder)
     there = model_table(engine.folder)
+    names = [(stage, name) for stage in stages for name in NETWORKS[stage] if name in there]
+    write_folder(
+        ((name, sample(stage, name, engine, material) if static else None) for stage, name in names), engine, target
+    )
+
+
+def write_folder(networks: Iterable[tuple[str, Float | None]], engine: Engine, target: Path) -> None:
+    """Write eight-bit networks and their models.json: static with maps (1, C, h, w), dynamic without.
+
+    Raises:
+        ModelFault: a network is missing, changed, or cannot be quantised.
+    """
+    there = model_table(engine.folder)
     entries = []
-    for stage in stages:
-        for name in NETWORKS[stage]:
-            if name not in there:
-                continue
-            path = target / f"{name}.onnx"
-            maps = sample(stage, name, engine, material) if static else None
-            _write(name, engine, maps, path)
-            data = path.read_bytes()
-            digest = hashlib.sha256(data).hexdigest()
-            entries.append({**there[name], "file": path.name, "sha256": digest, "bytes": len(data)})
+    for name, maps in networks:
+        path = target / f"{name}.onnx"
+        _write(name, engine, maps, path)
+        data = path.read_bytes()
+        digest = hashlib.sha256(data).hexdigest()
+        entries.append({**there[name], "file": path.name, "sha256": digest, "bytes": len(data)})
     (target / TABLE).write_text(json.dumps({"models": entries}), encoding="utf-8")
 
 
@@ -124,6 +133,8 @@ def _write(name: str, engine: Engine, maps: Float | None, path: Path) -> None:
                 plain, path, _Once(maps), op_types_to_quantize=["Conv"], per_channel=True,
                 activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
             )  # fmt: skip
+    except Exception as error:  # the tools raise whatever a graph makes them stumble over
+        raise ModelFault(f"{engine.folder / name}: cannot be quantised ({error})") from error
     finally:
         logging.disable(before)
         plain.unlink(missing_ok=True)

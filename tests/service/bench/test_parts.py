@@ -64,7 +64,7 @@ def test_a_straight_line_is_found_and_a_bent_one_told() -> None:
     x = [0.4, 1.6, 6.3, 25.2]
     straight = line(x, [3 + 2 * value for value in x])
     assert straight is not None
-    assert (straight.start, straight.slope) == (pytest.approx(3), pytest.approx(2))
+    assert [straight.start, straight.slope] == pytest.approx([3, 2])
     assert straight.worst < 1e-9
     bent = line(x, [3 + 2 * value**1.5 for value in x])
     assert bent is not None
