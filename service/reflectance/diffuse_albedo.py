@@ -14,13 +14,50 @@ from service.reflectance.translate import Job, translate
 from service.runtime.networks import describe, open_network
 from service.runtime.tiles import run_whole
 
+Float = npt.NDArray[np.float32]
+
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
+SEEN = "seen"
+"""Channel that is 1 where the texture shows the photo and 0 where it was made up."""
+
+WIDEST = 64
+"""Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
 
 
 def needs_context(job: Job) -> bool:
     """Whether the network reads planes of the context network."""
     return any(channel.startswith(PREFIX) for channel in describe(NAME, job.engine.folder).channels)
+
+
+def continued(light: Float, seen: Float) -> Float:
+    """(C, h, w) light whose made-up parts go on smoothly from the seen ones; unchanged where nothing or all is seen.
+
+    Colour that was made up was continued from the photo's and carries the light of its source, not that of its place.
+    A network that has seen lit heads only would take it for a brightly lit or shaded surface.
+
+    Args:
+        light: what the context network found.
+        seen: (h, w) in [0, 1].
+    """
+    import cv2
+
+    weight = np.clip(seen, 0, 1).astype(np.float32)
+    total = float(weight.sum())
+    if total < 1:
+        return light
+    planes = np.ascontiguousarray(np.moveaxis(light, 0, 2), np.float32)
+    weighted = planes * weight[..., None]
+    filled = np.broadcast_to(weighted.sum((0, 1)) / total, planes.shape).astype(np.float32)
+    sigma = WIDEST
+    while sigma >= 2:
+        near = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
+        mean = cv2.GaussianBlur(weighted, (0, 0), sigma).reshape(planes.shape) / np.maximum(near, 1e-6)
+        trust = near / (near + np.float32(0.02))
+        filled = trust * mean + (1 - trust) * filled
+        sigma //= 2
+    soft = np.minimum(cv2.GaussianBlur(weight, (0, 0), 2), weight)[..., None]
+    return np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0)
 
 
 def diffuse_albedo(texture: Codes, job: Job) -> Codes:
@@ -36,6 +73,8 @@ def diffuse_albedo(texture: Codes, job: Job) -> Codes:
             what = network.description
             size = what.whole or job.planes.size
             context = run_whole(network, job.planes.shrunk(what.channels, size))
+            if SEEN in job.planes.channels:
+                context = continued(context, job.planes.shrunk([SEEN], size)[0])
         job.planes.add_coarse(what.planes(len(context)), context)
     result = np.zeros_like(texture)
 

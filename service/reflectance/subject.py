@@ -39,16 +39,24 @@ class Subject:
         head: the model.
         vertices: (V, 3) metres with the photo's expression.
         chart: of ``head`` at ``GEOMETRY_SIZE``.
+        seen: (h, w) float32, 1 where the texture's colour came from the photo, 0 where it was made up; None: all seen.
     """
 
     head: HeadModel
     vertices: npt.NDArray[np.floating]
     chart: Chart
+    seen: Float | None = None
 
     @classmethod
-    def of(cls, head: HeadModel, vertices: npt.NDArray[np.floating]) -> Subject:
-        """Draw the chart of a head."""
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE))
+    def of(
+        cls,
+        head: HeadModel,
+        vertices: npt.NDArray[np.floating],
+        confidence: npt.NDArray[np.uint8] | None = None,
+    ) -> Subject:
+        """Draw the chart of a head; ``confidence`` is the texture's, of any size."""
+        seen = None if confidence is None else (confidence > 0).astype(np.float32)
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), seen)
 
     @cached_property
     def geometry(self) -> Float:
