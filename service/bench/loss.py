@@ -69,7 +69,9 @@ def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], ma
 def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float:
     if kind == "normal":
         return unpack_normals(codes)
-    return np.asarray(codes, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
+    # OpenCV drops an axis of length 1; a map with it would then be compared with one without, each with all.
+    plain = codes[..., 0] if codes.ndim == 3 and codes.shape[2] == 1 else codes
+    return np.asarray(plain, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
 
 
 def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bool_]) -> float:

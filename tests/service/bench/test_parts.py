@@ -111,6 +111,14 @@ def test_a_small_map_without_detail_loses_only_at_full_size() -> None:
     assert loss.at_own < 1e-4 < 0.1 < loss.at_full
 
 
+def test_a_map_with_one_plane_keeps_its_axes_when_it_is_resized() -> None:
+    """One that lost its last axis would be compared texel by texel with all texels of the other."""
+    full = np.arange(64, dtype=np.uint16).reshape(8, 8, 1) * np.uint16(1000)
+    flat = np.full((4, 4, 1), 31500, np.uint16)
+    loss = compare("colour", flat, full, EVERYTHING)
+    assert loss.at_full == pytest.approx(full.std() / 65535, rel=1e-3)
+
+
 def test_heights_are_told_in_micrometres() -> None:
     a = np.zeros((8, 8), np.float32)
     assert compare("height", a + np.float32(0.002), a, EVERYTHING).at_full == pytest.approx(2)
