@@ -300,7 +300,9 @@ def _measure_wholes(at: _Setting, progress: Progress) -> list[WholeRow]:
             rows.append(WholeRow(run, made))
         except AvatarError as error:
             rows.append(WholeRow(run, fault=error.message))
-    if not rows or rows[-1].fault:
+    if not rows:
+        return rows
+    if rows[-1].fault:
         at.notes.append("the whole has no losses: the run that is the reference failed")
         return rows
     with np.load(at.folder / f"whole{len(rows) - 1}.npz") as file:
