@@ -103,6 +103,7 @@ class Extent:
         sizes: widths of maps of the straight-line check.
         draft: whether the whole is made at draft size with other runtimes, precisions and tiles.
         repeats: runs after the first; the fastest counts.
+        knobs: most values of a stage's own knob, other than the reference's.
     """
 
     side: int
@@ -115,13 +116,14 @@ class Extent:
     sizes: tuple[int, ...]
     draft: bool
     repeats: int
+    knobs: int = 99
 
 
 FULL = Extent(
     1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), True, ("draft", "standard", "high", "reference"),
     (768, 1536, 3072, 6144), True, 1,
 )  # fmt: skip
-QUICK = Extent(512, (1536,), (256,), 256, (0.0,), False, (), (384, 768, 1536), False, 0)
+QUICK = Extent(512, (1536,), (256,), 256, (0.0,), False, (), (384, 768, 1536), False, 0, 1)
 
 
 def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str]) -> Iterator[Variant]:
@@ -134,7 +136,7 @@ def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str
         if stage in TRANSLATORS or stage == "integration":
             yield from (replace(first, width=width) for width in extent.widths)
         knobs = {"integration": TOLERANCES[1:], "encoding": CODINGS[1:], "zeta": ("resampled",)}.get(stage, ())
-        yield from (replace(first, knob=knob) for knob in knobs)
+        yield from (replace(first, knob=knob) for knob in knobs[: extent.knobs])
 
 
 def precisions(extent: Extent) -> Iterator[tuple[RuntimeName, Precision]]:
