@@ -10,6 +10,7 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 
 from service import __version__
@@ -75,7 +76,10 @@ class _Page(StaticFiles):
 
 def _serve_page(app: FastAPI, page: Path) -> None:
     if (page / "index.html").is_file():
-        app.mount("/", _Page(directory=page, html=True), name="page")
+        files = _Page(directory=page, html=True)
+        # Not one mount for all: it would take every address of the interface that is asked for with a wrong method.
+        for path in ("", *sorted(file.relative_to(page).as_posix() for file in page.rglob("*") if file.is_file())):
+            app.router.routes.append(Route(f"/{path}", files, methods=["GET", "HEAD"], include_in_schema=False))
         return
 
     @app.get("/", include_in_schema=False)

@@ -10,8 +10,8 @@ import contextlib
 import re
 import sqlite3
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -58,7 +58,7 @@ class Glance:
         try:
             if self._connection is None:
                 self._connection = sqlite3.connect(
-                    f"file:{quote(self._path)}?mode=ro", timeout=_BUSY_S, uri=True, isolation_level=None,
+                    f"{Path(self._path).resolve().as_uri()}?mode=ro", timeout=_BUSY_S, uri=True, isolation_level=None,
                     check_same_thread=False,
                 )  # fmt: skip
             rows = self._connection.execute(_QUERY, (job,)).fetchall()

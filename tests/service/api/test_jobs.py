@@ -10,6 +10,7 @@ import time
 import zipfile
 from collections.abc import Iterator
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -242,6 +243,24 @@ def test_every_answer_carries_the_guards(client: httpx.Client) -> None:
         assert "server" not in headers
     made = client.get("/livez", headers={"X-Request-Id": "a b\u007f"}).headers["x-request-id"]
     assert re.fullmatch("[0-9a-f]{16}", made)
+
+
+def test_the_page_is_asked_for_anew_each_time(client: httpx.Client) -> None:
+    """A browser that kept an old page would speak to a new server with it."""
+    for address in ("/", "/app.js", "/app.css"):
+        answer = client.get(address)
+        assert answer.headers["cache-control"] == "no-cache"
+        again = client.get(address, headers={"If-None-Match": answer.headers["etag"]})
+        assert (again.status_code, again.headers["cache-control"]) == (304, "no-cache")
+
+
+def test_the_archive_of_the_small_job_is_one_that_the_client_takes(finished: tuple[str, bytes], tmp_path: Path) -> None:
+    """Benchmarks and trials go through the client."""
+    from service.client.whole import check_archive
+
+    path = tmp_path / "toy.zip"
+    path.write_bytes(finished[1])
+    check_archive(path)
 
 
 def test_the_log_has_one_line_of_json_for_a_request_and_nothing_private(server: Server, client: httpx.Client) -> None:
