@@ -68,6 +68,7 @@ def test_a_body_that_stops_is_given_up(server: Server) -> None:
     assert time.monotonic() - begin < 5
 
 
+@pytest.mark.slow
 def test_a_body_that_trickles_is_given_up(server: Server) -> None:
     begin = time.monotonic()
     drops: list[bytes | float] = []

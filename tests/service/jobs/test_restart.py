@@ -56,6 +56,7 @@ def test_a_second_server_on_the_folder_refuses_to_start(tmp_path: Path) -> None:
     assert server.stop() == 0
 
 
+@pytest.mark.slow
 def test_a_signal_ends_it_and_the_job_goes_on_after_the_next_start(tmp_path: Path) -> None:
     server = Server(tmp_path / "data", {}, {SECONDS: "0.7"})
     server.start()
@@ -78,6 +79,7 @@ def test_a_signal_ends_it_and_the_job_goes_on_after_the_next_start(tmp_path: Pat
     server.stop()
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_started_again_and_http_stays(tmp_path: Path) -> None:
     server = Server(tmp_path / "data")
     server.start()
