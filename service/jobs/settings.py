@@ -30,7 +30,7 @@ class Settings:
         worker: name of this worker, different for each one and the same after a restart.
         jobs: photos that one worker computes at the same time, >= 1.
         memory_mb: most memory of one job in MiB, 0 for no limit of ours.
-        job_seconds: longest time of one job.
+        job_seconds: longest time of one job; many times what it takes, as other work may keep the machine busy.
         niceness: added to the niceness of a job's process, so that answers do not wait for it.
         result_hours: how long a finished job is kept.
         tombstone_hours: how long after that its address says that it is gone.
@@ -54,7 +54,7 @@ class Settings:
     worker: str = "solo"
     jobs: int = 1
     memory_mb: int = 8192
-    job_seconds: float = 900.0
+    job_seconds: float = 1800.0
     niceness: int = 10
     result_hours: float = 24.0
     tombstone_hours: float = 168.0
