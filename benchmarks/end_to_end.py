@@ -59,7 +59,8 @@ def main() -> None:
     arguments = parser.parse_args()
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        runs = [run(arguments.photo, Path(folder) / "out.zip", arguments.quality) for _ in range(max(1, arguments.runs))]
+        target, count = Path(folder) / "out.zip", max(1, arguments.runs)
+        runs = [run(arguments.photo, target, arguments.quality) for _ in range(count)]
     lines = [
         f"{len(runs)} runs, load average {load:.1f} before, on {os.cpu_count()} cores; lowest / median / highest",
         f"wall s       {spread([r[0] for r in runs])}",

@@ -48,16 +48,16 @@ def continued(light: Float, seen: Float) -> Float:
         return light
     planes = np.ascontiguousarray(np.moveaxis(light, 0, 2), np.float32)
     weighted = planes * weight[..., None]
-    filled = np.broadcast_to(weighted.sum((0, 1)) / total, planes.shape).astype(np.float32)
+    filled: Float = np.broadcast_to(weighted.sum((0, 1)) / np.float32(total), planes.shape).astype(np.float32)
     sigma = WIDEST
     while sigma >= 2:
-        near = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
-        mean = cv2.GaussianBlur(weighted, (0, 0), sigma).reshape(planes.shape) / np.maximum(near, 1e-6)
+        near = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)[..., None]
+        spread = np.asarray(cv2.GaussianBlur(weighted, (0, 0), sigma), np.float32).reshape(planes.shape)
         trust = near / (near + np.float32(0.02))
-        filled = trust * mean + (1 - trust) * filled
+        filled = np.asarray(trust * spread / np.maximum(near, np.float32(1e-6)) + (1 - trust) * filled, np.float32)
         sigma //= 2
-    soft = np.minimum(cv2.GaussianBlur(weight, (0, 0), 2), weight)[..., None]
-    return np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0)
+    soft = np.minimum(np.asarray(cv2.GaussianBlur(weight, (0, 0), 2), np.float32), weight)[..., None]
+    return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
 def diffuse_albedo(texture: Codes, job: Job) -> Codes:

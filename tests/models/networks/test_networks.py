@@ -29,7 +29,8 @@ def stage(name: str) -> StageNet:
     for part in network.modules():
         if isinstance(part, nn.Conv2d):
             nn.init.normal_(part.weight, std=1.5 / (part.weight[0].numel() ** 0.5))
-    return network.double().eval()
+    network.double().eval()
+    return network
 
 
 def maps(network: StageNet, height: int, width: int) -> Tensor:

@@ -50,7 +50,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 f"patch{i}_window": np.array([1024, 512, 512, 512, 6144]),
             }
         (folder / part).mkdir()
-        np.savez(folder / part / f"{seed}_neutral.npz", **arrays)
+        np.savez(folder / part / f"{seed}_neutral.npz", allow_pickle=False, **arrays)
     return folder
 
 

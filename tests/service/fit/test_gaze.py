@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import cv2
 import numpy as np
 import pytest
@@ -139,6 +141,9 @@ def test_a_gaze_survives_a_killed_server(head: HeadModel) -> None:
     """Kept stages are packed by a list of known dataclasses; one that is not on it could not go on."""
     image, landmarks, camera = scene(head, Gaze(5.0, 0.0), 0.0)
     gaze = find_gaze(image, landmarks, head, head.mean, camera)
-    again: Gaze = unpack(pack(gaze, kinds()), kinds())
+    kept = io.BytesIO()
+    pack(gaze, kinds(), kept)
+    kept.seek(0)
+    again: Gaze = unpack(kept, kinds())
     assert gaze is not None and len(again.irises) == 2
     assert np.array_equal(again.irises[0].rim, gaze.irises[0].rim) and again.yaw_deg == gaze.yaw_deg
