@@ -158,8 +158,13 @@ class Store:
         return self._change(job, "state", UNFINISHED, state="running", started_at=first)
 
     def progress(self, job: str, stage: str, share: float) -> bool:
-        """The job is at ``stage``, and ``share`` in [0, 1] of the work is done; False where it does not run."""
-        return self._change(job, "progress", ("running",), stage=stage, progress=min(max(share, 0.0), 1.0))
+        """The job is at ``stage``, and ``share`` in [0, 1] of the work is done; False where it does not run.
+
+        The share never falls: a run that was cut off passes its finished stages again, which is no loss of work.
+        """
+        share = min(max(share, 0.0), 1.0)
+        most = sa.case((JOBS.c.progress > share, JOBS.c.progress), else_=share)
+        return self._change(job, "progress", ("running",), stage=stage, progress=most)
 
     def crashed(self, job: str) -> int:
         """Count one more crash of the job's process; returns how many there were."""

@@ -28,6 +28,20 @@ def test_every_change_is_an_event_with_the_state_as_it_was(bench: Bench) -> None
     assert [event["n"] for event in bench.store.events(job, 2)] == [3, 4]
 
 
+def test_progress_never_falls(bench: Bench) -> None:
+    """A run that was cut off begins again with its first stage; its owner has not lost what was done."""
+    job = bench.add()
+    bench.store.begin(job)
+    shares = []
+    for stage, share in (("one", 0.1), ("two", 0.6), ("one", 0.1), ("two", 0.6), ("three", 0.7), ("three", 7.0)):
+        assert bench.store.progress(job, stage, share)
+        row = bench.store.get(job)
+        assert row is not None
+        assert row["stage"] == stage
+        shares.append(row["progress"])
+    assert shares == [0.1, 0.6, 0.6, 0.6, 0.7, 1.0]
+
+
 def test_the_first_end_stays(bench: Bench) -> None:
     """A worker that was thought dead must not turn a cancelled job into a succeeded one."""
     job = bench.add()
