@@ -19,8 +19,8 @@ from service.scene.plan import Plan, plan  # noqa: E402
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 
 SCENES = (3, 5, 11)
-"""Bounds that left out what the samples had not seen were too low for the second, those that forgot the sky's hidden
-mirror image for the others."""
+"""Earlier estimates were over their bounds in these: the second as planned, the others in single effects, where they
+had forgotten the sky's hidden mirror image."""
 
 
 @lru_cache(maxsize=1)
