@@ -21,7 +21,8 @@ PHONE: dict[str, Any] = {
 
 CONTRAST = """() => {
     const channel = (value) => value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
-    const pen = Object.assign(document.createElement('canvas'), {width: 1, height: 1}).getContext('2d');
+    const pen = Object.assign(document.createElement('canvas'), {width: 1, height: 1}).getContext(
+        '2d', {willReadFrequently: true});
     const rgba = (text) => {
         pen.clearRect(0, 0, 1, 1); pen.fillStyle = text; pen.fillRect(0, 0, 1, 1);
         return [...pen.getImageData(0, 0, 1, 1).data].map((value) => value / 255);
