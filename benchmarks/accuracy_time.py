@@ -21,6 +21,7 @@ import typer
 from torch import Tensor, nn
 
 from models.networks.configs import build
+from models.tables import write_between
 from models.training.evaluate import single
 from models.training.store import Patches
 from models.training.tasks import Batch, Task
@@ -188,9 +189,7 @@ def main(
         lines += table(name, points(name, data, config, threads, networks))
     typer.echo("\n".join(lines))
     if write is not None:
-        text = write.read_text(encoding="utf-8")
-        before, after = text.split(MARK[0])[0], text.split(MARK[1])[1]
-        write.write_text(before + MARK[0] + "\n" + "\n".join(lines) + MARK[1] + after, encoding="utf-8")
+        write_between(write, MARK, "\n".join(lines))
 
 
 if __name__ == "__main__":

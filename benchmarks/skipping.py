@@ -31,6 +31,7 @@ from models.lightstage.light.survey import survey
 from models.lightstage.skin.synthesis import SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.stage import Stage
+from models.tables import write_between
 from service.scene.plan import EFFECTS, Plan, plan
 from service.scene.scene import Scene
 
@@ -165,16 +166,6 @@ def tables(done: list[Trial], single: dict[str, list[tuple[float, float, float, 
     return "\n".join(lines)
 
 
-def write_between(file: Path, text: str) -> None:
-    """Replace what stands between the marks of a file."""
-    old = file.read_text("utf-8")
-    before, _, rest = old.partition(MARK[0])
-    _, found, after = rest.partition(MARK[1])
-    if not found:
-        raise SystemExit(f"{file} has no lines {MARK[0]} and {MARK[1]}")
-    file.write_text(f"{before}{MARK[0]}\n{text}\n{MARK[1]}{after}", "utf-8")
-
-
 def main() -> None:
     """Command line; fails when a stated bound does not hold."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.skipping", description=__doc__)
@@ -197,7 +188,7 @@ def main() -> None:
     text = tables(done, single, chosen.size)
     print(text)
     if chosen.write:
-        write_between(chosen.write, text)
+        write_between(chosen.write, MARK, text)
     if any(t.error > t.bound + 1e-3 for t in done):
         raise SystemExit("a stated bound does not hold")
 

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
+from models.colour import srgb
 from models.lightstage.references import SCAN_PPM, read
 from models.lightstage.sheet import image, lit
-from models.lightstage.skin.chromophores import srgb
 from models.lightstage.stage import Stage
 from models.lightstage.statistics import FULL_PPM
 from service.archive.images import encode_png

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from models.lightstage.skin.chromophores import srgb
+from models.colour import srgb
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.split import subject_part

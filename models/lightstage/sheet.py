@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from models.colour import srgb
 from models.lightstage.poses import EXPRESSIONS
-from models.lightstage.skin.chromophores import srgb
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.stage import Stage

@@ -72,15 +72,3 @@ def initialise(module: nn.Module) -> None:
 def rounded_up(value: float, multiple: int) -> int:
     """The next multiple that is not smaller."""
     return math.ceil(value / multiple) * multiple
-
-
-def linear(coded: Tensor) -> Tensor:
-    """Linear values of sRGB-coded ones in [0, 1]."""
-    x = coded.clamp(0.0, 1.0)
-    return torch.where(x <= 0.04045, x / 12.92, ((x.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4)
-
-
-def srgb_coded(values: Tensor) -> Tensor:
-    """sRGB-coded values of linear ones, cut to [0, 1]."""
-    x = values.clamp(0.0, 1.0)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp(min=0.0031308) ** (1.0 / 2.4) - 0.055)

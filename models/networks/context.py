@@ -13,7 +13,8 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import activation, linear
+from models.colour import linear
+from models.networks.blocks import activation
 
 WIDTH, HEIGHT = 288, 192
 DARKEST = 1.0 / 255.0 / 12.92

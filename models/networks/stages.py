@@ -7,7 +7,8 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from models.networks.blocks import linear, rounded_up, srgb_coded
+from models.colour import linear, srgb
+from models.networks.blocks import rounded_up
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
@@ -93,7 +94,7 @@ class Delta(StageNet):
         """(N, 14, H, W) -> (N, 3, H, W)."""
         light = x[:, 3:6] + self.body(x)
         texture = linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
-        return srgb_coded(texture * torch.exp(-light.clamp(-4.0, 4.0))) * 2.0 - 1.0
+        return srgb(texture * torch.exp(-light.clamp(-4.0, 4.0))) * 2.0 - 1.0
 
 
 class DeltaBlind(Delta):

@@ -8,12 +8,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from models.networks.blocks import linear, srgb_coded
+from models.colour import linear, srgb
 from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import DARKEST
 from models.networks.stages import Delta
 from models.training.degrade import blur, gain, half_mirrored, lost_detail, noisy, smooth_field
-from models.training.geometry import CHANNELS
 from models.training.store import Arrays, Patches, Wholes
 from models.training.tasks import (
     FLIPPED,
@@ -27,6 +26,7 @@ from models.training.tasks import (
     psnr,
     uniform,
 )
+from service.reflectance.subject import GEOMETRY
 
 CONTEXT_CELL = 6144 / 288
 """Texels of the full chart under one of the context's."""
@@ -39,7 +39,7 @@ def log_light(texture: Tensor, albedo: Tensor) -> Tensor:
 
 def unlit(texture: Tensor, light: Tensor) -> Tensor:
     """sRGB-coded albedo of a coded texture under a log light."""
-    return srgb_coded(linear(texture).clamp(min=DARKEST) * torch.exp(-light.clamp(-4.0, 4.0)))
+    return srgb(linear(texture).clamp(min=DARKEST) * torch.exp(-light.clamp(-4.0, 4.0)))
 
 
 def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
@@ -178,7 +178,7 @@ class DeltaTask:
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Coded albedo in [0, 1]."""
-        slow = channels(batch, tuple(n for n in self.names if n in CHANNELS))
+        slow = channels(batch, tuple(n for n in self.names if n in GEOMETRY))
         inputs = torch.cat([batch["texture"] * 2.0 - 1.0, batch["context"], slow], 1)
         result: Tensor = network(inputs)
         return result * 0.5 + 0.5

@@ -11,19 +11,19 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from models.colour import srgb
 from models.lightstage.light.bake import bake
 from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.prior import sample_scene
 from models.lightstage.light.survey import survey
-from models.lightstage.skin.chromophores import srgb
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
 from models.lightstage.split import light_part
 from models.lightstage.stage import Stage
-from models.training.geometry import WIDTH as GEOMETRY_WIDTH
-from models.training.geometry import GeometryMaps
+from service.geometry.chart import Chart
+from service.reflectance.subject import GEOMETRY_SIZE, Subject
 from service.scene.environment import names
 from service.scene.plan import plan as choose
 from service.scene.scene import Scene
@@ -57,17 +57,17 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Studio:
-    """The light stage and the geometry channels of its heads, set up once for all sittings."""
+    """The light stage, and the chart that the geometry channels are drawn on, set up once for all sittings."""
 
     stage: Stage
-    maps: GeometryMaps
+    chart: Chart
 
     @classmethod
     @lru_cache(maxsize=1)
     def open(cls) -> Studio:
         """Takes some seconds, once a process."""
         stage = Stage.open()
-        return cls(stage, GeometryMaps.of(stage.head))
+        return cls(stage, Chart.build(stage.head, *GEOMETRY_SIZE))
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Sitting:
         skin = stage.skin(seed, pose, device)
         vertices = stage.vertices(skin)
         geometry = Geometry.of(stage.head, vertices, directions=160, device=device)
-        channels = studio.maps.channels(vertices)
+        channels = Subject(stage.head, vertices, studio.chart).geometry
         return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels)
 
     def scene(self, number: int) -> Scene:
@@ -188,7 +188,7 @@ def _patch(sitting: Sitting, maps: SkinMaps, window: ChartWindow, scene: int | N
 
 def _around(channels: npt.NDArray[np.float32], window: ChartWindow) -> npt.NDArray[np.generic]:
     """Geometry cells under a window with ``MARGIN`` cells more on each side, float16."""
-    scale = window.chart_width // GEOMETRY_WIDTH
+    scale = window.chart_width // GEOMETRY_SIZE[0]
     padded = np.pad(channels, ((0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)), mode="edge")
     row, column = window.y // scale, window.x // scale
     rows, columns = window.height // scale + 2 * MARGIN, window.width // scale + 2 * MARGIN

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from models.lightstage.skin.subject import Subject
+from models.tables import write_between
 from models.training.albedo import ContextTask, log_light, unlit
 from models.training.degrade import blur
 from models.training.reflectance import NormalTask, angles, grey
@@ -225,9 +226,7 @@ def main(
         tables.append(evaluate(name.strip(), data, folder))
         typer.echo(tables[-1])
     if write is not None:
-        text = write.read_text(encoding="utf-8")
-        before, after = text.split(MARK[0])[0], text.split(MARK[1])[1]
-        write.write_text(before + MARK[0] + "\n" + "\n".join(tables) + MARK[1] + after, encoding="utf-8")
+        write_between(write, MARK, "\n".join(tables))
 
 
 if __name__ == "__main__":

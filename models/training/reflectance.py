@@ -10,10 +10,10 @@ from torch.nn import functional
 
 from models.networks.stages import Psi, Rho, Sigma
 from models.training.degrade import blur, gain, noisy
-from models.training.geometry import CHANNELS
 from models.training.store import Patches
 from models.training.tasks import Batch, channels, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
+from service.reflectance.subject import GEOMETRY
 
 HAIR_WEIGHT = 0.3
 """Normals of hair are half chance; they count less."""
@@ -88,7 +88,7 @@ class PsiTask(_AlbedoTask):
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Specular albedo in [0, 1]."""
-        slow = channels(batch, tuple(n for n in Psi.channels if n in CHANNELS))
+        slow = channels(batch, tuple(n for n in Psi.channels if n in GEOMETRY))
         result: Tensor = network(torch.cat([batch["albedo"] * 2.0 - 1.0, slow], 1))
         return result * 0.5 + 0.5
 
@@ -119,7 +119,7 @@ class NormalTask(_AlbedoTask):
 
     def __init__(self, data: Path, target: str, side: int = 256) -> None:
         self.target, self.wanted = target, (target,)
-        self.slow = tuple(n for n in (Rho if target == "specular_normal" else Sigma).channels if n in CHANNELS)
+        self.slow = tuple(n for n in (Rho if target == "specular_normal" else Sigma).channels if n in GEOMETRY)
         super().__init__(data, side)
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:

@@ -12,6 +12,7 @@ from typing import Annotated
 import torch
 import typer
 
+from models.tables import write_between
 from service.errors import ModelFault
 
 MARK = ("<!-- runs -->", "<!-- /runs -->")
@@ -51,9 +52,7 @@ def main(
     table = "\n".join([head, "|---" * 8 + "|", *rows(folder)]) + "\n"
     typer.echo(table)
     if write is not None:
-        text = write.read_text(encoding="utf-8")
-        before, after = text.split(MARK[0])[0], text.split(MARK[1])[1]
-        write.write_text(before + MARK[0] + "\n" + table + MARK[1] + after, encoding="utf-8")
+        write_between(write, MARK, table)
 
 
 if __name__ == "__main__":

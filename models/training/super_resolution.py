@@ -11,9 +11,9 @@ from torch.nn import functional
 from models.networks.configs import ZETA_CHANNELS
 from models.networks.rcan import SCALE
 from models.training.degrade import blur, gain, noisy
-from models.training.geometry import CHANNELS
 from models.training.store import Arrays, Patches
 from models.training.tasks import FLIPPED, Batch, byte, choice, psnr, uniform
+from service.reflectance.subject import GEOMETRY
 
 SMALL = 48
 """Pixels of the 576 x 384 texture along a patch of 512 texels of the full chart."""
@@ -69,7 +69,7 @@ class ZetaTask:
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Large texture in [0, 1]."""
-        index = [CHANNELS.index(name) for name in ZETA_CHANNELS[3:]]
+        index = [GEOMETRY.index(name) for name in ZETA_CHANNELS[3:]]
         inputs = torch.cat([batch["small"] * 2.0 - 1.0, batch["geometry"][:, index]], 1)
         result: Tensor = network(inputs, batch["noise"])
         return result * 0.5 + 0.5

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from models.training.geometry import CHANNELS
 from models.training.store import Arrays, Patches
+from service.reflectance.subject import GEOMETRY, GEOMETRY_SIZE
 
 Batch = dict[str, Tensor]
 
-FLIPPED = torch.tensor([-1.0 if name.endswith("_x") else 1.0 for name in CHANNELS])
+FLIPPED = torch.tensor([-1.0 if name.endswith("_x") else 1.0 for name in GEOMETRY])
 """Sign of each geometry channel in a mirrored chart."""
 
 
@@ -97,7 +97,7 @@ def enlarged(cells: np.ndarray, scale: int, crop: Crop) -> Tensor:
 
 def crop_of(item: Arrays, crop: Crop) -> Batch:
     """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit."""
-    scale = int(item["window"][4]) // 768
+    scale = int(item["window"][4]) // GEOMETRY_SIZE[0]
     result = {"geometry": enlarged(item["geometry"], scale, crop)}
     for name in ("albedo", "specular", "mask", "hair", "texture"):
         if name in item:
@@ -138,7 +138,7 @@ def fixed_batches(patches: Patches, side: int) -> list[Batch]:
 
 def channels(batch: Batch, names: tuple[str, ...]) -> Tensor:
     """Geometry channels by name."""
-    return batch["geometry"][:, [CHANNELS.index(name) for name in names]]
+    return batch["geometry"][:, [GEOMETRY.index(name) for name in names]]
 
 
 def psnr(a: Tensor, b: Tensor, mask: Tensor) -> float:

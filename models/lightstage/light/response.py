@@ -5,14 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from models.colour import srgb
 from service.errors import UsageError
 from service.scene.scene import Response
-
-
-def encode(linear: Tensor) -> Tensor:
-    """sRGB-coded [0, 1] of linear values; those outside [0, 1] are cut."""
-    x = linear.clamp(0.0, 1.0)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp(min=0.0031308) ** (1.0 / 2.4) - 0.055)
 
 
 def developed(light: Tensor, response: Response) -> Tensor:
@@ -30,5 +25,5 @@ def developed(light: Tensor, response: Response) -> Tensor:
         knee = 1.0 - response.shoulder
         bent = knee + response.shoulder * (1.0 - torch.exp(-(x - knee).clamp(min=0.0) / response.shoulder))
         x = torch.where(x > knee, bent, x)
-    coded = encode(x)
+    coded = srgb(x)
     return coded if response.gamma == 1.0 else coded.clamp(min=0.0) ** response.gamma

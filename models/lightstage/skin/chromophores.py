@@ -139,14 +139,3 @@ def _quadratic(value: Tensor, nodes: tuple[float, float, float]) -> Tensor:
     """(3, ...) Lagrange weights of equally spaced nodes."""
     t = (value.clamp(nodes[0], nodes[2]) - nodes[1]) / (nodes[2] - nodes[1])
     return torch.stack([0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)])
-
-
-def srgb(linear: Tensor) -> Tensor:
-    """sRGB-coded values in [0, 1] of linear ones (IEC 61966-2-1)."""
-    x = linear.clamp(0.0, 1.0)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp(min=0.0031308) ** (1.0 / 2.4) - 0.055)
-
-
-def linear(coded: Tensor) -> Tensor:
-    """Linear values of sRGB-coded ones in [0, 1]."""
-    return torch.where(coded <= 0.04045, coded / 12.92, ((coded.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4)

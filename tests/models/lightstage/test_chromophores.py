@@ -5,6 +5,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from models.colour import linear, srgb  # noqa: E402
 from models.lightstage.skin import chromophores as c  # noqa: E402
 from models.lightstage.skin.spectra import rgb_weights  # noqa: E402
 
@@ -19,7 +20,7 @@ KNOWN = [  # melanin, blood, sRGB: computed independently when the model was des
 
 @pytest.mark.parametrize(("melanin", "blood", "expected"), KNOWN)
 def test_known_colours(melanin: float, blood: float, expected: tuple[int, int, int]) -> None:
-    coded = c.srgb(torch.tensor(c.skin_rgb(melanin, blood))) * 255
+    coded = srgb(torch.tensor(c.skin_rgb(melanin, blood))) * 255
     assert np.abs(coded.numpy()[0] - expected).max() <= 1.5  # would break: a wrong table entry, unit or observer
 
 
@@ -60,4 +61,4 @@ def test_inversion_ends_where_skin_ends() -> None:
 
 def test_coding_round_trip() -> None:
     x = torch.linspace(0, 1, 257)
-    assert torch.allclose(c.linear(c.srgb(x)), x, atol=2e-6)
+    assert torch.allclose(linear(srgb(x)), x, atol=2e-6)

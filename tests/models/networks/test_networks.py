@@ -8,7 +8,8 @@ torch = pytest.importorskip("torch")
 
 from torch import Tensor, nn  # noqa: E402
 
-from models.networks.blocks import initialise, linear, shuffle_head, srgb_coded  # noqa: E402
+from models.colour import linear, srgb  # noqa: E402
+from models.networks.blocks import initialise, shuffle_head  # noqa: E402
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize  # noqa: E402
 from models.networks.configs import CONFIGS, NETWORKS, Zeta, build, parameters  # noqa: E402
 from models.networks.context import HEIGHT, WIDTH  # noqa: E402
@@ -166,7 +167,7 @@ def test_delta_leaves_light_that_the_context_explains() -> None:
     rest = torch.zeros(1, len(network.channels) - 6, 32, 32)
     with torch.no_grad():
         result = network(torch.cat([texture * 2 - 1, light, rest], 1)) * 0.5 + 0.5
-    assert torch.allclose(result, srgb_coded(linear(texture) / 2), atol=1e-5)
+    assert torch.allclose(result, srgb(linear(texture) / 2), atol=1e-5)
 
 
 def test_discriminator_losses() -> None:
