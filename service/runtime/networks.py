@@ -1,16 +1,19 @@
 """Networks that turn maps into maps, behind one seam: onnxruntime always, OpenVINO where it is faster.
 
 OpenVINO computes in bfloat16 on processors that have instructions for it (AMX, AVX-512 BF16), several times faster than
-float32; elsewhere it gains little, so ``auto`` takes onnxruntime there. A network is loaded when a stage begins and
-released when it ends, so the memory of a run is that of its largest stage.
+float32. In float32 it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone for the networks of
+``ENLARGING``; ``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a
+measurement at every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
+
+A network is loaded when a stage begins and released when it ends, so the memory of a run is that of its largest stage.
 """
 
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, Protocol
@@ -29,6 +32,10 @@ Precision = Literal["fp32", "bf16"]
 RUNTIMES = ("auto", "onnxruntime", "openvino")
 INPUT, OUTPUT = "maps", "result"
 
+ENLARGING = frozenset({"zeta_body", "zeta_tail"})
+"""Networks that OpenVINO computes twice as fast, in a fifth of the memory, also with AVX2 alone. The others are level
+there, and start sooner on onnxruntime."""
+
 _BF16 = frozenset({"amx_bf16", "avx512_bf16"})
 
 
@@ -41,12 +48,24 @@ class Engine:
         precision: of products within the network; inputs and outputs are float32.
         threads: compute threads, >= 1.
         folder: where models.json and the files are.
+        exceptions: names of networks that OpenVINO computes, in fp32, whatever ``runtime`` says.
     """
 
     runtime: RuntimeName = "onnxruntime"
     precision: Precision = "fp32"
     threads: int = 2
     folder: Path = MODELS
+    exceptions: frozenset[str] = frozenset()
+
+    def of(self, name: str) -> Engine:
+        """What network ``name`` runs on, without exceptions."""
+        if name in self.exceptions:
+            return replace(self, runtime="openvino", precision="fp32", exceptions=frozenset())
+        return replace(self, exceptions=frozenset())
+
+    def told(self, names: Iterable[str]) -> dict[str, str]:
+        """Runtime and precision of each network in words, for example "openvino bf16"."""
+        return {name: f"{one.runtime} {one.precision}" for name in names for one in [self.of(name)]}
 
 
 class _Compiled(Protocol):
@@ -100,7 +119,9 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
     """The engine for this machine.
 
     Args:
-        runtime: "onnxruntime", "openvino", or "auto": OpenVINO where it is installed and computes bf16 in hardware.
+        runtime: "onnxruntime", "openvino", or "auto": OpenVINO where it is installed and the processor has AVX-512 or
+            AMX; with AVX2 alone for the networks of ``ENLARGING``; else onnxruntime. The same choice at every call on a
+            machine.
         threads: compute threads; 0 means as many as this process may use.
         precision: "fp32", "bf16", or "auto": bf16 where OpenVINO runs and the processor has it.
         folder: of the models.
@@ -113,15 +134,17 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
     if precision not in ("auto", "fp32", "bf16"):
         raise UsageError(f"precision is {precision!r}; it has to be auto, fp32 or bf16", field="precision")
     here, fast = has_openvino(), has_bf16()
+    wide = fast or has_feature("avx512f")
     if runtime == "openvino" and not here:
         raise UsageError("runtime is 'openvino', which is not installed: pip install openvino", field="runtime")
     chosen: RuntimeName = (
-        "openvino" if runtime == "openvino" or (runtime == "auto" and here and fast) else "onnxruntime"
+        "openvino" if runtime == "openvino" or (runtime == "auto" and here and wide) else "onnxruntime"
     )
+    some = runtime == "auto" and here and not wide and has_feature("avx2")
     if precision == "bf16" and not (chosen == "openvino" and fast):
         raise UsageError("precision bf16 needs OpenVINO and a processor with AMX or AVX-512 BF16", field="precision")
     computed: Precision = "bf16" if chosen == "openvino" and fast and precision != "fp32" else "fp32"
-    return Engine(chosen, computed, threads or _processors(), folder)
+    return Engine(chosen, computed, threads or _processors(), folder, ENLARGING if some else frozenset())
 
 
 @contextmanager
@@ -131,6 +154,7 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
     Raises:
         ModelFault: the file is missing, not the one of models.json, has no description, or cannot be loaded.
     """
+    engine = engine.of(name)
     data = checked_bytes(name, engine.folder)
     description = _description(name, data, engine.folder)
     compiled = (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
@@ -156,10 +180,16 @@ def has_openvino() -> bool:
 @lru_cache(maxsize=1)
 def has_bf16() -> bool:
     """Whether the processor multiplies bfloat16 in hardware."""
+    return any(has_feature(name) for name in _BF16)
+
+
+@lru_cache
+def has_feature(name: str) -> bool:
+    """Whether the processor has an extension, by its name in /proc/cpuinfo."""
     from service import diagnosis
 
     features = diagnosis.cpu()["features"]
-    return isinstance(features, list) and not _BF16.isdisjoint(features)
+    return isinstance(features, list) and name in features
 
 
 def lacks_openvino() -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -116,23 +117,62 @@ def test_the_weights_are_released_at_the_end(folder: Path) -> None:
         network.run(np.zeros((1, 8, 8), np.float32))
 
 
-@pytest.mark.parametrize(("here", "fast", "expected"), [
-    (True, True, ("openvino", "bf16")), (True, False, ("onnxruntime", "fp32")), (False, True, ("onnxruntime", "fp32")),
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Makes this a machine with some processor extensions, with or without OpenVINO."""
+
+    def become(*features: str, openvino: bool = True) -> None:
+        monkeypatch.setattr("service.diagnosis.cpu", lambda: {"features": list(features)})
+        monkeypatch.setattr(networks, "has_openvino", lambda: openvino)
+        networks.has_bf16.cache_clear(), networks.has_feature.cache_clear()
+
+    yield become
+    monkeypatch.undo()
+    networks.has_bf16.cache_clear(), networks.has_feature.cache_clear()
+
+
+@pytest.mark.parametrize(("features", "openvino", "zeta", "rho"), [
+    (("avx2", "avx512f", "amx_bf16"), True, "openvino bf16", "openvino bf16"),
+    (("avx2", "avx512f"), True, "openvino fp32", "openvino fp32"),
+    (("avx2",), True, "openvino fp32", "onnxruntime fp32"),
+    (("asimd",), True, "onnxruntime fp32", "onnxruntime fp32"),
+    (("avx2", "avx512f", "amx_bf16"), False, "onnxruntime fp32", "onnxruntime fp32"),
+    (("avx2",), False, "onnxruntime fp32", "onnxruntime fp32"),
 ])  # fmt: skip
-def test_auto_takes_openvino_where_it_is_faster(
-    here: bool, fast: bool, expected: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+def test_auto_takes_for_each_network_what_was_measured_to_be_faster(
+    features: tuple[str, ...], openvino: bool, zeta: str, rho: str, machine: Callable[..., None]
 ) -> None:
-    monkeypatch.setattr(networks, "has_openvino", lambda: here)
-    monkeypatch.setattr(networks, "has_bf16", lambda: fast)
+    machine(*features, openvino=openvino)
     chosen = choose_engine("auto", threads=3)
-    assert (chosen.runtime, chosen.precision, chosen.threads) == (*expected, 3)
-    assert choose_engine("auto", precision="fp32").precision == "fp32"
-    if not here:
-        with pytest.raises(UsageError, match="not installed"):
-            choose_engine("openvino")
-    if not (here and fast):
-        with pytest.raises(UsageError, match="bf16"):
-            choose_engine(precision="bf16")
+    assert chosen.told(["zeta_tail", "rho"]) == {"zeta_tail": zeta, "rho": rho}
+    assert chosen.threads == 3
+    assert choose_engine("auto", threads=3) == chosen, "another choice would give other bytes for the same photo"
+    assert all(
+        told.endswith("fp32") for told in choose_engine("auto", precision="fp32").told(["zeta_tail", "rho"]).values()
+    )
+
+
+def test_what_is_asked_for_is_taken_or_refused(machine: Callable[..., None]) -> None:
+    """No silent way out: a runtime or precision that cannot be had is an error."""
+    machine("avx2")
+    assert set(choose_engine("onnxruntime").told(["zeta_tail", "rho"]).values()) == {"onnxruntime fp32"}
+    assert set(choose_engine("openvino").told(["zeta_tail", "rho"]).values()) == {"openvino fp32"}
+    with pytest.raises(UsageError, match="bf16"):
+        choose_engine(precision="bf16")
+    machine("avx2", "avx512_bf16", openvino=False)
+    with pytest.raises(UsageError, match="not installed"):
+        choose_engine("openvino")
+    with pytest.raises(UsageError, match="bf16"):
+        choose_engine(precision="bf16")
+
+
+def test_a_network_runs_on_what_it_is_an_exception_for(folder: Path) -> None:
+    pytest.importorskip("openvino")
+    mixed = Engine(threads=1, folder=folder, exceptions=frozenset({"two"}))
+    for name, runtime in (("one", "onnxruntime"), ("two", "openvino")):
+        with open_network(name, mixed) as network:
+            assert network.engine == Engine(runtime, threads=1, folder=folder)  # type: ignore[arg-type]
+            assert np.isfinite(network.run(np.zeros((1, 8, 8), np.float32))).all()
 
 
 def test_unknown_names_are_refused() -> None:
