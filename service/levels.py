@@ -29,6 +29,7 @@ class Level:
         normal_bits: bits per component of normal maps.
         fine_mesh: whether the subdivided, displaced mesh is made with the displacement map.
         precision: of the networks: "auto" is the fastest that the processor has.
+        keep_cliffs: whether displacement may break where the surface folds over itself.
     """
 
     size: Size
@@ -36,13 +37,14 @@ class Level:
     normal_bits: Literal[8, 16]
     fine_mesh: bool
     precision: Literal["auto", "fp32"]
+    keep_cliffs: bool = False
 
 
 LEVELS: dict[str, Level] = {
     "draft": Level(DRAFT_SIZE, False, 8, False, "auto"),
     "standard": Level(FULL_SIZE, True, 8, False, "auto"),
     "high": Level(FULL_SIZE, True, 16, True, "auto"),
-    "reference": Level(FULL_SIZE, True, 16, True, "fp32"),
+    "reference": Level(FULL_SIZE, True, 16, True, "fp32", keep_cliffs=True),
 }
 """From fast to fine."""
 

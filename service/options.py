@@ -114,7 +114,8 @@ class Options:
         Without a network to enlarge it in this installation the texture is resampled, and the manifest says so.
         """
         enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
-        return Plan.of(self.maps, super_resolution=enlarged and installed(NETWORKS["super_resolution"]))
+        there = enlarged and installed(NETWORKS["super_resolution"])
+        return Plan.of(self.maps, super_resolution=there, keep_cliffs=self.level.keep_cliffs)
 
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""

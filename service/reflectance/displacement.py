@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
+from service.reflectance.cliffs import cliff_part
 from service.reflectance.integrate import MOST_STEPS, TOLERANCE, integrate
 from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.result import MID, SCALE_MM, Integration, unpack_normals
@@ -69,6 +70,7 @@ def displacement(
     *,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
+    keep_cliffs: bool = False,
 ) -> tuple[Float, Integration]:
     """Heights (H, W) float32 in mm, positive outwards, of relief finer than ``COARSEST_MM``, within +-``MOST_MM``.
 
@@ -78,18 +80,24 @@ def displacement(
         mask: (H, W) bool, texels that belong to the surface; heights elsewhere are 0.
         tolerance: of the solver.
         most_steps: of the solver.
+        keep_cliffs: whether equations on cliffs may be given up, see ``service.reflectance.cliffs``.
     """
     right, down, usable = _differences(normals, steps, mask)
     asked = int(mask.sum())
     ignored = 1 - int(usable.sum()) / asked if asked else 0.0
     solved = integrate(right, down, usable, tolerance=tolerance, most_steps=most_steps)
+    height, cut = solved.height, None
+    if keep_cliffs:
+        texel_mm = steps.texel_mm() * np.float32(steps.width / mask.shape[1])
+        gained, cut = cliff_part(right, down, usable, texel_mm)
+        height += gained
+        del gained
     del right, down
-    height = solved.height
     height -= coarse_part(height, usable, steps)
     _fill_holes(height, usable, mask)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     height *= mask
-    return height, Integration(solved.steps, solved.residual, ignored)
+    return height, Integration(solved.steps, solved.residual, ignored, cut)
 
 
 def slopes(normals: Float) -> tuple[Float, Float, Mask]:

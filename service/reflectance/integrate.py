@@ -1,4 +1,4 @@
-"""Heights from their slopes: least squares on a masked grid.
+"""Heights from their slopes: (weighted) least squares on a masked grid.
 
 The heights whose differences between neighbouring texels come nearest to the wanted ones solve a Poisson equation. At
 the border of the mask nothing is asked (natural Neumann conditions). Conjugate gradients solve it, preconditioned with
@@ -31,8 +31,23 @@ class Heights:
     residual: float
 
 
+@dataclass(frozen=True)
+class Edges:
+    """Weights >= 0 of the equations between neighbours: ``right`` (H, W - 1) and ``down`` (H - 1, W), float32."""
+
+    right: Float
+    down: Float
+
+
 def integrate(
-    right: Float, down: Float, mask: Mask, *, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
+    right: Float,
+    down: Float,
+    mask: Mask,
+    *,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+    edges: Edges | None = None,
+    start: Float | None = None,
 ) -> Heights:
     """Heights on a grid from their slopes.
 
@@ -43,6 +58,8 @@ def integrate(
             and each keeps an unknown constant, which is set so that the mean over all is 0.
         tolerance: relative residual to stop at.
         most_steps: to take at most.
+        edges: weights of the equations; None: all 1.
+        start: (H, W) heights, 0 outside the mask, to begin with; None: all 0.
 
     Raises:
         ValueError: the shapes differ.
@@ -50,17 +67,22 @@ def integrate(
     if not right.shape == down.shape == mask.shape or right.ndim != 2:
         raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
     height = np.zeros(mask.shape, np.float32)
-    rest = _right_hand_side(right, down, mask)
+    rest = _right_hand_side(right, down, mask, edges)
     first = _dot(rest, rest)
     if not first > 0:
         return Heights(height, 0, 0.0)
     precondition = _Rectangle(mask)
     step = precondition(rest)
+    energy = whole = _dot(rest, step)
+    if start is not None:
+        height += start
+        rest -= _laplacian(height, mask, edges)
+        step = precondition(rest)
+        energy = _dot(rest, step)
     search = step
-    energy = start = _dot(rest, step)
     taken = 0
-    while taken < most_steps and energy > tolerance * tolerance * start and energy > 0:
-        applied = _laplacian(search, mask)
+    while taken < most_steps and energy > tolerance * tolerance * whole and energy > 0:
+        applied = _laplacian(search, mask, edges)
         curvature = _dot(search, applied)
         if not curvature > 0:
             break
@@ -77,31 +99,53 @@ def integrate(
         taken += 1
     height -= np.float32(height.sum(dtype=np.float64) / max(int(mask.sum()), 1))
     height *= mask
-    return Heights(height, taken, float(np.sqrt(max(energy, 0.0) / start)))
+    return Heights(height, taken, float(np.sqrt(max(energy, 0.0) / whole)))
 
 
-def _right_hand_side(right: Float, down: Float, mask: Mask) -> Float:
+def differences(height: Float, axis: int) -> Float:
+    """Height of the next texel along ``axis`` (1: right, 0: down) minus that of each that has one."""
+    near, far = _halves(axis)
+    return np.asarray(height[far] - height[near], np.float32)
+
+
+def wanted(slope: Float, axis: int) -> Float:
+    """Differences that slopes ask for, averaged to the middle of the edge: one-sided, they shift by half a texel."""
+    near, far = _halves(axis)
+    return np.asarray(0.5 * (slope[near] + slope[far]), np.float32)
+
+
+def joined(mask: Mask, axis: int) -> Mask:
+    """Which texels and their next ones along ``axis`` are both in the mask."""
+    near, far = _halves(axis)
+    return np.asarray(mask[near] & mask[far])
+
+
+def _right_hand_side(right: Float, down: Float, mask: Mask, edges: Edges | None) -> Float:
     """(H, W) for each texel: wanted differences of the edges that come in, minus those that go out."""
     result = np.zeros(mask.shape, np.float32)
     for slope, axis in ((right, 1), (down, 0)):
-        near, far = _halves(axis)
-        # Slopes averaged to the middle of the edge: one-sided ones shift the surface by half a texel.
-        edge = 0.5 * (slope[near] + slope[far]) * (mask[near] & mask[far])
-        edge = np.asarray(np.where(mask[near] & mask[far], edge, 0), np.float32)
-        result[far] += edge
-        result[near] -= edge
+        edge = np.asarray(np.where(joined(mask, axis), wanted(slope, axis), 0), np.float32)
+        _add_edges(result, edge, edges, axis)
     return result
 
 
-def _laplacian(height: Float, mask: Mask) -> Float:
+def _laplacian(height: Float, mask: Mask, edges: Edges | None) -> Float:
     """(H, W) for each texel of the mask: sum over its neighbours in the mask of its height minus theirs."""
     result = np.zeros_like(height)
     for axis in (1, 0):
-        near, far = _halves(axis)
-        edge = (height[far] - height[near]) * (mask[near] & mask[far])
-        result[far] += edge
-        result[near] -= edge
+        edge = differences(height, axis)
+        edge *= joined(mask, axis)
+        _add_edges(result, edge, edges, axis)
     return result
+
+
+def _add_edges(result: Float, edge: Float, edges: Edges | None, axis: int) -> None:
+    """Add a quantity of each edge, times its weight, to the texel that it leads to; take it from the other one."""
+    near, far = _halves(axis)
+    if edges is not None:
+        edge *= edges.right if axis == 1 else edges.down
+    result[far] += edge
+    result[near] -= edge
 
 
 def _halves(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:

@@ -46,12 +46,14 @@ class Plan:
 
     Attributes:
         stages: in order.
+        keep_cliffs: whether displacement may break where the surface folds over itself, ``service.reflectance.cliffs``.
     """
 
     stages: tuple[str, ...]
+    keep_cliffs: bool = False
 
     @classmethod
-    def of(cls, roles: Collection[str], *, super_resolution: bool = True) -> Plan:
+    def of(cls, roles: Collection[str], *, super_resolution: bool = True, keep_cliffs: bool = False) -> Plan:
         """Stages for maps ``roles``; names of other maps are ignored."""
         wanted = {role for role in roles if role in ROLES}
         waiting = list(wanted)
@@ -61,7 +63,7 @@ class Plan:
             waiting += new
         if not super_resolution:
             wanted.discard("super_resolution")
-        return cls(tuple(stage for stage in STAGES if stage in wanted))
+        return cls(tuple(stage for stage in STAGES if stage in wanted), keep_cliffs)
 
     @property
     def networks(self) -> tuple[str, ...]:

@@ -25,11 +25,14 @@ class Integration:
         iterations: of the solver.
         residual: norm of what is left of the equations, as a share of the right-hand side's.
         ignored_fraction: share of the texels whose normals were not usable.
+        cut_fraction: share of the equations between neighbours that were given up for cliffs; None: plain least
+            squares, which gives up none.
     """
 
     iterations: int
     residual: float
     ignored_fraction: float
+    cut_fraction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,13 @@ class Reflectance:
         diffuse_normal: the same for diffuse light.
         displacement: (H, W) uint16 along the normal, see ``MID`` and ``SCALE_MM``; goes on for nine texels beyond the
             islands, then 0.
-        runtime, precision: what the networks ran on.
+        runtime, precision: what most networks ran on.
+        engines: runtime and precision of each network that ran, in words, for example "openvino bf16".
         tile: inner side of the tiles, in texels.
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
         fallbacks: codes of what ran otherwise than it could: "bf16-needs-openvino" where the processor could compute
-            faster if OpenVINO were installed, "texture-resampled" without super-resolution.
+            faster if OpenVINO were installed, "texture-resampled" without super-resolution,
+            "light-from-skin-alone" where no white of an eye was seen that tells dark skin from dim light.
         models: names of the networks that ran.
         integration: of the displacement.
         timings_s: seconds of each stage.
@@ -66,6 +71,7 @@ class Reflectance:
     super_resolution: bool = False
     fallbacks: tuple[str, ...] = ()
     models: tuple[str, ...] = ()
+    engines: Mapping[str, str] = field(default_factory=dict)
     integration: Integration | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
