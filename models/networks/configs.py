@@ -15,9 +15,10 @@ from models.networks.rcan import RcanBody, RcanSize, RcanTail
 from models.networks.stages import DEPTH, MASK, OBJECT, POSITION, TEXTURE, BodySize, Delta, DeltaBlind, Psi, Rho, Sigma
 from models.networks.translator import TranslatorSize
 from service.errors import UsageError
+from service.reflectance.subject import EYES
 
 NETWORKS = ("zeta", "delta_context", "delta", "delta_blind", "psi", "rho", "sigma")
-CONTEXT_CHANNELS = (*TEXTURE, *DEPTH, *OBJECT, *POSITION, *MASK)
+CONTEXT_CHANNELS = (*TEXTURE, *EYES, *DEPTH, *OBJECT, *POSITION, *MASK)
 ZETA_CHANNELS = (*TEXTURE, *POSITION, *MASK)
 
 
@@ -53,22 +54,22 @@ _PIX2PIX_HD = CoarseToFineSize()
 
 CONFIGS = {
     "slim": Config(
-        RcanSize(2, 4, 24, tail=(24, 12), noise=8), ContextSize((8, 16, 32, 48, 64), (0, 1, 1, 1, 2)),
+        RcanSize(2, 4, 24, tail=(24, 12), noise=8), ContextSize((16, 32, 48, 64), (1, 1, 1, 2)),
         TranslatorSize((12, 24, 48), (1, 1, 2)), TranslatorSize((8, 16, 32), (1, 1, 1)),
         TranslatorSize((12, 24, 48), (1, 1, 2)), TranslatorSize((8, 16, 32), (1, 1, 1)),
     ),
     "compact": Config(
-        RcanSize(3, 4, 32, tail=(32, 16), noise=8), ContextSize((16, 32, 48, 72, 96), (0, 1, 1, 2, 3)),
+        RcanSize(3, 4, 32, tail=(32, 16), noise=8), ContextSize((32, 56, 88, 128), (1, 1, 2, 3)),
         TranslatorSize((16, 40, 80), (1, 2, 3)), TranslatorSize((12, 24, 48), (1, 1, 2)),
         TranslatorSize((16, 40, 80), (1, 2, 3)), TranslatorSize((12, 24, 48), (1, 1, 2)),
     ),
     "wide": Config(
-        RcanSize(5, 10, 64, tail=(64, 32), noise=8), ContextSize((48, 64, 96, 128, 192), (1, 2, 2, 2, 3)),
+        RcanSize(5, 10, 64, tail=(64, 32), noise=8), ContextSize((64, 96, 128, 192), (2, 2, 2, 3)),
         TranslatorSize((48, 96, 192), (1, 2, 6)), TranslatorSize((32, 64, 128), (1, 2, 6)),
         TranslatorSize((48, 96, 192), (1, 2, 6)), TranslatorSize((32, 64, 128), (1, 2, 6)),
     ),
     "paper": Config(
-        RcanSize(10, 20, 64, tail=(64, 64)), ContextSize((48, 64, 96, 128, 192), (1, 2, 2, 2, 3)),
+        RcanSize(10, 20, 64, tail=(64, 64)), ContextSize((64, 96, 128, 192), (2, 2, 2, 3)),
         _PIX2PIX_HD, _PIX2PIX_HD, _PIX2PIX_HD, _PIX2PIX_HD,
     ),
 }  # fmt: skip

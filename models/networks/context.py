@@ -2,28 +2,39 @@
 
 A tile cannot know where the light comes from. This network sees the whole chart once, at a small size, and hands the
 logarithm of the baked light to every tile. It always runs on the whole, so it may normalise over it.
+
+Nobody can tell a dark face in bright light from a fair one in dim light by skin alone, and the exposure of a photo says
+nothing of either. So the network works on the texture relative to its own mean, and is told the light that the whites
+of the eyes show, where they are seen.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from models.colour import linear
+from models.colour import linear, srgb
 from models.networks.blocks import activation
 
 WIDTH, HEIGHT = 288, 192
 DARKEST = 1.0 / 255.0 / 12.92
 """Linear value of the darkest code but black; logarithms stop here."""
 
+USUAL = 0.16
+"""Mean albedo of skin from which the network starts, and to which the texture is brought before it is looked at."""
+
+CLIPPED = 0.97
+"""Code from which light may be lost to overexposure."""
+
 
 @dataclass(frozen=True)
 class ContextSize:
-    """Widths and numbers of blocks at full, 1/2, 1/4, ... of the size; sides are multiples of 2 ** (levels - 1)."""
+    """Widths and numbers of blocks at 1/2, 1/4, ... of the size; sides are multiples of 2 ** levels."""
 
     widths: tuple[int, ...]
     blocks: tuple[int, ...]
@@ -46,12 +57,17 @@ class NormBlock(nn.Module):
 
 
 class ContextNet(nn.Module):
-    """Texture (sRGB-coded, [-1, 1]) and geometry -> log of (texture / diffuse albedo) per channel, linear values."""
+    """Texture (sRGB-coded, [-1, 1]), light of the eyes, geometry -> log of (texture / diffuse albedo), linear values.
+
+    The last channel is the mask. A texture that is brighter by a factor gives a light that is brighter by that factor,
+    as long as nothing is clipped.
+    """
 
     def __init__(self, channels: int, size: ContextSize) -> None:
         super().__init__()
         widths = size.widths
-        self.stem = nn.Conv2d(channels + 3, widths[0], 3, padding=1)
+        # Colours twice, coded and as logarithms, and where they are clipped.
+        self.stem = nn.Conv2d(4 * (channels + 4), widths[0], 3, padding=1)
         pairs = list(zip(widths, size.blocks, strict=True))
         self.before = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.down = nn.ModuleList(nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in itertools.pairwise(widths))
@@ -60,7 +76,7 @@ class ContextNet(nn.Module):
         self.merge = nn.ModuleList(nn.Conv2d(2 * w, w, 1) for w in widths[:-1])
         self.after = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.act = activation()
-        self.head = nn.Conv2d(widths[0], 3, 3, padding=1)
+        self.head = nn.Conv2d(widths[0], 12, 3, padding=1)
         nn.init.normal_(self.head.weight, std=0.01)
         nn.init.zeros_(cast(Tensor, self.head.bias))
 
@@ -69,9 +85,16 @@ class ContextNet(nn.Module):
         return nn.Sequential(*(NormBlock(width) for _ in range(count)))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, 3 + geometry, 192, 288) -> (N, 3, 192, 288)."""
-        logs = torch.log(linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)) * 0.25 + 0.5
-        y = self.stem(torch.cat([x, logs], 1))
+        """(N, 3 + 4 + geometry, 192, 288) -> (N, 3, 192, 288)."""
+        logs = torch.log(linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST))
+        mask = x[:, -1:].clamp(0.0, 1.0)
+        level = (logs.mean(1, keepdim=True) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-3)
+        level = level - math.log(USUAL)
+        light, known = x[:, 3:6], x[:, 6:7]
+        colours = (logs - level).clamp(-6.0, 2.0)
+        clipped = (x[:, :3].amax(1, keepdim=True) * 0.5 + 0.5 > CLIPPED).to(x.dtype)
+        seen = [srgb(torch.exp(colours)) * 2.0 - 1.0, colours * 0.4 + 0.8, clipped, (light - level) * known, x[:, 6:]]
+        y = self.stem(nn.functional.pixel_unshuffle(torch.cat(seen, 1), 2))
         kept = []
         for before, down in zip(self.before, self.down, strict=True):
             y = before(y)
@@ -81,4 +104,4 @@ class ContextNet(nn.Module):
         for i in reversed(range(len(kept))):
             y = self.up[i](nn.functional.interpolate(y, scale_factor=2.0, mode="nearest"))
             y = self.after[i](self.merge[i](torch.cat([y, kept[i]], 1)))
-        return cast(Tensor, self.head(self.act(y)))
+        return cast(Tensor, nn.functional.pixel_shuffle(self.head(self.act(y)), 2) + level)

@@ -9,17 +9,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from models.colour import linear, srgb
-from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import DARKEST
 from models.networks.stages import Delta
-from models.training.degrade import blur, gain, half_mirrored, lost_detail, noisy, smooth_field
-from models.training.store import Arrays, Patches, Wholes
+from models.training.degrade import gain, lost_detail, noisy, smooth_field
+from models.training.store import Patches
 from models.training.tasks import (
-    FLIPPED,
     Batch,
-    byte,
     channels,
-    choice,
     fixed_batches,
     fixed_items,
     patch_batch,
@@ -48,81 +44,6 @@ def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
     logs = torch.log(linear(albedo).clamp(min=DARKEST)) - torch.log(linear(truth).clamp(min=DARKEST))
     weight = mask / (mask.mean() + 1e-3)
     return ((coded + 0.2 * logs.abs().clamp(max=2.0) * 0.25) * weight).mean()
-
-
-class ContextTask:
-    """Whole charts, degraded as the fitting degrades them."""
-
-    def __init__(self, data: Path) -> None:
-        self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
-
-    def refresh(self) -> None:
-        """Read captures that came since the last time."""
-        self.train.refresh()
-        if not self.test.items:
-            self.test.refresh()
-
-    def batch(self, size: int, generator: torch.Generator) -> Batch:
-        """Random charts under random lights of theirs."""
-        batch = self.of([self._pick(generator) for _ in range(size)])
-        flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
-        for name in batch:
-            signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
-            batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
-        if torch.rand(1, generator=generator) < 0.35:
-            names = ["texture", "albedo"]
-            mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
-            batch.update(zip(names, mirrored, strict=True))
-        texture = gain(batch["texture"], generator)
-        batch["clean"] = texture
-        texture = blur(texture, float(uniform(generator, -0.4, 0.9, 1)))
-        batch["texture"] = noisy(texture, generator)
-        return batch
-
-    def held_out(self) -> list[Batch]:
-        """Two lights of each held-out capture."""
-        pairs = [(item, light) for item in self.test.items for light in (0, 1)][:24]
-        return [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
-
-    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
-        """log(texture / albedo)."""
-        inputs = torch.cat([batch["texture"] * 2.0 - 1.0, channels(batch, CONTEXT_CHANNELS[3:])], 1)
-        result: Tensor = network(inputs)
-        return result
-
-    def loss(self, result: Tensor, batch: Batch) -> Tensor:
-        """Of the albedo that follows."""
-        return albedo_loss(unlit(batch["clean"], result), batch["albedo"], channels(batch, ("mask",)))
-
-    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
-        """PSNR of albedo: the network's, and the texture's own."""
-        mask = channels(batch, ("mask",))
-        found = psnr(unlit(batch["clean"], result), batch["albedo"], mask)
-        return {"score": found, "texture_itself": psnr(batch["texture"], batch["albedo"], mask)}
-
-    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
-        """Texture, result and truth one below the other."""
-        rows = [batch["texture"], unlit(batch["clean"], result), batch["albedo"]]
-        return torch.cat([torch.cat(list(row[:3]), 2) for row in rows], 1)
-
-    def _pick(self, generator: torch.Generator) -> tuple[Arrays, int]:
-        item = self.train.items[choice(generator, len(self.train.items))]
-        return item, choice(generator, len(item["texture"]))
-
-    def seeds(self) -> list[int]:
-        """The subject of each item of the held-out batches."""
-        return [int(item["seed"]) for item in self.test.items for _ in (0, 1)][:24]
-
-    @staticmethod
-    def of(pairs: list[tuple[Arrays, int]]) -> Batch:
-        """Charts of (capture, light)."""
-        texture = torch.stack([byte(item["texture"][light]) for item, light in pairs])
-        return {
-            "texture": texture,
-            "clean": texture,
-            "albedo": torch.stack([byte(item["albedo"]) for item, _ in pairs]),
-            "geometry": torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs]),
-        }
 
 
 class DeltaTask:

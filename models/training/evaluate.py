@@ -20,7 +20,8 @@ from torch.nn import functional
 
 from models.lightstage.skin.subject import Subject
 from models.tables import write_between
-from models.training.albedo import ContextTask, log_light, unlit
+from models.training.albedo import log_light, unlit
+from models.training.context import ContextTask
 from models.training.degrade import blur
 from models.training.reflectance import NormalTask, angles, grey
 from models.training.tasks import Batch, Task, channels, psnr
@@ -103,8 +104,10 @@ def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row
         true = log_light(batch["clean"], albedo)
         found = unlit(batch["clean"], light)
         gain = ((light - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
+        blind = task.predict(network, batch | {"eyes": torch.zeros_like(batch["eyes"])})
         return {
             "network dB": psnr(found, albedo, mask),
+            "network, no eyes seen dB": psnr(unlit(batch["clean"], blind), albedo, mask),
             "network, best gain dB": psnr(unlit(batch["clean"], light - gain), albedo, mask),
             "texture itself dB": psnr(batch["texture"], albedo, mask),
             "divided by shading dB": psnr(divided(batch), albedo, mask),
@@ -199,12 +202,9 @@ def evaluate(network: str, data: Path, folder: Path) -> str:
         if network == "delta_context":
             task = ContextTask(data)
             task.refresh()
-            pairs = [(item, light) for item in task.test.items for light in (0, 1)]
-            batches = [task.of([pair]) for pair in pairs]
-            seeds = [int(item["seed"]) for item, _ in pairs]
-            return as_markdown(
-                "delta's context: albedo of whole charts", tabulate(batches, seeds, context_rows(task, module))
-            )
+            batches = single(task.held_out())
+            table = tabulate(batches, task.seeds(), context_rows(task, module))
+            return as_markdown("delta's context: albedo of whole charts", table)
         other = TASKS[network](data, 256)
         other.refresh()
         batches = single(other.held_out())

@@ -25,7 +25,8 @@ from torch import Tensor, nn
 from models.networks.configs import NETWORKS, build, parameters
 from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss
 from models.networks.stages import DeltaBlind
-from models.training.albedo import ContextTask, DeltaTask
+from models.training.albedo import DeltaTask
+from models.training.context import ContextTask
 from models.training.reflectance import NormalTask, PsiTask
 from models.training.super_resolution import ZetaTask
 from models.training.tasks import Batch, Task
@@ -63,7 +64,9 @@ class Trainer:
     def __init__(self, run: Run, task: Task, device: str) -> None:
         torch.manual_seed(run.seed)
         self.run, self.task, self.device = run, task, torch.device(device)
-        self.network = build(run.network, run.config).to(self.device, memory_format=torch.channels_last)
+        # Group normalisation, which the context alone has, is slow with channels last.
+        order = torch.contiguous_format if run.network == "delta_context" else torch.channels_last
+        self.network = build(run.network, run.config).to(self.device, memory_format=order)
         self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.Adam(self.network.parameters(), run.rate, betas=(0.9, 0.99))
         self.generator = torch.Generator().manual_seed(run.seed)

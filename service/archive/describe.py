@@ -130,11 +130,17 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
         super_resolution=made.super_resolution,
         runtime=made.runtime,
         precision=made.precision,
+        engines=dict(sorted(made.engines.items())),
         tile=made.tile,
         fallbacks=list(made.fallbacks),
         integration=None
         if solved is None
-        else m.Integration(solved.iterations, round(solved.residual, 9), round(solved.ignored_fraction, 9)),
+        else m.Integration(
+            solved.iterations,
+            round(solved.residual, 9),
+            round(solved.ignored_fraction, 9),
+            None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
+        ),
     )
 
 
@@ -154,6 +160,7 @@ def _fit(avatar: Avatar) -> m.FitReport:
         if alike is None
         else m.IdentitySimilarity(float(alike.distance), float(alike.centred_cosine), dict(alike.impostor)),
         light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
+        eye_light=None if fit.eye_light is None else [float(value) for value in fit.eye_light],
         gaze=None if fit.gaze is None else m.Gaze(fit.gaze.yaw_deg, fit.gaze.pitch_deg, len(fit.gaze.irises)),
         identity=fit.identity.tolist(),
         expression=weights_by_name(avatar.head.expression_names, fit.expression),

@@ -130,6 +130,8 @@ class Integration(_Strict):
     """What is left of the equations, as a share of the right-hand side."""
     ignored_fraction: Fraction
     """Share of the texels whose normals were not usable."""
+    cut_fraction: Fraction | None
+    """Share of the equations between neighbours that were given up for cliffs; null at levels that give up none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +145,10 @@ class Reflectance(_Strict):
     super_resolution: bool
     """Whether a network enlarged the texture; else it was resampled."""
     runtime: Literal["onnxruntime", "openvino"]
+    """Of most networks."""
     precision: Literal["fp32", "bf16"]
+    engines: dict[str, str]
+    """Runtime and precision of each network, for example "openvino bf16"."""
     tile: Annotated[int, Gt(0)]
     """Inner side of the tiles; the result does not depend on it."""
     fallbacks: list[str]
@@ -214,6 +219,8 @@ class FitReport(_Strict):
     identity_similarity: IdentitySimilarity | None
     light: Light | None
     """Null where options.fit is "landmarks", or, with the warning "no-light", where too little lit skin is seen."""
+    eye_light: Triple | None
+    """What a white surface in place of the whites of the eyes would show, linear RGB of the photo; null if not seen."""
     gaze: Gaze | None
     """Null for a head without eyeballs."""
     identity: list[float]

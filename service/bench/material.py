@@ -181,5 +181,5 @@ def from_photo(data: bytes, texture_size: tuple[int, int] | None, side: int, fol
     from service.pipeline import make_avatar
 
     avatar = make_avatar(data, Options(maps=TEXTURE_MAPS, size=texture_size or TEXTURE_SIZE, face="largest"))
-    subject = Subject.of(avatar.head, avatar.fit.vertices)
+    subject = Subject.of(avatar.head, avatar.fit.vertices, eye_light=avatar.fit.eye_light)
     prepare(subject, avatar.texture.texture, avatar.texture.confidence, side, folder)

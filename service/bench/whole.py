@@ -79,7 +79,7 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     enlarged = options.level.super_resolution and options.map_size[0] >= SMALLEST_ENLARGED
     plan = Plan.of(roles, super_resolution=enlarged and set(NETWORKS["super_resolution"]) <= there)
     avatar = make_avatar(photo, replace(options, maps=TEXTURE_MAPS, size=options.texture_size))
-    subject = Subject.of(avatar.head, avatar.fit.vertices)
+    subject = Subject.of(avatar.head, avatar.fit.vertices, eye_light=avatar.fit.eye_light)
     reflectance = make_reflectance(
         avatar.texture.texture, subject, plan, options.map_size, run.engine, tile=run.tile
     )  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from service.errors import FitFailed
 from service.faces.face import Face
 from service.fit.basis import LandmarkModel
+from service.fit.eye_white import eye_white_light
 from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
 from service.fit.result import Fit
@@ -120,6 +121,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         float(inter_ocular),
         tuple(warnings),
         gaze,
+        eye_white_light(photo.pixels, gaze),
         face.landmarks[list(MOUTH_RIM), :2],
     )
 

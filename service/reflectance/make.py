@@ -27,7 +27,7 @@ from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
-from service.reflectance.subject import GEOMETRY, Subject
+from service.reflectance.subject import EYES, GEOMETRY, Subject
 from service.reflectance.super_resolution import enlarge, resample
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
@@ -82,6 +82,7 @@ def make_reflectance(
     planes.add_coarse(GEOMETRY, geometry)
     if subject.seen is not None:
         planes.add_coarse([SEEN], subject.seen[None])
+    planes.add_coarse(EYES, subject.eyes)
     skin = subject.skin(size)
     made = _Maps()
 
@@ -103,7 +104,7 @@ def make_reflectance(
         made.diffuse_normal = run("diffuse_normal", lambda told: normals.tangent_normals(normals.DIFFUSE, job(told)))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
-        found = run("displacement", lambda told: _displaced(bumps, subject, size, skin))
+        found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
         made.displacement, made.integration = found[0], Integration(*found[1:])
     return Reflectance(
         size=size,
@@ -116,16 +117,18 @@ def make_reflectance(
         precision=engine.precision,
         tile=tile,
         super_resolution="super_resolution" in plan.stages,
-        fallbacks=_fallbacks(plan, engine),
+        fallbacks=_fallbacks(plan, engine, subject),
         models=plan.networks,
+        engines=engine.told(plan.networks),
         integration=made.integration,
         timings_s=run.timings,
     )
 
 
-def _fallbacks(plan: Plan, engine: Engine) -> tuple[str, ...]:
+def _fallbacks(plan: Plan, engine: Engine, subject: Subject) -> tuple[str, ...]:
     resampled = ("texture-resampled",) if "super_resolution" not in plan.stages else ()
-    return (*resampled, *(("bf16-needs-openvino",) if engine.precision == "fp32" and lacks_openvino() else ()))
+    blind = ("light-from-skin-alone",) if "diffuse_albedo" in plan.stages and subject.eye_light is None else ()
+    return (*resampled, *blind, *(("bf16-needs-openvino",) if engine.precision == "fp32" and lacks_openvino() else ()))
 
 
 class _Maps:
@@ -160,17 +163,21 @@ class _Run:
 
 
 def _displaced(
-    bumps: npt.NDArray[np.int16], subject: Subject, size: tuple[int, int], skin: npt.NDArray[np.uint8]
-) -> tuple[Codes, int, float, float]:
+    bumps: npt.NDArray[np.int16],
+    subject: Subject,
+    size: tuple[int, int],
+    skin: npt.NDArray[np.uint8],
+    keep_cliffs: bool,
+) -> tuple[Codes, int, float, float, float | None]:
     """Displacement codes, and the numbers of :class:`Integration`."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
     islands = subject.islands(size)
     surface = (islands == part) & (skin > 0)
-    height, facts = displacement(bumps, steps, surface)
+    height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
     height *= skin * np.float32(1 / 255)
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     continue_beyond(height, surface, islands == NO_PART)
-    return encode(height), facts.iterations, facts.residual, facts.ignored_fraction
+    return encode(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction

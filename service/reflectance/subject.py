@@ -28,6 +28,9 @@ GEOMETRY = (
 )
 """Channels of :attr:`Subject.geometry` in order."""
 
+EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
+"""Logarithm of the light that the whites of the eyes show, the same in all texels, and 1 where it is known, else 0."""
+
 _SHIFT = 4
 
 
@@ -40,12 +43,14 @@ class Subject:
         vertices: (V, 3) metres with the photo's expression.
         chart: of ``head`` at ``GEOMETRY_SIZE``.
         seen: (h, w) float32, 1 where the texture's colour came from the photo, 0 where it was made up; None: all seen.
+        eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.eye_white``); None: not known.
     """
 
     head: HeadModel
     vertices: npt.NDArray[np.floating]
     chart: Chart
     seen: Float | None = None
+    eye_light: npt.NDArray[np.floating] | None = None
 
     @classmethod
     def of(
@@ -53,10 +58,18 @@ class Subject:
         head: HeadModel,
         vertices: npt.NDArray[np.floating],
         confidence: npt.NDArray[np.uint8] | None = None,
+        eye_light: npt.NDArray[np.floating] | None = None,
     ) -> Subject:
         """Draw the chart of a head; ``confidence`` is the texture's, of any size."""
         seen = None if confidence is None else (confidence > 0).astype(np.float32)
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), seen)
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), seen, eye_light)
+
+    @property
+    def eyes(self) -> Float:
+        """(4, 2, 2) float32 channels ``EYES``, the same at all texels; all 0 where the light is not known."""
+        known = self.eye_light is not None and bool((np.asarray(self.eye_light) > 0).all())
+        logs = np.log(np.asarray(self.eye_light, np.float64)) if known else np.zeros(3)
+        return np.broadcast_to(np.append(logs, float(known))[:, None, None], (4, 2, 2)).astype(np.float32)
 
     @cached_property
     def geometry(self) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -11,7 +13,7 @@ from torch import Tensor, nn  # noqa: E402
 from models.colour import linear, srgb  # noqa: E402
 from models.networks.blocks import initialise, shuffle_head  # noqa: E402
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize  # noqa: E402
-from models.networks.configs import CONFIGS, NETWORKS, Zeta, build, parameters  # noqa: E402
+from models.networks.configs import CONFIGS, CONTEXT_CHANNELS, NETWORKS, Zeta, build, parameters  # noqa: E402
 from models.networks.context import HEIGHT, WIDTH  # noqa: E402
 from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss  # noqa: E402
 from models.networks.stages import StageNet  # noqa: E402
@@ -154,7 +156,32 @@ def test_context_takes_the_whole_chart() -> None:
     """And gives three logarithms of light."""
     network = build("delta_context", "slim").eval()
     with torch.no_grad():
-        assert network(torch.zeros(1, 11, HEIGHT, WIDTH)).shape == (1, 3, HEIGHT, WIDTH)
+        assert network(torch.zeros(1, len(CONTEXT_CHANNELS), HEIGHT, WIDTH)).shape == (1, 3, HEIGHT, WIDTH)
+
+
+def test_context_knows_no_exposure() -> None:
+    """Half the light in texture and eyes is half the light found: what exposure a photo had, says nothing of skin."""
+    torch.manual_seed(3)
+    network = build("delta_context", "slim").eval()
+    nn.init.normal_(network.head.weight, std=0.3)
+    x = torch.rand(1, len(CONTEXT_CHANNELS), 64, 96) * 2 - 1
+    x[:, :3] = x[:, :3] * 0.3 + 0.1
+    x[:, -1] = (x[:, -1] > 0).float()
+    x[:, 3:7] = torch.tensor([-0.7, -0.9, -1.1, 1.0]).view(1, 4, 1, 1)
+    dim = x.clone()
+    dim[:, :3] = srgb(linear(x[:, :3] * 0.5 + 0.5) * 0.5) * 2 - 1
+    dim[:, 3:6] -= math.log(2.0)
+    with torch.no_grad():
+        assert (network(x) - network(dim) - math.log(2.0)).abs().max() < 1e-3
+
+
+@pytest.mark.parametrize("value", [-1.0, 1.0])
+def test_context_is_finite_for_black_and_white_and_no_mask(value: float) -> None:
+    """The mean over an empty mask, and the logarithm of black, would not be."""
+    network = build("delta_context", "slim").eval()
+    with torch.no_grad():
+        assert network(torch.full((1, len(CONTEXT_CHANNELS), 32, 48), value)).isfinite().all()
+        assert network(torch.zeros(1, len(CONTEXT_CHANNELS), 32, 48)).isfinite().all()
 
 
 def test_delta_leaves_light_that_the_context_explains() -> None:

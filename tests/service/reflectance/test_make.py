@@ -112,6 +112,16 @@ def test_one_map_runs_only_what_it_needs(role: str, tmp_path: Path, subject: Sub
     assert made.models == plan.networks
 
 
+def test_light_of_the_eyes_reaches_the_context_or_its_absence_is_told(engine: Engine, subject: Subject) -> None:
+    """Another light gives another albedo; without one the fallback says so, and nothing becomes NaN."""
+    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    brighter, unseen = (replace(subject, eye_light=light) for light in (np.array([0.9, 0.9, 0.9]), None))
+    first, second, third = (make_reflectance(noise(), s, plan, (96, 64), engine) for s in (subject, brighter, unseen))
+    assert first.diffuse_albedo is not None and not np.array_equal(first.diffuse_albedo, second.diffuse_albedo)
+    assert "light-from-skin-alone" in third.fallbacks and "light-from-skin-alone" not in first.fallbacks
+    assert not unseen.eyes.any() and np.isfinite(replace(subject, eye_light=np.zeros(3)).eyes).all()
+
+
 def test_a_network_with_other_channels_needs_no_change_of_code(tmp_path: Path, subject: Subject) -> None:
     """delta without context and geometry: delta_context is not loaded, here not even there."""
     write_models(tmp_path, {"delta": toy_net("delta", TEXTURE, ("r", "g", "b"))})

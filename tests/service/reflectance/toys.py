@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from service.reflectance.subject import Subject
+from service.reflectance.subject import EYES, Subject
 from tests.service.runtime.toynets import toy_net, write_models
 from tests.toyhead import sphere_head
 
@@ -28,7 +28,7 @@ def toy_models() -> dict[str, bytes]:
         "zeta_body": toy_net("zeta_body", (*TEXTURE, *POSITION, "mask"), features, whole=TEXTURE_SIZE, seed=1),
         "zeta_tail": toy_net("zeta_tail", (*features, "noise_0", *TEXTURE), RGB, scale=8, seed=2),
         "delta_context": toy_net(
-            "delta_context", (*TEXTURE, "depth", *OBJECT, "mask"), context, whole=(48, 32), seed=3
+            "delta_context", (*TEXTURE, *EYES, "depth", *OBJECT, "mask"), context, whole=(48, 32), seed=3
         ),
         "delta": toy_net("delta", (*TEXTURE, *context, "depth", *OBJECT, *POSITION, "mask"), ALBEDO, seed=4),
         "psi": toy_net("psi", (*ALBEDO, *POSITION), ("specular_albedo",), seed=5),
@@ -43,7 +43,7 @@ def toy_folder(folder: Path) -> Path:
 
 def toy_subject() -> Subject:
     head = sphere_head()
-    return Subject.of(head, head.mean)
+    return Subject.of(head, head.mean, eye_light=np.array([0.5, 0.45, 0.4]))
 
 
 def noise(seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

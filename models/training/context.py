@@ -1,0 +1,165 @@
+"""Task of delta's context: whole charts, and what the whites of the eyes would show of their light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from models.colour import linear, srgb
+from models.networks.configs import CONTEXT_CHANNELS
+from models.networks.context import DARKEST, HEIGHT, WIDTH
+from models.training.albedo import albedo_loss, log_light, unlit
+from models.training.degrade import blur, gain, half_mirrored, noisy
+from models.training.store import Arrays, Wholes
+from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
+from service.geometry.chart import Chart
+from service.head.files import load_head
+from service.reflectance.subject import EYES
+
+EYES_KNOWN = 0.85
+"""Share of training charts with whites of the eyes to be seen."""
+
+SHADE = (-0.5, 0.38)
+"""Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
+with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
+
+SWAPPED, ALIKE = 0.5, 0.3
+"""Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
+
+HELD_OUT_SEED, MOST_HELD_OUT = 11, 40
+
+
+def lid_zones() -> Tensor:
+    """(2, h, w) weights of the skin round either eye on the context's chart, each of sum 1."""
+    head = load_head(None)
+    chart = Chart.build(head, WIDTH, HEIGHT)
+    zones = []
+    for side in ("left", "right"):
+        weight = chart.interpolate(head.region(f"eyelid_{side}")[:, None])[..., 0] * chart.mask
+        zones.append(torch.from_numpy(np.asarray(weight / weight.sum(), np.float32)))
+    return torch.stack(zones)
+
+
+def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
+    """(N, 4) channels ``EYES`` as a photo would give them: the light of the lids, less what they shade, and errors.
+
+    Args:
+        light: (N, 3, h, w) log light of the skin.
+        zones: of :func:`lid_zones`.
+        known: (N,) 1 where the whites are seen; the light is 0 elsewhere.
+        generator: which eye is seen, shade and errors.
+    """
+    n = len(light)
+    both = torch.einsum("nchw,ehw->nec", light, zones)
+    share = torch.tensor([0.0, 0.5, 0.5, 1.0])[torch.randint(4, (n,), generator=generator)][:, None]
+    shade = SHADE[0] + SHADE[1] * torch.randn(n, 1, generator=generator)
+    tint = 0.06 * torch.randn(n, 3, generator=generator)
+    seen = share * both[:, 0] + (1.0 - share) * both[:, 1] + shade + tint
+    return torch.cat([seen * known[:, None], known[:, None]], 1)
+
+
+def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
+    """One subject's light on another's skin, where both are about as dark; else the first subject as it was.
+
+    The light of a capture includes reflections at the surface, which count for more on dark skin; hence the bound.
+    """
+    mask = torch.from_numpy(item["geometry"][-1:].astype("float32"))
+    albedo, skin = byte(item["albedo"]), byte(other["albedo"])
+    apart = (torch.log(linear(skin).clamp(min=DARKEST)) - torch.log(linear(albedo).clamp(min=DARKEST))) * mask
+    texture = byte(item["texture"][light])
+    if float(apart.sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
+        change = linear(skin).clamp(min=DARKEST) / linear(albedo).clamp(min=DARKEST)
+        texture, albedo = srgb(linear(texture) * change), skin
+    coded = {"texture": texture[None], "albedo": albedo}
+    return {**item, **{name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}}
+
+
+class ContextTask:
+    """Whole charts, degraded as the fitting degrades them, with the light that the whites of the eyes would show."""
+
+    def __init__(self, data: Path) -> None:
+        self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
+        self.lids = lid_zones()
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+        self.train.refresh()
+        if not self.test.items:
+            self.test.refresh()
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random charts under random lights of theirs."""
+        batch = self.of([self._pick(generator) for _ in range(size)])
+        flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
+        for name in batch:
+            signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
+            batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
+        if torch.rand(1, generator=generator) < 0.35:
+            names = ["texture", "albedo"]
+            mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
+            batch.update(zip(names, mirrored, strict=True))
+        texture = gain(batch["texture"], generator)
+        batch["clean"] = texture
+        known = (torch.rand(size, generator=generator) < EYES_KNOWN).float()
+        batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, known, generator)
+        texture = blur(texture, float(uniform(generator, -0.4, 0.9, 1)))
+        batch["texture"] = noisy(texture, generator)
+        return batch
+
+    def held_out(self) -> list[Batch]:
+        """Two lights of each held-out capture."""
+        pairs = [(item, light) for item in self.test.items for light in (0, 1)][:MOST_HELD_OUT]
+        generator = torch.Generator().manual_seed(HELD_OUT_SEED)
+        batches = [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
+        for batch in batches:
+            light = log_light(batch["texture"], batch["albedo"])
+            batch["eyes"] = eye_light(light, self.lids, torch.ones(len(light)), generator)
+        return batches
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """log(texture / albedo)."""
+        texture = batch["texture"] * 2.0 - 1.0
+        eyes = batch["eyes"][:, :, None, None].expand(-1, -1, *texture.shape[2:])
+        inputs = torch.cat([texture, eyes, channels(batch, CONTEXT_CHANNELS[3 + len(EYES) :])], 1)
+        result: Tensor = network(inputs)
+        return result
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """Of the albedo that follows."""
+        return albedo_loss(unlit(batch["clean"], result), batch["albedo"], channels(batch, ("mask",)))
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """PSNR of albedo: the network's, and the texture's own."""
+        mask = channels(batch, ("mask",))
+        found = psnr(unlit(batch["clean"], result), batch["albedo"], mask)
+        return {"score": found, "texture_itself": psnr(batch["texture"], batch["albedo"], mask)}
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Texture, result and truth one below the other."""
+        rows = [batch["texture"], unlit(batch["clean"], result), batch["albedo"]]
+        return torch.cat([torch.cat(list(row[:3]), 2) for row in rows], 1)
+
+    def _pick(self, generator: torch.Generator) -> tuple[Arrays, int]:
+        item = self.train.items[choice(generator, len(self.train.items))]
+        light = choice(generator, len(item["texture"]))
+        if float(uniform(generator, 0.0, 1.0, 1)) < SWAPPED:
+            return relit(item, light, self.train.items[choice(generator, len(self.train.items))]), 0
+        return item, light
+
+    def seeds(self) -> list[int]:
+        """The subject of each item of the held-out batches."""
+        return [int(item["seed"]) for item in self.test.items for _ in (0, 1)][:MOST_HELD_OUT]
+
+    @staticmethod
+    def of(pairs: list[tuple[Arrays, int]]) -> Batch:
+        """Charts of (capture, light)."""
+        texture = torch.stack([byte(item["texture"][light]) for item, light in pairs])
+        return {
+            "texture": texture,
+            "clean": texture,
+            "albedo": torch.stack([byte(item["albedo"]) for item, _ in pairs]),
+            "geometry": torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs]),
+        }
