@@ -25,7 +25,7 @@ STRENGTH_WINDOW = 16
 
 
 def local_strength(slopes: Tensor) -> Tensor:
-    """(N, 1, h, w) root mean square of slopes (N, 2, h, w) around each texel.
+    """(N, 1, h, w) root mean square of slopes (N, C, h, w) around each texel.
 
     Where colour says little about a pore's place, the least error is a flat map. Skin is not flat; so the strength of
     its relief is asked for by itself.
@@ -85,6 +85,14 @@ class PsiTask(_AlbedoTask):
     """Diffuse albedo -> specular albedo."""
 
     wanted = ("specular",)
+    usual = 0.5
+    """Mean over the training subjects: the best that can be said without looking."""
+
+    def refresh(self) -> None:
+        """Read captures that came since the last time."""
+        super().refresh()
+        sums = [((item["mask"] > 127) * (item["specular"] / 255.0)).sum() for item in self.train.items]
+        self.usual = float(sum(sums) / max(sum((item["mask"] > 127).sum() for item in self.train.items), 1))
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Specular albedo in [0, 1]."""
@@ -93,20 +101,25 @@ class PsiTask(_AlbedoTask):
         return result * 0.5 + 0.5
 
     def loss(self, result: Tensor, batch: Batch) -> Tensor:
-        """L1, and of differences between neighbours."""
+        """L1, of differences between neighbours, and of how strong the detail is, as for normals."""
         truth, mask = batch["specular"], batch["mask"]
+        weight = mask / (mask.mean() + 1e-3)
         edges = sum((result.diff(dim=d) - truth.diff(dim=d)).abs().mean() for d in (2, 3))
-        return ((result - truth).abs() * mask).mean() / (mask.mean() + 1e-3) + 0.5 * edges
+        fine = [local_strength(x - blur(x, 3.0)) for x in (result, truth)]
+        strength = ((fine[0] - fine[1]).abs() * weight).mean()
+        return ((result - truth).abs() * weight).mean() + 0.5 * edges + STRENGTH_WEIGHT * strength
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
-        """Mean absolute error against that of the mean value, and the share of fine detail."""
+        """Mean absolute error, that of the usual value and of the unknown true mean; share of fine detail."""
         truth, mask = batch["specular"], batch["mask"]
         count = mask.sum() + 1e-6
         error = float(((result - truth).abs() * mask).sum() / count)
         mean = (truth * mask).sum() / count
-        flat = float(((truth - mean).abs() * mask).sum() / count)
+        flat, told = (float(((truth - level).abs() * mask).sum() / count) for level in (self.usual, mean))
         detail = [(x - blur(x, 3.0)).mul(mask).std() for x in (result, truth)]
-        return {"score": -error, "flat": -flat, "detail": float(detail[0] / (detail[1] + 1e-9))}
+        return {
+            "score": -error, "flat": -flat, "flat_true_mean": -told, "detail": float(detail[0] / (detail[1] + 1e-9))
+        }  # fmt: skip
 
     def sheet(self, result: Tensor, batch: Batch) -> Tensor:
         """Albedo, result and truth one below the other."""

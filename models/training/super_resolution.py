@@ -18,9 +18,23 @@ from service.reflectance.subject import GEOMETRY
 SMALL = 48
 """Pixels of the 576 x 384 texture along a patch of 512 texels of the full chart."""
 
+PLAIN_EVERY = 3
+"""Every third crop of a batch has no noise: there the network is to say what is most likely, and only that."""
+
+PLAIN_WEIGHT = 0.4
+"""Of the plain difference where there is noise: no noise can know where the true pores are."""
+
+
+def made_up(batch: Batch) -> Tensor:
+    """(N,) which items have noise to make detail of."""
+    return batch["noise"].flatten(1).abs().amax(1) > 0.0
+
 
 class ZetaTask:
-    """Pairs of patches; the small one is the large one by area, then blurred and noisy as fitted textures are."""
+    """Pairs of patches; the small one is the large one by area, then blurred and noisy as fitted textures are.
+
+    Noise is the knob of made-up detail: without it the result is the best guess, with it it looks like skin.
+    """
 
     def __init__(self, data: Path, side: int = 32, noise: int = 8) -> None:
         wanted = ("texture", "mask", "geometry")
@@ -48,11 +62,13 @@ class ZetaTask:
         batch["large"] = both[..., :split].reshape(batch["large"].shape)
         small = blur(both[..., split:].reshape(batch["small"].shape), float(uniform(generator, -0.6, 0.7, 1)))
         batch["small"] = noisy(small, generator)
-        batch["noise"] = torch.randn(size, self.noise, self.side, self.side, generator=generator)
+        noise = torch.randn(size, self.noise, self.side, self.side, generator=generator)
+        noise[::PLAIN_EVERY] = 0.0
+        batch["noise"] = noise
         return batch
 
     def held_out(self) -> list[Batch]:
-        """Whole patches."""
+        """Whole patches, first all without noise, then all with it."""
         items = self.test.items[:16]
         generator = torch.Generator().manual_seed(1)
         batches = []
@@ -61,11 +77,11 @@ class ZetaTask:
             batch = {name: torch.stack([p[name] for p in pairs]) for name in pairs[0]}
             batch["noise"] = torch.randn(len(pairs), self.noise, SMALL, SMALL, generator=generator)
             batches.append(batch)
-        return batches
+        return [batch | {"noise": torch.zeros_like(batch["noise"])} for batch in batches] + batches
 
     def seeds(self) -> list[int]:
         """The subject of each item of the held-out batches."""
-        return [int(item["seed"]) for item in self.test.items[:16]]
+        return 2 * [int(item["seed"]) for item in self.test.items[:16]]
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Large texture in [0, 1]."""
@@ -77,19 +93,21 @@ class ZetaTask:
     def loss(self, result: Tensor, batch: Batch) -> Tensor:
         """L1 of what the small texture can know, that is of both after a small blur, and of the plain difference."""
         truth, mask = batch["large"], self._mask(batch)
-        plain = ((result - truth).abs() * mask).mean()
+        noisy = made_up(batch).float().view(-1, 1, 1, 1)
+        plain = ((result - truth).abs() * mask * (1.0 - (1.0 - PLAIN_WEIGHT) * noisy)).mean()
         known = ((blur(result, 3.0) - blur(truth, 3.0)).abs() * mask).mean()
         return plain + 2.0 * known
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
-        """PSNR against bicubic; likeness when made small again; share of fine detail."""
+        """Without noise: PSNR against bicubic. With it: likeness when made small again, and share of fine detail."""
         truth, mask = batch["large"], self._mask(batch)
         cubic = functional.interpolate(batch["small"], scale_factor=float(SCALE), mode="bicubic").clamp(0.0, 1.0)
         back = functional.interpolate(result, scale_factor=1.0 / SCALE, mode="area")
         fine = [((x - blur(x, 2.0)) * mask).std() for x in (result, cubic, truth)]
+        if not made_up(batch).any():
+            return {"score": psnr(result, truth, mask), "bicubic": psnr(cubic, truth, mask)}
         return {
-            "score": psnr(result, truth, mask),
-            "bicubic": psnr(cubic, truth, mask),
+            "with_detail": psnr(result, truth, mask),
             "consistency_255": float((back - batch["small"]).abs().mean() * 255.0),
             "detail": float(fine[0] / (fine[2] + 1e-9)),
             "detail_bicubic": float(fine[1] / (fine[2] + 1e-9)),
@@ -103,8 +121,10 @@ class ZetaTask:
 
     @staticmethod
     def judged(batch: Batch, image: Tensor) -> Tensor:
-        """What the discriminator sees: the texture, and the smooth texture that it came from."""
+        """What the discriminator sees: textures made with noise, and the smooth textures that they came from."""
         base = functional.interpolate(batch["small"], scale_factor=float(SCALE), mode="bilinear", align_corners=False)
+        shown = made_up(batch)
+        image, base = image[shown], base[shown]
         # Detail is a few codes strong; enlarged, the discriminator need not learn to see it.
         return torch.cat([(image - base) * 8.0, base * 2.0 - 1.0], 1)
 

@@ -1,0 +1,106 @@
+"""How well the whites of the eyes tell the light: ``python -m benchmarks.eye_whites --data DIR``.
+
+Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
+light that ``service.fit.eye_white`` reads off the first photo is set beside the light that the lids show in the second.
+Mean and spread of the logarithm of their ratio are ``SHADE`` of ``models.training.context``. DIR is that of
+``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.heads import IctHeads, TexturedHead, subdivided, varied
+from benchmarks.render import LIGHTS, Shot, take
+from benchmarks.shoot import data_folder
+from service.colour import bytes_to_linear
+from service.faces.finder import FaceFinder
+from service.fit.eye_white import eye_white_light
+from service.fit.fit import fit_face
+from service.fit.gaze import Iris
+from service.head.files import load_head
+from service.photo.gate import read_photo
+
+Float = npt.NDArray[np.float64]
+
+FIRST_SEED = 300
+KNOWN_ALBEDO = 0.5
+YAWS = (0, 25, -20)
+AROUND = (3.4, 2.6)
+"""Half axes of the region of the lids round an eye, in radii of the iris."""
+
+
+def lid_light(radiance: Float, irises: tuple[Iris, ...]) -> Float:
+    """(3,) mean log light on the skin round the eyes, from linear (H, W, 3) of a head of known albedo."""
+    import cv2
+
+    found = []
+    for iris in irises:
+        y, x = np.indices(radiance.shape[:2])
+        middle = iris.rim.mean(0)
+        near = np.hypot(*((at - c) / (a * iris.radius) for at, c, a in zip((x, y), middle, AROUND, strict=True))) < 1
+        opening = np.zeros(near.shape, np.uint8)
+        cv2.fillPoly(opening, [np.rint(iris.rim).astype(np.int32)], 1)
+        lids = near & (cv2.dilate(opening, np.ones((5, 5), np.uint8)) == 0)
+        found.append(np.log(np.maximum(radiance[lids] / KNOWN_ALBEDO, 1e-4)).mean(0))
+    return np.asarray(np.mean(found, 0))
+
+
+def shot_pair(head: TexturedHead, shot: Shot, path: Path) -> tuple[bytes, Float]:
+    """PNG of the head, and linear radiance of the same head in known albedo; taken unless they are there."""
+    import cv2
+
+    plain = replace(head, colours=np.full_like(head.colours, KNOWN_ALBEDO))
+    for name, subject in (("skin", head), ("plain", plain)):
+        target = path.with_name(f"{path.name}_{name}")
+        if not target.with_name(f"{target.name}.npz").is_file():
+            take(subject, shot, target, samples=32)
+    image = np.asarray(cv2.imread(f"{path}_plain.png"), np.uint8)[..., ::-1]
+    return Path(f"{path}_skin.png").read_bytes(), bytes_to_linear(image).astype(np.float64)
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data")
+    parser.add_argument("--out", type=Path, default=Path("build/bench"))
+    parser.add_argument("--heads", type=int, default=10)
+    arguments = parser.parse_args()
+    data, out = data_folder(arguments.data), arguments.out
+    os.nice(10)
+    if not (out / "skin.npy").is_file():
+        raise SystemExit(f"{out}/skin.npy is missing; run benchmarks.shoot first")
+    colours = np.asarray(np.load(out / "skin.npy"))
+    heads, model, finder = IctHeads(data / "ict_facekit_head.npz"), load_head(), FaceFinder()
+    rows = []
+    for seed in range(FIRST_SEED, FIRST_SEED + arguments.heads):
+        vertices, eyes = heads.sample(seed)
+        fine, triangles = subdivided(vertices, heads.triangles, 2)
+        head = TexturedHead(f"eyes{seed}", fine, triangles, varied(colours, seed), eyes, 0.0121)
+        for light in LIGHTS:
+            shot = Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
+            photo_bytes, plain = shot_pair(head, shot, out / f"eyes{seed}_{light}")
+            photo = read_photo(photo_bytes)
+            faces = finder.find(photo.pixels)
+            fit = fit_face(faces[0], photo, model) if faces else None
+            if fit is None or fit.eye_light is None or fit.gaze is None:
+                print(f"| {seed} | {light} | not seen | |")
+                continue
+            ratio = np.log(fit.eye_light) - lid_light(plain, fit.gaze.irises)
+            rows.append(ratio)
+            print(f"| {seed} | {light} | {ratio.mean():.2f} | {np.round(ratio - ratio.mean(), 2).tolist()} |", flush=True)
+    table = np.stack(rows)
+    strength = table.mean(1)
+    tint = table - strength[:, None]
+    print(f"log(eyes / lids): mean {strength.mean():.2f}, standard deviation {strength.std():.2f}, ", end="")
+    print(f"tint {tint.std():.2f}; {len(rows)} photos")
+
+
+if __name__ == "__main__":
+    main()
