@@ -3,8 +3,9 @@
     python -m benchmarks.chaos --kills 100
 
 Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
-worker alone, at a random moment. Afterwards every job that was answered with 202 must have succeeded, its archive must
-be that of an undisturbed run byte for byte, and no stage whose result was on the disk may have been computed again.
+worker alone, at a random moment: two of three while a job is at work, the others soon after a start. Afterwards every
+job that was answered with 202 must have succeeded, its archive must be that of an undisturbed run byte for byte, and no
+stage whose result was on the disk may have been computed again.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ import httpx
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 
+_AT_WORK = 2 / 3
+
 
 @dataclass
 class Findings:
@@ -38,6 +41,7 @@ class Findings:
     Attributes:
         accepted: job -> (digest of the photo, seed).
         kills: number of kills by kind.
+        at_work: number of kills that met a job at work.
         states: number of jobs by their last state.
         wrong: jobs whose archive is not that of an undisturbed run.
         lost: jobs that did not succeed.
@@ -48,6 +52,7 @@ class Findings:
 
     accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
     kills: Counter[str] = field(default_factory=Counter)
+    at_work: int = 0
     states: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
@@ -61,7 +66,13 @@ class Findings:
 
 
 def chaos(
-    folder: Path, kills: int, *, posters: int = 3, seed: int = 1, settings: dict[str, Any] | None = None
+    folder: Path,
+    kills: int,
+    *,
+    posters: int = 3,
+    pause: float = 1.5,
+    seed: int = 1,
+    settings: dict[str, Any] | None = None,
 ) -> Findings:
     """Run it.
 
@@ -69,6 +80,7 @@ def chaos(
         folder: for the data of the service.
         kills: how many.
         posters: threads that post photos.
+        pause: seconds between two photos of one of them.
         seed: of the random choices.
         settings: further settings of the server.
     """
@@ -78,13 +90,17 @@ def chaos(
     server = Server(folder / "data", {"jobs": 2, **(settings or {})}, {LOG: str(log), SECONDS: "0.15"})
     findings, over = Findings(), threading.Event()
     server.start(ready=False)
-    arguments = (server, findings, over, 1.5)
+    arguments = (server, findings, over, pause)
     threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
     for thread in threads:
         thread.start()
     try:
         for _ in range(kills):
-            time.sleep(random_.uniform(0.2, 2.5))
+            if random_.random() < _AT_WORK and _at_work(log):
+                time.sleep(random_.uniform(0.0, 0.5))
+                findings.at_work += 1
+            else:
+                time.sleep(random_.uniform(0.0, 2.5))
             kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
             _kill(server, kind)
             findings.kills[kind] += 1
@@ -138,6 +154,20 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
             time.sleep(pause)
 
 
+def _at_work(log: Path, within: float = 60.0) -> bool:
+    """Wait until a stage begins; False where none does within the time."""
+    before, deadline = _size(log), time.monotonic() + within
+    while time.monotonic() < deadline:
+        if _size(log) > before:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
 def _kill(server: Server, kind: str) -> None:
     if kind == "worker":
         worker = server.worker()
@@ -179,13 +209,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--posters", type=int, default=3)
+    parser.add_argument("--pause", type=float, default=1.5, help="seconds between two photos of one poster")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
-    findings = chaos(folder, asked.kills, posters=asked.posters, seed=asked.seed)
+    findings = chaos(folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed)
     if findings.well():
         shutil.rmtree(folder)
-    print(f"{sum(findings.kills.values())} kills ({dict(findings.kills)}) in {findings.seconds:.0f} s")
+    kinds = ", ".join(f"{count} of {kind}" for kind, count in findings.kills.items())
+    print(f"{findings.kills.total()} kills ({kinds}; {findings.at_work} at work) in {findings.seconds:.0f} s")
     print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
     print(f"lost {len(findings.lost)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")
     for line in (*findings.lost, *findings.wrong, *findings.redone, *findings.leftovers):

@@ -14,6 +14,7 @@ from benchmarks.serving import Server
 from service.api.app import create_app
 from service.api.context import Context
 from service.jobs.settings import Settings
+from tests.service.databases import lay_out
 from tests.service.photo.badimages import picture, save
 
 TOY = "benchmarks.toy_job"
@@ -54,6 +55,7 @@ class Api:
 
 
 def open_api(settings: Settings) -> TestClient:
+    lay_out(settings.data)
     return TestClient(create_app(settings), base_url="http://localhost", raise_server_exceptions=False)
 
 

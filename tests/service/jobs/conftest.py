@@ -14,6 +14,7 @@ from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.jobs.store import NewJob, Store
 from service.jobs.worker import create_tables
+from tests.service.databases import lay_out
 
 TOY = "benchmarks.toy_job"
 
@@ -22,8 +23,8 @@ class Bench:
     """The parts of the service on a database of their own, without any process."""
 
     def __init__(self, data: Path) -> None:
-        self.settings = Settings(data=data, program=TOY, memory_mb=512, job_seconds=20)
-        data.mkdir(exist_ok=True)
+        self.settings = Settings(data=data, program=TOY, memory_mb=512, job_seconds=200)
+        lay_out(data)
         self.engine = connect(self.settings.database_url)
         create_tables(self.engine, self.settings)
         self.store = Store(self.engine)

@@ -1,0 +1,258 @@
+"""Faults of the machine and of clients, with a whole server."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import shutil
+import signal
+import socket
+import sqlite3
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+import service
+from benchmarks.load import _large_archive
+from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
+from benchmarks.toy_job import SECONDS, archive
+from tests.service.api.conftest import is_problem
+
+pytestmark = pytest.mark.slow
+
+WITHIN = 240.0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 16 MB and 300 files."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=16m,nr_inodes=300", "tmpfs", str(place)]
+    if shutil.which("mount") is None or subprocess.run(command, check=False, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here (root only)")
+    yield place
+    subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def fill(place: Path) -> Callable[[], None]:
+    """Use up all space; returns what gives it back."""
+    path = place / "filler"
+    with path.open("wb") as stream, contextlib.suppress(OSError):
+        while True:
+            stream.write(bytes(4096))
+            stream.flush()
+    return path.unlink
+
+
+def fill_names(place: Path) -> Callable[[], None]:
+    """Use up all files; returns what gives them back."""
+    folder = place / "names"
+    folder.mkdir()
+    for number in range(10_000):
+        try:
+            (folder / str(number)).touch()
+        except OSError as error:
+            assert error.errno == errno.ENOSPC
+            break
+    return lambda: shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("use_up", [fill, fill_names])
+def test_a_full_disk_takes_nothing_and_loses_nothing(
+    small_disk: Path, tmp_path: Path, use_up: Callable[[Path], Callable[[], None]]
+) -> None:
+    """No reserve here: space ends in the middle of whatever is going on, between the stages of a job too."""
+    server = Server(small_disk / "data", {"reserve_mb": 0}, {SECONDS: "2.0"})
+    server.log = tmp_path / "log"
+    server.start()
+    photo = small_photo(1)
+    with httpx.Client(base_url=server.url, timeout=90) as client:
+        job = post(client, photo, 2).json()["id"]
+        while client.get(f"/v1/avatars/{job}").json()["state"] == "queued":
+            time.sleep(0.05)
+        free = use_up(small_disk)
+        refused = post(client, small_photo(2), 2, "later")
+        assert refused.status_code in (500, 503, 507), refused.text
+        assert client.get("/livez").status_code == 200
+        time.sleep(8)
+        free()
+        state = wait_for(client, job, within=WITHIN)
+        # Either it waited, or it said that its result could not be stored; it is not lost.
+        assert state["state"] == "succeeded" or state["error"]["code"] in ("output", "internal"), state
+        again = post(client, small_photo(2), 2, "later")
+        assert again.status_code == 202
+        assert wait_for(client, again.json()["id"], within=WITHIN)["state"] == "succeeded"
+    assert server.stop() == 0
+    with contextlib.closing(sqlite3.connect(server.data / "jobs.sqlite")) as database:
+        assert database.execute("pragma integrity_check").fetchone() == ("ok",)
+
+
+def test_an_upload_under_way_is_finished_when_the_server_is_told_to_end(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", with_worker=False)
+    server.start(ready=False)
+    photo = small_photo(1)
+    with _upload(server, photo) as line:
+        assert server.process is not None
+        server.process.send_signal(signal.SIGTERM)
+        time.sleep(1.0)
+        assert server.process.poll() is None, "it did not wait for the upload"
+        line.sendall(photo[1000:])
+        assert line.recv(65536).startswith(b"HTTP/1.1 202")
+    assert server.process.wait(45) == 0
+    with contextlib.closing(sqlite3.connect(server.data / "jobs.sqlite")) as database:
+        assert database.execute("select state from avatarme_jobs").fetchall() == [("queued",)]
+
+
+def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", {"body_seconds": 100, "idle_seconds": 100})
+    server.start()
+    processes = server.processes()
+    with _upload(server, small_photo(1)):
+        assert server.process is not None
+        server.process.send_signal(signal.SIGTERM)
+        time.sleep(1.0)
+        begin = time.monotonic()
+        server.process.send_signal(signal.SIGTERM)
+        server.process.wait(20)
+        assert time.monotonic() - begin < 15, "it would have waited 30 s for the upload"
+    assert not [process for process in processes if Path(f"/proc/{process}/exe").exists()]
+
+
+@contextlib.contextmanager
+def _upload(server: Server, photo: bytes) -> Iterator[socket.socket]:
+    """A connection on which the first thousand bytes of a photo have been sent."""
+    head = (
+        f"POST /v1/avatars HTTP/1.1\r\nHost: localhost\r\nContent-Type: image/jpeg\r\nContent-Length: {len(photo)}\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as line:
+        line.sendall(head.encode() + photo[:1000])
+        deadline = time.monotonic() + 30
+        while not list((server.data / "incoming").glob("*")):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        yield line
+
+
+@pytest.mark.parametrize("reader", ["gone", "asleep"])
+def test_jobs_do_not_mind_a_log_that_nobody_reads(tmp_path: Path, reader: str) -> None:
+    server = Server(tmp_path / "data")
+    server.log = tmp_path / "pipe"
+    os.mkfifo(server.log)
+    end = os.open(server.log, os.O_RDONLY | os.O_NONBLOCK)
+    server.start()
+    if reader == "gone":
+        os.close(end)
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        for number in range(400 if reader == "asleep" else 20):  # a pipe holds 64 KiB
+            assert client.get("/v1/avatars", headers={"X-Request-Id": f"{number:0128d}"}).status_code == 200
+        assert wait_for(client, post(client, small_photo(1)).json()["id"], within=WITHIN)["state"] == "succeeded"
+    assert server.stop() == 0
+
+
+def test_clients_that_leave_in_a_download_leave_nothing_behind(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data")
+    server.start()
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        job = post(client, small_photo(1)).json()["id"]
+        wait_for(client, job, within=WITHIN)
+        _large_archive(server, job, 32)
+        address, process = f"/v1/avatars/{job}/archive.zip", server.processes()[0]
+        before = len(os.listdir(f"/proc/{process}/fd"))
+        for _ in range(20):
+            with httpx.stream("GET", server.url + address, timeout=60) as answer:
+                next(answer.iter_raw())
+        deadline = time.monotonic() + 30
+        while len(os.listdir(f"/proc/{process}/fd")) > before and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert len(os.listdir(f"/proc/{process}/fd")) <= before, "files or connections stay open"
+        etag = client.head(address).headers["etag"]
+        rest = client.get(address, headers={"Range": "bytes=1000000-", "If-Range": etag})
+        assert rest.status_code == 206
+        assert len(rest.content) == (32 << 20) - 1_000_000
+    server.stop()
+
+
+def test_a_job_goes_on_without_its_client_and_a_hundred_the_same_are_one(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", {"uploads": 200})
+    server.start()
+    photo = small_photo(1)
+
+    def send(number: int) -> httpx.Response:
+        with httpx.Client(base_url=server.url, timeout=WITHIN) as client:
+            return post(client, photo, 1, "the same")
+
+    answers = in_threads(100, send)  # every one of them hangs up
+    assert {answer.status_code for answer in answers} == {202}
+    (job,) = {answer.json()["id"] for answer in answers}
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        assert wait_for(client, job, within=WITHIN)["state"] == "succeeded"
+        assert [item["id"] for item in client.get("/v1/avatars").json()["items"]] == [job]
+        content = client.get(f"/v1/avatars/{job}/archive.zip").content
+    assert content == archive(hashlib.sha256(photo).hexdigest(), 1)
+    server.stop()
+
+
+def _flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def _swap(path: Path) -> None:
+    other = next(file for file in sorted(path.parent.glob("*.onnx")) if file.name != path.name)
+    path.write_bytes(other.read_bytes())
+
+
+@pytest.mark.parametrize("harm", [_flip, _swap, Path.unlink])
+def test_a_damaged_data_file_is_found_before_any_photo_is_taken(tmp_path: Path, harm: Callable[[Path], Any]) -> None:
+    """The server answers and says why it is not ready; a job waits in the queue rather than failing."""
+    source = Path(service.__file__).parent
+    shutil.copytree(source, tmp_path / "service", ignore=shutil.ignore_patterns("__pycache__"))
+    harm(next(iter(sorted((tmp_path / "service" / "data").rglob("*.onnx")))))
+    server = Server(tmp_path / "data", {"program": "service.jobs.child"})
+    whole = subprocess.Popen
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess, "Popen", lambda *a, **b: whole(*a, **{**b, "cwd": tmp_path}))
+        server.start(ready=False)
+    try:
+        with httpx.Client(base_url=server.url, timeout=60) as client:
+            deadline = time.monotonic() + WITHIN
+            while "data file" not in client.get("/readyz").text:
+                assert time.monotonic() < deadline, client.get("/readyz").text
+                time.sleep(0.2)
+            assert "data file" in is_problem(client.get("/readyz"), 503, "starting")["detail"]
+            assert client.get("/livez").status_code == 200
+            job = post(client, small_photo(1)).json()["id"]
+            time.sleep(2)
+            assert client.get(f"/v1/avatars/{job}").json()["state"] == "queued"
+    finally:
+        server.kill()
+
+
+def test_a_process_that_is_stopped_costs_only_time(tmp_path: Path) -> None:
+    """SIGSTOP to the worker and its job for a while: nobody takes it for lost, and it goes on."""
+    server = Server(tmp_path / "data", {}, {SECONDS: "1.0"})
+    server.start()
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        job = post(client, small_photo(1)).json()["id"]
+        while client.get(f"/v1/avatars/{job}").json()["state"] == "queued":
+            time.sleep(0.05)
+        stopped = server.processes()[1:]
+        for process in stopped:
+            os.kill(process, signal.SIGSTOP)
+        threading.Event().wait(5)
+        assert client.get("/livez").status_code == 200
+        for process in stopped:
+            with contextlib.suppress(OSError):
+                os.kill(process, signal.SIGCONT)
+        assert wait_for(client, job, within=WITHIN)["state"] == "succeeded"
+    server.stop()
