@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import Chart
 from service.reflectance.cliffs import cliff_part
-from service.reflectance.integrate import MOST_STEPS, TOLERANCE, integrate
+from service.reflectance.integrate import MOST_STEPS, TOLERANCE, divergence, solve
 from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.result import MID, SCALE_MM, Integration, unpack_normals
 
@@ -85,7 +85,11 @@ def displacement(
     right, down, usable = _differences(normals, steps, mask)
     asked = int(mask.sum())
     ignored = 1 - int(usable.sum()) / asked if asked else 0.0
-    solved = integrate(right, down, usable, tolerance=tolerance, most_steps=most_steps)
+    sources = divergence(right, down, usable)
+    if not keep_cliffs:
+        right = down = sources  # a map of 6144 x 4096 takes 100 MB
+    solved = solve(sources, usable, tolerance=tolerance, most_steps=most_steps)
+    del sources
     height, cut = solved.height, None
     if keep_cliffs:
         texel_mm = steps.texel_mm() * np.float32(steps.width / mask.shape[1])

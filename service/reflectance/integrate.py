@@ -64,10 +64,24 @@ def integrate(
     Raises:
         ValueError: the shapes differ.
     """
-    if not right.shape == down.shape == mask.shape or right.ndim != 2:
-        raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
+    sources = divergence(right, down, mask, edges)
+    return solve(sources, mask, tolerance=tolerance, most_steps=most_steps, edges=edges, start=start)
+
+
+def solve(
+    rest: Float,
+    mask: Mask,
+    *,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+    edges: Edges | None = None,
+    start: Float | None = None,
+) -> Heights:
+    """Heights from what :func:`divergence` made of slopes, which is overwritten: callers of large maps need no slopes.
+
+    The other arguments are those of :func:`integrate`.
+    """
     height = np.zeros(mask.shape, np.float32)
-    rest = _right_hand_side(right, down, mask, edges)
     first = _dot(rest, rest)
     if not first > 0:
         return Heights(height, 0, 0.0)
@@ -80,6 +94,7 @@ def integrate(
         step = precondition(rest)
         energy = _dot(rest, step)
     search = step
+    del step
     taken = 0
     while taken < most_steps and energy > tolerance * tolerance * whole and energy > 0:
         applied = _laplacian(search, mask, edges)
@@ -87,14 +102,16 @@ def integrate(
         if not curvature > 0:
             break
         length = np.float32(energy / curvature)
-        height += length * search
         applied *= length
         rest -= applied
+        np.multiply(search, length, out=applied)
+        height += applied
         del applied
         step = precondition(rest)
         following = _dot(rest, step)
         search *= np.float32(following / energy)
         search += step
+        del step
         energy = following
         taken += 1
     height -= np.float32(height.sum(dtype=np.float64) / max(int(mask.sum()), 1))
@@ -120,11 +137,18 @@ def joined(mask: Mask, axis: int) -> Mask:
     return np.asarray(mask[near] & mask[far])
 
 
-def _right_hand_side(right: Float, down: Float, mask: Mask, edges: Edges | None) -> Float:
-    """(H, W) for each texel: wanted differences of the edges that come in, minus those that go out."""
+def divergence(right: Float, down: Float, mask: Mask, edges: Edges | None = None) -> Float:
+    """(H, W) for each texel: wanted differences of the edges that come in, minus those that go out.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    if not right.shape == down.shape == mask.shape or right.ndim != 2:
+        raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
     result = np.zeros(mask.shape, np.float32)
     for slope, axis in ((right, 1), (down, 0)):
-        edge = np.asarray(np.where(joined(mask, axis), wanted(slope, axis), 0), np.float32)
+        edge = wanted(slope, axis)
+        edge[~joined(mask, axis)] = 0  # not a product: outside the mask a slope may be anything
         _add_edges(result, edge, edges, axis)
     return result
 
@@ -174,8 +198,12 @@ class _Rectangle:
             if index == 0:
                 frequency[0] = np.inf  # the mean has no equation
             waves[index] /= frequency
-        result = np.zeros_like(rest)
-        result[self._box] = idctn(waves, norm="ortho", workers=2, overwrite_x=True)
+        waves = idctn(waves, norm="ortho", workers=2, overwrite_x=True)
+        if waves.shape == rest.shape:
+            result = np.asarray(waves, np.float32)
+        else:
+            result = np.zeros_like(rest)
+            result[self._box] = waves
         result *= self._mask
         return result
 

@@ -91,6 +91,7 @@ def make_reflectance(
 
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
+        del source
         planes.add_codes("texture", full)
         made.diffuse_albedo = run("diffuse_albedo", lambda told: diffuse_albedo(full, job(told)))
         planes.drop("texture")

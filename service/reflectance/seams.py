@@ -67,25 +67,26 @@ def join(height: Float, seams: Seams, mask: Mask, texel_mm: Float) -> Float:
         return height
     flat = height.ravel()
     half = 0.5 * (flat[seams.other] - flat[seams.one])
-    place = np.concatenate([seams.one, seams.other])
-    count = np.bincount(place, minlength=flat.size)
-    total = np.bincount(place, np.concatenate([half, -half]), flat.size)
-    seeds = np.flatnonzero(count)
-    value = (total[seeds] / count[seeds]).astype(np.float32)
+    seeds, of_seed = np.unique(np.concatenate([seams.one, seams.other]), return_inverse=True)
+    total = np.bincount(of_seed, np.concatenate([half, -half]), len(seeds))
+    value = (total / np.bincount(of_seed, minlength=len(seeds))).astype(np.float32)
     empty = np.ones(mask.shape, np.uint8)
     empty.ravel()[seeds] = 0
-    distance, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    _, region = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-    distance, label, region = np.asarray(distance).ravel(), np.asarray(label).ravel(), np.asarray(region).ravel()
+    found, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    del empty
+    distance, label = np.asarray(found).ravel(), np.asarray(label).ravel()
     owner = np.zeros(int(label.max()) + 1, np.int64)
     owner[label[seeds]] = np.arange(len(seeds))
     near = np.flatnonzero(mask.ravel() & (distance < REACH_MM / max(float(texel_mm.min()), 1e-3)))
+    distance, source = distance[near], owner[label[near]]  # what is not near takes 100 MB a plane
+    del found, label
+    region = np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[1]).ravel()
+    same = region[near] == region[seeds[source]]
+    del region
     row, column = near // mask.shape[1], near % mask.shape[1]
     scale = np.array(texel_mm.shape) / mask.shape
-    mm = texel_mm[(row * scale[0]).astype(int), (column * scale[1]).astype(int)] * distance[near]
-    source = owner[label[near]]
+    mm = texel_mm[(row * scale[0]).astype(int), (column * scale[1]).astype(int)] * distance
     fade = 0.5 * (1 + np.cos(np.pi * np.minimum(mm / REACH_MM, 1.0)))
-    same = region[near] == region[seeds[source]]
     result = height.copy()
     result.ravel()[near] += np.where(same, value[source] * fade, 0).astype(np.float32)
     return result

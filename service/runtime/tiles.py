@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from service.errors import ModelFault
 from service.runtime.describe import Description
+from service.runtime.memory import prompt_release
 from service.runtime.networks import Network
 
 Float = npt.NDArray[np.float32]
@@ -109,7 +110,8 @@ def run_whole(network: Network, maps: Float) -> Float:
     whole = network.description.whole
     if whole is not None and maps.shape[:0:-1] != whole:
         raise ModelFault(f"network {network.name} takes maps of {whole}, not {maps.shape[:0:-1]}")
-    return network.run(maps)
+    with prompt_release():
+        return network.run(maps)
 
 
 def reflected(count: int, start: int, stop: int) -> Indices:
