@@ -31,6 +31,44 @@ pytestmark = pytest.mark.slow
 WITHIN = 240.0
 
 
+class Servers:
+    """Servers of one test; none outlives it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._made: list[Server] = []
+
+    def make(
+        self,
+        settings: dict[str, Any] | None = None,
+        environment: dict[str, str] | None = None,
+        *,
+        folder: Path | None = None,
+        with_worker: bool = True,
+    ) -> Server:
+        """One that is not started yet."""
+        data = (folder or self._folder) / "data"
+        self._made.append(Server(data, settings, environment, with_worker=with_worker))
+        return self._made[-1]
+
+    def started(self, *arguments: Any, **named: Any) -> Server:
+        """One that answers, and is ready if it has a worker."""
+        server = self.make(*arguments, **named)
+        server.start(ready=named.get("with_worker", True))
+        return server
+
+    def kill(self) -> None:
+        for server in self._made:
+            server.kill()
+
+
+@pytest.fixture
+def servers(tmp_path: Path) -> Iterator[Servers]:
+    made = Servers(tmp_path)
+    yield made
+    made.kill()
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of 16 MB and 300 files."""
@@ -46,10 +84,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def fill(place: Path) -> Callable[[], None]:
     """Use up all space; returns what gives it back."""
     path = place / "filler"
-    with path.open("wb") as stream, contextlib.suppress(OSError):
-        while True:
-            stream.write(bytes(4096))
-            stream.flush()
+    with path.open("wb", buffering=0) as stream, contextlib.suppress(OSError):
+        while stream.write(bytes(4096)):
+            pass
     return path.unlink
 
 
@@ -68,10 +105,10 @@ def fill_names(place: Path) -> Callable[[], None]:
 
 @pytest.mark.parametrize("use_up", [fill, fill_names])
 def test_a_full_disk_takes_nothing_and_loses_nothing(
-    small_disk: Path, tmp_path: Path, use_up: Callable[[Path], Callable[[], None]]
+    servers: Servers, small_disk: Path, tmp_path: Path, use_up: Callable[[Path], Callable[[], None]]
 ) -> None:
     """No reserve here: space ends in the middle of whatever is going on, between the stages of a job too."""
-    server = Server(small_disk / "data", {"reserve_mb": 0}, {SECONDS: "2.0"})
+    server = servers.make({"reserve_mb": 0}, {SECONDS: "2.0"}, folder=small_disk)
     server.log = tmp_path / "log"
     server.start()
     photo = small_photo(1)
@@ -96,9 +133,8 @@ def test_a_full_disk_takes_nothing_and_loses_nothing(
         assert database.execute("pragma integrity_check").fetchone() == ("ok",)
 
 
-def test_an_upload_under_way_is_finished_when_the_server_is_told_to_end(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data", with_worker=False)
-    server.start(ready=False)
+def test_an_upload_under_way_is_finished_when_the_server_is_told_to_end(servers: Servers) -> None:
+    server = servers.started(with_worker=False)
     photo = small_photo(1)
     with _upload(server, photo) as line:
         assert server.process is not None
@@ -112,9 +148,8 @@ def test_an_upload_under_way_is_finished_when_the_server_is_told_to_end(tmp_path
         assert database.execute("select state from avatarme_jobs").fetchall() == [("queued",)]
 
 
-def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data", {"body_seconds": 100, "idle_seconds": 100})
-    server.start()
+def test_a_second_signal_ends_it_at_once(servers: Servers) -> None:
+    server = servers.started({"body_seconds": 100, "idle_seconds": 100})
     processes = server.processes()
     with _upload(server, small_photo(1)):
         assert server.process is not None
@@ -130,9 +165,8 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
 @contextlib.contextmanager
 def _upload(server: Server, photo: bytes) -> Iterator[socket.socket]:
     """A connection on which the first thousand bytes of a photo have been sent."""
-    head = (
-        f"POST /v1/avatars HTTP/1.1\r\nHost: localhost\r\nContent-Type: image/jpeg\r\nContent-Length: {len(photo)}\r\n"
-    )
+    head = "POST /v1/avatars HTTP/1.1\r\nHost: localhost\r\nContent-Type: image/jpeg\r\n"
+    head += f"Content-Length: {len(photo)}\r\n\r\n"
     with socket.create_connection(("127.0.0.1", server.port), timeout=60) as line:
         line.sendall(head.encode() + photo[:1000])
         deadline = time.monotonic() + 30
@@ -143,8 +177,8 @@ def _upload(server: Server, photo: bytes) -> Iterator[socket.socket]:
 
 
 @pytest.mark.parametrize("reader", ["gone", "asleep"])
-def test_jobs_do_not_mind_a_log_that_nobody_reads(tmp_path: Path, reader: str) -> None:
-    server = Server(tmp_path / "data")
+def test_jobs_do_not_mind_a_log_that_nobody_reads(servers: Servers, tmp_path: Path, reader: str) -> None:
+    server = servers.make()
     server.log = tmp_path / "pipe"
     os.mkfifo(server.log)
     end = os.open(server.log, os.O_RDONLY | os.O_NONBLOCK)
@@ -158,9 +192,8 @@ def test_jobs_do_not_mind_a_log_that_nobody_reads(tmp_path: Path, reader: str) -
     assert server.stop() == 0
 
 
-def test_clients_that_leave_in_a_download_leave_nothing_behind(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data")
-    server.start()
+def test_clients_that_leave_in_a_download_leave_nothing_behind(servers: Servers) -> None:
+    server = servers.started()
     with httpx.Client(base_url=server.url, timeout=60) as client:
         job = post(client, small_photo(1)).json()["id"]
         wait_for(client, job, within=WITHIN)
@@ -181,9 +214,8 @@ def test_clients_that_leave_in_a_download_leave_nothing_behind(tmp_path: Path) -
     server.stop()
 
 
-def test_a_job_goes_on_without_its_client_and_a_hundred_the_same_are_one(tmp_path: Path) -> None:
-    server = Server(tmp_path / "data", {"uploads": 200})
-    server.start()
+def test_a_job_goes_on_without_its_client_and_a_hundred_the_same_are_one(servers: Servers) -> None:
+    server = servers.started({"uploads": 200})
     photo = small_photo(1)
 
     def send(number: int) -> httpx.Response:
@@ -213,35 +245,33 @@ def _swap(path: Path) -> None:
 
 
 @pytest.mark.parametrize("harm", [_flip, _swap, Path.unlink])
-def test_a_damaged_data_file_is_found_before_any_photo_is_taken(tmp_path: Path, harm: Callable[[Path], Any]) -> None:
+def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
+    servers: Servers, tmp_path: Path, harm: Callable[[Path], Any]
+) -> None:
     """The server answers and says why it is not ready; a job waits in the queue rather than failing."""
     source = Path(service.__file__).parent
     shutil.copytree(source, tmp_path / "service", ignore=shutil.ignore_patterns("__pycache__"))
     harm(next(iter(sorted((tmp_path / "service" / "data").rglob("*.onnx")))))
-    server = Server(tmp_path / "data", {"program": "service.jobs.child"})
+    server = servers.make({"program": "service.jobs.child"})
     whole = subprocess.Popen
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(subprocess, "Popen", lambda *a, **b: whole(*a, **{**b, "cwd": tmp_path}))
         server.start(ready=False)
-    try:
-        with httpx.Client(base_url=server.url, timeout=60) as client:
-            deadline = time.monotonic() + WITHIN
-            while "data file" not in client.get("/readyz").text:
-                assert time.monotonic() < deadline, client.get("/readyz").text
-                time.sleep(0.2)
-            assert "data file" in is_problem(client.get("/readyz"), 503, "starting")["detail"]
-            assert client.get("/livez").status_code == 200
-            job = post(client, small_photo(1)).json()["id"]
-            time.sleep(2)
-            assert client.get(f"/v1/avatars/{job}").json()["state"] == "queued"
-    finally:
-        server.kill()
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        deadline = time.monotonic() + WITHIN
+        while "data file" not in client.get("/readyz").text:
+            assert time.monotonic() < deadline, client.get("/readyz").text
+            time.sleep(0.2)
+        assert "data file" in is_problem(client.get("/readyz"), 503, "starting")["detail"]
+        assert client.get("/livez").status_code == 200
+        job = post(client, small_photo(1)).json()["id"]
+        time.sleep(2)
+        assert client.get(f"/v1/avatars/{job}").json()["state"] == "queued"
 
 
-def test_a_process_that_is_stopped_costs_only_time(tmp_path: Path) -> None:
+def test_a_process_that_is_stopped_costs_only_time(servers: Servers) -> None:
     """SIGSTOP to the worker and its job for a while: nobody takes it for lost, and it goes on."""
-    server = Server(tmp_path / "data", {}, {SECONDS: "1.0"})
-    server.start()
+    server = servers.started({}, {SECONDS: "1.0"})
     with httpx.Client(base_url=server.url, timeout=60) as client:
         job = post(client, small_photo(1)).json()["id"]
         while client.get(f"/v1/avatars/{job}").json()["state"] == "queued":

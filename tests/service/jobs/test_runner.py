@@ -99,7 +99,7 @@ def test_cancelling_ends_the_process_within_a_second(bench: Bench) -> None:
     job = bench.add(seed=103)
     work = threading.Thread(target=bench.run, args=(job,))
     work.start()
-    assert within(10, lambda: state(bench, job)["state"] == "running" and bench.runner.active.get(job))
+    assert within(60, lambda: state(bench, job)["state"] == "running" and bench.runner.active.get(job))
     process = bench.runner.active[job]
     assert process is not None
     assert bench.store.cancel(job, 1e10)
@@ -108,7 +108,7 @@ def test_cancelling_ends_the_process_within_a_second(bench: Bench) -> None:
     assert time.monotonic() - begin < 1.0
     work.join(5)
     assert state(bench, job)["state"] == "cancelled"
-    assert within(2, lambda: files(bench, job) == [])
+    assert within(20, lambda: files(bench, job) == [])
 
 
 def test_nothing_that_a_job_started_outlives_it(bench: Bench) -> None:
@@ -132,7 +132,7 @@ def test_a_killed_run_goes_on_after_its_last_stage(
     job = bench.add(seed=7)
     work = threading.Thread(target=bench.run, args=(job,))
     work.start()
-    assert within(20, lambda: log.exists() and f"{job} kept one" in log.read_text())
+    assert within(120, lambda: log.exists() and f"{job} kept one" in log.read_text())
     process = bench.runner.active[job]
     assert process is not None
     os.kill(process._process.pid, signal.SIGSEGV)
@@ -170,7 +170,7 @@ def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytes
     work = [threading.Thread(target=bench.run, args=(job,)) for job in jobs]
     for thread in work:
         thread.start()
-    assert within(10, lambda: all(state(bench, job)["state"] == "running" for job in jobs))
+    assert within(60, lambda: all(state(bench, job)["state"] == "running" for job in jobs))
     time.sleep(0.3)
     assert [bench.runner.active[job] for job in jobs] == [None, None]
     assert bench.store.cancel(jobs[1], 1e10)
