@@ -99,6 +99,8 @@ class Environment:
             raise _fault("environment name", self.name, "a text or null")
         for name in ("zenith", "horizon", "ground"):
             _triple(getattr(self, name), name, 0.0, 1e6)
+        if len(self.softboxes) > 64:
+            raise _fault("number of softboxes", len(self.softboxes), "at most 64")
         _number(self.rotation_deg, "rotation_deg", -3600.0, 3600.0)
         _number(self.strength, "strength", 0.0, 1e6)
 
@@ -167,7 +169,7 @@ class Scene:
         """
         try:
             data = json.loads(text)
-        except ValueError as fault:
+        except (ValueError, RecursionError) as fault:
             raise UsageError(f"scene: not JSON: {fault}") from fault
         fields = _known(data, cls, "scene")
         if "environment" in fields:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import LUMA
 from service.scene.environment import Illumination
 from service.scene.gloss import F0_SCALE, directional_albedo, facing, ggx, mirror_openness, mirror_weights
 from service.scene.harmonics import irradiance, project
@@ -253,6 +254,13 @@ class Shading:
 
         The places of a sample differ in their fine relief only: its highlights and its shadows.
         """
+        total = np.zeros_like(self.surface.specular_normal)
+        for weight, light in zip(self.view_weight, self.light(out), strict=True):
+            total += weight[:, None] * develop(light, self.scene.response)
+        return total
+
+    def light(self, out: set[Item]) -> list[Array]:
+        """(P, K, 3) linear light towards each viewpoint, with some effects left out."""
         diffuse = self.diffuse(out)
         mirrors = ("reflection", None) not in out
         shine = [i for i in range(len(self.lamps)) if ("specular", i) not in out]
@@ -260,16 +268,24 @@ class Shading:
         # Relief shadows of the other places: their lamps' light relative to the centre's.
         local = self._beside(arriving)
         kind = "one" if ("second_lobe", None) in out else "flat" if ("fresnel", None) in out else "both"
-        total = np.zeros_like(local)
-        for k, view in enumerate(self.views):
+        result = []
+        for view in self.views:
             kept = view.kept[kind] if shine or (mirrors and self.sky_open.any()) else view.kept_dull
             light = (diffuse + local) / np.pi * kept[:, None]
             for i in shine:
                 light = light + view.highlights[kind][i] * arriving[i][..., None]
             if mirrors:
                 light = light + (view.mirror_open if ("occlusion", None) in out else view.mirror)[kind]
-            total += self.view_weight[k][:, None] * develop(light, self.scene.response)
-        return total
+            result.append(light)
+        return result
+
+    def luminance(self) -> Array:
+        """(K,) linear luminance of the samples, white balance included, nothing left out; free of the exposure."""
+        balance = np.asarray(self.scene.response.white_balance) * LUMA
+        return sum(
+            (w * (light.mean(0) @ balance) for w, light in zip(self.view_weight, self.light(set()), strict=True)),
+            np.zeros(len(self.surface.weight)),
+        )
 
     def _beside(self, arriving: list[Array]) -> Array:
         """(P, K, 3) diffuse light of each place less that of the centre, by the relief's shadows; not scattered."""

@@ -19,7 +19,7 @@ from torch import Tensor
 from models.lightstage.light import relief, scatter
 from models.lightstage.light.geometry import Geometry, Site
 from models.lightstage.light.lobes import Gloss, directional_albedo, fresnel, ggx
-from models.lightstage.light.reflection import mirror_of
+from models.lightstage.light.reflection import Mirror, mirror_of
 from models.lightstage.light.response import developed
 from models.lightstage.light.sampling import dot, unit
 from models.lightstage.skin.window import ChartWindow
@@ -154,20 +154,36 @@ def radiance(
 def _lamp(
     skin: LitMaps, geometry: Geometry, site: Site, light: PointLight, index: int, plan: Plan, window: ChartWindow
 ) -> Lamp:
-    at = torch.tensor(light.position_m, device=geometry.device, dtype=torch.float32).view(3, 1, 1)
-    offset = at - site.position / 1000.0
-    distance = offset.square().sum(0).sqrt()
-    towards = unit(offset)
-    fall = 1.0 / torch.clamp(distance * distance, min=max(light.radius_m**2, _NEAREST_M**2))
-    intensity = torch.tensor(light.intensity, device=geometry.device, dtype=torch.float32).view(3, 1, 1)
+    towards, distance, irradiance, size = arriving_at(site.position, *sent_by(light, geometry.device))
     shade = torch.ones_like(distance)
     if plan.runs("shadows", index):
         shade = geometry.shadow(light, window)
     if plan.runs("relief_shadows", index):
         local = torch.stack([dot(towards, axis) for axis in (site.tangent, site.bitangent, site.normal)])
         shade = shade * relief.relief_shadow(skin.height_mm, local, site)
-    size = (light.radius_m / distance.clamp(min=_NEAREST_M)).clamp(1e-6, 1.0)
-    return Lamp(towards, distance, intensity * fall, shade, size)
+    return Lamp(towards, distance, irradiance, shade, size)
+
+
+def sent_by(light: PointLight, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Position (3,) in m, intensity (3,) and radius () in m of a lamp."""
+    numbers = (light.position_m, light.intensity, light.radius_m)
+    at, intensity, radius = (torch.tensor(each, device=device, dtype=torch.float32) for each in numbers)
+    return at, intensity, radius
+
+
+def arriving_at(
+    position: Tensor, at: Tensor, intensity: Tensor, radius: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """What a ball sends to (3, h, w) positions in mm if nothing is in the way.
+
+    Returns:
+        Unit direction (3, h, w), distance (h, w) in m, irradiance (3, h, w) when facing it, sine of its angular radius.
+    """
+    offset = at.view(3, 1, 1) - position / 1000.0
+    distance = offset.square().sum(0).sqrt()
+    fall = 1.0 / torch.maximum(distance * distance, (radius * radius).clamp(min=_NEAREST_M**2))
+    size = (radius / distance.clamp(min=_NEAREST_M)).clamp(1e-6, 1.0)
+    return unit(offset), distance, intensity.view(3, 1, 1) * fall, size
 
 
 def facing(cosine: Tensor, size: Tensor) -> Tensor:
@@ -234,27 +250,38 @@ def _towards(
     kept = 1.0 - torch.stack(parts).sum(0).clamp(0.0, 1.0)
     total = diffuse.to(dtype) * kept
     for lamp in shining:
-        total = total + _highlight(view, normal, n_v, gloss, lamp, rising).to(dtype)
+        total = total + highlight(view, normal, gloss, lamp, rising=rising).to(dtype)
     if mirror:
         image = mirror_of(light.sky, normal.device)
-        reflected = unit(2.0 * cosine * normal - view)
         for part, alpha in zip(parts, gloss.alphas, strict=True):
-            seen = part * image.seen(reflected, alpha).to(dtype)
-            if openness is not None:
-                seen = seen * _mirror_openness(openness, n_v.float(), alpha.float()).to(dtype)
-            total = total + seen
+            total = total + mirrored(image, view, normal, part, alpha, openness)
     return total
+
+
+def mirrored(
+    image: Mirror, view: Tensor, normal: Tensor, part: Tensor, alpha: Tensor, openness: Tensor | None
+) -> Tensor:
+    """(3, h, w) the sky in the mirror of one lobe, whose directional albedo is ``part`` (h, w).
+
+    ``openness`` (h, w) is ambient occlusion; None where nothing hides the sky, which is the same as 1.
+    """
+    cosine = dot(normal, view)
+    seen = part * image.seen(unit(2.0 * cosine * normal - view), alpha).to(part.dtype)
+    if openness is None:
+        return seen
+    return seen * _mirror_openness(openness, cosine.clamp(1e-3, 1.0), alpha.float()).to(part.dtype)
 
 
 def _mirror_openness(openness: Tensor, n_v: Tensor, alpha: Tensor) -> Tensor:
     """Occlusion of a lobe from ambient occlusion (Lagarde and de Rousiers 2014)."""
-    power = torch.exp2(-16.0 * alpha.clamp(SMALLEST_ALPHA, 1.0).sqrt() - 1.0)
+    power = 2.0 ** (-16.0 * alpha.clamp(SMALLEST_ALPHA, 1.0).sqrt() - 1.0)
     return ((n_v + openness).clamp(min=0.0) ** power - 1.0 + openness).clamp(0.0, 1.0)
 
 
-def _highlight(view: Tensor, normal: Tensor, n_v: Tensor, gloss: Gloss, lamp: Lamp, rising: bool) -> Tensor:
+def highlight(view: Tensor, normal: Tensor, gloss: Gloss, lamp: Lamp, *, rising: bool) -> Tensor:
     """(3, h, w) mirror-like reflection of a lamp."""
     dtype = gloss.f0.dtype
+    n_v = dot(normal, view).clamp(1e-3, 1.0).to(dtype)
     half = unit(view + lamp.towards)
     sine2 = torch.linalg.cross(normal, half, dim=0).square().sum(0).clamp(0.0, 1.0)
     # Behind the surface the sine comes down again; the horizon factor below removes those anyway.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 
 from models.lightstage.light.bake import LitMaps, radiance
@@ -11,18 +9,11 @@ from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.sampling import enlarged
 from models.lightstage.skin.window import ChartWindow
 from service.colour import LUMA
+from service.scene.exposure import BRIGHT, exposed_for, level_of
 from service.scene.plan import Plan
-from service.scene.scene import Response, Scene
+from service.scene.scene import Scene
 
-
-def level_of(response: Response) -> float:
-    """Linear value that the response codes as its target."""
-    coded = response.target ** (1.0 / response.gamma)
-    linear = coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
-    knee = 1.0 - response.shoulder
-    if response.shoulder > 0.0 and linear > knee:
-        return knee - response.shoulder * math.log(max(1.0 - (linear - knee) / response.shoulder, 1e-6))
-    return linear
+__all__ = ["expose", "level_of"]
 
 
 def expose(skin: LitMaps, geometry: Geometry, scene: Scene, window: ChartWindow) -> Scene:
@@ -45,5 +36,4 @@ def expose(skin: LitMaps, geometry: Geometry, scene: Scene, window: ChartWindow)
     luminance = (blend * balance.view(3, 1, 1)).sum(0)
     face = (enlarged(geometry.face, window)[0] > 0.5) & (skin.mask[0] > 0.5)
     chosen = luminance[face] if face.any() else luminance.flatten()
-    bright = float(chosen.float().quantile(0.9))
-    return scene.exposed(min(level_of(scene.response) / bright, 1e9) if bright > 1e-9 else 1.0)
+    return exposed_for(scene, float(chosen.float().quantile(BRIGHT)))

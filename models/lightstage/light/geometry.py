@@ -11,10 +11,12 @@ import torch
 from torch import Tensor
 
 from models.lightstage.light.sampling import enlarged, reduced, unit
-from models.lightstage.light.visibility import Points, lit_from_ball, lit_from_direction, surface_points
+from models.lightstage.light.visibility import Points, lit_from_direction, lit_from_point
 from models.lightstage.skin.window import ChartWindow
 from service.geometry.chart import Chart
+from service.geometry.points import surface_points
 from service.head.model import HeadModel
+from service.scene.lamps import disc_of
 from service.scene.scene import PointLight
 from service.scene.sphere import spread_directions
 
@@ -171,12 +173,10 @@ class Geometry:
     def _cast(self, light: PointLight) -> Tensor:
         height, width = self.maps.shape[1:]
         points = Points(self.maps[:3].reshape(3, -1), self.maps[3:6].reshape(3, -1))
-        at = torch.tensor(light.position_m, device=self.device) * 1000.0
-        centre = 0.5 * (self.occluders.amin(0) + self.occluders.amax(0))
-        angle = light.radius_m * 1000.0 / max(float((centre - at).norm()), 1.0)
-        samples = 1 if angle < 0.002 else int(min(16, 6 + 60 * angle))
-        occluders, spacing = (self.occluders if samples == 1 else self.coarse), self.casters_mm[samples > 1]
-        lit = lit_from_ball(occluders, spacing, points, at, light.radius_m * 1000.0, samples)
+        centre = (0.5 * (self.occluders.amin(0) + self.occluders.amax(0))).double().cpu().numpy()
+        places = torch.from_numpy(disc_of(light, centre / 1000.0) * 1000.0).to(points.position)
+        occluders, spacing = (self.occluders if len(places) == 1 else self.coarse), self.casters_mm[len(places) > 1]
+        lit = torch.stack([lit_from_point(occluders, spacing, points, at) for at in places]).mean(0)
         return lit.view(1, height, width)
 
 

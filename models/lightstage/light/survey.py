@@ -17,7 +17,9 @@ from models.lightstage.light.relief import STEPS_MM
 from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.window import ChartWindow
-from service.scene.surface import AZIMUTHS, PLACES, RING_MM, Surface
+from service.scene.surface import AZIMUTHS, Surface
+from service.scene.survey import Index, LitChart
+from service.scene.survey import survey as sampled
 
 Array = npt.NDArray[np.float64]
 
@@ -33,41 +35,35 @@ def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 
         seed: which texels.
     """
     site = geometry.site(window)
-    weight = enlarged(geometry.face, window)[0].clamp(0.0, 1.0) * (skin.mask[0] > 0.5)
-    for fallback in (skin.mask[0].float(), torch.ones_like(weight)):
-        if float(weight.sum()) < 1e-3:
-            weight = fallback
-    total = weight.flatten().double().cumsum(0)
-    spots = (np.arange(count) + Stream(seed, "survey").uniform(size=count)) / count * float(total[-1])
-    index = torch.searchsorted(total, torch.from_numpy(spots).to(total)).clamp(max=weight.numel() - 1)
-    row, column = index // window.width, index % window.width
 
-    def pick(image: Tensor, at: Tensor = index) -> Array:
-        """(K, C) of (C, h, w)."""
-        return np.asarray(image.reshape(image.shape[0], -1)[:, at].T.double().cpu().numpy())
+    def flat(image: Tensor) -> npt.NDArray[np.float32]:
+        """(h, w, C) of (C, h, w)."""
+        return np.asarray(image.permute(1, 2, 0).float().cpu().numpy())
 
-    rings = [_beside(site.texels_per_mm[row, column], row, column, k, window) for k in range(len(RING_MM))]
-    places = _on_skin(rings, (skin.mask[0] > 0.5).flatten())
+    def there(at: Index) -> Tensor:
+        return torch.from_numpy(at).to(geometry.device)
 
-    def pick_all(image: Tensor, count: int = len(places)) -> Array:
-        """(S, K, C) at all places, or the first so many."""
-        return np.stack([pick(image, at) for at in places[:count]])
-
-    rough = pick(skin.roughness.float())
-    return Surface(
-        position=pick_all(site.position) / 1000.0,
-        diffuse_normal=pick_all(site.to_head(skin.diffuse_normal)),
-        albedo=pick_all(skin.diffuse_albedo.float()).clip(0.0, 1.0),
-        normal=pick(site.normal),
-        tangent=pick(site.tangent),
-        bitangent=pick(site.bitangent),
-        specular_normal=pick_all(site.to_head(skin.specular_normal), PLACES),
-        specular=pick(skin.specular_albedo.float())[:, 0],
-        alpha=rough[:, :2].clip(0.03, 1.0),
-        share=rough[:, 2].clip(0.0, 1.0),
-        visible=_visible(geometry, window, row, column),
-        horizon=np.stack([_horizons(skin.height_mm[0].float(), site.step, at) for at in places[:PLACES]]),
-        weight=np.full(count, 1.0 / count),
+    rough, skinned = flat(skin.roughness), skin.mask[0] > 0.5
+    chart = LitChart(
+        position_m=flat(site.position) / 1000.0,
+        normal=flat(site.normal),
+        tangent=flat(site.tangent),
+        bitangent=flat(site.bitangent),
+        diffuse_normal=flat(site.to_head(skin.diffuse_normal)),
+        specular_normal=flat(site.to_head(skin.specular_normal)),
+        albedo=flat(skin.diffuse_albedo),
+        specular=flat(skin.specular_albedo)[..., 0],
+        alpha=rough[..., :2],
+        share=rough[..., 2],
+        texels_per_mm=flat(site.texels_per_mm[None])[..., 0],
+        skin=skinned.cpu().numpy(),
+        weight=flat(enlarged(geometry.face, window).clamp(0.0, 1.0) * skinned)[..., 0],
+    )
+    return sampled(
+        chart,
+        Stream(seed, "survey").uniform(size=count),
+        lambda at: _visible(geometry, window, there(at // window.width), there(at % window.width)),
+        lambda at: _horizons(skin.height_mm[0].float(), site.step, there(at)),
     )
 
 
@@ -111,24 +107,6 @@ def joined(parts: list[Surface]) -> Surface:
         by_place = f.name in ("position", "diffuse_normal", "albedo", "specular_normal", "horizon")
         fields[f.name] = np.concatenate(arrays, 1 if by_place else 0)
     return dataclasses.replace(Surface(**fields), weight=fields["weight"] / len(parts))
-
-
-def _beside(density: Tensor, row: Tensor, column: Tensor, place: int, window: ChartWindow) -> Tensor:
-    """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
-    ring, spoke = divmod(place + 3, 4)
-    angle = (spoke + 0.5 * ring) * 0.5 * math.pi
-    right = (density * (RING_MM[place] * math.cos(angle))).round().long()
-    up = (density * (RING_MM[place] * math.sin(angle))).round().long()
-    return (row - up).clamp(0, window.height - 1) * window.width + (column + right).clamp(0, window.width - 1)
-
-
-def _on_skin(places: list[Tensor], skin: Tensor) -> list[Tensor]:
-    """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
-    result = places[:1]
-    for k, at in enumerate(places[1:], 1):
-        opposite = places[(k - 1) // 4 * 4 + (k + 1) % 4 + 1]
-        result.append(torch.where(skin[at], at, torch.where(skin[opposite], opposite, places[0])))
-    return result
 
 
 def _visible(geometry: Geometry, window: ChartWindow, row: Tensor, column: Tensor) -> Array:

@@ -1,0 +1,38 @@
+"""A surface as a cloud of points, for what needs no triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+
+def surface_points(
+    vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer], spacing: float
+) -> npt.NDArray[np.float32]:
+    """(N, 3) float32 points on all triangles, nowhere further apart than ``spacing``; triangles without area too.
+
+    Args:
+        vertices: (V, 3) in the unit of ``spacing``.
+        triangles: (T, 3) vertex indices.
+        spacing: a triangle's side is cut into 256 parts at most.
+    """
+    corners = np.asarray(vertices, np.float64)[triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
+    steps = np.clip(np.ceil(edges / spacing), 1, 256).astype(int)
+    points = []
+    for n in np.unique(steps):
+        i, j = np.divmod(np.arange((n + 1) ** 2), n + 1)
+        keep = i + j <= n
+        weights = np.stack([i, j, n - i - j], 1)[keep] / n
+        points.append(np.einsum("kc,tcd->tkd", weights, corners[steps == n]).reshape(-1, 3))
+    if not points:
+        return np.zeros((0, 3), np.float32)
+    return _distinct(np.concatenate(points), 1e-3 * spacing).astype(np.float32)
+
+
+def _distinct(points: npt.NDArray[np.float64], grain: float) -> npt.NDArray[np.float64]:
+    """Points of which no two fall into the same cube of side ``grain``: triangles share their corners and edges."""
+    cell = np.rint((points - points.min(0)) / grain).astype(np.int64)
+    x, y, z = np.minimum(cell, (1 << 21) - 1).T
+    _, first = np.unique((x << 42) | (y << 21) | z, return_index=True)
+    return np.asarray(points[np.sort(first)])
