@@ -21,9 +21,9 @@ from benchmarks.render import LIGHTS, Shot, take
 from benchmarks.shoot import data_folder
 from service.colour import bytes_to_linear
 from service.faces.finder import FaceFinder
-from service.fit.eye_white import eye_white_light
 from service.fit.fit import fit_face
 from service.fit.gaze import Iris
+from service.fit.settings import FitSettings
 from service.head.files import load_head
 from service.photo.gate import read_photo
 
@@ -88,13 +88,15 @@ def main() -> None:
             photo_bytes, plain = shot_pair(head, shot, out / f"eyes{seed}_{light}")
             photo = read_photo(photo_bytes)
             faces = finder.find(photo.pixels)
-            fit = fit_face(faces[0], photo, model) if faces else None
+            fit = fit_face(faces[0], photo, model, FitSettings(refine="landmarks")) if faces else None
             if fit is None or fit.eye_light is None or fit.gaze is None:
                 print(f"| {seed} | {light} | not seen | |")
                 continue
             ratio = np.log(fit.eye_light) - lid_light(plain, fit.gaze.irises)
             rows.append(ratio)
-            print(f"| {seed} | {light} | {ratio.mean():.2f} | {np.round(ratio - ratio.mean(), 2).tolist()} |", flush=True)
+            print(
+                f"| {seed} | {light} | {ratio.mean():.2f} | {np.round(ratio - ratio.mean(), 2).tolist()} |", flush=True
+            )
     table = np.stack(rows)
     strength = table.mean(1)
     tint = table - strength[:, None]

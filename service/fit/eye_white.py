@@ -21,8 +21,14 @@ BEYOND = 1.22
 """Radii of the iris at which the white begins for certain; the limbus is soft."""
 LEAST_PIXELS = 12
 """Whites with fewer pixels are blurred into lids and lashes."""
-BRIGHT = (0.5, 0.9)
-"""Quantiles of luminance between which pixels are taken: below are lashes, lids and shade, above are glints."""
+BRIGHT = (0.4, 0.92)
+"""Quantiles of luminance between which pixels are taken: below are lashes and shade, above are glints."""
+PALE = 0.6
+"""Quantile of blue over red from which pixels are taken: the rest may be lid, since rims are found to some pixels."""
+PALER = 1.6
+"""Times by which the white is less red than the skin below the eye, under whatever light; skin it is else."""
+BELOW = 1.4
+"""Radii of the iris by which the skin below lies below."""
 CLIPPED = 250
 """Codes from which a pixel may be overexposed."""
 RANGE = (1e-3, 4.0)
@@ -51,24 +57,38 @@ def _white(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     """Light by one eye; None where too little of its white is seen."""
     import cv2
 
+    down = (0.0, BELOW * iris.radius)
     low = np.maximum(np.floor(iris.rim.min(0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(iris.rim.max(0)).astype(int) + 2, pixels.shape[1::-1])
+    high = np.minimum(np.ceil((iris.rim + down).max(0)).astype(int) + 2, pixels.shape[1::-1])
     if (high - low < 3).any():
         return None
     part = pixels[low[1] : high[1], low[0] : high[0]]
-    inside = np.zeros(part.shape[:2], np.uint8)
-    cv2.fillPoly(inside, [np.rint((iris.rim - low - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    inside, below = np.zeros(part.shape[:2], np.uint8), np.zeros(part.shape[:2], np.uint8)
+    for mask, rim in ((inside, iris.rim), (below, iris.rim + down)):
+        cv2.fillPoly(mask, [np.rint((rim - low - 0.5) * 16).astype(np.int32)], 1, shift=4)
     margin = max(round(0.15 * iris.radius), 1)
-    inside = np.asarray(cv2.erode(np.pad(inside, 1), np.ones((2 * margin + 1, 1), np.uint8))[1:-1, 1:-1], np.uint8)
+    column = np.ones((2 * margin + 1, 1), np.uint8)
+    skin = part[(below > 0) & (cv2.dilate(inside, column) == 0)]
+    inside = np.asarray(cv2.erode(np.pad(inside, 1), column)[1:-1, 1:-1], np.uint8)
     y, x = np.indices(inside.shape) + 0.5
     away = np.hypot(x + low[0] - iris.centre[0], y + low[1] - iris.centre[1]) > BEYOND * iris.radius
     colours = part[(inside > 0) & away]
     colours = colours[(colours < CLIPPED).all(1)]
-    if len(colours) < LEAST_PIXELS:
+    if len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
         return None
     linear = bytes_to_linear(colours).astype(np.float64)
-    luminance = luma(linear)
+    luminance, pale = luma(linear), _blue_over_red(linear)
     bottom, top = np.quantile(luminance, BRIGHT)
-    chosen = linear[(luminance >= bottom) & (luminance <= top)]
-    white = chosen.mean(0) / ALBEDO
-    return np.asarray(white) if len(chosen) and (white > 0).all() else None
+    chosen = linear[(luminance >= bottom) & (luminance <= top) & (pale >= np.quantile(pale, PALE))]
+    if not len(chosen):
+        return None
+    usual = _blue_over_red(np.median(bytes_to_linear(skin), axis=0)[None])[0]
+    white = chosen.mean(0)
+    if _blue_over_red(white[None])[0] < PALER * usual or not (white > 0).all():
+        return None
+    return np.asarray(white / ALBEDO)
+
+
+def _blue_over_red(linear: npt.NDArray[np.floating]) -> Array:
+    """(N,) of linear (N, 3)."""
+    return np.asarray((linear[:, 2] + 1e-4) / (linear[:, 0] + 1e-4), np.float64)

@@ -10,6 +10,7 @@ from service.colour import linear_to_srgb, to_bytes
 from service.fit.eye_white import ALBEDO, eye_white_light
 from service.fit.gaze import Gaze, Iris
 
+SKIN = np.array([0.12, 0.055, 0.035])
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
 
 
@@ -17,14 +18,16 @@ def photo_of(light: np.ndarray, radius: float, *, iris_at: float = 0.0, glint: b
     """A face of dark skin with one open eye, whose white lies in a light of linear RGB."""
     middle = np.array([160.4, 119.7])
     rim = middle + radius * np.stack([2.4 * np.cos(TURN), 0.95 * np.sin(TURN)], 1)
-    image = np.full((240, 320, 3), (60, 40, 34), np.uint8)
-    eye = np.empty_like(image)
+    image, eye = (np.empty((240, 320, 3), np.uint8) for _ in range(2))
+    image[:] = to_bytes(linear_to_srgb(SKIN * light))
     eye[:] = to_bytes(linear_to_srgb(ALBEDO * light))
-    centre = middle + (iris_at * radius, 0.0)
+    centre = middle + np.array([iris_at * radius, 0.0])
     at = tuple(np.rint((centre - 0.5) * 16).astype(int).tolist())
     cv2.circle(eye, at, round(radius * 16), (52, 34, 26), -1, cv2.LINE_AA, 4)
     if glint:
-        cv2.circle(eye, tuple(np.rint(middle + (1.6 * radius, 0)).astype(int).tolist()), 2, (255, 255, 255), -1)
+        cv2.circle(
+            eye, tuple(np.rint(middle + np.array([1.6 * radius, 0.0])).astype(int).tolist()), 2, (255, 255, 255), -1
+        )
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
     image[mask > 0] = eye[mask > 0]
@@ -47,6 +50,14 @@ def test_a_glint_does_not_count() -> None:
     pixels, gaze = photo_of(np.array([0.3, 0.3, 0.3]), 12.0, glint=True)
     found = eye_white_light(pixels, gaze)
     assert found is not None and np.abs(np.log(found / 0.3)).max() < 0.15
+
+
+def test_skin_is_not_taken_for_the_white() -> None:
+    """Lids that are nearly closed, with the rim found too wide: fair skin would be made of dark."""
+    light = np.array([0.9, 0.5, 0.2])
+    pixels, gaze = photo_of(light, 12.0)
+    pixels[:] = to_bytes(linear_to_srgb(SKIN * light))
+    assert eye_white_light(pixels, gaze) is None
 
 
 def test_nothing_seen_is_none() -> None:
