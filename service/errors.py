@@ -14,6 +14,8 @@
     |   +-- BadAspect               one side many times the other                  HTTP 422
     |   +-- AnimatedImage           more than one frame                            HTTP 422
     |   +-- TooComplex              decoding ran out of its time or memory         HTTP 422
+    |   +-- BadArchive              not an archive of an avatar, or one that lacks something  HTTP 422
+    |   +-- BadMesh                 not a mesh that we can use                     HTTP 422
     +-- NoUsableFace                a photo, but not one that we can fit           exit 3, HTTP 422
     |   +-- NoFace
     |   +-- MultipleFaces           carries the boxes; ask for one by index
@@ -107,6 +109,14 @@ class AnimatedImage(UnreadableInput):
 
 class TooComplex(UnreadableInput):
     code = "too-complex"
+
+
+class BadArchive(UnreadableInput):
+    code = "bad-archive"
+
+
+class BadMesh(UnreadableInput):
+    code = "bad-mesh"
 
 
 class NoUsableFace(AvatarError):

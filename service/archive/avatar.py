@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,8 +52,27 @@ class Similarity:
 
 
 @dataclass(frozen=True)
+class Given:
+    """What a head of one's own was made of, in place of a photo.
+
+    Attributes:
+        texture_sha256, mesh_sha256: hex digests of both files as they came in.
+        size: (width, height) of the texture in pixels.
+    """
+
+    texture_sha256: str
+    mesh_sha256: str
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, texture: bytes, mesh: bytes, size: tuple[int, int]) -> Given:
+        """Of the bytes of both files."""
+        return cls(hashlib.sha256(texture).hexdigest(), hashlib.sha256(mesh).hexdigest(), size)
+
+
+@dataclass(frozen=True)
 class Avatar:
-    """Everything that one photo gave.
+    """Everything that one photo gave, or a texture and a mesh.
 
     Attributes:
         photo: the upright photo; its pixels go into ``preview/overlay.jpg`` only.
@@ -64,6 +84,8 @@ class Avatar:
         seed: of every random choice.
         models: data files that took part.
         reflectance: what the networks made of the texture, or None where nothing of it was asked for.
+        given: None for a photo. Else there was none and nothing was fitted: of ``photo``, ``face`` and ``fit`` only the
+            texture's pixels and the vertices mean something, and the manifest has null for them.
         similarity: identity check, or None where it did not run.
         effects: names of the effects that were simulated in the previews, empty while there are none.
         warnings: stable codes of the run; those of photo, face, fit and texture are added by themselves.
@@ -80,6 +102,7 @@ class Avatar:
     seed: int
     models: tuple[ModelCard, ...]
     similarity: Similarity | None = None
+    given: Given | None = None
     reflectance: Reflectance | None = None
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()

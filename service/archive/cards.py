@@ -14,7 +14,7 @@ ROLES = {
     "face_mesh": "468 landmarks",
     "face_identity": "compares the result with the photo",
 }
-"""Networks that run for every avatar."""
+"""Networks that run for every photo."""
 
 REFLECTANCE_ROLES = {
     "zeta_body": "enlarges the texture",
@@ -29,7 +29,7 @@ REFLECTANCE_ROLES = {
 
 
 def model_cards(
-    head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = ()
+    head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
 ) -> tuple[ModelCard, ...]:
     """Cards of the head model and of the networks that ran.
 
@@ -37,6 +37,7 @@ def model_cards(
         head: the head model.
         head_file: where it was read from; None for the one in the box.
         networks: names of those of the reflectance that ran.
+        photo: whether the networks that look at photos ran.
 
     Raises:
         ModelFault: the table of networks is broken.
@@ -46,7 +47,7 @@ def model_cards(
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
     cards = [ModelCard(head.name, digest, head.licence, "head model")]
-    for name, role in (ROLES | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
+    for name, role in ((ROLES if photo else {}) | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
         if name in table:
             cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
     return tuple(cards)

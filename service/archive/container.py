@@ -13,7 +13,7 @@ import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, BinaryIO
 
@@ -70,13 +70,18 @@ def write_file(path: Path, members: Mapping[str, bytes]) -> None:
     Raises:
         OutputFault: names the path and what the system said (no space, no permission, no such folder).
     """
+    replace_file(path, lambda stream: write_zip(stream, members))
+
+
+def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+    """Let ``write`` fill a new file that then takes the name ``path``, in one step; raises as :func:`write_file`."""
     try:
         if path.exists() and not path.is_file():
-            raise OutputFault(f"cannot write {path}: it is no file; name one, for example avatar.zip", path=str(path))
+            raise OutputFault(f"cannot write {path}: it is no file; name one that is or is to be", path=str(path))
         target = path.resolve()  # a link keeps pointing where it did
         with _temporary(target) as temporary:
             with temporary.open("r+b") as stream:
-                write_zip(stream, members)
+                write(stream)
                 stream.flush()
                 os.fsync(stream.fileno())
             temporary.replace(target)

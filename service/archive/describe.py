@@ -51,8 +51,9 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         generator=m.Generator(PROGRAM, __version__),
         options=dict(sorted(avatar.options.items())),
         seed=avatar.seed,
-        input=_input(avatar),
-        camera=_camera(avatar.fit.camera),
+        input=None if avatar.given else _input(avatar),
+        given=_given(avatar),
+        camera=None if avatar.given else _camera(avatar.fit.camera),
         units="m",
         up="+Y",
         forward="+Z",
@@ -61,7 +62,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         files=[_file(name, files[name]) for name in names],
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
-        fit=_fit(avatar),
+        fit=None if avatar.given else _fit(avatar),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
         peak_rss_mb=avatar.peak_rss_mb if timings else None,
@@ -74,6 +75,11 @@ def _input(avatar: Avatar) -> m.Input:
     width, height = avatar.photo.size
     box = [float(value) for value in avatar.face.box]
     return m.Input(avatar.photo.sha256, width, height, box, float(avatar.face.score))
+
+
+def _given(avatar: Avatar) -> m.Given | None:
+    given = avatar.given
+    return None if given is None else m.Given(given.texture_sha256, given.mesh_sha256, *given.size)
 
 
 def _camera(camera: Camera) -> m.Camera:

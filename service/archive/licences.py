@@ -32,6 +32,17 @@ The networks were run, not copied: none of their weights are in this archive. Th
 meant for identifying people.
 """
 
+_GIVEN = (
+    _TEXT[: _TEXT.index("- **Textures")].replace("one photo", "a texture and a mesh that were given")
+    + """\
+- **Shape, textures and previews** are made of the texture and the mesh that you gave. The makers of this program claim
+  no right in them; what you may do with them is what you may do with those two.
+
+"""
+    + _TEXT[_TEXT.index("## What made them") : _TEXT.index(" The landmark")]
+    + "\n"
+)
+
 _PUBLIC_DOMAIN = "You may use, change and sell them without asking and without naming anyone."
 _OTHER = "Its terms hold for them too."
 
@@ -40,7 +51,7 @@ def licences_text(avatar: Avatar) -> str:
     """Markdown for the archive."""
     head = avatar.head
     rows = [f"| {card.name} | {card.role} | {card.licence} | `{card.sha256}` |" for card in avatar.models]
-    return _TEXT.format(
+    return (_GIVEN if avatar.given else _TEXT).format(
         generator=GENERATOR,
         head=head.name,
         licence=head.licence,

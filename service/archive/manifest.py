@@ -54,6 +54,17 @@ class Input(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Given(_Strict):
+    """Texture and mesh that a head of one's own was made of (avatarme maps); neither is in the archive as it was."""
+
+    texture_sha256: Sha256
+    mesh_sha256: Sha256
+    width: Annotated[int, Gt(0)]
+    """Pixels of the texture."""
+    height: Annotated[int, Gt(0)]
+
+
+@dataclasses.dataclass(frozen=True)
 class Camera(_Strict):
     """A vertex X of mesh/head.obj lands on focal_px * (x/z, y/z) + principal_point, (x, y, z) = rotation X +
     translation; x right, y down, z forward, centre of the top left pixel at (0.5, 0.5), in the upright photo.
@@ -249,8 +260,11 @@ class Manifest(_Strict):
     options: dict[str, JsonValue]
     """What the caller asked for."""
     seed: int
-    input: Input
-    camera: Camera
+    input: Input | None
+    """Null for a head of one's own, as are camera and fit: no photo was looked at, nothing was fitted."""
+    given: Given | None
+    """Null for a photo."""
+    camera: Camera | None
     units: Literal["m"]
     up: Literal["+Y"]
     forward: Literal["+Z"]
@@ -261,7 +275,7 @@ class Manifest(_Strict):
     displacement: Displacement | None
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were asked for."""
-    fit: FitReport
+    fit: FitReport | None
     effects: list[str]
     """Effects that the previews simulate."""
     timings_s: dict[str, float] | None

@@ -71,7 +71,7 @@ def _wanted(avatar: Avatar, role: str) -> bool:
 
 def _meshes(avatar: Avatar) -> dict[str, bytes]:
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
-    title = f"{GENERATOR}: {head.name} fitted to a photo"
+    title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
     albedo = made is not None and made.diffuse_albedo is not None
     role = "diffuse_albedo" if albedo and _wanted(avatar, "diffuse_albedo") else "texture"
     textured, texture = _wanted(avatar, role), f"../maps/{role}.png"
@@ -103,7 +103,5 @@ def _previews(avatar: Avatar) -> Mapping[str, bytes]:
     from service.archive.preview.overlay import overlay
     from service.archive.preview.sheet import sheet
 
-    return {
-        "preview/overlay.jpg": encode_jpeg(overlay(avatar)),
-        "preview/sheet.jpg": encode_jpeg(sheet(avatar)),
-    }
+    pictures = {} if avatar.given else {"preview/overlay.jpg": encode_jpeg(overlay(avatar))}
+    return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar))}

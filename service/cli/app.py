@@ -152,6 +152,85 @@ app.command()(with_options_of(batch, make, leave_out={"photo", "output", "as_jso
 
 
 @app.command()
+def maps(
+    texture: Annotated[str, typer.Option(metavar="T.png", help="Texture on the head's chart, 3:2, or - for a pipe.")],
+    mesh: Annotated[str, typer.Option(metavar="HEAD.obj", help="Mesh with the topology of mesh/head.obj, or -.")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="OUT.zip", help="Archive to write, or -.")],
+    maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
+    quality: Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")] = None,
+    size: Annotated[
+        str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")
+    ] = None,
+    bits: Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")] = None,
+    normals: Annotated[
+        str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
+    ] = None,
+    runtime: Annotated[
+        str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
+    head: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Head model of the mesh instead of the one in the box.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Make reflectance maps for a head of one's own, without a photo.
+
+    Exit status: 0 done, 2 usage, 4 texture or mesh cannot be used, 1 anything else.
+    """
+    with reported(as_json=as_json):
+        from service.cli.asked import asked
+        from service.cli.maps import maps as run
+
+        given = asked(maps=maps, quality=quality, size=size, bits=bits, normals=normals, runtime=runtime, seed=seed)
+        run(texture, mesh, output, given, head=head, as_json=as_json)
+
+
+@app.command()
+def render(
+    archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make', or - for a pipe.")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="IMAGE.png", help="PNG to write, or - for a pipe.")],
+    scene: Annotated[
+        str | None, typer.Option(metavar="SCENE.json", help="Light and camera, docs/render.md. [default: a studio]")
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT in pixels. [default: 768x1024]")] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(help="front, three-quarter, left, right, back, or degrees. [default: the scene's viewpoint]"),
+    ] = None,
+    background: Annotated[
+        str | None, typer.Option(help="Behind the head: black, transparent or environment. [default: black]")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Samples a pixel and axis, 1 to 3. [default: 2]")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Render an avatar under the light of a scene.
+
+    Computes only the effects that the scene calls for, and says on standard error which and why. Exit status: 0 done,
+    2 usage (also a scene that is not right), 4 unreadable archive, 1 anything else.
+    """
+    with reported(as_json=as_json):
+        from service.cli.render import render as run
+        from service.options import parse_size
+
+        run(
+            archive,
+            output,
+            scene=scene,
+            size=None if size is None else parse_size(size),
+            view=view,
+            background=background,
+            samples=samples,
+            tolerance=tolerance,
+            as_json=as_json,
+        )
+
+
+@app.command()
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen on. [default: 8000]")] = None,

@@ -23,6 +23,8 @@ TITLES = {
     "bad-aspect": "The image is too long and narrow",
     "animated": "The image has several frames",
     "too-complex": "Decoding the image costs too much",
+    "bad-archive": "Not an archive that can be used",
+    "bad-mesh": "Not a mesh that can be used",
     "usage": "An option is not possible",
     "model-corrupt": "A data file of the server is damaged",
     "numeric-error": "The computation failed",

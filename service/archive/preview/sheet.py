@@ -41,7 +41,8 @@ def sheet(avatar: Avatar) -> Image:
     rows = (TILE[1] + _CAPTION, TILE[1] + _CAPTION, *[maps_high] * -(-len(maps) // _MAPS_A_ROW))
     page = blank(_WIDTH, _TITLE + sum(rows) + _MARGIN)
     write(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
-    write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · one photo", _MARGIN + 104, 40, 15, GREY)
+    origin = "no photo" if avatar.given else "one photo"
+    write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     for x, (caption, picture) in zip(_columns(TILE[0]), _textured(avatar), strict=True):
         _tile(page, picture, caption, x, y)
@@ -88,7 +89,7 @@ def _textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 def _clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     behind = backdrop(*TILE)
     views = (
-        ("Shape, photo's expression", avatar.fit.vertices, 0),
+        ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
         ("Shape, neutral", avatar.fit.neutral, 0),
         ("Shape, neutral, 45°", avatar.fit.neutral, 45),
     )
@@ -111,9 +112,10 @@ def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What
 def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     import cv2
 
+    seen = ("Confidence: seen (green), mirrored (blue), made up (grey)", confidence_colours(avatar.texture.confidence))
     maps = (
         ("Texture", avatar.texture.texture),
-        ("Confidence: seen (green), mirrored (blue), made up (grey)", confidence_colours(avatar.texture.confidence)),
+        *(() if avatar.given else (seen,)),
         ("Shape normals, object space", encode_normals8(avatar.texture.shape_normal_object)),
     )
     for caption, picture in (*maps, *_reflectance(avatar)):
@@ -184,7 +186,11 @@ def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
 
 
 def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:
-    fit = avatar.fit
+    fit, given = avatar.fit, avatar.given
+    if given is not None:
+        yield "Made of", "a texture and a mesh; no photo"
+        yield "Texture", f"{given.size[0]} x {given.size[1]}"
+        return
     yaw, pitch, roll = fit.camera.yaw_pitch_roll_deg()
     share = f"{100 * fit.landmark_rms_px / fit.inter_ocular_px:.1f} %" if fit.inter_ocular_px > 0 else "unknown share"
     yield "Landmark error", f"{fit.landmark_rms_px:.1f} px ({share} of eye distance)"

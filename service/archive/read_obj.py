@@ -1,0 +1,176 @@
+"""Reading an OBJ file: positions, chart coordinates, polygons and parts, in the order of the file.
+
+Libraries for OBJ merge, split or reorder vertices; here the order is what ties a mesh to the head's chart. Anything but
+``v``, ``vt``, ``f`` and the names of parts is passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import BadMesh
+from service.head.files import triangle_fields
+from service.head.model import HeadModel
+
+MAX_BYTES = 64 << 20
+MAX_VERTICES = 500_000
+MAX_PARTS = 64
+
+Float = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class ObjMesh:
+    """A mesh as its file has it.
+
+    Attributes:
+        vertices: (V, 3) float64, finite.
+        uv: (U, 2) float64, origin bottom left; (0, 2) where the file has none.
+        polygons: (Q, 4) int32 vertex indices, -1 in the last column marks a triangle.
+        polygon_uv: (Q, 4) int32 indices into ``uv``, -1 as in ``polygons``; all -1 where a face has none.
+        part_names: names of ``o`` (``g`` where there is no ``o``), in order of appearance.
+        polygon_part: (Q,) uint8 index into ``part_names``.
+    """
+
+    vertices: Float
+    uv: Float
+    polygons: Int
+    polygon_uv: Int
+    part_names: tuple[str, ...]
+    polygon_part: npt.NDArray[np.uint8]
+
+    def as_head(self, name: str, licence: str) -> HeadModel:
+        """A head model with this topology, chart and shape, and without bases, landmarks or regions.
+
+        Raises:
+            BadMesh: a face has no chart coordinates, or they leave [0, 1].
+        """
+        if (self.polygon_uv[:, :3] < 0).any():
+            raise BadMesh("the mesh has faces without texture coordinates (vt); they say where its maps lie")
+        if not ((self.uv >= 0) & (self.uv <= 1)).all():
+            raise BadMesh("texture coordinates of the mesh leave [0, 1]; its maps are one chart")
+        count = len(self.vertices)
+        none, ints = np.zeros((0, count, 3), np.float32), np.zeros(0, np.int32)
+        corners = triangle_fields(self.polygons, self.polygon_uv, self.polygon_part)
+        return HeadModel(
+            name=name, licence=licence, mean=self.vertices.astype(np.float32), identity=none, expression=none,
+            expression_names=(), polygons=self.polygons, polygon_uv=self.polygon_uv, polygon_part=self.polygon_part,
+            part_names=self.part_names, uv=self.uv.astype(np.float32), mirror=np.arange(count, dtype=np.int32),
+            landmark_triangle=ints, landmark_barycentric=np.zeros((0, 3), np.float32),
+            landmark_spread=np.zeros(0, np.float32), contour_landmarks=ints,
+            contour_yaw_deg=np.zeros(0, np.float32), contour_triangle=np.zeros((0, 0), np.int32),
+            contour_barycentric=np.zeros((0, 0, 3), np.float32), region_names=(),
+            regions=np.zeros((0, count), np.float32), **corners,
+        )  # fmt: skip
+
+
+def read_obj(data: bytes) -> ObjMesh:
+    """Read an OBJ file.
+
+    Raises:
+        BadMesh: too large, not text, a number that is none or not finite, an index out of range, a face of other than
+            three or four corners, no face at all; the message names the line.
+    """
+    if len(data) > MAX_BYTES:
+        raise BadMesh(f"the OBJ file has {len(data)} bytes; at most {MAX_BYTES} are accepted")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise BadMesh("the OBJ file is not text; a Wavefront OBJ file is expected") from error
+    reader = _Reader()
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        if words and words[0] in _KINDS:
+            reader.take(number, words[0], words[1:])
+    return reader.mesh()
+
+
+_KINDS = ("v", "vt", "f", "o", "g")
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self.vertices: list[list[float]] = []
+        self.uv: list[list[float]] = []
+        self.polygons: list[list[int]] = []
+        self.polygon_uv: list[list[int]] = []
+        self.owner: list[int] = []
+        self.names: list[str] = []
+        self.objects = False
+
+    def take(self, number: int, kind: str, words: Sequence[str]) -> None:
+        if kind == "v":
+            self.vertices.append(_numbers(number, words, 3))
+            if len(self.vertices) > MAX_VERTICES:
+                raise BadMesh(f"the mesh has more than {MAX_VERTICES} vertices, which is the most that is accepted")
+        elif kind == "vt":
+            self.uv.append(_numbers(number, words, 2))
+        elif kind == "f":
+            self._face(number, words)
+        elif kind == "o" or not self.objects:
+            self.objects |= kind == "o"
+            self._begin(" ".join(words) or "unnamed")
+
+    def _begin(self, name: str) -> None:
+        if name not in self.names:
+            self.names.append(name)
+        if len(self.names) > MAX_PARTS:
+            raise BadMesh(f"the mesh has more than {MAX_PARTS} parts, which is the most that is accepted")
+        self.current = name
+
+    def _face(self, number: int, words: Sequence[str]) -> None:
+        if len(words) not in (3, 4):
+            raise BadMesh(f"line {number}: a face of {len(words)} corners; three or four are accepted")
+        if not self.names:
+            self._begin("skin")
+        corners = [word.split("/") for word in words]
+        vertex = [_index(number, corner[0], len(self.vertices), "v") for corner in corners]
+        chart = [_index(number, c[1], len(self.uv), "vt") if len(c) > 1 and c[1] else -1 for c in corners]
+        padding = [-1] * (4 - len(words))
+        self.polygons.append(vertex + padding)
+        self.polygon_uv.append((chart if min(chart) >= 0 else [-1] * len(words)) + padding)
+        self.owner.append(self.names.index(self.current))
+
+    def mesh(self) -> ObjMesh:
+        if not self.polygons:
+            raise BadMesh("the OBJ file has no faces; a mesh is expected")
+        used = sorted(set(self.owner))  # exporters name groups that hold nothing
+        position = {old: new for new, old in enumerate(used)}
+        return ObjMesh(
+            np.array(self.vertices, np.float64),
+            np.array(self.uv, np.float64).reshape(-1, 2),
+            np.array(self.polygons, np.int32),
+            np.array(self.polygon_uv, np.int32),
+            tuple(self.names[i] for i in used),
+            np.array([position[i] for i in self.owner], np.uint8),
+        )
+
+
+def _numbers(number: int, words: Sequence[str], count: int) -> list[float]:
+    try:
+        values = [float(word) for word in words[:count]]
+    except ValueError as error:
+        raise BadMesh(f"line {number}: {' '.join(words)[:60]!r} are not numbers") from error
+    if len(values) < count:
+        raise BadMesh(f"line {number}: {len(values)} numbers instead of {count}")
+    for value in values:
+        if not abs(value) < 1e9:
+            raise BadMesh(f"line {number}: the coordinate {value} is not finite, or too far away")
+    return values
+
+
+def _index(number: int, word: str, count: int, kind: str) -> int:
+    """0-based index; OBJ counts from 1, and negative ones from the end."""
+    try:
+        value = int(word)
+    except ValueError as error:
+        raise BadMesh(f"line {number}: {word[:20]!r} is not an index") from error
+    found = value - 1 if value > 0 else count + value
+    if not 0 <= found < count or value == 0:
+        raise BadMesh(f"line {number}: a face points to {kind} {value}; there are {count} before it")
+    return found

@@ -1,0 +1,145 @@
+"""Opening an archive of an avatar that may come from anywhere: bounded, checked, nothing decoded yet."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from service.archive.container import MEMBER_NAMES
+from service.archive.read_obj import MAX_BYTES as MAX_OBJ
+from service.archive.read_obj import ObjMesh, read_obj
+from service.errors import BadArchive, UsageError
+
+MAX_MANIFEST = 16 << 20
+MAX_MAP = 512 << 20
+"""Bytes of one map; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
+
+_MESH = "mesh/head.obj"
+
+
+@dataclass(frozen=True)
+class StoredMap:
+    """One map, still packed.
+
+    Attributes:
+        role: as in the manifest.
+        png: the file's bytes.
+        frame: of normals.
+        bits: per component as stored.
+        zero, scale: value = (code - zero) / scale at ``bits``.
+        changed: whether it is another file than the manifest's.
+    """
+
+    role: str
+    png: bytes
+    frame: Literal["object", "tangent"] | None
+    bits: Literal[8, 16]
+    zero: float
+    scale: float
+    changed: bool
+
+
+@dataclass(frozen=True)
+class AvatarFile:
+    """What an archive holds, as far as a renderer needs it.
+
+    Attributes:
+        manifest: as it stands; of its keys only those that are used were checked.
+        mesh: ``mesh/head.obj``.
+        maps: by role.
+    """
+
+    manifest: dict[str, Any]
+    mesh: ObjMesh
+    maps: dict[str, StoredMap]
+
+
+def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
+    """Read mesh and maps of an archive.
+
+    Args:
+        source: path of an archive, or a seekable stream of one.
+        roles: maps that are wanted; those that the archive lacks are left out.
+
+    Raises:
+        UsageError: there is no such file.
+        BadArchive: not a zip, not one of ours, damaged, or larger inside than is accepted.
+        BadMesh: its mesh cannot be read.
+    """
+    if isinstance(source, Path) and not source.is_file():
+        raise UsageError(f"there is no archive {source}; make one with avatarme make PHOTO")
+    try:
+        with zipfile.ZipFile(source) as archive:
+            _check_names(archive)
+            manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
+            mesh = read_obj(_member(archive, _MESH, MAX_OBJ))
+            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles))
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        raise BadArchive(f"the archive cannot be read: {error}") from error
+
+
+def _check_names(archive: zipfile.ZipFile) -> None:
+    names = archive.namelist()
+    unknown = sorted(set(names) - set(MEMBER_NAMES))
+    if unknown or len(set(names)) != len(names):
+        odd = repr(unknown[0][:60]) if unknown else "a name that is there twice"
+        raise BadArchive(f"the zip holds {odd}; an archive of avatarme holds manifest.json, maps/ and mesh/ only")
+    for name in ("manifest.json", _MESH):
+        if name not in names:
+            raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is not whole")
+
+
+def _member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    """Content of a member; never more than ``limit`` bytes are unpacked, whatever its header says."""
+    with archive.open(name) as stream:
+        data = stream.read(limit + 1)
+    if len(data) > limit:
+        raise BadArchive(f"{name} unpacks to more than {limit} bytes, which is the most that is accepted")
+    return data
+
+
+def _manifest(data: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise BadArchive(f"manifest.json of the archive is not JSON: {error}") from error
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if not isinstance(version, str) or version.partition(".")[0] != "1":
+        raise BadArchive(f"the manifest has schema version {version!r}; this program reads versions 1.x")
+    if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
+        raise BadArchive("the manifest's list of maps is missing or is none")
+    return dict(content)
+
+
+def _maps(archive: zipfile.ZipFile, manifest: dict[str, Any], roles: tuple[str, ...]) -> dict[str, StoredMap]:
+    listed = {str(item.get("role")): item for item in manifest["maps"]}
+    found = {}
+    for role in roles:
+        path = f"maps/{role}.png"
+        if role not in listed or path not in archive.namelist():
+            continue
+        png = _member(archive, path, MAX_MAP)
+        found[role] = _stored(role, png, listed[role])
+    return found
+
+
+def _stored(role: str, png: bytes, entry: dict[str, Any]) -> StoredMap:
+    try:
+        bits, frame, coding = entry["bits"], entry["frame"], entry["coding"]
+        zero, scale = float(coding["zero"]), float(coding["scale"])
+        if (
+            bits not in (8, 16)
+            or frame not in (None, "object", "tangent")
+            or not 0 < scale < 1e6
+            or not 0 <= zero < 1e6
+        ):
+            raise ValueError(f"bits {bits!r}, frame {frame!r}, zero {zero}, scale {scale}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadArchive(f"the manifest's entry of the map {role} cannot be used: {error}") from error
+    changed = hashlib.sha256(png).hexdigest() != entry.get("sha256")
+    return StoredMap(role, png, frame, bits, zero, scale, changed)

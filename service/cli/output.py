@@ -1,0 +1,26 @@
+"""Writing one file of results: whole or not at all."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from service.archive.container import replace_file
+from service.cli.source import PIPE
+from service.errors import OutputFault
+
+
+def write_bytes(target: str, data: bytes) -> None:
+    """Write to a path, or to standard output for ``-``.
+
+    Raises:
+        OutputFault: it cannot be written; a file that was there before is still there.
+    """
+    if target != PIPE:
+        replace_file(Path(target), lambda stream: stream.write(data))
+        return
+    try:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+    except BrokenPipeError as error:
+        raise OutputFault("the reader of the output closed it before it was complete") from error

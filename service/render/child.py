@@ -1,0 +1,41 @@
+"""The process that renders one picture for the server: limits first, then one archive, one scene, one PNG."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from service.jobs.wire import Program, Reporter, Task, serve_one
+
+
+def load() -> Program:
+    """Import the renderer."""
+    import service.render.render  # noqa: F401
+
+    return run
+
+
+def run(task: Task, reporter: Reporter) -> None:
+    """Write the PNG to ``task.output`` and say ``done`` with the facts.
+
+    Args:
+        task: its options are ``archive``, the artifact's name, and ``request``, see :func:`service.render.wire.parse`.
+        reporter: for the answer.
+
+    Raises:
+        AvatarError: as ``service.render.render.render_archive``.
+    """
+    from service.jobs.artifacts import Artifacts
+    from service.render.render import render_archive
+    from service.render.wire import parse
+
+    with Artifacts(task.artifacts).open(str(task.options["archive"])) as stream:
+        picture = render_archive(stream, parse(task.options["request"]))
+    Path(task.output).write_bytes(picture.png)
+    reporter.done(picture.facts())
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
+    sys.exit(serve_one(load))

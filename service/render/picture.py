@@ -1,0 +1,69 @@
+"""From radiance of samples to a coded picture."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.images import encode_png
+from service.colour import to_bytes
+from service.geometry.camera import Camera
+from service.geometry.normals import normalise
+from service.scene.environment import lookup
+from service.scene.scene import Response
+from service.scene.shading import develop
+
+Float = npt.NDArray[np.float32]
+
+_BAND = 64
+
+
+def resolved(radiance: Float, index: npt.NDArray[np.int64], shape: tuple[int, int], finer: int) -> tuple[Float, Float]:
+    """Means over the samples of each pixel.
+
+    Args:
+        radiance: (N, 3) of the samples that see the head.
+        index: (N,) flat position of them.
+        shape: rows and columns of samples.
+        finer: samples per pixel and axis.
+
+    Returns:
+        (h, w, 3) linear light that reaches the pixel from the head, and (h, w) share of it that the head covers.
+    """
+    rows, columns = shape[0] // finer, shape[1] // finer
+    row, column = np.divmod(index, shape[1])
+    pixel = (row // finer) * columns + column // finer
+    count = rows * columns
+    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / finer**2
+    covered = np.bincount(pixel, minlength=count) / finer**2
+    return light.reshape(rows, columns, 3).astype(np.float32), covered.reshape(rows, columns).astype(np.float32)
+
+
+def behind(camera: Camera, environment: npt.NDArray[np.floating]) -> Float:
+    """(h, w, 3) linear radiance of a latitude-longitude image in the direction of each pixel."""
+    result = np.zeros((camera.height, camera.width, 3), np.float32)
+    x = (np.arange(camera.width) + 0.5 - camera.principal_point[0]) / camera.focal_px
+    for first in range(0, camera.height, _BAND):
+        rows = np.arange(first, min(first + _BAND, camera.height))
+        y = (rows + 0.5 - camera.principal_point[1]) / camera.focal_px
+        plane = np.stack([*np.broadcast_arrays(x[None, :], y[:, None]), np.ones((len(rows), len(x)))], -1)
+        result[rows[0] : rows[-1] + 1] = lookup(np.asarray(environment, np.float64), normalise(plane @ camera.rotation))
+    return result
+
+
+def coded(light: Float, covered: Float, response: Response, background: Float | None, *, alpha: bool) -> bytes:
+    """PNG bytes, 8-bit sRGB.
+
+    Args:
+        light: (h, w, 3) linear, as from :func:`resolved`.
+        covered: (h, w) in [0, 1].
+        response: of the camera, with a number for its exposure.
+        background: (h, w, 3) linear radiance behind the head; None for none.
+        alpha: add a channel with ``covered``; colours are then those of the head alone.
+    """
+    if alpha:
+        whole = light / np.maximum(covered, np.float32(1e-6))[..., None]
+        colour = to_bytes(develop(whole.astype(np.float64), response) * (covered > 0)[..., None])
+        return encode_png(np.dstack([colour, to_bytes(covered)]), srgb=True)
+    behind_it = 0.0 if background is None else (1 - covered)[..., None] * background
+    return encode_png(to_bytes(develop((light + behind_it).astype(np.float64), response)), srgb=True)

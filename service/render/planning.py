@@ -1,0 +1,66 @@
+"""What the planner is shown of a picture: sample points on the skin that the camera sees, and an exposure."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.render.light import Visibility
+from service.render.surface import Surface
+from service.render.view import Samples
+from service.scene import surface as points
+from service.scene.environment import Illumination
+from service.scene.exposure import BRIGHT, exposed_for
+from service.scene.scene import Scene
+from service.scene.shading import Shading
+from service.scene.survey import Index, LitChart, survey
+
+COUNT = 384
+_GOLDEN = 0.6180339887498949
+
+
+def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.Surface:
+    """Samples of what the camera sees of the skin, as many texels as pixels count."""
+    s = surface
+    height, width = s.specular.shape
+    chart = LitChart(
+        position_m=s.position_m,
+        normal=s.normal,
+        tangent=s.tangent,
+        bitangent=s.bitangent,
+        diffuse_normal=s.diffuse_normal,
+        specular_normal=s.specular_normal,
+        albedo=s.albedo,
+        specular=s.specular,
+        alpha=s.alpha,
+        share=s.share,
+        texels_per_mm=s.texels_per_mm,
+        skin=s.skin,
+        weight=_weight(seen, height, width) * s.skin,
+    )
+    offsets = np.asarray(np.arange(COUNT) * _GOLDEN % 1.0, np.float64)
+
+    def visible(at: Index) -> npt.NDArray[np.float64]:
+        sky = visibility.sky()
+        rows, columns = (at // width) * sky.shape[1] // height, (at % width) * sky.shape[2] // width
+        return sky[:, rows, columns].T / 255.0
+
+    flat = np.zeros((COUNT, points.AZIMUTHS))
+    return survey(chart, offsets, visible, lambda at: flat)
+
+
+def _weight(seen: Samples, height: int, width: int) -> npt.NDArray[np.float64]:
+    """(H, W) how many samples of the picture each texel is nearest to."""
+    column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
+    row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)
+    return np.bincount(row * width + column, minlength=height * width).reshape(height, width).astype(np.float64)
+
+
+def exposed(scene: Scene, surface: points.Surface, light: Illumination) -> Scene:
+    """The scene with a number for its exposure: the target for the 90th percentile of the samples' luminance.
+
+    One that has an exposure is returned as it is.
+    """
+    if scene.response.exposure is not None:
+        return scene
+    return exposed_for(scene, float(np.quantile(Shading(scene, surface, light).luminance(), BRIGHT)))

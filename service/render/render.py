@@ -1,0 +1,184 @@
+"""From an archive and a scene to a picture: the whole way on one page.
+
+::
+
+    archive --open--> mesh, maps --reduce--> Surface --sample--> plan --shade--> radiance --develop--> PNG
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.reading import AvatarFile, StoredMap, open_avatar
+from service.errors import NumericFault
+from service.geometry.camera import Camera
+from service.head.model import HeadModel
+from service.render.graphs import Graphs
+from service.render.light import Detail, Visibility
+from service.render.picture import behind, coded, resolved
+from service.render.planning import exposed, samples_of
+from service.render.request import RenderRequest
+from service.render.shade import Clock, Shader
+from service.render.surface import LARGEST, ROLES, Surface, build_surface
+from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
+from service.scene.environment import illumination
+from service.scene.environment import radiance as environment_radiance
+from service.scene.plan import Plan, plan
+from service.scene.scene import Scene
+
+Float = npt.NDArray[np.float32]
+
+NO_RELIEF = "relief-shadows-not-simulated"
+"""Displacement maps are not read: 16 bits do not come through the decode gate, and at 8 there is no relief left."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture and what was done for it.
+
+    Attributes:
+        png: the file.
+        light: (h, w, 3) linear light of the head before the camera's response, times coverage.
+        covered: (h, w) in [0, 1].
+        camera: that looked.
+        scene: with the exposure that was chosen.
+        plan: which effects were computed.
+        chart: (width, height) of the chart that was lit.
+        fallbacks: stable codes of what was done otherwise than asked, or for want of something.
+        timings_s: seconds by step.
+    """
+
+    png: bytes
+    light: Float
+    covered: Float
+    camera: Camera
+    scene: Scene
+    plan: Plan
+    chart: tuple[int, int]
+    fallbacks: tuple[str, ...]
+    timings_s: dict[str, float]
+
+    def facts(self) -> dict[str, Any]:
+        """As JSON values."""
+        camera = self.camera
+        runs = [d for d in self.plan.decisions if d.runs]
+        return {
+            "width": camera.width,
+            "height": camera.height,
+            "bytes": len(self.png),
+            "camera": {
+                "viewpoint_m": [round(float(value), 6) for value in camera.centre],
+                "focal_px": round(camera.focal_px, 3),
+                "principal_point": [round(float(value), 3) for value in camera.principal_point],
+            },
+            "exposure": self.scene.response.exposure,
+            "effects": list(dict.fromkeys(d.effect for d in runs)),
+            "plan": [dataclasses.asdict(d) for d in self.plan.decisions],
+            "left_out_costs_at_most": round(self.plan.bound, 4),
+            "chart": list(self.chart),
+            "fallbacks": list(self.fallbacks),
+            "timings_s": {name: round(seconds, 4) for name, seconds in self.timings_s.items()},
+        }
+
+
+def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> Picture:
+    """A picture of the avatar in an archive.
+
+    Args:
+        source: path or seekable stream of the archive.
+        request: what to show.
+        threads: compute threads.
+
+    Raises:
+        UsageError: no such file, or a request that is not possible.
+        BadArchive, BadMesh: the archive cannot be used, or lacks a map that nothing can stand in for.
+        NumericFault: light that is not finite.
+    """
+    clock = Clock()
+    with clock.step("open"):
+        avatar = open_avatar(source, ROLES)
+    head = avatar.mesh.as_head(*_named(avatar))
+    return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=threads, clock=clock)
+
+
+def _named(avatar: AvatarFile) -> tuple[str, str]:
+    head = avatar.manifest.get("head")
+    facts = head if isinstance(head, dict) else {}
+    return str(facts.get("name", "head")), str(facts.get("licence", "unknown"))
+
+
+def render_head(
+    head: HeadModel,
+    vertices: npt.NDArray[np.floating],
+    maps: dict[str, StoredMap],
+    request: RenderRequest,
+    *,
+    threads: int = 2,
+    detail: Detail = Detail(),  # noqa: B008 - frozen
+    clock: Clock | None = None,
+) -> Picture:
+    """A picture of a head with its maps; raises as :func:`render_archive`.
+
+    Args:
+        head: topology and chart.
+        vertices: (V, 3) metres, head space.
+        maps: packed maps by role.
+        request: what to show.
+        threads: compute threads.
+        detail: of what the head hides.
+        clock: for the times of steps that came before.
+    """
+    clock = clock or Clock()
+    viewpoint = viewpoint_of(request.view, request.scene.viewpoints)
+    scene = dataclasses.replace(request.scene, viewpoints=(viewpoint,))
+    light = illumination(scene)  # an unknown environment is refused before the maps are unpacked
+    camera = camera_at(viewpoint, vertices, *request.size)
+    size = _chart_size(head, vertices, camera, detail.narrowest)
+    with clock.step("maps"):
+        surface = build_surface(head, vertices, maps, size)
+    with clock.step("samples"):
+        samples = Samples.of(head, vertices, camera, request.samples)
+    graphs = Graphs(threads)
+    visibility = Visibility(head, vertices, graphs, detail)
+    with clock.step("sky"):
+        visibility.sky()
+    with clock.step("plan"):
+        points = samples_of(surface, visibility, samples)
+        scene = exposed(scene, points, light)
+        chosen = plan(scene, points, request.tolerance)
+    shader = Shader(surface, visibility, light, chosen, graphs, clock)
+    radiance = shader.radiance(samples, viewpoint)
+    if not np.isfinite(radiance).all():
+        raise NumericFault(f"{int((~np.isfinite(radiance)).sum())} values of the picture's light are not finite")
+    with clock.step("develop"):
+        picture, covered = resolved(np.maximum(radiance, 0.0), samples.index, samples.shape, request.samples)
+        background = None
+        if request.background == "environment":
+            background = behind(camera, environment_radiance(scene.environment))
+        png = coded(picture, covered, scene.response, background, alpha=request.background == "transparent")
+    fallbacks = _fallbacks(surface, request, len(light.lights))
+    return Picture(png, picture, covered, camera, scene, chosen, size, fallbacks, clock.seconds)
+
+
+def _chart_size(head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera, narrowest: int) -> tuple[int, int]:
+    """The smallest of a few sizes whose texels are as small as the picture's pixels."""
+    pixel = texels_a_pixel(head, vertices, camera)
+    width = narrowest
+    while width < LARGEST and pixel > 0 and width * pixel < 1.0:
+        width *= 2
+    return width, width * 2 // 3
+
+
+def _fallbacks(surface: Surface, request: RenderRequest, lamps: int) -> tuple[str, ...]:
+    several = ("viewpoints-but-first-ignored",) if request.view is None and len(request.scene.viewpoints) > 1 else ()
+    return (
+        *surface.fallbacks,
+        *((NO_RELIEF,) if lamps else ()),
+        *several,
+    )

@@ -1,0 +1,157 @@
+"""From surface and light to radiance: matt light on the chart, where it scatters, mirror-like light at the samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.render.graphs import Graphs
+from service.render.light import Visibility
+from service.render.surface import Surface
+from service.render.view import Samples
+from service.scene.environment import Illumination
+from service.scene.harmonics import irradiance, project
+from service.scene.plan import Plan
+from service.scene.reflection import prefiltered
+from service.scene.scene import PointLight, Triple
+
+Float = npt.NDArray[np.float32]
+
+
+class Clock:
+    """Seconds by step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Add the time of a block to ``name``."""
+        import time
+
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass(frozen=True)
+class Shader:
+    """Shades one surface by one scene's light; ``plan`` says which effects are computed."""
+
+    surface: Surface
+    visibility: Visibility
+    light: Illumination
+    plan: Plan
+    graphs: Graphs
+    clock: Clock
+
+    def radiance(self, samples: Samples, viewpoint: Triple) -> Float:
+        """(N, 3) linear radiance >= 0 of the samples towards a viewpoint."""
+        shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
+        diffuse = samples.read(self._diffuse(shades))
+        with self.clock.step("gloss"):
+            return self._glossy(samples, viewpoint, diffuse, shades)
+
+    def _shade(self, light: PointLight, index: int) -> Float:
+        """(H, W) share of a lamp that arrives."""
+        height, width = self.surface.specular.shape
+        if not self.plan.runs("shadows", index):
+            return np.ones((height, width), np.float32)
+        with self.clock.step("shadows"):
+            return self.visibility.shadow(light, (width, height))
+
+    def _diffuse(self, shades: list[Float]) -> Float:
+        """(H, W, 3) light that leaves the skin after scattering, before the surface takes its part."""
+        s = self.surface
+        with self.clock.step("diffuse"):
+            arriving = self._sky()
+            if shades:
+                position, normal = _planes(s.position_m) * np.float32(1000), _planes(s.diffuse_normal)
+            for light, shade in zip(self.light.lights, shades, strict=True):
+                points = {"position": position, "normal": normal, "shade": shade}
+                flat = {key: value.reshape(*value.shape[:-2], -1) for key, value in points.items()}
+                arriving = arriving + self.graphs.at_points("irradiance", flat, **_lamp(light)).reshape(position.shape)
+        albedo = _planes(np.clip(s.albedo, 0.0, 1.0))
+        radiosity = albedo * arriving
+        if self.plan.runs("scattering"):
+            with self.clock.step("scattering"):
+                scattered = self.graphs.run(
+                    "scattering", albedo=albedo, arriving=arriving, texels_per_mm=s.texels_per_mm,
+                    mask=s.skin.astype(np.float32),
+                )  # fmt: skip
+                radiosity = np.where(s.skin[None], scattered, radiosity)
+        return np.ascontiguousarray(np.moveaxis(self._continued(radiosity) / np.float32(math.pi), 0, 2))
+
+    def _continued(self, planes: Float) -> Float:
+        return np.moveaxis(self.surface.chart.fill_outside(np.moveaxis(planes, 0, 2)), 2, 0)
+
+    def _sky(self) -> Float:
+        """(3, H, W) irradiance of the surroundings."""
+        s = self.surface
+        height, width = s.specular.shape
+        if self.light.dark:
+            return np.zeros((3, height, width), np.float32)
+        if not self.plan.runs("occlusion"):
+            return _planes(irradiance(project(self.light.sky), s.diffuse_normal).astype(np.float32))
+        vector = self.visibility.sky_light(self.light.sky, (width, height))
+        return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
+
+    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float, shades: list[Float]) -> Float:
+        """(N, 3): what the surface lets out of ``diffuse``, highlights, and the mirror image of the sky."""
+        s, plan = self.surface, self.plan
+        specular, alphas, share = samples.read(s.specular)[:, 0], samples.read(s.alpha), samples.read(s.share)[:, 0]
+        mirrors = plan.runs("reflection") and not self.light.dark
+        shining = [i for i in range(len(shades)) if plan.runs("specular", i)]
+        if not (mirrors or shining):
+            return diffuse * (1.0 - np.float32(0.04) * specular)[:, None]
+        offset = np.asarray(viewpoint, np.float32) - samples.position_m
+        view, normal = (_unit(v).T for v in (offset, samples.read(s.specular_normal)))
+        flat = "" if plan.runs("fresnel") else "_flat"
+        ones = np.ones_like(share)
+        lobes = [(alphas[:, 0], share), (alphas[:, 1], 1.0 - share)]
+        if not plan.runs("second_lobe"):
+            lobes = [(alphas[:, 1] + (alphas[:, 0] - alphas[:, 1]) * share, ones)]
+        openness = ones
+        if mirrors and plan.runs("occlusion"):
+            openness = samples.read(self.visibility.openness(s.normal))[:, 0]
+        total, taken = np.zeros((3, len(ones)), np.float32), np.zeros_like(ones)
+        levels = prefiltered(self.light.sky) if mirrors else None
+        for alpha, weight in lobes:
+            common = {"view": view, "normal": normal, "specular": specular, "alpha": alpha}
+            part = weight * self.graphs.at_points(f"kept{flat}", common)
+            taken += part
+            for i in shining:
+                points = {
+                    "position": samples.position_m.T * np.float32(1000), "shade": samples.read(shades[i])[:, 0],
+                } | common  # fmt: skip
+                shine = self.graphs.at_points(f"highlight{flat}", points, **_lamp(self.light.lights[i]))
+                total += weight * shine
+            if levels is not None:
+                points = {"view": view, "normal": normal, "part": part, "alpha": alpha, "openness": openness}
+                total += self.graphs.at_points("reflection", points, levels=levels)
+        return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T
+
+
+def _planes(image: Float) -> Float:
+    """(C, H, W) of (H, W, C)."""
+    return np.ascontiguousarray(np.moveaxis(image, 2, 0), np.float32)
+
+
+def _lamp(light: PointLight) -> dict[str, npt.NDArray[np.float32]]:
+    return {
+        "at": np.asarray(light.position_m, np.float32),
+        "intensity": np.asarray(light.intensity, np.float32),
+        "radius": np.asarray(light.radius_m, np.float32),
+    }
+
+
+def _unit(vectors: Float) -> Float:
+    """(N, 3) of length 1; (0, 0, 1) where there is no direction."""
+    length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))[:, None]
+    sound = length > 1e-6
+    return np.where(sound, vectors / np.where(sound, length, 1), np.array([0, 0, 1], np.float32)).astype(np.float32)

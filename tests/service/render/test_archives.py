@@ -1,0 +1,203 @@
+"""Archives that come from anywhere: bounded, checked, and refused with what is wrong."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from service.archive import reading, unpack
+from service.archive.images import encode_png
+from service.archive.pack import archive_members
+from service.archive.read_obj import read_obj
+from service.archive.reading import open_avatar
+from service.archive.unpack import unpack_map
+from service.errors import BadArchive, BadMesh, UsageError
+from tests.service.archive.toys import toy_avatar
+
+Files = dict[str, bytes]
+
+
+@lru_cache(maxsize=1)
+def members() -> tuple[tuple[str, bytes], ...]:
+    return tuple(archive_members(toy_avatar()).items())
+
+
+def zipped(files: Files, *, deflated: bool = False) -> io.BytesIO:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED if deflated else zipfile.ZIP_STORED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    stream.seek(0)
+    return stream
+
+
+def changed(**parts: bytes | None) -> Files:
+    files = dict(members())
+    for name, data in parts.items():
+        path = name.replace("__", "/").replace("_DOT_", ".")
+        if data is None:
+            files.pop(path)
+        else:
+            files[path] = data
+    return files
+
+
+def test_an_archive_gives_its_mesh_and_maps() -> None:
+    avatar = open_avatar(zipped(dict(members())), ("texture", "diffuse_albedo"))
+    assert set(avatar.maps) == {"texture"}
+    head = toy_avatar()
+    np.testing.assert_allclose(avatar.mesh.vertices, head.fit.vertices, atol=1e-6)
+    as_head = avatar.mesh.as_head("toy", "CC0-1.0")
+    np.testing.assert_array_equal(np.sort(as_head.triangles, 1), np.sort(head.head.triangles, 1)[_order(head, as_head)])
+    codes = unpack_map(avatar.maps["texture"].png, "texture")
+    np.testing.assert_array_equal(codes, head.texture.texture)
+    assert not avatar.maps["texture"].changed
+
+
+def _order(avatar: object, other: object) -> np.ndarray:
+    """Rows of the first head's triangles in the order of the second's: polygons are grouped by part in the file."""
+    first, second = (np.sort(head.triangles, 1) for head in (avatar.head, other))  # type: ignore[attr-defined]
+    places = {tuple(row): index for index, row in enumerate(first.tolist())}
+    return np.array([places[tuple(row)] for row in second.tolist()])
+
+
+def test_a_map_that_was_painted_over_and_packed_again_is_said_to_be_another() -> None:
+    painted = encode_png(np.zeros((64, 96, 3), np.uint8), srgb=True)
+    avatar = open_avatar(zipped(changed(maps__texture_DOT_png=painted), deflated=True), ("texture",))
+    assert avatar.maps["texture"].changed
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        (lambda: changed(mesh__head_DOT_obj=None), "mesh/head.obj"),
+        (lambda: changed(manifest_DOT_json=None), "manifest.json"),
+        (lambda: changed(manifest_DOT_json=b"{"), "not JSON"),
+        (lambda: changed(manifest_DOT_json=b"[" * 100_000), "JSON"),
+        (lambda: changed(manifest_DOT_json=b'{"schema_version": "2.0"}'), "2.0"),
+        (lambda: changed(manifest_DOT_json=b'{"schema_version": "1.0", "maps": 3}'), "list of maps"),
+        (lambda: {**dict(members()), "../evil": b"x"}, "evil"),
+    ],
+)
+def test_what_is_no_archive_of_ours_is_refused(files: Callable[[], Files], words: str) -> None:
+    with pytest.raises(BadArchive, match=words):
+        open_avatar(zipped(files()), ("texture",))
+
+
+@pytest.mark.parametrize("data", [b"", b"PK\x05\x06" + bytes(18), b"not a zip"])
+def test_what_is_no_zip_is_refused(data: bytes) -> None:
+    with pytest.raises(BadArchive):
+        open_avatar(io.BytesIO(data), ("texture",))
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: object) -> None:
+    from pathlib import Path
+
+    with pytest.raises(UsageError, match=r"nothing\.zip"):
+        open_avatar(Path("nothing.zip"), ())
+
+
+def test_a_bomb_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A member of a few kilobytes that unfolds to megabytes; the bound holds whatever the header says."""
+    monkeypatch.setattr(reading, "MAX_MAP", 1 << 20)
+    bomb = zipped(changed(maps__texture_DOT_png=bytes(8 << 20)), deflated=True)
+    assert len(bomb.getvalue()) < 6 << 20
+    with pytest.raises(BadArchive, match="unpacks to more than 1048576 bytes"):
+        open_avatar(bomb, ("texture",))
+
+
+def test_a_damaged_member_is_refused() -> None:
+    data = bytearray(zipped(dict(members())).getvalue())
+    at = bytes(data).index(b"mtllib head.mtl")
+    data[at] ^= 0xFF
+    with pytest.raises(BadArchive, match="CRC"):
+        open_avatar(io.BytesIO(bytes(data)), ())
+
+
+@pytest.mark.parametrize("entry", [{"bits": 12}, {"frame": "moon"}, {"coding": {"zero": 0, "scale": 0}}, {"coding": 3}])
+def test_entries_of_maps_that_make_no_sense_are_refused(entry: dict[str, object]) -> None:
+    manifest = json.loads(dict(members())["manifest.json"])
+    for item in manifest["maps"]:
+        item.update(entry)
+    with pytest.raises(BadArchive, match="texture"):
+        open_avatar(zipped(changed(manifest_DOT_json=json.dumps(manifest).encode())), ("texture",))
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (b"nonsense", "texture"),
+        (encode_png(np.zeros((64, 64), np.uint8), srgb=False), "3:2"),
+        (encode_png(np.zeros((64, 96), np.uint8), srgb=False)[:-20], "texture"),
+    ],
+)
+def test_maps_that_cannot_be_read_are_refused_by_name(image: bytes, words: str) -> None:
+    with pytest.raises(BadArchive, match=words):
+        unpack_map(image, "texture")
+
+
+def test_a_huge_map_is_refused_before_it_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unpack, "LIMITS", replace(unpack.LIMITS, max_pixels=1000))
+    with pytest.raises(BadArchive, match="1000"):
+        unpack_map(encode_png(np.zeros((64, 96), np.uint8), srgb=False), "texture")
+
+
+def test_codes_of_data_are_kept_whatever_gamma_the_file_states() -> None:
+    """A PNG with a gAMA chunk: its codes are numbers, not colours to be converted."""
+    import struct
+    import zlib
+
+    codes = np.arange(96, dtype=np.uint8).reshape(8, 12).repeat(3, 0).repeat(3, 1)
+    plain = encode_png(codes, srgb=False)
+    body = b"gAMA" + struct.pack(">I", 100_000)
+    chunk = struct.pack(">I", 4) + body + struct.pack(">I", zlib.crc32(body))
+    found = unpack_map(plain[:33] + chunk + plain[33:], "confidence")
+    np.testing.assert_array_equal(found[..., 0], codes)
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no faces"),
+        ("v 0 0\nf 1 1 1", "line 1"),
+        ("v 0 0 nan\n", "nan"),
+        ("v 0 0 inf\n", "inf"),
+        ("v a b c\n", "not numbers"),
+        (TRIANGLE + "f 1/1 2/2 4/3\n", "line 7.*4"),
+        (TRIANGLE + "f 1/1 2/2 0/3\n", "v 0"),
+        (TRIANGLE + "f 1/1 2/2\n", "2 corners"),
+        (TRIANGLE + "f 1/1 2/2 3/3 1/1 2/2\n", "5 corners"),
+        (TRIANGLE + "f 1/1 2/2 x/3\n", "not an index"),
+    ],
+)
+def test_meshes_that_make_no_sense_are_refused_by_line(text: str, words: str) -> None:
+    with pytest.raises(BadMesh, match=words):
+        read_obj(text.encode())
+
+
+def test_bytes_that_are_no_text_are_no_mesh() -> None:
+    with pytest.raises(BadMesh, match="not text"):
+        read_obj(b"\xff\xfe\x00")
+
+
+def test_a_mesh_without_a_chart_cannot_carry_maps() -> None:
+    with pytest.raises(BadMesh, match="texture coordinates"):
+        read_obj((TRIANGLE + "f 1 2 3\n").encode()).as_head("x", "y")
+    with pytest.raises(BadMesh, match=r"\[0, 1\]"):
+        read_obj((TRIANGLE.replace("vt 1 0", "vt 2 0") + "f 1/1 2/2 3/3\n").encode()).as_head("x", "y")
+
+
+def test_indices_may_count_from_the_end() -> None:
+    mesh = read_obj((TRIANGLE + "f -3/-3 -2/-2 -1/-1\n").encode())
+    assert mesh.polygons.tolist() == [[0, 1, 2, -1]]
+    assert mesh.polygon_uv.tolist() == [[0, 1, 2, -1]]
