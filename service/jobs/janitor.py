@@ -94,6 +94,11 @@ class Janitor:
                 self._again(row)
                 log.info("a job of %s is begun again", version, extra={"job": row["id"]})
 
+    def lead(self) -> None:
+        """See to it that new jobs are for a version of the program that some worker has; as :meth:`Queue.lead`."""
+        if self._queue.lead(PIPELINE_VERSION, set(self._alive().values())):
+            log.warning("new jobs are now for workers of %s", PIPELINE_VERSION)
+
     def reconcile(self) -> None:
         """No job that is unfinished for its owner may be finished, or unknown, for the queue.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from typing import Any
 
 import sqlalchemy as sa
@@ -68,6 +69,25 @@ class Queue:
             return {}
         found = self.client.list_workflows(workflow_ids=workflows, load_input=False, load_output=False)
         return {status.workflow_id: status for status in found}
+
+    def lead(self, version: str, alive: Collection[str]) -> bool:
+        """Make a version of the steps the one that takes new jobs, where the one that should is not there any more.
+
+        DBOS gives what waits to the version that was introduced last. After the way back to an older one that would be
+        nobody, and all jobs would wait for ever.
+
+        Args:
+            version: of a worker that has been launched.
+            alive: versions of the workers that live.
+
+        Returns:
+            Whether anything was changed.
+        """
+        latest = self.client.get_latest_application_version()["version_name"]
+        if latest == version or latest in alive:
+            return False
+        self.client.set_latest_application_version(version)
+        return True
 
     def delete(self, workflows: list[str]) -> None:
         """Forget workflows."""

@@ -99,9 +99,11 @@ class Worker:
         self._janitor.strays()
 
     def reconcile(self) -> None:
-        """As :meth:`Janitor.reconcile` and :meth:`Janitor.adopt`."""
+        """As :meth:`Janitor.reconcile`, :meth:`Janitor.adopt` and :meth:`Janitor.lead`."""
         self._janitor.reconcile()
         self._janitor.adopt()
+        if self._fault is None:
+            self._janitor.lead()
 
     def take_over(self) -> None:
         """Put the jobs of dead workers back into the queue: those whose lock is free, or that are silent."""

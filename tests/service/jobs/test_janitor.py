@@ -11,6 +11,7 @@ from service.jobs import janitor as module
 from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS
 from service.jobs.janitor import Janitor, LostJob
+from service.jobs.settings import PIPELINE_VERSION
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -139,6 +140,25 @@ def test_a_living_worker_of_an_older_version_keeps_its_jobs(bench: Bench, janito
     assert janitor.silent() == {"w2"}
     janitor.adopt()
     assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.2"]
+
+
+def test_after_the_way_back_to_an_older_version_new_jobs_are_for_it(bench: Bench, janitor: Janitor) -> None:
+    """DBOS gives them to the version that was introduced last; they waited for ever where no worker has it any more."""
+    client = bench.queue.client
+    for version in (PIPELINE_VERSION, "pipeline-99"):
+        client._sys_db.create_application_version(version)
+        client.set_latest_application_version(version)
+        time.sleep(0.005)  # its clock counts milliseconds
+    beat = {"name": "w2", "version": "pipeline-99", "ready": True, "seen_at": time.time()}
+    with bench.engine.begin() as connection:
+        connection.execute(sa.insert(WORKERS).values(**beat))
+    janitor.lead()
+    assert client.get_latest_application_version()["version_name"] == "pipeline-99", "one of these lives"
+    with bench.engine.begin() as connection:
+        connection.execute(sa.update(WORKERS).values(seen_at=time.time() - 2 * module.SILENT))
+    janitor.lead()
+    janitor.lead()
+    assert client.get_latest_application_version()["version_name"] == PIPELINE_VERSION
 
 
 def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
