@@ -25,6 +25,14 @@ Float = npt.NDArray[np.float64]
 
 LIGHTS = ("soft", "harsh")
 
+LAMPS: dict[str, tuple[tuple[float, float, float], float, tuple[float, float, float]]] = {
+    "left": ((1.6, 0.4, 1.0), 0.25, (12.0, 11.4, 10.6)),
+    "right": ((-1.6, 0.4, 1.0), 0.25, (12.0, 11.4, 10.6)),
+    "overhead": ((0.0, 1.9, 0.9), 0.25, (14.0, 13.3, 12.3)),
+    "warm": ((0.9, 0.1, 1.7), 0.5, (3.6, 2.3, 1.2)),
+}
+"""Lights of one lamp in a dim room: centre in metres (+X is the subject's left), radius, radiance."""
+
 _OLDEST_LLVM = 16
 
 
@@ -34,7 +42,7 @@ class Shot:
 
     Attributes:
         yaw: degrees by which the camera goes round the head, positive towards the subject's left.
-        light: "soft" (a bright sky and a dim floor) or "harsh" (a key from one side, little else).
+        light: "soft" (a bright sky and a dim floor), "harsh" (a key from one side, little else), or one of ``LAMPS``.
         distance: metres to the middle of the face.
         fov: degrees, of the whole width.
         size: pixels of the square photo.
@@ -186,6 +194,9 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
         path = out.with_name(f"{out.name}.{name}.ply")
         write_ply(path, vertices, triangles, colours)
         scene[name] = {"type": "ply", "filename": str(path), "bsdf": bsdf}
+    if shot.light in LAMPS:
+        where, radius, radiance = LAMPS[shot.light]
+        scene["lamp"] = {"type": "sphere", "center": list(where), "radius": radius, "emitter": _emitter(radiance)}
     side = 1 if shot.seed % 2 else -1
     if shot.light == "harsh":
         scene["key"] = {"type": "sphere", "center": [side * 1.2, 0.7, 1.2], "radius": 0.12, "emitter": _lamp(45.0)}
@@ -197,4 +208,8 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
 
 
 def _lamp(radiance: float) -> dict[str, Any]:
-    return {"type": "area", "radiance": {"type": "rgb", "value": [radiance, radiance * 0.95, radiance * 0.88]}}
+    return _emitter((radiance, radiance * 0.95, radiance * 0.88))
+
+
+def _emitter(radiance: tuple[float, float, float]) -> dict[str, Any]:
+    return {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}

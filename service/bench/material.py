@@ -15,7 +15,7 @@ import numpy.typing as npt
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
 from service.reflectance.displacement import Steps
 from service.reflectance.planes import Codes, Planes
-from service.reflectance.subject import GEOMETRY, GEOMETRY_SIZE, Subject
+from service.reflectance.subject import EYES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
 
 Float = npt.NDArray[np.float32]
@@ -75,6 +75,7 @@ class Material:
         window: that stages are measured on.
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
+        eyes: (4, h, w) of the whole chart, the same in all texels, see ``service.reflectance.subject.EYES``.
         steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
     """
@@ -83,13 +84,14 @@ class Material:
     window: Window
     texture: Codes
     geometry: Float
+    eyes: Float
     steps: Float
     skin: npt.NDArray[np.uint8]
 
     def save(self) -> None:
         """Write ``FILE``."""
         window = np.array([self.window.left, self.window.top, self.window.side])
-        arrays = {name: getattr(self, name) for name in ("texture", "geometry", "steps", "skin")}
+        arrays = {name: getattr(self, name) for name in ("texture", "geometry", "eyes", "steps", "skin")}
         np.savez(self.folder / FILE, window=window, **arrays)
 
     @classmethod
@@ -97,7 +99,7 @@ class Material:
         """Read ``FILE``."""
         with np.load(folder / FILE) as file:
             window = Window(*(int(value) for value in file["window"]))
-            return cls(folder, window, file["texture"], file["geometry"], file["steps"], file["skin"])
+            return cls(folder, window, *(file[name] for name in ("texture", "geometry", "eyes", "steps", "skin")))
 
     def result(self, stage: str) -> npt.NDArray[Any]:
         """The reference's map of a stage in the window."""
@@ -112,6 +114,7 @@ class Material:
         side = self.window.pixels(width)
         planes = Planes((side, side))
         planes.add_coarse(GEOMETRY, self.window.planes(self.geometry))
+        planes.add_coarse(EYES, self.eyes)
         return planes
 
     def whole_texture(self) -> Planes:
@@ -119,6 +122,7 @@ class Material:
         planes = Planes((self.texture.shape[1], self.texture.shape[0]))
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
+        planes.add_coarse(EYES, self.eyes)
         return planes
 
     def enlarged(self, width: int) -> Codes:
@@ -155,7 +159,8 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     skin = window.of(np.where(subject.chart.mask, subject.skin(GEOMETRY_SIZE), 0).astype(np.uint8))
     codes = texture.astype(np.uint16) * np.uint16(257)
     side = window.pixels(FULL_SIZE[0])
-    Material(folder, window, codes, subject.geometry, steps, np.asarray(resized_mask(skin, side))).save()
+    mask = np.asarray(resized_mask(skin, side))
+    Material(folder, window, codes, subject.geometry, subject.eyes, steps, mask).save()
 
 
 def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:

@@ -25,6 +25,7 @@ from service.bench.variants import (
     INT8,
     NETWORKS,
     STAGES,
+    TRANSLATORS,
     Extent,
     Family,
     StageName,
@@ -37,6 +38,7 @@ from service.bench.whole import COMPARED, Made, Whole, make
 from service.bench.work import Work, count
 from service.errors import AvatarError, ModelFault
 from service.levels import FULL_SIZE, LEVELS
+from service.reflectance.plan import ROLES, Plan
 from service.runtime.describe import Description
 from service.runtime.networks import Engine, choose_engine, describe
 from service.runtime.networks import Precision as EnginePrecision
@@ -51,6 +53,9 @@ KINDS: dict[StageName, Kind] = {
 
 STAGES_SHARE = 0.5
 """Of the progress bar."""
+
+BEATEN = 1.1
+"""The rule of ``--runtime auto`` is called wrong where another runtime is so many times as fast."""
 
 
 @dataclass
@@ -128,6 +133,7 @@ def bench(
         found = launch(rates.measure, threads, blas_threads=threads)
         at = _Setting(extent, families, folder, launch, data, threads, found, material.Material.load(folder))
         rows = _measure_stages(at, chosen, progress)
+        at.notes.extend(_rule_notes(rows, threads, first))
         wholes = _measure_wholes(at, progress)
     return Bench(
         machine=_machine(threads, families),
@@ -239,6 +245,26 @@ def _floor(at: _Setting, variant: Variant, engine: Engine) -> float | None:
     return at.rates.floor(operations, moved, variant.precision)
 
 
+def _rule_notes(rows: Sequence[Row], threads: int, first: Family) -> list[str]:
+    """Stages where ``auto`` takes a runtime that another one beat by more than a tenth in this run."""
+    found = []
+    for stage in (*TRANSLATORS, "zeta"):
+        taken = {
+            f"{row.variant.runtime} {row.variant.precision}": row.measured.seconds
+            for row in rows
+            if row.measured is not None and row.variant == replace(
+                reference(row.variant.stage), runtime=row.variant.runtime, precision=row.variant.precision
+            ) and row.variant.stage == stage and row.variant.precision not in INT8
+        }  # fmt: skip
+        auto = choose_engine(threads=threads, folder=first.folder).told([NETWORKS[stage][-1]])
+        chosen = next(iter(auto.values()))
+        if chosen in taken and taken[chosen] > BEATEN * min(taken.values()):
+            best = min(taken, key=taken.__getitem__)
+            times = taken[chosen] / taken[best]
+            found.append(f"{stage}: --runtime auto takes {chosen}; {best} was {times:.2f} times as fast in this run")
+    return found
+
+
 def _marked(rows: list[Row]) -> list[Row]:
     """Rows with the Pareto front of their stage (of their kind of map, for the encoding)."""
     groups: dict[tuple[str, str], list[int]] = {}
@@ -264,7 +290,7 @@ def whole_runs(at: Extent, families: Sequence[Family], threads: int, int8: Mappi
     for name in at.levels:
         level = LEVELS[name]
         engine = choose_engine(threads=threads, precision=level.precision, folder=folder)
-        key = (level.size, level.super_resolution, level.normal_bits, level.fine_mesh, engine)
+        key = (level.size, level.super_resolution, level.normal_bits, level.fine_mesh, level.keep_cliffs, engine)
         runs[key] = Whole(f"{runs[key].label}, {name}" if key in runs else name, name, engine)
     levels = list(runs.values())
     engine = choose_engine(threads=threads, folder=folder)
@@ -278,12 +304,13 @@ def whole_runs(at: Extent, families: Sequence[Family], threads: int, int8: Mappi
 def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine, int8: Mapping[str, Path]) -> list[Whole]:
     """Draft by other means than the level's own."""
     found = []
+    networks = Plan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
     for runtime, precision in (("onnxruntime", "fp32"), *precisions(at)):
         if precision in INT8 and precision not in int8:
             continue
         computed: EnginePrecision = "bf16" if precision == "bf16" else "fp32"
-        other = replace(engine, runtime=runtime, precision=computed, folder=int8.get(precision, engine.folder))
-        if other != engine:
+        other = Engine(runtime, computed, engine.threads, int8.get(precision, engine.folder))
+        if any(other.of(name) != engine.of(name) for name in networks):
             found.append(Whole(f"draft, {runtime} {precision}", "draft", other))
     found += [Whole(f"draft, tile {tile}", "draft", engine, tile=tile) for tile in at.tiles[:2]]
     found += [Whole(f"draft, {family.name}", "draft", replace(engine, folder=family.folder)) for family in families[1:]]

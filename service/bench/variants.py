@@ -75,7 +75,10 @@ class Variant:
         return ", ".join(words) or "reference"
 
 
-TOLERANCES = ("tolerance 1e-06", "tolerance 0.003", "tolerance 0.03", "tolerance 0.3")
+CLIFFS = ", cliffs kept"
+TOLERANCES = (
+    "tolerance 1e-06", "tolerance 0.003", f"tolerance 0.003{CLIFFS}", "tolerance 0.03", "tolerance 0.3",
+)  # fmt: skip
 CODINGS = (
     "normals 16 bits, level 1", "normals 8 bits, level 1", "normals 8 bits, level 6", "albedo 16 bits, level 1",
     "albedo 8 bits, level 1", "albedo 8 bits, level 3", "albedo 8 bits, level 6",

@@ -77,7 +77,11 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     size = None if run.width is None else (run.width, run.width * 2 // 3)
     options = Options(maps=(*roles, *TEXTURE_MAPS), quality=run.quality, size=size, face="largest")  # type: ignore[arg-type]
     enlarged = options.level.super_resolution and options.map_size[0] >= SMALLEST_ENLARGED
-    plan = Plan.of(roles, super_resolution=enlarged and set(NETWORKS["super_resolution"]) <= there)
+    plan = Plan.of(
+        roles,
+        super_resolution=enlarged and set(NETWORKS["super_resolution"]) <= there,
+        keep_cliffs=options.level.keep_cliffs,
+    )
     avatar = make_avatar(photo, replace(options, maps=TEXTURE_MAPS, size=options.texture_size))
     subject = Subject.of(avatar.head, avatar.fit.vertices, eye_light=avatar.fit.eye_light)
     reflectance = make_reflectance(

@@ -80,14 +80,14 @@ def test_masks_without_an_equation(count: int) -> None:
 
 
 def test_a_map_wider_than_it_is_solved_at() -> None:
-    """The same tear on four times as many texels, with nonsense outside the mask: the correction is the same."""
+    """The same tear on 64 times as many texels, with nonsense outside the mask: the correction is the same."""
     height, right, down, distance = torn(0.6)
     fine = [np.repeat(np.repeat(plane, 8, 0), 8, 1) for plane in (height, right / 8, down / 8, distance)]
     mask = np.ones(fine[0].shape, bool)
     mask[:, -96:] = False
-    assert mask.shape[1] > WIDTH
+    assert fine[0].shape[-1] > WIDTH
     slopes = [np.where(mask, slope, 9.0).astype(np.float32) for slope in fine[1:3]]
-    gained, _ = cliff_part(slopes[0], slopes[1], mask, TEXEL / 8)
+    gained, _ = cliff_part(slopes[0], slopes[1], mask, TEXEL / np.float32(8))
     assert not gained[~mask].any()
     whole = ALL & (np.arange(WIDE) < WIDE - 12)
     plain = integrate(right, down, whole).height
