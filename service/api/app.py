@@ -14,7 +14,7 @@ from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 
 from service import __version__
-from service.api import avatars, events, files, info, problems
+from service.api import avatars, events, files, info, problems, renders
 from service.api.context import Context
 from service.api.middleware import Front
 from service.api.options import adapter
@@ -57,7 +57,7 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
     problems.install(app)
     app.add_middleware(QuickState)
     app.add_middleware(Front, settings=settings)
-    for module in (avatars, events, files, info):
+    for module in (avatars, events, files, renders, info):
         app.include_router(module.router)
     _serve_page(app, page)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
@@ -101,6 +101,7 @@ def _described(app: FastAPI) -> dict[str, Any]:
     options = adapter().json_schema(ref_template="#/components/schemas/{model}")
     schemas.update(options.pop("$defs", {}))
     schemas["Options"] = {**options, "additionalProperties": False}
+    schemas |= _render_schemas()
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     components["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
@@ -111,13 +112,29 @@ def _described(app: FastAPI) -> dict[str, Any]:
     return described
 
 
+def _render_schemas() -> dict[str, Any]:
+    """Schemas of a picture's request and of scenes."""
+    from pydantic import TypeAdapter
+
+    from service.render.request import RenderRequest
+
+    schema = TypeAdapter(RenderRequest).json_schema(ref_template="#/components/schemas/{model}")
+    definitions: dict[str, Any] = schema.pop("$defs", {})
+    avatar = {"type": "string", "description": "Id of an avatar that has succeeded."}
+    schema["properties"] = {"avatar": avatar, **schema["properties"]}
+    return {**definitions, "Render": {**schema, "required": ["avatar"], "additionalProperties": False}}
+
+
 def _describe(path: str, method: str, operation: dict[str, Any]) -> None:
     answers = operation["responses"]
     answers.pop("422", None)
     answers["4XX"] = _PROBLEM
     answers["5XX"] = _PROBLEM
-    if path.startswith("/v1/avatars"):
+    if path.startswith(("/v1/avatars", "/v1/renders")):
         operation["security"] = [{"key": []}, {}]
+    if (path, method) == ("/v1/renders", "post"):
+        schema = {"$ref": "#/components/schemas/Render"}
+        operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
     if (path, method) != ("/v1/avatars", "post"):
         return
     photo = {"type": "string", "format": "binary", "description": "JPEG, PNG or WebP."}

@@ -56,6 +56,7 @@ class Context:
         self.watcher = Watcher(self.store)
         self.draining = threading.Event()
         self.uploads = 0
+        self.renders = 0
         self.gates = asyncio.Semaphore(GATES)
         self._workers: tuple[float, list[dict[str, object]]] = (float("-inf"), [])
 

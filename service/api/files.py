@@ -61,7 +61,7 @@ class Extent:
 @router.get("/{job}/archive.zip", response_class=Response, responses=_RESPONSES, summary="The whole result as a zip.")
 async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
     """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off."""
-    row = await run_in_threadpool(_finished, context, job, tenant)
+    row = await run_in_threadpool(finished, context, job, tenant)
     digest = row["archive_sha256"]
     whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
     disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
@@ -71,7 +71,7 @@ async def archive(job: str, request: Request, tenant: Asking, context: Here) -> 
 @router.get("/{job}/files", response_model=FileList, summary="Names and sizes of the files of the result.")
 def listing(job: str, tenant: Asking, context: Here) -> Response:
     """Each file can be had by itself under its ``link``."""
-    row = _finished(context, job, tenant)
+    row = finished(context, job, tenant)
     items = [
         {
             "path": info.filename,
@@ -90,11 +90,16 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
 )
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
-    row = await run_in_threadpool(_finished, context, job, tenant)
+    row = await run_in_threadpool(finished, context, job, tenant)
     return _answer(request, context, await run_in_threadpool(_extent, context, row, path), {})
 
 
-def _finished(context: Context, job: str, tenant: Tenant) -> Row:
+def finished(context: Context, job: str, tenant: Tenant) -> Row:
+    """The row of a tenant's job that has a result.
+
+    Raises:
+        ProblemError: there is no such job, it has not succeeded, or its result is gone.
+    """
     row = context.job(job, tenant)
     if row["state"] in ("queued", "running"):
         raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])

@@ -24,7 +24,7 @@ def parse_options(text: bytes) -> Options:
         ProblemError: it is no JSON object, has a name that is not an option, or a value of the wrong kind.
         UsageError: a value is out of range.
     """
-    values = _parse(text) if text.strip() else {}
+    values = parse_object(text) if text.strip() else {}
     known = {field.name for field in fields(Options)}
     for name in values:
         if name not in known:
@@ -45,22 +45,27 @@ def adapter() -> TypeAdapter[Options]:
     return TypeAdapter(Options)
 
 
-def _parse(text: bytes) -> dict[str, Any]:
+def parse_object(text: bytes, code: str = "malformed-options") -> dict[str, Any]:
+    """A JSON object without NaN and without deep nesting.
+
+    Raises:
+        ProblemError: it is none; with ``code``.
+    """
     try:
         values = json.loads(text.decode("utf-8"), parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        raise ProblemError("malformed-options", 422, pointer="") from error
-    if not isinstance(values, dict):
-        raise ProblemError("malformed-options", 422, pointer="")
-    _check(values, 0)
+        raise ProblemError(code, 422, pointer="") from error
+    if not isinstance(values, dict) or not _plain(values, 0):
+        raise ProblemError(code, 422, pointer="")
     return values
 
 
-def _check(value: Any, depth: int) -> None:
+def _plain(value: Any, depth: int) -> bool:
+    """Whether a value is finite and not nested deeply."""
     if depth > _MAX_DEPTH or (isinstance(value, float) and not math.isfinite(value)):
-        raise ProblemError("malformed-options", 422, pointer="")
-    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        _check(item, depth + 1)
+        return False
+    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return all(_plain(item, depth + 1) for item in items)
 
 
 def _no_constant(name: str) -> NoReturn:

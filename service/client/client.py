@@ -16,7 +16,7 @@ from service.client.errors import JobExpired, NoSuchJob, UnexpectedAnswer
 from service.client.events import Event
 from service.client.retry import AGAIN, Retry
 from service.client.state import Job, checked_id, share
-from service.client.transport import Transport
+from service.client.transport import Transport, picture
 from service.client.waiting import Follower
 from service.errors import UsageError
 
@@ -171,6 +171,29 @@ class Client:
             self._transport.json("DELETE", _path(job_id))
 
     cancel = delete
+
+    def render(self, job_id: str, scene: Mapping[str, Any] | None = None, **options: Any) -> bytes:
+        """A PNG of a finished avatar under a scene.
+
+        Args:
+            job_id: the job that made it.
+            scene: JSON values of a scene, see ``docs/render.md``; None for a studio.
+            options: ``size`` [width, height], ``view``, ``background``, ``samples``, ``tolerance``.
+
+        Raises:
+            UsageError: the scene or an option is not possible; names it.
+            NoSuchJob, JobExpired, Conflict: there is no such avatar, or not any more, or not yet.
+            Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
+        """
+        _path(job_id)
+        wanted = canonical({"avatar": job_id, **({} if scene is None else {"scene": scene}), **options})
+
+        @contextlib.contextmanager
+        def body() -> Iterator[Mapping[str, Any]]:
+            yield {"content": wanted.encode()}
+
+        headers = {"Content-Type": "application/json"}
+        return self._transport.answer(picture, "POST", "/v1/renders", headers=headers, body=body)
 
     def quality(self) -> Mapping[str, Any]:
         """Levels of quality with the times that the server measured on its machine."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import httpx
@@ -23,6 +23,9 @@ TransportFault = httpx.TransportError
 """The connection failed, now or in the middle of a stream."""
 
 _LARGEST_ANSWER = 16 << 20
+_LARGEST_PICTURE = 128 << 20
+
+Answer = TypeVar("Answer")
 
 
 class Transport:
@@ -61,9 +64,23 @@ class Transport:
         body: Sender | None = None,
         again: Iterable[int] = AGAIN,
     ) -> Any:
-        """One request that answers with JSON; None where the answer has no body.
+        """One request that answers with JSON; None where the answer has no body; see :meth:`answer`."""
+        return self.answer(_json, method, path, headers=headers, body=body, again=again)
+
+    def answer(
+        self,
+        read: Callable[[httpx.Response], Answer],
+        method: str,
+        path: str,
+        *,
+        headers: Mapping[str, str] | None = None,
+        body: Sender | None = None,
+        again: Iterable[int] = AGAIN,
+    ) -> Answer:
+        """What ``read`` makes of the answer to one request.
 
         Args:
+            read: reads an answer that is a success.
             method: of HTTP; the request may be sent several times, so it has to be idempotent.
             path: below the address, percent-encoded.
             headers: further headers.
@@ -81,7 +98,7 @@ class Transport:
             try:
                 with self._send(method, path, headers, body) as response:
                     if response.is_success:
-                        return _json(response)
+                        return read(response)
                     fault = refused(response)
                     worth, silent = response.status_code in statuses, False
                     asked = retry_after_s(response.headers.get("Retry-After"))
@@ -149,12 +166,29 @@ def _hopeless(error: httpx.TransportError) -> bool:
     return isinstance(error, httpx.LocalProtocolError | httpx.UnsupportedProtocol) or "CERTIFICATE" in str(error)
 
 
-def _json(response: httpx.Response) -> Any:
+def picture(response: httpx.Response) -> bytes:
+    """A PNG.
+
+    Raises:
+        UnexpectedAnswer: the answer is none, or longer than 128 MiB.
+    """
+    data = _content(response, _LARGEST_PICTURE)
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        raise UnexpectedAnswer("the server's answer is no PNG; is it this service?")
+    return data
+
+
+def _content(response: httpx.Response, most: int) -> bytes:
     data = bytearray()
     for chunk in response.iter_raw():
         data += chunk
-        if len(data) > _LARGEST_ANSWER:
-            raise UnexpectedAnswer(f"the server's answer is longer than {_LARGEST_ANSWER} bytes")
+        if len(data) > most:
+            raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
+    return bytes(data)
+
+
+def _json(response: httpx.Response) -> Any:
+    data = _content(response, _LARGEST_ANSWER)
     if not data:
         return None
     try:

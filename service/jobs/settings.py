@@ -42,6 +42,8 @@ class Settings:
         keys: path of the file of API keys; "" for a server without keys.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
         uploads: uploads that are received at the same time.
+        renders: pictures that are rendered at the same time, each in a process with the limits of a job.
+        render_seconds: longest time of one picture.
         header_seconds: longest time for the head of a request.
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
@@ -66,6 +68,8 @@ class Settings:
     keys: str = ""
     max_unfinished: int = 2000
     uploads: int = 64
+    renders: int = 1
+    render_seconds: float = 120.0
     header_seconds: float = 10.0
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
@@ -76,6 +80,7 @@ class Settings:
             "jobs": 1,
             "port": 0,
             "uploads": 1,
+            "renders": 0,
             "max_queued": 1,
             "max_unfinished": 1,
             "memory_mb": 0,
@@ -84,7 +89,7 @@ class Settings:
         for name, least in low.items():
             if getattr(self, name) < least:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
-        for name in ("job_seconds", "result_hours", "header_seconds", "body_seconds", "idle_seconds"):
+        for name in ("job_seconds", "render_seconds", "result_hours", "header_seconds", "body_seconds", "idle_seconds"):
             if not getattr(self, name) > 0:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be above 0", field=name)
         if not self.worker or not self.worker.replace("-", "").replace("_", "").replace(".", "").isalnum():

@@ -30,7 +30,7 @@ from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
 from service.scene.environment import illumination
 from service.scene.environment import radiance as environment_radiance
 from service.scene.plan import Plan, plan
-from service.scene.scene import Scene
+from service.scene.scene import Scene, Triple
 
 Float = npt.NDArray[np.float32]
 
@@ -121,6 +121,8 @@ def render_head(
     *,
     threads: int = 2,
     detail: Detail = Detail(),  # noqa: B008 - frozen
+    camera: Camera | None = None,
+    without: tuple[str, ...] = (),
     clock: Clock | None = None,
 ) -> Picture:
     """A picture of a head with its maps; raises as :func:`render_archive`.
@@ -132,13 +134,15 @@ def render_head(
         request: what to show.
         threads: compute threads.
         detail: of what the head hides.
+        camera: in place of the request's; of the request's size.
+        without: effects that are left out whatever they are worth, for comparisons.
         clock: for the times of steps that came before.
     """
     clock = clock or Clock()
-    viewpoint = viewpoint_of(request.view, request.scene.viewpoints)
+    viewpoint = _centre(camera) if camera else viewpoint_of(request.view, request.scene.viewpoints)
     scene = dataclasses.replace(request.scene, viewpoints=(viewpoint,))
     light = illumination(scene)  # an unknown environment is refused before the maps are unpacked
-    camera = camera_at(viewpoint, vertices, *request.size)
+    camera = camera or camera_at(viewpoint, vertices, *request.size)
     size = _chart_size(head, vertices, camera, detail.narrowest)
     with clock.step("maps"):
         surface = build_surface(head, vertices, maps, size)
@@ -151,7 +155,7 @@ def render_head(
     with clock.step("plan"):
         points = samples_of(surface, visibility, samples)
         scene = exposed(scene, points, light)
-        chosen = plan(scene, points, request.tolerance)
+        chosen = _simulated(plan(scene, points, request.tolerance), without)
     shader = Shader(surface, visibility, light, chosen, graphs, clock)
     radiance = shader.radiance(samples, viewpoint)
     if not np.isfinite(radiance).all():
@@ -164,6 +168,18 @@ def render_head(
         png = coded(picture, covered, scene.response, background, alpha=request.background == "transparent")
     fallbacks = _fallbacks(surface, request, len(light.lights))
     return Picture(png, picture, covered, camera, scene, chosen, size, fallbacks, clock.seconds)
+
+
+def _centre(camera: Camera) -> Triple:
+    x, y, z = (float(value) for value in camera.centre)
+    return x, y, z
+
+
+def _simulated(made: Plan, without: tuple[str, ...]) -> Plan:
+    """The plan for what is computed here: nothing is known of the relief's shadows, so nothing is said of them."""
+    known = (d for d in made.decisions if d.effect != "relief_shadows")
+    left = (dataclasses.replace(d, runs=d.runs and d.effect not in without) for d in known)
+    return Plan(tuple(left), made.tolerance)
 
 
 def _chart_size(head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera, narrowest: int) -> tuple[int, int]:

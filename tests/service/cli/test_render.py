@@ -1,0 +1,99 @@
+"""``avatarme render``: files, pipes, and what is said when something is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from service.archive.pack import write_archive
+from service.archive.reading import open_avatar
+from service.cli.app import app
+from service.render.render import Picture, render_head
+from service.render.request import RenderRequest
+from service.render.surface import ROLES
+from tests.service.archive.toys import toy_avatar
+from tests.service.render.toys import ROUGH
+
+SCENE = {"environment": {"zenith": [1, 1, 1], "horizon": [1, 1, 1], "ground": [1, 1, 1]}}
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("render") / "toy.zip"
+    write_archive(toy_avatar(), path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def rough(monkeypatch: pytest.MonkeyPatch) -> None:
+    def render_archive(source: Any, request: RenderRequest) -> Picture:
+        avatar = open_avatar(source, ROLES)
+        head = avatar.mesh.as_head("toy", "CC0-1.0")
+        return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)
+
+    monkeypatch.setattr("service.render.render.render_archive", render_archive)
+
+
+def run(*arguments: object, data: bytes = b"") -> Any:
+    return CliRunner().invoke(app, ["render", *map(str, arguments)], input=data)
+
+
+def small(*arguments: object) -> tuple[object, ...]:
+    return (*arguments, "--size", "32x40", "--samples", "1")
+
+
+def test_an_archive_becomes_a_picture(archive: Path, tmp_path: Path) -> None:
+    scene, image = tmp_path / "scene.json", tmp_path / "image.png"
+    scene.write_text(json.dumps(SCENE))
+    result = run(*small(archive, "--scene", scene, "-o", image, "--json", "--view", "left"))
+    assert result.exit_code == 0, result.output
+    facts = json.loads(result.stdout)
+    assert facts["image"] == str(image)
+    assert facts["bytes"] == image.stat().st_size
+    assert facts["camera"]["viewpoint_m"] == pytest.approx([1.2, 0.0, 0.0])
+    assert "occlusion" in facts["effects"]
+    assert set(facts["timings_s"]) >= {"maps", "sky", "plan", "diffuse"}
+    assert "occlusion" in result.stderr and "error at most" in result.stderr
+    assert "fallback: diffuse_albedo-from-texture" in result.stderr
+    plain = run(*small(archive, "--scene", scene, "-o", image, "--view", "left"))
+    assert plain.stdout.strip() == str(image)
+
+
+def test_pipes(archive: Path) -> None:
+    result = run(*small("-", "-o", "-"), data=archive.read_bytes())
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout_bytes[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("nothing.zip", "-o", "x.png"), 2, "nothing.zip"),
+        (("{archive}", "-o", "x.png", "--scene", "nothing.json"), 2, "nothing.json"),
+        (("{archive}", "-o", "x.png", "--scene", "{bad}"), 2, "strength"),
+        (("{archive}", "-o", "x.png", "--size", "10x10"), 2, "10x10"),
+        (("{archive}", "-o", "x.png", "--size", "big"), 2, "big"),
+        (("{archive}", "-o", "x.png", "--view", "sideways"), 2, "sideways"),
+        (("{archive}", "-o", "-", "--json"), 2, "--json"),
+        (("{archive}", "-o", "{archive}"), 2, "is what is read"),
+        (("-", "--scene", "-", "-o", "x.png"), 2, "both"),
+        (("{bad}", "-o", "x.png"), 4, "archive"),
+        (("{archive}", "-o", "{folder}/no/x.png"), 1, "cannot write"),
+    ],
+)
+def test_what_is_wrong_is_said(
+    arguments: tuple[str, ...], status: int, words: str, archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad = tmp_path / "bad.json"
+    bad.write_text('{"environment": {"strength": -1}}')
+    monkeypatch.chdir(tmp_path)
+    filled = [each.format(archive=archive, bad=bad, folder=tmp_path) for each in arguments]
+    sized = filled if "--size" in filled else [*filled, "--size", "24x24", "--samples", "1"]
+    result = run(*sized)
+    assert result.exit_code == status, result.output
+    assert words in result.stderr
+    assert not (tmp_path / "x.png").exists()
