@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
-
 import numpy as np
 import numpy.typing as npt
 
+from service.archive.png import chunk
 from service.errors import NumericFault
 
 NORMAL_ZERO = 128
@@ -72,7 +70,7 @@ def encode_png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], *, srgb: b
     data = buffer.tobytes()
     if not srgb:
         return data
-    return data[:_AFTER_IHDR] + _chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
+    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
 
 
 def encode_jpeg(image: npt.NDArray[np.uint8], quality: int = 90) -> bytes:
@@ -87,7 +85,3 @@ def encode_jpeg(image: npt.NDArray[np.uint8], quality: int = 90) -> bytes:
     if not done:
         raise NumericFault(f"the JPEG encoder refused an image of shape {image.shape} and type {image.dtype}")
     return buffer.tobytes()
-
-
-def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))

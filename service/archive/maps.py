@@ -9,17 +9,13 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from service.archive import png
 from service.archive.avatar import Avatar
-from service.archive.images import encode_png, normal_coding, quantise_normals
+from service.archive.images import normal_coding, quantise_normals
+from service.archive.png import Rows
 from service.levels import LEVELS
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
 from service.texture.result import MIRRORED, SEEN
-
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
-LARGE = 4_000_000
-"""Texels from which on PNGs are packed fast rather than small."""
-_BAND = 256
 
 
 @dataclass(frozen=True)
@@ -31,7 +27,7 @@ class MapSpec:
         kind: what its values are: "colour" in [0, 1], "normal" components, "height" in mm.
         colour_space: "srgb", "linear" or "data" (vectors).
         meaning: of the value.
-        codes: takes an avatar, gives (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
+        codes: takes an avatar, gives the rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
         framed: whether the options choose the frame of its normals; those of other maps are in object space.
     """
 
@@ -39,7 +35,7 @@ class MapSpec:
     kind: Literal["colour", "normal", "height"]
     colour_space: Literal["srgb", "linear", "data"]
     meaning: str
-    codes: Callable[[Avatar], Codes | None]
+    codes: Callable[[Avatar], Rows | None]
     framed: bool = False
 
     @property
@@ -78,11 +74,8 @@ def fine_mesh_wanted(avatar: Avatar) -> bool:
 
 def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
     """PNG bytes of one map, None where there is none; NumericFault where normals are not finite."""
-    codes = spec.codes(avatar)
-    if codes is None:
-        return None
-    large = codes.shape[0] * codes.shape[1] >= LARGE
-    return encode_png(codes, srgb=spec.colour_space == "srgb", level=1 if large else 3)
+    rows = spec.codes(avatar)
+    return None if rows is None else png.encode(rows, srgb=spec.colour_space == "srgb")
 
 
 def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Avatar], Any]:
@@ -90,18 +83,22 @@ def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Ava
     return lambda avatar: None if avatar.reflectance is None else made(avatar.reflectance)
 
 
-def _eight_bits(codes: npt.NDArray[np.uint16] | None) -> npt.NDArray[np.uint8] | None:
-    """16-bit codes rounded to 8 bits, band by band."""
+def _eight_bits(codes: npt.NDArray[np.uint16] | None) -> Rows | None:
+    """16-bit codes rounded to 8 bits."""
     if codes is None:
         return None
-    result = np.zeros(codes.shape, np.uint8)
-    for first in range(0, len(codes), _BAND):
-        band = slice(first, first + _BAND)
-        result[band] = (codes[band].astype(np.uint32) * 255 + 32767) // 65535
-    return result
+
+    def read(first: int, last: int) -> npt.NDArray[np.uint8]:
+        return np.asarray((codes[first:last].astype(np.uint32) * 255 + 32767) // 65535, np.uint8)
+
+    return Rows(codes.shape, 8, read)
 
 
-def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Codes | None:
+def _as_they_are(codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None) -> Rows | None:
+    return None if codes is None else Rows.of(codes)
+
+
+def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
     """Codes of the archive for normals of the reflectance, in the frame and bits that the options ask for."""
     if codes is None:
         return None
@@ -110,13 +107,14 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Codes | Non
         from service.reflectance.subject import Subject
 
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
-    bits = normal_bits(avatar)
-    result = np.zeros((*codes.shape[:2], 3), np.uint8 if bits == 8 else np.uint16)
-    for first in range(0, len(codes), _BAND):
-        band = codes[first : first + _BAND]
-        vectors = unpack_normals(band) if band.shape[-1] == 2 else band * np.float32(1 / NORMAL_ONE)
-        result[first : first + _BAND] = quantise_normals(vectors, bits)
-    return result
+    bits, plain = normal_bits(avatar), codes
+
+    def read(first: int, last: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+        strip = plain[first:last]
+        vectors = unpack_normals(strip) if strip.shape[-1] == 2 else strip * np.float32(1 / NORMAL_ONE)
+        return quantise_normals(vectors, bits)
+
+    return Rows((*plain.shape[:2], 3), bits, read)
 
 
 _FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
@@ -140,22 +138,22 @@ MAPS = (
     ),
     MapSpec(
         "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
-        _of(lambda made: made.displacement),
+        lambda avatar: _as_they_are(_of(lambda made: made.displacement)(avatar)),
     ),
     MapSpec(
         "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
-        lambda avatar: avatar.texture.texture,
+        lambda avatar: Rows.of(avatar.texture.texture),
     ),
     MapSpec(
         "confidence", "colour", "linear",
         f"codes 255 to {SEEN}: seen in the photo, by weight; {SEEN - 1} to {MIRRORED}: mirrored from the other side; "
         f"0: made up",
-        lambda avatar: avatar.texture.confidence,
+        lambda avatar: Rows.of(avatar.texture.confidence),
     ),
     MapSpec(
         "shape_normal", "normal", "data",
         "unit normal of mesh/head.obj: R = +X, the subject's left; G = +Y, up; B = +Z, out of the face",
-        lambda avatar: quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar)),
+        lambda avatar: Rows.of(quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar))),
     ),
 )  # fmt: skip
 """All maps, in the order of the archive."""

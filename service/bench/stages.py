@@ -192,6 +192,7 @@ def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
 
 
 def _encoding(variant: Variant, material: Material) -> _Job:
+    from service.archive import png
     from service.archive.images import encode_png, quantise_normals
     from service.reflectance.result import unpack_normals
 
@@ -199,19 +200,24 @@ def _encoding(variant: Variant, material: Material) -> _Job:
     stage = "rho" if kind == "normals" else "delta"
     codes = material.result(stage)
 
-    def work() -> bytes:
+    def read(first: int, last: int) -> Any:
+        strip = codes[first:last]
         if kind == "normals":
-            return encode_png(quantise_normals(unpack_normals(codes), bits), srgb=False, level=level)
-        values = codes if bits == 16 else ((codes.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
-        return encode_png(values, srgb=True, level=level)
+            return quantise_normals(unpack_normals(strip), bits)
+        return strip if bits == 16 else ((strip.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
+
+    def work() -> bytes:
+        if level is None:
+            return png.encode(png.Rows((*codes.shape[:2], 3), bits, read), srgb=kind != "normals")
+        return encode_png(read(0, len(codes)), srgb=kind != "normals", level=level)
 
     return _Job(work, FULL_SIZE[0] * FULL_SIZE[1] / (codes.shape[0] * codes.shape[1]))
 
 
-def coding(knob: str) -> tuple[str, int, int]:
-    """Kind of map, bits and level of packing of a knob such as "normals 8 bits, level 1"."""
-    kind, bits, _, _, level = knob.replace(",", "").split()
-    return kind, int(bits), int(level)
+def coding(knob: str) -> tuple[str, int, int | None]:
+    """Kind of map, bits and level of OpenCV's packing of a knob such as "normals 8 bits, level 1"; None: in strips."""
+    kind, bits, _, how, level = knob.replace(",", "").split()
+    return kind, int(bits), int(level) if how == "level" else None
 
 
 def _decoded(variant: Variant, data: bytes) -> Result:

@@ -80,10 +80,10 @@ TOLERANCES = (
     "tolerance 1e-06", "tolerance 0.003", f"tolerance 0.003{CLIFFS}", "tolerance 0.03", "tolerance 0.3",
 )  # fmt: skip
 CODINGS = (
-    "normals 16 bits, level 1", "normals 8 bits, level 1", "normals 8 bits, level 6", "albedo 16 bits, level 1",
-    "albedo 8 bits, level 1", "albedo 8 bits, level 3", "albedo 8 bits, level 6",
+    "normals 16 bits, in strips", "normals 8 bits, in strips", "normals 16 bits, level 1", "normals 8 bits, level 1",
+    "normals 8 bits, level 6", "albedo 8 bits, in strips", "albedo 8 bits, level 1", "albedo 8 bits, level 6",
 )  # fmt: skip
-"""The first of each list is the reference."""
+"""The first of each list is the reference. "Level": OpenCV's encoder, with zlib's level."""
 
 
 def reference(stage: StageName) -> Variant:

@@ -64,7 +64,7 @@ def test_every_stage_in_every_variant(toys: Family, tmp_path: Path) -> None:
         assert loss["int8 static"] > 0
     heights = by_label(found, "integration")
     assert heights["tolerance 0.003"] <= heights["tolerance 0.3"]
-    assert by_label(found, "encoding")["normals 8 bits, level 1"] < 0.5
+    assert by_label(found, "encoding")["normals 8 bits, in strips"] < 0.5
     for row in found.rows:
         if row.variant.reference and row.variant.stage not in ("integration", "encoding"):
             assert row.floor_s
