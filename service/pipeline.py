@@ -101,7 +101,7 @@ def make_avatar(
         engine = choose_engine(options.runtime, precision=options.level.precision)
         reflectance = make_reflectance(
             texture.texture,
-            Subject.of(head, fit.vertices, texture.confidence, fit.eye_light),
+            Subject.of(head, fit.vertices, texture.lit_skin, fit.eye_light),
             plan,
             options.map_size,
             engine,

@@ -22,9 +22,12 @@ from service.reflectance.subject import EYES
 EYES_KNOWN = 0.85
 """Share of training charts with whites of the eyes to be seen."""
 
-SHADE = (-0.5, 0.38)
+SHADE = (-0.4, 0.43)
 """Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
-with eyes, under sky and hard lamps, by ``benchmarks.eye_whites`` (which now prints -0.40 and 0.43)."""
+with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
+
+MISTAKEN, MISTAKE = 0.12, (-0.9, 0.5)
+"""Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
 
 SWAPPED, ALIKE = 0.5, 0.3
 """Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
@@ -56,6 +59,8 @@ def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Gene
     both = torch.einsum("nchw,ehw->nec", light, zones)
     share = torch.tensor([0.0, 0.5, 0.5, 1.0])[torch.randint(4, (n,), generator=generator)][:, None]
     shade = SHADE[0] + SHADE[1] * torch.randn(n, 1, generator=generator)
+    wrong = (torch.rand(n, 1, generator=generator) < MISTAKEN).float()
+    shade = shade + wrong * (MISTAKE[0] + MISTAKE[1] * torch.randn(n, 1, generator=generator))
     tint = 0.06 * torch.randn(n, 3, generator=generator)
     seen = share * both[:, 0] + (1.0 - share) * both[:, 1] + shade + tint
     return torch.cat([seen * known[:, None], known[:, None]], 1)

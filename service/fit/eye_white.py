@@ -10,25 +10,28 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import bytes_to_linear, luma
+from service.colour import luma, srgb_to_linear
 from service.fit.gaze import Gaze, Iris
 
+Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
 ALBEDO = np.array([0.63, 0.59, 0.56])
 """Reflectance of the sclera, linear RGB: a little redder than grey for its vessels."""
 BEYOND = 1.22
 """Radii of the iris at which the white begins for certain; the limbus is soft."""
-LEAST_PIXELS = 12
-"""Whites with fewer pixels are blurred into lids and lashes."""
+LEAST_RADIUS, LEAST_PIXELS = 3.0, 12
+"""Pixels; whites of smaller irises, or with fewer pixels, are blurred into lids and lashes."""
 BRIGHT = (0.4, 0.92)
 """Quantiles of luminance between which pixels are taken: below are lashes and shade, above are glints."""
 PALE = 0.6
 """Quantile of blue over red from which pixels are taken: the rest may be lid, since rims are found to some pixels."""
-PALER = 1.6
+PALER = 1.35
 """Times by which the white is less red than the skin below the eye, under whatever light; skin it is else."""
-BELOW = 1.4
-"""Radii of the iris by which the skin below lies below."""
+BELOW = 1.2
+"""Heights of the opening by which the skin below lies below."""
+MARGIN = 0.12
+"""Radii of the iris by which pixels have to lie inside the rim."""
 CLIPPED = 250
 """Codes from which a pixel may be overexposed."""
 RANGE = (1e-3, 4.0)
@@ -55,38 +58,40 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], gaze: Gaze | None) -> Array |
 
 def _white(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     """Light by one eye; None where too little of its white is seen."""
-    import cv2
-
-    down = (0.0, BELOW * iris.radius)
-    low = np.maximum(np.floor(iris.rim.min(0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil((iris.rim + down).max(0)).astype(int) + 2, pixels.shape[1::-1])
-    if (high - low < 3).any():
+    colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
+    beside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
+    colours = colours[beside & (colours < CLIPPED / 255).all(1)]
+    below = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
+    skin, _ = inside_rim(pixels, iris.rim + below, 0.0)
+    if iris.radius < LEAST_RADIUS or len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
         return None
-    part = pixels[low[1] : high[1], low[0] : high[0]]
-    inside, below = np.zeros(part.shape[:2], np.uint8), np.zeros(part.shape[:2], np.uint8)
-    for mask, rim in ((inside, iris.rim), (below, iris.rim + down)):
-        cv2.fillPoly(mask, [np.rint((rim - low - 0.5) * 16).astype(np.int32)], 1, shift=4)
-    margin = max(round(0.15 * iris.radius), 1)
-    column = np.ones((2 * margin + 1, 1), np.uint8)
-    skin = part[(below > 0) & (cv2.dilate(inside, column) == 0)]
-    inside = np.asarray(cv2.erode(np.pad(inside, 1), column)[1:-1, 1:-1], np.uint8)
-    y, x = np.indices(inside.shape) + 0.5
-    away = np.hypot(x + low[0] - iris.centre[0], y + low[1] - iris.centre[1]) > BEYOND * iris.radius
-    colours = part[(inside > 0) & away]
-    colours = colours[(colours < CLIPPED).all(1)]
-    if len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
-        return None
-    linear = bytes_to_linear(colours).astype(np.float64)
+    linear = srgb_to_linear(colours).astype(np.float64)
     luminance, pale = luma(linear), _blue_over_red(linear)
     bottom, top = np.quantile(luminance, BRIGHT)
     chosen = linear[(luminance >= bottom) & (luminance <= top) & (pale >= np.quantile(pale, PALE))]
     if not len(chosen):
         return None
-    usual = _blue_over_red(np.median(bytes_to_linear(skin), axis=0)[None])[0]
-    white = chosen.mean(0)
-    if _blue_over_red(white[None])[0] < PALER * usual or not (white > 0).all():
+    white, usual = chosen.mean(0), np.median(srgb_to_linear(skin), axis=0)
+    if _blue_over_red(white[None])[0] < PALER * _blue_over_red(usual[None])[0] or not (white > 0).all():
         return None
     return np.asarray(white / ALBEDO)
+
+
+def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:
+    """Colours (n, 3) in [0, 1] and centres (n, 2) of the pixels inside a rim (N, 2), ``margin`` pixels away from it."""
+    import cv2
+
+    size = np.array(pixels.shape[1::-1])
+    if not np.isfinite(rim).all():
+        return np.zeros((0, 3), np.float32), np.zeros((0, 2))
+    low = np.clip(np.floor(rim.min(0)).astype(int) - 1, 0, size - 1)
+    high = np.clip(np.ceil(rim.max(0)).astype(int) + 2, low + 1, size)
+    mask = np.zeros((high - low + 2)[::-1], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - low + 0.5) * 16).astype(np.int32)], 1, shift=4)
+    deep = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 3))[1:-1, 1:-1] > max(margin, 0.5)
+    rows, columns = np.nonzero(deep)
+    colour = pixels[low[1] : high[1], low[0] : high[0]][rows, columns].astype(np.float32) / np.float32(255)
+    return colour, np.stack([columns, rows], 1) + low + 0.5
 
 
 def _blue_over_red(linear: npt.NDArray[np.floating]) -> Array:

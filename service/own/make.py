@@ -182,4 +182,4 @@ def _texture(
             raise NumericFault(f"{name} of the mesh are not finite")
     everywhere = np.full(size[::-1], 255, np.uint8)
     depth = depth_map(chart, vertices)
-    return Texture(_fitting(source, size), everywhere, exact, tangent, depth, chart.mask, 1.0)
+    return Texture(_fitting(source, size), everywhere, everywhere, exact, tangent, depth, chart.mask, 1.0)

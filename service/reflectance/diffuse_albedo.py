@@ -18,8 +18,8 @@ Float = npt.NDArray[np.float32]
 
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
-SEEN = "seen"
-"""Channel that is 1 where the texture shows the photo and 0 where it was made up."""
+LIT = "lit_skin"
+"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
 
 WIDEST = 64
 """Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
@@ -30,19 +30,19 @@ def needs_context(job: Job) -> bool:
     return any(channel.startswith(PREFIX) for channel in describe(NAME, job.engine.folder).channels)
 
 
-def continued(light: Float, seen: Float) -> Float:
-    """(C, h, w) light whose made-up parts go on smoothly from the seen ones; unchanged where nothing or all is seen.
+def continued(light: Float, lit: Float) -> Float:
+    """(C, h, w) light that goes on smoothly from lit skin to all else; unchanged where nothing or all is lit skin.
 
     Colour that was made up was continued from the photo's and carries the light of its source, not that of its place.
-    A network that has seen lit heads only would take it for a brightly lit or shaded surface.
+    A network that has seen lit skin only would take it for a brightly lit or shaded surface, and dark hair for shade.
 
     Args:
         light: what the context network found.
-        seen: (h, w) in [0, 1].
+        lit: (h, w) in [0, 1], where the light is to be believed.
     """
     import cv2
 
-    weight = np.clip(seen, 0, 1).astype(np.float32)
+    weight = np.clip(lit, 0, 1).astype(np.float32)
     total = float(weight.sum())
     if total < 1:
         return light
@@ -73,8 +73,8 @@ def diffuse_albedo(texture: Codes, job: Job) -> Codes:
             what = network.description
             size = what.whole or job.planes.size
             context = run_whole(network, job.planes.shrunk(what.channels, size))
-            if SEEN in job.planes.channels:
-                context = continued(context, job.planes.shrunk([SEEN], size)[0])
+            if LIT in job.planes.channels:
+                context = continued(context, job.planes.shrunk([LIT], size)[0])
         job.planes.add_coarse(what.planes(len(context)), context)
     result = np.zeros_like(texture)
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.diffuse_albedo import SEEN, diffuse_albedo
+from service.reflectance.diffuse_albedo import LIT, diffuse_albedo
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
@@ -80,8 +80,8 @@ def make_reflectance(
         del small
     planes = Planes(size)
     planes.add_coarse(GEOMETRY, geometry)
-    if subject.seen is not None:
-        planes.add_coarse([SEEN], subject.seen[None])
+    if subject.lit is not None:
+        planes.add_coarse([LIT], subject.lit[None])
     planes.add_coarse(EYES, subject.eyes)
     skin = subject.skin(size)
     made = _Maps()

@@ -42,14 +42,15 @@ class Subject:
         head: the model.
         vertices: (V, 3) metres with the photo's expression.
         chart: of ``head`` at ``GEOMETRY_SIZE``.
-        seen: (h, w) float32, 1 where the texture's colour came from the photo, 0 where it was made up; None: all seen.
+        lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
+            None: all of it is.
         eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.eye_white``); None: not known.
     """
 
     head: HeadModel
     vertices: npt.NDArray[np.floating]
     chart: Chart
-    seen: Float | None = None
+    lit: Float | None = None
     eye_light: npt.NDArray[np.floating] | None = None
 
     @classmethod
@@ -57,12 +58,12 @@ class Subject:
         cls,
         head: HeadModel,
         vertices: npt.NDArray[np.floating],
-        confidence: npt.NDArray[np.uint8] | None = None,
+        lit_skin: npt.NDArray[np.uint8] | None = None,
         eye_light: npt.NDArray[np.floating] | None = None,
     ) -> Subject:
-        """Draw the chart of a head; ``confidence`` is the texture's, of any size."""
-        seen = None if confidence is None else (confidence > 0).astype(np.float32)
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), seen, eye_light)
+        """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
+        lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
 
     @property
     def eyes(self) -> Float:

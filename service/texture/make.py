@@ -49,6 +49,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
     trust, seen, skin = _judge(chart, unwrapped, zones)
+    lit = _lit(chart, unwrapped, zones, skin)
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
@@ -62,8 +63,11 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
     fraction = visible_fraction(chart, fit, unwrapped, zones)
     code = chart.fill_outside(chart.spread(confidence[:, None])[..., 0]).astype(np.uint8)
+    own, reflected, lit_map = np.moveaxis(chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1)), 2, 0)
+    shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
+    shown = chart.fill_outside(shown).astype(np.uint8)
     warnings = ("little-seen",) if fraction < LITTLE_SEEN else ()
-    return Texture(to_bytes(texture), code, exact, tangent, depth, chart.mask, fraction, warnings)
+    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings)
 
 
 def _require_finite(fit: Fit) -> None:
@@ -97,6 +101,22 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
     squarely = opacity(unwrapped.weight - SQUARELY)
     kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
     return np.asarray(seen * likely, np.float32), np.asarray(seen * (kept + (1 - kept) * likely), np.float32), skin
+
+
+def _lit(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:
+    """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
+
+    In the face itself dark may be shade; where hair is to be expected, dark is hair. Lips, lids and brows count as
+    skin. Without a model of the skin everything does.
+    """
+    likely = np.ones(len(unwrapped.weight), np.float32)
+    if skin is None:
+        return likely
+    shown = np.flatnonzero(unwrapped.weight > 0)
+    shade = (zones.face * (1 - zones.scalp))[shown]
+    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], shade)
+    calm = _calm(chart, likely, opacity(unwrapped.weight))
+    return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
 
 
 def _calm(chart: Chart, likely: Float, seen: Float) -> Float:

@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
+from service.fit.eye_white import inside_rim
 from service.geometry.chart import Chart
-from service.texture.parts import LEAST_SAMPLES, Light, inside_rim
+from service.texture.parts import LEAST_SAMPLES, Light
 
 Float = npt.NDArray[np.float32]
 Points = npt.NDArray[np.floating]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
+from service.fit.eye_white import inside_rim
 from service.fit.gaze import Iris
 from service.geometry.chart import Chart
 
@@ -122,23 +123,6 @@ def measure_eyes(pixels: npt.NDArray[np.uint8], irises: Sequence[Iris]) -> EyeTo
         dark.append(colour[(distance > 0.38) & (distance < 0.85)])
         white.append(colour[distance > 1.2])
     return EyeTone(_pale(np.concatenate(white)), _middle(np.concatenate(dark)))
-
-
-def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:
-    """Colours (n, 3) in [0, 1] and centres (n, 2) of the pixels inside a rim (N, 2), ``margin`` pixels away from it."""
-    import cv2
-
-    size = np.array(pixels.shape[1::-1])
-    if not np.isfinite(rim).all():
-        return np.zeros((0, 3), np.float32), np.zeros((0, 2))
-    low = np.clip(np.floor(rim.min(0)).astype(int) - 1, 0, size - 1)
-    high = np.clip(np.ceil(rim.max(0)).astype(int) + 2, low + 1, size)
-    mask = np.zeros((high - low + 2)[::-1], np.uint8)
-    cv2.fillPoly(mask, [np.rint((rim - low + 0.5) * 16).astype(np.int32)], 1, shift=4)
-    deep = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 3))[1:-1, 1:-1] > max(margin, 0.5)
-    rows, columns = np.nonzero(deep)
-    colour = pixels[low[1] : high[1], low[0] : high[0]][rows, columns].astype(np.float32) / np.float32(255)
-    return colour, np.stack([columns, rows], 1) + low + 0.5
 
 
 def _pale(colours: Float) -> Float | None:

@@ -101,8 +101,15 @@ def _robust_fit(basis: Array, value: Array, weight: Array) -> Array:
     return fitted
 
 
-def plausibility(skin: Skin, colour: Float, normal: Float) -> Float:
-    """(N,) float32, 1 = skin as far as colour and light tell, 0 = something else."""
+def plausibility(skin: Skin, colour: Float, normal: Float, shade: npt.NDArray[np.floating] | float = 0.0) -> Float:
+    """(N,) float32, 1 = skin as far as colour and light tell, 0 = something else.
+
+    Args:
+        skin: the model.
+        colour: (N, 3) sRGB.
+        normal: (N, 3) unit.
+        shade: (N,) in [0, 1], 1 where a dark texel may be skin in shade, so that its chroma alone decides.
+    """
     linear = srgb_to_linear(colour)
     lightness = np.log(np.maximum(luma(linear), 1e-3)).astype(np.float64)
     # Normals that the face does not have were not fitted: keep the prediction within what was seen.
@@ -111,7 +118,8 @@ def plausibility(skin: Skin, colour: Float, normal: Float) -> Float:
     lab = linear_to_lab(linear * np.exp(-ratio)[:, None].astype(np.float32))
     distance = np.sqrt((((lab[:, 1:] - skin.chroma) / skin.spread) ** 2).sum(1))
     likely = _fall(distance, CHROMA_SIGMAS, 1.5 * CHROMA_SIGMAS)
-    likely = likely * _fall(-ratio, -DARKEST - 0.3, -DARKEST) * _fall(ratio, BRIGHTEST - 0.2, BRIGHTEST + 0.2)
+    dark = np.maximum(_fall(-ratio, -DARKEST - 0.3, -DARKEST), shade)
+    likely = likely * dark * _fall(ratio, BRIGHTEST - 0.2, BRIGHTEST + 0.2)
     return np.asarray(likely, np.float32)
 
 

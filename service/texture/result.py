@@ -25,6 +25,8 @@ class Texture:
         texture: (H, W, 3) uint8 sRGB, the photo's light baked in.
         confidence: (H, W) uint8: 255 to ``SEEN`` seen in the photo, by weight; below that to ``MIRRORED`` mirrored from
             the other side; 0 made up.
+        lit_skin: (H, W) uint8, 255 where the texel is skin as the photo shows it, seen or mirrored, so that its light
+            can be read off it; 0 where it is hair, glasses, background or made up.
         shape_normal_object: (H, W, 3) float32 unit normals of the head with the photo's expression, in head space.
         shape_normal_tangent: (H, W, 3) float32 unit, z > 0, +Y up: the same normals in the frame of the smoothed head
             (``service.texture.shape``), so they show noses and lips but not the ball of the head.
@@ -37,6 +39,7 @@ class Texture:
 
     texture: npt.NDArray[np.uint8]
     confidence: npt.NDArray[np.uint8]
+    lit_skin: npt.NDArray[np.uint8]
     shape_normal_object: npt.NDArray[np.float32]
     shape_normal_tangent: npt.NDArray[np.float32]
     depth: npt.NDArray[np.float32]

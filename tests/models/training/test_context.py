@@ -28,8 +28,9 @@ def test_eyes_show_the_light_of_the_lids_less_the_shade() -> None:
     light = torch.full((500, 3, *zones.shape[1:]), 0.7)
     generator = torch.Generator().manual_seed(1)
     seen = eye_light(light, zones, torch.ones(500), generator)
-    assert float(seen[:, :3].mean()) == pytest.approx(0.7 + SHADE[0], abs=0.06)
-    assert float(seen[:, 1].std()) == pytest.approx(SHADE[1], rel=0.15)
+    middle, spread = seen[:, 1].median(), (seen[:, 1].quantile(0.84) - seen[:, 1].quantile(0.16)) / 2
+    assert float(middle) == pytest.approx(0.7 + SHADE[0], abs=0.15), "mistakes are the exception"
+    assert float(spread) == pytest.approx(SHADE[1], rel=0.35)
     assert float((seen[:, 0] - seen[:, 1]).std()) < 0.12, "the eyes tell the tint better than the strength"
     assert not eye_light(light[:4], zones, torch.zeros(4), generator).any()
 

@@ -34,7 +34,7 @@ def toy_texture(width: int = 96, height: int = 64) -> Texture:
     confidence = np.tile(np.repeat(np.array([255, 128, 0, 64], np.uint8), height // 4)[:, None], (1, width))
     colour = rng.integers(0, 256, (height, width, 3), np.uint8)
     flat, mask = np.zeros((height, width), np.float32), np.ones((height, width), bool)
-    return Texture(colour, confidence, normals, normals, flat, mask, 0.7, ("little-seen",))
+    return Texture(colour, confidence, confidence, normals, normals, flat, mask, 0.7, ("little-seen",))
 
 
 def toy_camera() -> Camera:
