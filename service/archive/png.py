@@ -68,7 +68,7 @@ def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
         yield chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL]))
     packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, _MEMORY, zlib.Z_RLE)
     for first in range(0, height, ROWS):
-        packed = packer.compress(_filtered(rows.read(first, min(first + ROWS, height)), channels))
+        packed = packer.compress(_filtered(rows.read(first, min(first + ROWS, height)), channels).data)
         if packed:
             yield chunk(b"IDAT", packed)
     yield chunk(b"IDAT", packer.flush())

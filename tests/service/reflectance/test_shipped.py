@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.bench.loss import degrees
 from service.reflectance.planes import Planes
-from service.runtime.networks import Engine, open_network
+from service.runtime.networks import Engine, has_bf16, has_openvino, open_network
 from service.runtime.sessions import model_table
 from tests.service.runtime.test_tiles import tiled, untiled
 
@@ -55,6 +58,56 @@ def test_tiles_equal_the_whole_at_the_sizes_in_use(name: str) -> None:
         whole = untiled(network, maps)
         for tile in (256, 512, 1024, 1536):
             assert np.abs(tiled(network, maps, tile) - whole).max() <= 1e-4, tile
+
+
+def degrees_apart(one: Float, other: Float) -> Float:
+    """Angles between the vectors of two maps (3, h, w)."""
+    return np.asarray(degrees(np.moveaxis(one, 0, 2), np.moveaxis(other, 0, 2)), np.float32)
+
+
+@pytest.mark.skipif(
+    not (has_openvino() and has_bf16()), reason="bf16 needs OpenVINO and a processor with AMX or AVX-512 BF16"
+)
+@pytest.mark.parametrize("name", TRANSLATORS)
+def test_bf16_is_near_fp32(name: str) -> None:
+    """Normals within half a degree, other maps within 2/255; and tiles of bf16 equal its whole to 2/255."""
+    half = Engine("openvino", "bf16", threads=2)
+    with open_network(name, ENGINE) as network:
+        maps = like_maps(network.description.channels, 320, 440)
+        exact = untiled(network, maps)
+    with open_network(name, half) as network:
+        found = untiled(network, maps)
+        assert np.abs(tiled(network, maps, 128) - found).max() <= 2 * 2 / 255
+    if name in ("rho", "sigma"):
+        assert degrees_apart(found, exact).mean() < 0.5
+    else:
+        assert np.abs(found - exact).mean() <= 2 * 2 / 255
+
+
+@pytest.mark.parametrize("name", ["rho", "sigma"])
+def test_eight_bits_are_near_fp32(name: str, tmp_path: Path) -> None:
+    """Normals of the statically quantised networks, which the benchmark offers, within half a degree."""
+    pytest.importorskip("onnx")
+    from service.bench.quantise import write_folder
+
+    with open_network(name, ENGINE) as network:
+        maps = like_maps(network.description.channels, 256, 256)
+        exact = untiled(network, maps)
+    write_folder([(name, maps[None])], ENGINE, tmp_path)
+    with open_network(name, Engine(threads=2, folder=tmp_path)) as network:
+        found = untiled(network, maps)
+    assert 0 < degrees_apart(found, exact).mean() < 0.5
+
+
+@pytest.mark.skipif(not has_openvino(), reason="OpenVINO is not installed")
+@pytest.mark.parametrize("name", ["zeta_tail", *TRANSLATORS])
+def test_both_runtimes_agree(name: str) -> None:
+    """Whoever installs OpenVINO gets the same maps to a part in 1000."""
+    with open_network(name, ENGINE) as network:
+        maps = like_maps(network.description.channels, 64, 96)
+        exact = untiled(network, maps)
+    with open_network(name, Engine("openvino", threads=2)) as network:
+        assert np.abs(untiled(network, maps) - exact).max() < 2e-3
 
 
 def test_enlargement_in_tiles_equals_the_whole() -> None:
