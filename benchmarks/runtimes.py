@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
@@ -21,6 +22,7 @@ import typer
 from torch import nn
 
 from models.networks.configs import Zeta, build
+from models.tables import write_between
 from service.bench.stages import computed
 from service.levels import FULL_SIZE, TEXTURE_SIZE
 from service.reflectance.plan import ROLES, Plan
@@ -29,6 +31,7 @@ from service.runtime.networks import Engine, RuntimeName, choose_engine, describ
 from service.runtime.sessions import model_table
 from service.runtime.tiles import DEFAULT_TILE
 
+MARK = ("<!-- runtimes -->", "<!-- /runtimes -->")
 EAGER = "PyTorch"
 SLOWER = 1.1
 """A choice is called wrong where another runtime needs less than one part in this of its time."""
@@ -143,6 +146,7 @@ def main(
     processor: Annotated[
         bool, typer.Option(help="Seconds of the processor, for a busy machine and one thread.")
     ] = False,
+    write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
     config: Annotated[str, typer.Option(help="Size for PyTorch, where the table of models does not say.")] = "",
 ) -> None:
     """Print the table."""
@@ -150,7 +154,10 @@ def main(
     torch.set_num_threads(count)
     clock = time.process_time if processor else time.perf_counter
     found = [measure(name, count, rounds, side, config, clock) for name in Plan.of(ROLES).networks]
-    typer.echo("\n".join(table(found)))
+    lines = "\n".join([f"{count} threads.", "", *table(found)])
+    typer.echo(lines)
+    if write is not None:
+        write_between(write, MARK, lines)
 
 
 if __name__ == "__main__":
