@@ -26,7 +26,7 @@ from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.surface import LOBES, ROLES, Surface, build_surface
 from service.render.view import Samples
-from service.scene.gloss import F0_SCALE, directional_albedo
+from service.scene.graphs import Graphs
 from service.scene.scene import Environment, PointLight, Response, Scene
 from service.scene.shading import develop
 
@@ -114,14 +114,16 @@ def _bitmap(reference: Reference, image: npt.NDArray[np.floating]) -> dict[str, 
 
 def _kept(size: int, surface: Surface, seen: Samples) -> Float:
     """(size, size) share of the matt light that the mirror leaves."""
-    offset = np.array(VIEW) - seen.position_m
+    offset = np.array(VIEW, np.float32) - seen.position_m
     view = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-    normal = seen.read(surface.specular_normal)
-    n_v = np.clip((view * normal).sum(1), 1e-3, 1.0)
-    f0 = F0_SCALE * seen.read(surface.specular)[:, 0].astype(np.float64)
-    taken = [directional_albedo(f0, np.full_like(f0, LOBES[i]), n_v) for i in (0, 1)]
+    points = {
+        "view": view.T, "normal": seen.read(surface.specular_normal).T,
+        "specular": seen.read(surface.specular)[:, 0],
+    }  # fmt: skip
     kept = np.ones(size * size)
-    kept[seen.index] = 1.0 - LOBES[2] * taken[0] - (1.0 - LOBES[2]) * taken[1]
+    for alpha, weight in ((LOBES[0], LOBES[2]), (LOBES[1], 1.0 - LOBES[2])):
+        lobe = np.full(len(view), alpha, np.float32)
+        kept[seen.index] -= weight * Graphs(1).at_points("kept", {**points, "alpha": lobe})
     return kept.reshape(size, size)
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
-from service.render.graphs import Graphs
+from service.scene.graphs import Graphs
 from service.scene.lamps import disc_of
 from service.scene.scene import PointLight
 from service.scene.sphere import flux_by_direction, spread_directions

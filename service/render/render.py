@@ -15,11 +15,11 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from service.archive.fine import subdivided
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.render.graphs import Graphs
 from service.render.light import Detail, Visibility
 from service.render.picture import behind, coded, resolved
 from service.render.planning import exposed, samples_of
@@ -29,10 +29,14 @@ from service.render.surface import LARGEST, ROLES, Surface, build_surface
 from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
 from service.scene.environment import illumination
 from service.scene.environment import radiance as environment_radiance
+from service.scene.graphs import Graphs
 from service.scene.plan import Plan, plan
 from service.scene.scene import Scene, Triple
 
 Float = npt.NDArray[np.float32]
+
+MOST_POLYGONS = 20_000
+"""Up to which a mesh is subdivided once; an archive's has about 4,500."""
 
 NO_RELIEF = "relief-shadows-not-simulated"
 """Displacement maps are not read: 16 bits do not come through the decode gate, and at 8 there is no relief left."""
@@ -103,8 +107,19 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     clock = Clock()
     with clock.step("open"):
         avatar = open_avatar(source, ROLES)
-    head = avatar.mesh.as_head(*_named(avatar))
-    return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=threads, clock=clock)
+    with clock.step("mesh"):
+        head, vertices = smoothed(avatar.mesh.as_head(*_named(avatar)), avatar.mesh.vertices)
+    return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock)
+
+
+def smoothed(head: HeadModel, vertices: npt.NDArray[np.floating]) -> tuple[HeadModel, npt.NDArray[np.floating]]:
+    """One step towards the smooth surface that the polygons stand for, so that outlines have no corners.
+
+    Meshes that are fine already stay as they are.
+    """
+    if len(head.polygons) > MOST_POLYGONS:
+        return head, vertices
+    return subdivided(head, vertices, 1)
 
 
 def _named(avatar: AvatarFile) -> tuple[str, str]:

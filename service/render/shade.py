@@ -10,17 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.render.graphs import Graphs
 from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
 from service.scene.environment import Illumination
+from service.scene.graphs import Graphs, lamp_numbers
 from service.scene.harmonics import irradiance, project
 from service.scene.plan import Plan
 from service.scene.reflection import prefiltered
 from service.scene.scene import PointLight, Triple
 
 Float = npt.NDArray[np.float32]
+
+SCATTER_MM = 8.2
+"""Three standard deviations of the widest Gaussian that light is scattered by (red, 7.41 mm^2)."""
+
+ALIGNED = 64
 
 
 class Clock:
@@ -53,7 +58,7 @@ class Shader:
     def radiance(self, samples: Samples, viewpoint: Triple) -> Float:
         """(N, 3) linear radiance >= 0 of the samples towards a viewpoint."""
         shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
-        diffuse = samples.read(self._diffuse(shades))
+        diffuse = samples.read(self._diffuse(shades, samples))
         with self.clock.step("gloss"):
             return self._glossy(samples, viewpoint, diffuse, shades)
 
@@ -65,7 +70,7 @@ class Shader:
         with self.clock.step("shadows"):
             return self.visibility.shadow(light, (width, height))
 
-    def _diffuse(self, shades: list[Float]) -> Float:
+    def _diffuse(self, shades: list[Float], samples: Samples) -> Float:
         """(H, W, 3) light that leaves the skin after scattering, before the surface takes its part."""
         s = self.surface
         with self.clock.step("diffuse"):
@@ -75,17 +80,25 @@ class Shader:
             for light, shade in zip(self.light.lights, shades, strict=True):
                 points = {"position": position, "normal": normal, "shade": shade}
                 flat = {key: value.reshape(*value.shape[:-2], -1) for key, value in points.items()}
-                arriving = arriving + self.graphs.at_points("irradiance", flat, **_lamp(light)).reshape(position.shape)
+                lit = self.graphs.at_points("irradiance", flat, **lamp_numbers(light))
+                arriving = arriving + lit.reshape(position.shape)
         albedo = _planes(np.clip(s.albedo, 0.0, 1.0))
         radiosity = albedo * arriving
         if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
-                scattered = self.graphs.run(
-                    "scattering", albedo=albedo, arriving=arriving, texels_per_mm=s.texels_per_mm,
-                    mask=s.skin.astype(np.float32),
-                )  # fmt: skip
-                radiosity = np.where(s.skin[None], scattered, radiosity)
+                radiosity = self._scattered(albedo, arriving, _seen_part(samples, s.texels_per_mm))
         return np.ascontiguousarray(np.moveaxis(self._continued(radiosity) / np.float32(math.pi), 0, 2))
+
+    def _scattered(self, albedo: Float, arriving: Float, part: tuple[slice, slice]) -> Float:
+        """(3, H, W) radiosity, scattered on the skin of a part of the chart; elsewhere albedo times irradiance."""
+        s, radiosity = self.surface, albedo * arriving
+        skin, here = s.skin[part], (slice(None), *part)
+        scattered = self.graphs.run(
+            "scattering", albedo=albedo[here], arriving=arriving[here], texels_per_mm=s.texels_per_mm[part],
+            mask=skin.astype(np.float32),
+        )  # fmt: skip
+        radiosity[here] = np.where(skin[None], scattered, radiosity[here])
+        return np.asarray(radiosity)
 
     def _continued(self, planes: Float) -> Float:
         return np.moveaxis(self.surface.chart.fill_outside(np.moveaxis(planes, 0, 2)), 2, 0)
@@ -129,7 +142,7 @@ class Shader:
                 points = {
                     "position": samples.position_m.T * np.float32(1000), "shade": samples.read(shades[i])[:, 0],
                 } | common  # fmt: skip
-                shine = self.graphs.at_points(f"highlight{flat}", points, **_lamp(self.light.lights[i]))
+                shine = self.graphs.at_points(f"highlight{flat}", points, **lamp_numbers(self.light.lights[i]))
                 total += weight * shine
             if levels is not None:
                 points = {"view": view, "normal": normal, "part": part, "alpha": alpha, "openness": openness}
@@ -137,17 +150,22 @@ class Shader:
         return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T
 
 
+def _seen_part(samples: Samples, texels_per_mm: Float) -> tuple[slice, slice]:
+    """Rows and columns of the chart that the samples read, and what can scatter to there."""
+    halo = int(np.ceil(SCATTER_MM * float(texels_per_mm.max())))
+    parts = []
+    for size, place in zip(texels_per_mm.shape, (1 - samples.uv[:, 1], samples.uv[:, 0]), strict=True):
+        low, high = (float(f(initial=0.5)) * size for f in (place.min, place.max))
+        # Blurs are computed on halved maps: parts begin and end at whole cells of those.
+        start = int(max(low - halo, 0)) // ALIGNED * ALIGNED
+        stop = -(-int(high + halo + 1) // ALIGNED) * ALIGNED
+        parts.append(slice(start, min(stop, size)))
+    return parts[0], parts[1]
+
+
 def _planes(image: Float) -> Float:
     """(C, H, W) of (H, W, C)."""
     return np.ascontiguousarray(np.moveaxis(image, 2, 0), np.float32)
-
-
-def _lamp(light: PointLight) -> dict[str, npt.NDArray[np.float32]]:
-    return {
-        "at": np.asarray(light.position_m, np.float32),
-        "intensity": np.asarray(light.intensity, np.float32),
-        "radius": np.asarray(light.radius_m, np.float32),
-    }
 
 
 def _unit(vectors: Float) -> Float:

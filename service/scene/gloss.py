@@ -1,7 +1,8 @@
-"""Mirror-like reflection of skin in numpy: a GGX lobe, its directional albedo, the sky in its mirror.
+"""Mirror-like reflection of skin: the table of a GGX lobe's directional albedo, and a short look at the sky in it.
 
-The same formulas as ``models/lightstage/light`` bakes with, for the planner's samples; the table of directional albedo
-is made here and used by both (Walter et al. 2007; Karis 2013; Lagarde and de Rousiers 2014).
+The formulas of the lobe itself are those of ``models/lightstage/light``, which come here exported
+(``service.scene.graphs``); the table is made here and used there (Walter et al. 2007; Karis 2013; Lagarde and de
+Rousiers 2014).
 """
 
 from __future__ import annotations
@@ -44,33 +45,6 @@ def albedo_table() -> Array:
     weight = np.where((l_z > 0) & (v_h > 0), weight, 0.0)
     rise = (1.0 - np.clip(v_h, 0.0, 1.0)) ** 5
     return np.stack([(weight * (1.0 - rise)).mean((-1, -2)), (weight * rise).mean((-1, -2))])
-
-
-def directional_albedo(f0: Array, alpha: Array, n_v: Array, *, rising: bool = True) -> Array:
-    """Share in [0, 1] of even light that a lobe sends to the viewer; no Fresnel rise where not ``rising``."""
-    table = albedo_table()
-    row = np.clip(n_v * COSINES - 0.5, 0.0, COSINES - 1.0)
-    column = np.clip(alpha * ALPHAS - 0.5, 0.0, ALPHAS - 1.0)
-    r, c = (np.minimum(np.floor(x), n - 2).astype(int) for x, n in ((row, COSINES), (column, ALPHAS)))
-    fr, fc = row - r, column - c
-    upper = table[:, r, c] * (1 - fc) + table[:, r, c + 1] * fc
-    lower = table[:, r + 1, c] * (1 - fc) + table[:, r + 1, c + 1] * fc
-    scale, bias = upper * (1 - fr) + lower * fr
-    return np.asarray(np.clip(f0 * scale + bias if rising else f0 * (scale + bias), 0.0, 1.0))
-
-
-def ggx(alpha: Array, n_h_sine2: Array, n_l: Array, n_v: Array) -> Array:
-    """D G / (4 n.l n.v) in 1/sr for squared sine of the angle between normal and half vector."""
-    a2 = alpha * alpha
-    d = n_h_sine2 + a2 * (1.0 - n_h_sine2)
-    reach = (n_l + np.sqrt(a2 + (1 - a2) * n_l * n_l)) * (n_v + np.sqrt(a2 + (1 - a2) * n_v * n_v))
-    return np.asarray(a2 / (np.pi * d * d * np.maximum(reach, 1e-4)))
-
-
-def facing(cosine: Array, size: Array) -> Array:
-    """Irradiance factor of a ball of sine ``size`` whose centre is at ``cosine``, part of it below the horizon."""
-    wrapped = (cosine + size) ** 2 / (4.0 * size)
-    return np.asarray(np.where(np.abs(cosine) < size, wrapped, np.maximum(cosine, 0.0)))
 
 
 def mirror_weights(reflected: Array, alpha: Array, directions: Array) -> Array:

@@ -7,6 +7,7 @@ image (as many directions as there are). A test holds the two together point by 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,8 @@ import numpy.typing as npt
 
 from service.colour import LUMA
 from service.scene.environment import Illumination
-from service.scene.gloss import F0_SCALE, directional_albedo, facing, ggx, mirror_openness, mirror_weights
+from service.scene.gloss import F0_SCALE, mirror_openness, mirror_weights
+from service.scene.graphs import Graphs, lamp_numbers
 from service.scene.harmonics import irradiance, project
 from service.scene.scene import PointLight, Response, Scene, Triple
 from service.scene.sphere import flux_by_direction, spread_directions
@@ -94,10 +96,30 @@ class Lamp:
         size = np.clip(light.radius_m / np.maximum(distance, _NEAREST_M), 1e-6, 1.0)
         n_l = np.einsum("skx,skx->sk", towards, s.diffuse_normal)
         light_at = fall[..., None] * np.asarray(light.intensity)
-        irradiance_at = light_at * facing(n_l, size)[..., None]
+        points = {"position": 1000.0 * s.position, "normal": s.diffuse_normal, "shade": np.ones_like(n_l)}
+        irradiance_at = _computed("irradiance", points, **lamp_numbers(light))
         shadow = _shadow(towards[0], size[0], s, directions)
         relief = _relief(towards[0], s)
         return cls(irradiance_at, light_at[0], *shadow, towards[0], size[0], *relief, n_l[0])
+
+
+_VECTORS = ("position", "normal", "view")
+_ONE_THREAD = Graphs(threads=1)
+
+
+def _graph(name: str, kind: str) -> str:
+    return f"{name}_flat" if kind == "flat" else name
+
+
+def _computed(name: str, points: Mapping[str, Array], **fixed: npt.NDArray[np.float32]) -> Array:
+    """(..., 3) or (...) float64 of one of the light stage's formulas at points (..., 3) and (...)."""
+    shape = next(value.shape[:-1] for key, value in points.items() if key in _VECTORS)
+    flat = {
+        key: np.asarray(value.reshape(-1, 3).T if key in _VECTORS else value.ravel(), np.float32)
+        for key, value in points.items()
+    }
+    result = _ONE_THREAD.at_points(name, flat, **fixed)
+    return np.asarray(result.T, np.float64).reshape(*shape, *result.shape[:-1])
 
 
 def _shadow(towards: Array, size: Array, s: Surface, directions: Array) -> tuple[Array, Array, Array]:
@@ -170,6 +192,7 @@ class Shading:
         solid_angle = 4.0 * np.pi / len(self.directions)
         vector = solid_angle * (s.visible @ self.directions)
         self.openness = np.clip(np.einsum("kx,kx->k", vector, s.normal) / np.pi, 0.0, 1.0)
+        self._lights = light.lights
         self.lamps = [Lamp.of(item, s, self.directions) for item in light.lights]
         self.views = [self._view(viewpoint, flux / solid_angle) for viewpoint in scene.viewpoints]
         weight = np.stack([np.maximum(v.facing, 0.02) ** 4 for v in self.views])
@@ -191,34 +214,34 @@ class Shading:
         for kind in KINDS:
             part, image, hidden = np.zeros(len(f0)), np.zeros((len(f0), 3)), np.zeros((len(f0), 3))
             for alpha, share in lobes[kind]:
-                each = share * directional_albedo(f0, alpha, n_v, rising=kind != "flat")
+                points = {"view": v, "normal": s.specular_normal[0], "specular": s.specular, "alpha": alpha}
+                each = share * _computed(_graph("kept", kind), points)
                 seen = each[:, None] * (mirror_weights(reflected, alpha, self.directions) @ radiance)
                 part, image = part + each, image + seen
                 hidden = hidden + seen * mirror_openness(self.openness, n_v, alpha)[:, None]
             mirror[kind], opened[kind], kept[kind] = hidden, image, 1.0 - np.clip(part, 0.0, 1.0)
-        highlights = {kind: self._highlights(v, f0, lobes[kind], rising=kind != "flat") for kind in KINDS}
+        highlights = {kind: self._highlights(v, lobes[kind], kind) for kind in KINDS}
         return View(highlights, mirror, opened, kept, 1.0 - f0, np.einsum("kx,kx->k", s.normal, v))
 
-    def _highlights(
-        self, v: Array, f0: Array, lobes: tuple[tuple[Array, Array], ...], *, rising: bool
-    ) -> Array:  # fmt: skip
+    def _highlights(self, v: Array, lobes: tuple[tuple[Array, Array], ...], kind: str) -> Array:
         """(lights, P, K, 3) of lamps that nothing hides."""
-        n = self.surface.specular_normal
-        n_v = np.clip(np.einsum("skx,kx->sk", n, v), 1e-3, 1.0)
+        s, places = self.surface, len(self.surface.specular_normal)
+
+        def everywhere(values: Array) -> Array:
+            return np.broadcast_to(values, (places, *values.shape))
+
+        points = {
+            "position": everywhere(1000.0 * s.position[0]), "view": everywhere(v), "normal": s.specular_normal,
+            "shade": np.ones(s.specular_normal.shape[:2]), "specular": everywhere(s.specular),
+        }  # fmt: skip
         result = []
-        for lamp in self.lamps:
-            half = unit(lamp.towards + v)
-            n_h = np.einsum("skx,kx->sk", n, half)
-            sine2 = np.where(n_h > 0.0, np.clip(1.0 - n_h * n_h, 0.0, 1.0), 1.0)
-            arriving = facing(np.einsum("skx,kx->sk", n, lamp.towards), lamp.size)
-            value = np.zeros_like(n_v)
+        for light in self._lights:
+            value = np.zeros_like(s.specular_normal)
             for alpha, share in lobes:
-                wider = np.sqrt(np.minimum(alpha**2 + lamp.size**2 / 8.0, 1.0))
-                value = value + share * ggx(wider, sine2, np.clip(arriving, 0.0, 1.0), n_v)
-            v_h = np.clip(np.einsum("kx,kx->k", v, half), 0.0, 1.0)
-            shine = f0 + (1.0 - f0) * (1.0 - v_h) ** 5 if rising else f0
-            result.append((value * shine * arriving)[..., None] * lamp.facing_it)
-        return np.stack(result) if result else np.zeros((0, *n.shape))
+                lobe = points | {"alpha": everywhere(alpha)}
+                value = value + share[:, None] * _computed(_graph("highlight", kind), lobe, **lamp_numbers(light))
+            result.append(value)
+        return np.stack(result) if result else np.zeros((0, *s.specular_normal.shape))
 
     def arriving(self, i: int, out: set[Item]) -> Array:
         """(P, K) share of light i that arrives.

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 from service.archive import reading, unpack
+from service.archive.avatar import Avatar
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
 from service.archive.read_obj import read_obj
 from service.archive.reading import open_avatar
 from service.archive.unpack import unpack_map
 from service.errors import BadArchive, BadMesh, UsageError
+from service.head.model import HeadModel
 from tests.service.archive.toys import toy_avatar
 
 Files = dict[str, bytes]
@@ -61,9 +63,9 @@ def test_an_archive_gives_its_mesh_and_maps() -> None:
     assert not avatar.maps["texture"].changed
 
 
-def _order(avatar: object, other: object) -> np.ndarray:
+def _order(avatar: Avatar, other: HeadModel) -> np.ndarray:
     """Rows of the first head's triangles in the order of the second's: polygons are grouped by part in the file."""
-    first, second = (np.sort(head.triangles, 1) for head in (avatar.head, other))  # type: ignore[attr-defined]
+    first, second = (np.sort(head.triangles, 1) for head in (avatar.head, other))
     places = {tuple(row): index for index, row in enumerate(first.tolist())}
     return np.array([places[tuple(row)] for row in second.tolist()])
 

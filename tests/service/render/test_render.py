@@ -88,6 +88,17 @@ def test_normals_without_direction_or_at_the_horizon_stay_finite(code: tuple[int
     assert light.max() > 0
 
 
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0101), (0.0, 0.0, -0.08), (0.0, 0.02, 0.03), (0.0, 0.0, 1000.0)])
+@pytest.mark.parametrize("radius", [0.0, 0.2])
+def test_lamps_on_in_and_far_from_the_head_stay_finite(place: tuple[float, float, float], radius: float) -> None:
+    """On the skin there is no direction to the lamp, in the head all is hidden, far away depth has few digits."""
+    strength = 1e6 if place[2] == 1000.0 else 0.01
+    picture = toy_picture(scene(None, PointLight(place, (strength,) * 3, radius)), size=(24, 28), tolerance=0.0)
+    assert np.isfinite(picture.light).all()
+    if place[2] == 1000.0:
+        assert picture.light.max() > 0.05
+
+
 def test_turning_head_light_and_camera_together_changes_nothing() -> None:
     """A quarter turn about the vertical; directions of the sky fall elsewhere, so the rest is sampling."""
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # +Z becomes +X

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.runtime.sessions import MODELS, Session, load_session
+from service.scene.scene import PointLight
 
 Float = npt.NDArray[np.float32]
 
@@ -72,6 +73,12 @@ class Graphs:
 @functools.lru_cache(maxsize=16)
 def _session(name: str, threads: int) -> Session:
     return load_session(name, threads, FOLDER)
+
+
+def lamp_numbers(light: PointLight) -> dict[str, Float]:
+    """Inputs of graphs about a lamp."""
+    numbers = {"at": light.position_m, "intensity": light.intensity, "radius": light.radius_m}
+    return {name: np.asarray(value, np.float32) for name, value in numbers.items()}
 
 
 def _cells(name: str, occluders: Float, spacing_mm: float, towards: Float) -> int:
