@@ -26,6 +26,9 @@ FIT_WORK = 40.0
 
 FINE_MESH_WORK = 60.0
 
+TRANSFORMS, CLIFF_TRANSFORMS = 5, 5
+"""Cosine transforms of the map, there and back, that displacement takes as long as; what keeping cliffs adds."""
+
 SAFETY = 1.15
 
 
@@ -93,7 +96,7 @@ def estimate(speed: Speed, options: Options, plan: Plan) -> float:
     for name in plan.networks:
         seconds += _network_seconds(speed, name, texels)
     if "displacement" in plan.stages:
-        seconds += 5 * speed.transform * texels
+        seconds += (TRANSFORMS + (CLIFF_TRANSFORMS if plan.keep_cliffs else 0)) * speed.transform * texels
     deep = 3.0 if options.normal_bits == 16 else 1.0
     for stage in plan.stages:
         if stage != "super_resolution" and stage in options.maps:
@@ -105,8 +108,9 @@ def estimate(speed: Speed, options: Options, plan: Plan) -> float:
 
 def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     """Time one small tile of each network, and what else grows with the maps."""
-    import cv2
     from scipy.fft import dctn, idctn
+
+    from service.archive.png import Rows, encode
 
     costs: dict[str, float] = {}
     halos: dict[str, tuple[int, int]] = {}
@@ -131,7 +135,7 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     return Speed(
         yardstick=_best_of_two(_yardstick),
         transform=_best_of_two(lambda: idctn(dctn(plane, workers=2), workers=2)) / area,
-        packing=_best_of_two(lambda: cv2.imencode(".png", noise, [cv2.IMWRITE_PNG_COMPRESSION, 1])) / area,
+        packing=_best_of_two(lambda: encode(Rows.of(noise), srgb=False)) / area,
         networks=costs,
         halos=halos,
         whole=frozenset(whole),
