@@ -16,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.fine import subdivided
+from service.archive.materials import material_of
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
 from service.errors import NumericFault
 from service.geometry.camera import Camera
+from service.geometry.subdivide import Subdivision
 from service.head.model import HeadModel
 from service.render.light import Detail, Visibility
 from service.render.picture import behind, coded, resolved
@@ -113,13 +115,19 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
 
 
 def smoothed(head: HeadModel, vertices: npt.NDArray[np.floating]) -> tuple[HeadModel, npt.NDArray[np.floating]]:
-    """One step towards the smooth surface that the polygons stand for, so that outlines have no corners.
+    """One step towards the smooth surface that the skin's polygons stand for, so that outlines have no corners.
 
-    Meshes that are fine already stay as they are.
+    Other parts keep their shape: smoothing would make coarse ones like teeth a good deal smaller. Meshes that are fine
+    already stay as they are.
     """
     if len(head.polygons) > MOST_POLYGONS:
         return head, vertices
-    return subdivided(head, vertices, 1)
+    fine, smooth = subdivided(head, vertices, 1)
+    skin = [i for i, name in enumerate(head.part_names) if material_of(name).detailed]
+    there = np.zeros(len(smooth), bool)
+    there[fine.triangles[np.isin(fine.triangle_part, skin)]] = True
+    flat = Subdivision.of(head.polygons, len(vertices)).linear(vertices)
+    return fine, np.where(there[:, None], smooth, flat)
 
 
 def _named(avatar: AvatarFile) -> tuple[str, str]:

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from service.errors import BadArchive, UsageError
-from service.render.render import NO_RELIEF, Picture
+from service.render.render import MOST_POLYGONS, NO_RELIEF, Picture, smoothed
 from service.render.request import RenderRequest
 from service.scene.scene import Environment, PointLight, Softbox
 from tests.service.render.toys import EVEN, HEAD, LAMP, albedo, flat_normals, scene, stored, toy_picture
+from tests.toyhead import CENTRE, RADIUS
 
 BOX = Softbox((0.6, 0.3, 1.0), (3.0, 2.5, 2.0), 30.0)
 SKY = Environment(zenith=(0.3, 0.4, 0.6), horizon=(0.3,) * 3, ground=(0.1,) * 3, softboxes=(BOX,))
@@ -111,6 +112,24 @@ def test_turning_head_light_and_camera_together_changes_nothing() -> None:
     difference = np.abs(pixels(turned).astype(int) - pixels(usual()).astype(int))
     assert difference.mean() < 0.5
     assert np.quantile(difference, 0.99) <= 8
+
+
+def test_the_skin_is_drawn_smooth_and_other_parts_keep_their_size() -> None:
+    fine, vertices = smoothed(HEAD, HEAD.mean)
+    assert len(fine.polygons) > 3 * len(HEAD.polygons)
+    for part, name in enumerate(HEAD.part_names):
+        before, after = (np.unique(head.triangles[head.triangle_part == part]) for head in (HEAD, fine))
+        if len(before):
+            extent = [np.ptp(v[used], 0) for v, used in ((HEAD.mean, before), (vertices, after))]
+            if name == "skin":
+                assert (extent[1] < extent[0]).all()
+            else:
+                np.testing.assert_allclose(extent[1], extent[0], atol=1e-7)
+    ring = np.linalg.norm(vertices[fine.triangles[fine.triangle_part == 0]] - CENTRE, axis=-1)
+    assert ring.max() < 1.001 * RADIUS
+    assert smoothed(fine, vertices)[0] is not fine
+    huge = dataclasses.replace(HEAD, polygons=np.zeros((MOST_POLYGONS + 1, 4), np.int32))
+    assert smoothed(huge, HEAD.mean)[0] is huge
 
 
 def test_views_go_around_the_head() -> None:
