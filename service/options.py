@@ -48,6 +48,8 @@ class Options:
         runtime: what the networks run on, see ``service.runtime.networks``.
         face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
             refuses a photo with several faces.
+        detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, which is smooth
+            and nearest to the truth, 1 one that looks like skin.
         seed: of every random choice, in [0, 2**32 - 1].
         fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
         identity_components: identity components to fit, >= 0; more than the head has means all.
@@ -65,6 +67,7 @@ class Options:
     budget: float | None = None
     runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
     face: int | Literal["largest"] | None = None
+    detail: float = 1.0
     seed: int = 0
     fit: Literal["landmarks", "pixels"] = _FIT.refine
     identity_components: int = _FIT.identity_components
@@ -78,6 +81,7 @@ class Options:
             _check_choice(name, getattr(self, name), allowed)
         _check_budget(self.budget)
         _check_face(self.face)
+        _check_detail(self.detail)
         if not _whole(self.seed) or not 0 <= self.seed <= LARGEST_SEED:
             raise UsageError(f"seed is {self.seed!r}; it has to be a number from 0 to {LARGEST_SEED}", field="seed")
         for name in ("identity_components", "iterations"):
@@ -198,6 +202,12 @@ def _check_budget(budget: object) -> None:
     number = isinstance(budget, int | float) and not isinstance(budget, bool)
     if budget is not None and not (number and 0 < float(budget) < float("inf")):  # type: ignore[arg-type]
         raise UsageError(f"budget is {budget!r}; it has to be a number of seconds above 0", field="budget")
+
+
+def _check_detail(detail: object) -> None:
+    number = isinstance(detail, int | float) and not isinstance(detail, bool)
+    if not (number and 0 <= float(detail) <= 1):  # type: ignore[arg-type]
+        raise UsageError(f"detail is {detail!r}; it has to be a number from 0 to 1", field="detail")
 
 
 def _nearest_size(width: int) -> tuple[int, int]:

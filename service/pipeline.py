@@ -106,6 +106,7 @@ def make_avatar(
             options.map_size,
             engine,
             seed=options.seed,
+            detail=options.detail,
             progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
             stages=stages,
         )

@@ -20,7 +20,7 @@ from service.bench.material import Material
 from service.bench.stages import inputs
 from service.bench.variants import NETWORKS, StageName, Variant, reference
 from service.errors import ModelFault, UsageError
-from service.reflectance.super_resolution import BODY, add_noise
+from service.reflectance.super_resolution import BODY, Grain, add_noise
 from service.runtime.describe import Description
 from service.runtime.networks import INPUT, Engine, describe, open_network
 from service.runtime.sessions import TABLE, checked_bytes, fold, model_table
@@ -96,14 +96,14 @@ def sample(stage: StageName, name: str, engine: Engine, material: Material) -> F
 def _zeta_sample(name: str, what: Description, engine: Engine, material: Material) -> Float:
     planes = material.whole_texture()
     about = describe(BODY, engine.folder)
-    add_noise(planes, about.channels, 0)
+    add_noise(planes, about.channels, Grain())
     body = planes.shrunk(about.channels, planes.size)
     if name == BODY:
         return np.ascontiguousarray(body[None])
     with open_network(BODY, engine) as network:
         features = run_whole(network, body)
     planes.add_full(about.planes(len(features)), features)
-    add_noise(planes, what.channels, 0)
+    add_noise(planes, what.channels, Grain())
     rows, columns = (np.arange(length // 4, length // 4 + min(SIDE // 2, length // 2)) for length in planes.size[::-1])
     return np.ascontiguousarray(planes.read(what.channels)(rows, columns)[None])
 

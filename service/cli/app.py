@@ -70,6 +70,9 @@ def make(
     face: Annotated[
         str | None, typer.Option(help="Which face to take where there are several: an index, or 'largest'.")
     ] = None,
+    detail: Annotated[
+        float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
     fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
@@ -97,6 +100,7 @@ def make(
             normals=normals,
             runtime=runtime,
             face=face,
+            detail=detail,
             seed=seed,
             fit=fit,
             identity_components=identity_components,
@@ -168,6 +172,9 @@ def maps(
     runtime: Annotated[
         str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
     ] = None,
+    detail: Annotated[
+        float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
     head: Annotated[
         str | None, typer.Option(metavar="FILE", help="Head model of the mesh instead of the one in the box.")
@@ -182,7 +189,16 @@ def maps(
         from service.cli.asked import asked
         from service.cli.maps import maps as run
 
-        given = asked(maps=maps, quality=quality, size=size, bits=bits, normals=normals, runtime=runtime, seed=seed)
+        given = asked(
+            maps=maps,
+            quality=quality,
+            size=size,
+            bits=bits,
+            normals=normals,
+            runtime=runtime,
+            detail=detail,
+            seed=seed,
+        )
         run(texture, mesh, output, given, head=head, as_json=as_json)
 
 

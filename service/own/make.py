@@ -49,7 +49,7 @@ WIDEST = 6144
 NOT_MADE = ("confidence",)
 """Maps that speak of a photo."""
 
-_OPTIONS = ("maps", "quality", "size", "bits", "normals", "runtime", "seed")
+_OPTIONS = ("maps", "quality", "size", "bits", "normals", "runtime", "detail", "seed")
 
 
 def default_maps() -> tuple[str, ...]:
@@ -107,7 +107,7 @@ def make_own(
     if plan.stages:
         engine = choose_engine(options.runtime, precision=options.level.precision)
         reflectance = make_reflectance(
-            source, subject, plan, options.map_size, engine, seed=options.seed,
+            source, subject, plan, options.map_size, engine, seed=options.seed, detail=options.detail,
             progress=lambda name, done: progress(name, 0.1 + 0.8 * done),
         )  # fmt: skip
         timings |= reflectance.timings_s

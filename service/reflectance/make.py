@@ -28,7 +28,7 @@ from service.reflectance.result import Integration, Reflectance
 from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import EYES, GEOMETRY, Subject
-from service.reflectance.super_resolution import enlarge, resample
+from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
@@ -48,6 +48,7 @@ def make_reflectance(
     engine: Engine,
     *,
     seed: int = 0,
+    detail: float = 1.0,
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: Stages = Unkept(),  # noqa: B008 - holds nothing
@@ -61,6 +62,7 @@ def make_reflectance(
         size: (width, height) of the maps.
         engine: what the networks run on.
         seed: of made-up detail.
+        detail: its strength in [0, 1]; 0 for none.
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
@@ -76,7 +78,7 @@ def make_reflectance(
         small = Planes((texture.shape[1], texture.shape[0]))
         small.add_codes("texture", source)
         small.add_coarse(GEOMETRY, geometry)
-        source = run("super_resolution", lambda told: enlarge(small, seed, engine, tile, told))
+        source = run("super_resolution", lambda told: enlarge(small, Grain(seed, detail), engine, tile, told))
         del small
     planes = Planes(size)
     planes.add_coarse(GEOMETRY, geometry)

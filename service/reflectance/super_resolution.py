@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -24,15 +25,23 @@ BODY_SHARE = 0.5
 Progress = Callable[[float], None]
 
 
-def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Progress = lambda done: None) -> Codes:
+@dataclass(frozen=True)
+class Grain:
+    """Noise that detail is made of: its seed, and its standard deviation in [0, 1]."""
+
+    seed: int = 0
+    strength: float = 1.0
+
+
+def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: Progress = lambda done: None) -> Codes:
     """(8 H, 8 W, 3) codes of a texture of (H, W) texels; the factor is the network's.
 
     A texel of the texture covers dozens of pores that it does not show. A network that asks for channels ``noise_*``
-    makes some up of them: standard normal numbers, the same for the same seed.
+    makes some up of them: normal numbers, the same for the same seed; of strength 0 they ask for the likeliest texture.
 
     Args:
         planes: ``texture_*`` and geometry, of the size that the networks were made for.
-        seed: of the noise.
+        grain: the noise.
         engine: what to run on.
         tile: inner side of tiles in texels of the result.
         progress: told the share that is done.
@@ -43,7 +52,7 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
     width, height = planes.size
     with open_network(BODY, engine) as body:
         what = body.description
-        add_noise(planes, what.channels, seed)
+        add_noise(planes, what.channels, grain)
         features = run_whole(body, planes.shrunk(what.channels, planes.size))
     progress(BODY_SHARE)
     planes.add_full(what.planes(len(features)), features)
@@ -51,7 +60,7 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
         scale = tail.description.scale
         if len(tail.description.outputs) != 3:
             raise ModelFault(f"network {TAIL} gives {tail.description.outputs}; it has to give red, green and blue")
-        add_noise(planes, tail.description.channels, seed)
+        add_noise(planes, tail.description.channels, grain)
         result = np.zeros((height * scale, width * scale, 3), np.uint16)
 
         def write(one: Tile, values: npt.NDArray[np.float32]) -> None:
@@ -65,14 +74,14 @@ def enlarge(planes: Planes, seed: int, engine: Engine, tile: int, progress: Prog
     return result
 
 
-def add_noise(planes: Planes, channels: tuple[str, ...], seed: int) -> None:
-    """Add those of ``channels`` that are noise and not there yet: standard normal numbers that the seed decides."""
+def add_noise(planes: Planes, channels: tuple[str, ...], grain: Grain) -> None:
+    """Add those of ``channels`` that are noise and not there yet: normal numbers that the seed decides."""
     names = [name for name in channels if name.startswith(NOISE) and name not in planes.channels]
     for name in names:
         # Keyed by the channel, so that its numbers do not depend on which others there are.
-        generator = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(name.encode())]))
+        generator = np.random.Generator(np.random.Philox(key=[grain.seed, zlib.crc32(name.encode())]))
         width, height = planes.size
-        planes.add_full([name], generator.standard_normal((1, height, width), np.float32))
+        planes.add_full([name], generator.standard_normal((1, height, width), np.float32) * np.float32(grain.strength))
 
 
 def resample(texture: Codes, size: tuple[int, int]) -> Codes:

@@ -122,6 +122,20 @@ def test_light_of_the_eyes_reaches_the_context_or_its_absence_is_told(engine: En
     assert not unseen.eyes.any() and np.isfinite(replace(subject, eye_light=np.zeros(3)).eyes).all()
 
 
+def test_detail_is_made_up_as_strongly_as_asked(engine: Engine, subject: Subject) -> None:
+    """Without any, the seed decides nothing; with it, more is further away."""
+    plan = Plan.of(["diffuse_albedo"], super_resolution=True)
+
+    def albedo(seed: int, detail: float) -> npt.NDArray[np.float64]:
+        made = make_reflectance(noise(), subject, plan, SIZE, engine, seed=seed, detail=detail)
+        assert made.diffuse_albedo is not None
+        return made.diffuse_albedo.astype(np.float64)
+
+    none, some, full = (albedo(1, detail) for detail in (0.0, 0.5, 1.0))
+    assert np.array_equal(none, albedo(2, 0.0)) and not np.array_equal(full, albedo(2, 1.0))
+    assert 0 < np.abs(some - none).mean() < np.abs(full - none).mean()
+
+
 def test_a_network_with_other_channels_needs_no_change_of_code(tmp_path: Path, subject: Subject) -> None:
     """delta without context and geometry: delta_context is not loaded, here not even there."""
     write_models(tmp_path, {"delta": toy_net("delta", TEXTURE, ("r", "g", "b"))})
