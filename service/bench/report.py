@@ -9,6 +9,7 @@ from service.bench.result import Bench, Row, WholeRow
 from service.bench.run import sized
 from service.bench.variants import STAGES
 from service.bench.whole import COMPARED, WRITING
+from service.runtime.networks import Engine
 
 MARK = ("<!-- bench -->", "<!-- /bench -->")
 """Lines between which a file keeps the tables."""
@@ -98,6 +99,7 @@ def _wholes(rows: Sequence[WholeRow]) -> Iterable[str]:
     names = list(COMPARED)
     head = [
         "run",
+        "networks on",
         "s",
         "networks s",
         "writing s",
@@ -115,10 +117,17 @@ def _wholes(rows: Sequence[WholeRow]) -> Iterable[str]:
         networks = sum(made.timings_s.get(name, 0.0) for name in ("super_resolution", *COMPARED))
         losses = [shown(loss, loss.at_full) if (loss := (row.losses or {}).get(name)) else NOTHING for name in names]
         cells.append([
-            row.run.label, f"{made.seconds:.1f}", f"{networks:.1f}", f"{made.timings_s[WRITING]:.1f}",
+            row.run.label, engine_in_words(row.run.engine), f"{made.seconds:.1f}", f"{networks:.1f}",
+            f"{made.timings_s[WRITING]:.1f}",
             f"{made.peak_mb:.0f}", f"{made.megabytes:.0f}", *losses, "**front**" if row.front else "",
         ])  # fmt: skip
     return _table(head, cells)
+
+
+def engine_in_words(engine: Engine) -> str:
+    """Runtime and precision, with the networks that are an exception."""
+    plain = f"{engine.runtime} {engine.precision}"
+    return plain + (f" ({', '.join(sorted(engine.exceptions))}: openvino fp32)" if engine.exceptions else "")
 
 
 def _line(bench: Bench) -> list[str]:

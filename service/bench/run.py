@@ -190,7 +190,7 @@ def _quantise(at: _Setting, wanted: list[StageName]) -> None:
     if not quantise.available():
         at.notes.append("int8 was left out: it needs the package onnx (pip install onnx)")
         return
-    for precision in INT8:
+    for precision in at.extent.int8:
         target = at.folder / precision.replace(" ", "-")
         target.mkdir()
         engine = Engine(threads=at.threads, folder=at.first.folder)
@@ -312,7 +312,7 @@ def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine, int8: Ma
         other = Engine(runtime, computed, engine.threads, int8.get(precision, engine.folder))
         if any(other.of(name) != engine.of(name) for name in networks):
             found.append(Whole(f"draft, {runtime} {precision}", "draft", other))
-    found += [Whole(f"draft, tile {tile}", "draft", engine, tile=tile) for tile in at.tiles[:2]]
+    found += [Whole(f"draft, tile {tile}", "draft", engine, tile=tile) for tile in at.tiles[:1]]
     found += [Whole(f"draft, {family.name}", "draft", replace(engine, folder=family.folder)) for family in families[1:]]
     return found
 

@@ -101,7 +101,7 @@ class Extent:
         tiles: other than the reference's.
         halo_tile: one of the tiles, at which smaller halos are tried.
         halos: shares, other than 1.
-        int8: whether networks are quantised.
+        int8: ways to quantise networks.
         levels: of quality that are made from the photo to the archive.
         sizes: widths of maps of the straight-line check.
         draft: whether the whole is made at draft size with other runtimes, precisions and tiles.
@@ -114,7 +114,7 @@ class Extent:
     tiles: tuple[int, ...]
     halo_tile: int
     halos: tuple[float, ...]
-    int8: bool
+    int8: tuple[Precision, ...]
     levels: tuple[str, ...]
     sizes: tuple[int, ...]
     draft: bool
@@ -123,10 +123,11 @@ class Extent:
 
 
 FULL = Extent(
-    1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), True, ("draft", "standard", "high", "reference"),
-    (768, 1536, 3072, 6144), True, 1,
+    1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("int8 static",), ("draft", "standard", "high", "reference"),
+    (1536, 3072, 6144), True, 1,
 )  # fmt: skip
-QUICK = Extent(512, (1536,), (256,), 256, (0.0,), False, (), (384, 768, 1536), False, 0, 1)
+"""Dynamic quantisation is left to ``benchmarks.accuracy_time``: its convolutions are as slow as those of fp32."""
+QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (), (384, 768, 1536), False, 0, 1)
 
 
 def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str]) -> Iterator[Variant]:
@@ -148,8 +149,7 @@ def precisions(extent: Extent) -> Iterator[tuple[RuntimeName, Precision]]:
         yield "openvino", "fp32"
         if has_bf16():
             yield "openvino", "bf16"
-    if extent.int8:
-        yield from (("onnxruntime", precision) for precision in INT8)
+    yield from (("onnxruntime", precision) for precision in extent.int8)
 
 
 def _of_networks(extent: Extent, first: Variant, families: Sequence[str]) -> Iterator[Variant]:

@@ -12,7 +12,7 @@ from service.bench.loss import SAME_DB, compare, decibels, degrees
 from service.bench.material import Window
 from service.bench.pareto import line, pareto
 from service.bench.rates import Rates, measure
-from service.bench.report import MARK, put
+from service.bench.report import MARK, engine_in_words, put
 from service.bench.stages import coding, computed
 from service.bench.variants import CODINGS, FULL, QUICK, STAGES, reference, variants
 from service.bench.work import count, multiply_adds
@@ -22,6 +22,7 @@ from service.errors import Crashed, UsageError
 from service.levels import FULL_SIZE
 from service.reflectance.normals import pack_normals
 from service.runtime.describe import Description
+from service.runtime.networks import Engine
 from tests.service.runtime.toynets import toy_net, write_models
 
 EVERYTHING = np.ones((8, 8), np.uint8)
@@ -201,3 +202,10 @@ def test_families_are_folders_with_a_table(tmp_path: Path) -> None:
         assert [family.name for family in find_families(place, shipped)] == ["shipped", "wide"]
     with pytest.raises(UsageError, match=r"has no models\.json"):
         find_families(tmp_path / "none", shipped)
+
+
+def test_engines_in_words() -> None:
+    """Whoever reads a row of the whole has to see which networks ran on something else."""
+    assert engine_in_words(Engine()) == "onnxruntime fp32"
+    mixed = Engine(exceptions=frozenset({"zeta_tail", "zeta_body"}))
+    assert engine_in_words(mixed) == "onnxruntime fp32 (zeta_body, zeta_tail: openvino fp32)"

@@ -17,13 +17,13 @@ from service.bench.report import as_markdown
 from service.bench.result import Bench, Row
 from service.bench.run import _rule_notes, bench
 from service.bench.stages import Measured
-from service.bench.variants import STAGES, Extent, Family, reference
+from service.bench.variants import INT8, STAGES, Extent, Family, reference
 from service.errors import ModelFault, UsageError
 from service.runtime.networks import Engine
 from service.runtime.sessions import model_table
 from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 
-TINY = Extent(256, (3072,), (128,), 128, (0.0,), True, (), (), False, 0)
+TINY = Extent(256, (3072,), (128,), 128, (0.0,), INT8, (), (), False, 0)
 
 
 @pytest.fixture
