@@ -100,14 +100,14 @@ def _timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float]:
 
 
 def _zeta(variant: Variant, engine: Engine, material: Material) -> _Job:
-    from service.reflectance.super_resolution import enlarge, resample
+    from service.reflectance.super_resolution import Grain, enlarge, resample
 
     if variant.knob:
         height, width = material.texture.shape[:2]
         factor = material.result("zeta").shape[0] // material.window.of(material.texture).shape[0]
         size = (width * factor, height * factor)
         return _Job(lambda: resample(material.texture, size))
-    return _Job(lambda: enlarge(material.whole_texture(), 0, engine, variant.tile))
+    return _Job(lambda: enlarge(material.whole_texture(), Grain(), engine, variant.tile))
 
 
 def _translation(variant: Variant, engine: Engine, network: Network, material: Material) -> _Job:
