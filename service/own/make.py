@@ -102,7 +102,8 @@ def make_own(
     made = _texture(source, head, vertices, options.texture_size)
     timings["texture"] = time.perf_counter() - begin
     # What is finer than zeta's input keeps its own detail.
-    plan = Plan.of(options.maps, super_resolution=False) if fine else options.plan()
+    plain = Plan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)
+    plan = plain if fine else options.plan()
     reflectance = None
     if plan.stages:
         engine = choose_engine(options.runtime, precision=options.level.precision)

@@ -6,6 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.levels import LEVELS
+from service.options import Options
 from service.reflectance.cliffs import WIDTH, cliff_part, integrate_robustly
 from service.reflectance.displacement import MOST_MM, Steps, displacement
 from service.reflectance.integrate import integrate
@@ -110,3 +112,8 @@ def test_unusable_and_grazing_normals_do_not_break_it() -> None:
     assert np.isfinite(found).all() and np.abs(found).max() <= MOST_MM
     assert facts.cut_fraction is not None and 0 < facts.cut_fraction < 0.1
     assert displacement(codes, steps, ALL)[1].cut_fraction is None
+
+
+def test_only_the_finest_level_keeps_cliffs() -> None:
+    kept = {name: Options(quality=name).plan().keep_cliffs for name in LEVELS}  # type: ignore[arg-type]
+    assert kept == {"draft": False, "standard": False, "high": False, "reference": True}

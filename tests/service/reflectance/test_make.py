@@ -56,6 +56,23 @@ def test_every_map_is_there_in_full_size(made: Reflectance) -> None:
     assert all(plane.std() > 0 for plane in maps(made).values())
 
 
+def test_what_ran_is_told_network_by_network(made: Reflectance, engine: Engine) -> None:
+    """A manifest that names one runtime while zeta ran on another could not be reproduced from."""
+    assert made.engines == {name: "onnxruntime fp32" for name in made.models}
+    assert made.integration is not None and made.integration.cut_fraction is None
+    mixed = replace(engine, runtime="onnxruntime", exceptions=frozenset({"zeta_tail"}))
+    assert mixed.told(made.models) == {**made.engines, "zeta_tail": "openvino fp32"}
+
+
+def test_cliffs_are_kept_where_the_plan_says_so(made: Reflectance, engine: Engine, subject: Subject) -> None:
+    plan = replace(ALL, keep_cliffs=True)
+    other = make_reflectance(noise(), subject, plan, SIZE, engine)
+    assert other.integration is not None and other.integration.cut_fraction is not None
+    assert made.displacement is not None and other.displacement is not None
+    assert (other.displacement != made.displacement).any()
+    np.testing.assert_array_equal(other.specular_normal, made.specular_normal)
+
+
 @pytest.mark.parametrize("tile", [40, 100, 5000])
 def test_tiles_do_not_show(tile: int, made: Reflectance, engine: Engine, subject: Subject) -> None:
     """All stages one after the other: two codes of 65,536 from rounding, and 3 um of relief a thousand um high."""
