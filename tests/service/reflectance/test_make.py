@@ -58,7 +58,7 @@ def test_every_map_is_there_in_full_size(made: Reflectance) -> None:
 
 def test_what_ran_is_told_network_by_network(made: Reflectance, engine: Engine) -> None:
     """A manifest that names one runtime while zeta ran on another could not be reproduced from."""
-    assert made.engines == {name: "onnxruntime fp32" for name in made.models}
+    assert made.engines == dict.fromkeys(made.models, "onnxruntime fp32")
     assert made.integration is not None and made.integration.cut_fraction is None
     mixed = replace(engine, runtime="onnxruntime", exceptions=frozenset({"zeta_tail"}))
     assert mixed.told(made.models) == {**made.engines, "zeta_tail": "openvino fp32"}
