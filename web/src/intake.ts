@@ -94,7 +94,7 @@ export class Intake {
       ...levels.map((level) => {
         const input = make("input", { type: "radio", name: "quality", value: level.name, checked: level === usual });
         const time = level.seconds === null ? "" : `about ${duration(level.seconds)}`;
-        const about = [time, ABOUT[level.name], level.size.join(" × ")].filter(Boolean).join("; ");
+        const about = [time, ABOUT[level.name], level.size.join("\u00a0×\u00a0")].filter(Boolean).join("; ");
         const text = make("span", {}, make("b", {}, words(level.name)), make("small", {}, about));
         return make("label", { class: "choice" }, input, text);
       }),
