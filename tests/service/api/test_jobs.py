@@ -6,6 +6,8 @@ import hashlib
 import json
 import os
 import re
+import subprocess
+import sys
 import time
 import zipfile
 from collections.abc import Iterator
@@ -16,7 +18,7 @@ from typing import Any
 import httpx
 import pytest
 
-from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
+from benchmarks.serving import Server, free_port, in_threads, post, small_photo, wait_for
 from benchmarks.toy_job import archive
 from tests.service.api.conftest import is_problem
 
@@ -289,3 +291,13 @@ def test_the_answers_are_those_of_the_description(client: httpx.Client, finished
 
 def test_the_data_folder_is_for_the_owner_of_the_server(server: Server) -> None:
     assert os.stat(server.data).st_mode & 0o077 == 0
+
+
+def test_a_second_server_on_the_folder_refuses_to_start(server: Server) -> None:
+    """Two would run every job twice."""
+    command = [sys.executable, "-m", "service", "serve", "--no-worker", "--data", str(server.data)]
+    second = subprocess.run(
+        [*command, "--port", str(free_port())], check=False, capture_output=True, text=True, timeout=120
+    )
+    assert second.returncode == 2
+    assert "in use" in second.stderr

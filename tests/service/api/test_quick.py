@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from service.api import avatars
 from service.api.keys import new_key
 from service.api.quick import Glance
 from service.jobs.database import EVENTS
@@ -19,6 +20,12 @@ from tests.service.api.conftest import TOY, Api, is_problem, open_api
 ARCHIVE: dict[str, Any] = {
     "archive": "x", "sha256": "0" * 64, "bytes": 1, "warnings": ["ä"], "timings": {}, "peak_rss_mb": 1.0,
 }  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _photos_are_not_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that does it takes longer than all the rest here; ``test_bad_inputs.py`` is about it."""
+    monkeypatch.setattr(avatars, "check_photo", lambda data, limits: None)
 
 
 @pytest.fixture

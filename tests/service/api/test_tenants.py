@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from service.api import avatars
 from service.api.keys import Keys, new_key
 from service.errors import UsageError
 from service.jobs.settings import Settings
@@ -21,6 +22,12 @@ KEYS = {name: new_key(name) for name in ("ada", "bob", "eve")}
 
 def bearer(name: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {KEYS[name][0]}"}
+
+
+@pytest.fixture(autouse=True)
+def _photos_are_not_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that does it takes longer than all the rest here; ``test_bad_inputs.py`` is about it."""
+    monkeypatch.setattr(avatars, "check_photo", lambda data, limits: None)
 
 
 @pytest.fixture
