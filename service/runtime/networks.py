@@ -33,8 +33,8 @@ RUNTIMES = ("auto", "onnxruntime", "openvino")
 INPUT, OUTPUT = "maps", "result"
 
 ENLARGING = frozenset({"zeta_body", "zeta_tail"})
-"""Networks that OpenVINO computes about twice as fast also with AVX2 alone. The others are level there, and start sooner
-on onnxruntime."""
+"""Networks that OpenVINO computes about twice as fast also with AVX2 alone. The others are level there, and start
+sooner on onnxruntime."""
 
 _BF16 = frozenset({"amx_bf16", "avx512_bf16"})
 
