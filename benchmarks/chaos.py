@@ -4,8 +4,8 @@
 
 Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
 worker alone, at a random moment: two of three while a job is at work, the others soon after a start. Afterwards every
-job that was answered with 202 must have succeeded, its archive must be that of an undisturbed run byte for byte, and no
-stage whose result was on the disk may have been computed again.
+job that was answered with 202 must have succeeded, or failed where its photo has to fail; its archive must be that of
+an undisturbed run byte for byte, and no stage whose result was on the disk may have been computed again.
 """
 
 from __future__ import annotations
@@ -33,6 +33,12 @@ from benchmarks.toy_job import LOG, SECONDS, archive
 
 _AT_WORK = 2 / 3
 
+FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
+"""Seeds of jobs that have to fail, with the code that they have to fail with; see ``benchmarks.toy_job.FAULTS``."""
+
+_EVERY = 25
+"""One photo of so many is one that has to fail."""
+
 
 @dataclass
 class Findings:
@@ -44,7 +50,7 @@ class Findings:
         at_work: number of kills that met a job at work.
         states: number of jobs by their last state.
         wrong: jobs whose archive is not that of an undisturbed run.
-        lost: jobs that did not succeed.
+        lost: jobs that did not succeed, or did not fail as they had to.
         redone: stages that were computed again although their result was kept.
         leftovers: files of uploads and stages that nobody needs.
         seconds: of the run.
@@ -140,15 +146,16 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
         while not over.is_set():
             count += 1
             photo, key = small_photo(1000 * number + count), f"{number}-{count}"
+            seed = list(FAILING)[count // _EVERY % len(FAILING)] if count % _EVERY == 0 else count % 100
             digest = hashlib.sha256(photo).hexdigest()
             while not over.is_set():
                 try:
-                    answer = post(client, photo, count, key)
+                    answer = post(client, photo, seed, key)
                 except httpx.HTTPError:
                     time.sleep(0.2)
                     continue
                 if answer.status_code == 202:
-                    findings.accepted[answer.json()["id"]] = (digest, count)
+                    findings.accepted[answer.json()["id"]] = (digest, seed)
                     break
                 time.sleep(0.2)
             time.sleep(pause)
@@ -186,12 +193,15 @@ def _kill(server: Server, kind: str) -> None:
 
 def _look(server: Server, findings: Findings) -> None:
     with httpx.Client(base_url=server.url, timeout=30) as client:
-        for job, (digest, count) in findings.accepted.items():
+        for job, (digest, seed) in findings.accepted.items():
             state = wait_for(client, job, within=600)
             findings.states[state.get("state", "unknown")] += 1
-            if state.get("state") != "succeeded":
+            if seed in FAILING:
+                if (state.get("error") or {}).get("code") != FAILING[seed]:
+                    findings.lost.append(f"{job}: {state}")
+            elif state.get("state") != "succeeded":
                 findings.lost.append(f"{job}: {state}")
-            elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, count):
+            elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
                 findings.wrong.append(job)
 
 

@@ -161,9 +161,10 @@ def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.
             photo = small_photo(count)
             while not over.is_set():
                 with contextlib.suppress(httpx.HTTPError):
-                    answer = post(client, photo, count, f"key-{count}")
+                    seed = count % 100  # above are the faults of the small job
+                    answer = post(client, photo, seed, f"key-{count}")
                     if answer.status_code == 202:
-                        accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), count)
+                        accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), seed)
                         break
                 time.sleep(0.5)
             over.wait(3.0)
@@ -173,11 +174,11 @@ def _look(server: Server, accepted: dict[str, tuple[str, int]]) -> tuple[Counter
     states: Counter[str] = Counter()
     lost = []
     with httpx.Client(base_url=server.url, timeout=30) as client:
-        for job, (digest, count) in accepted.items():
+        for job, (digest, seed) in accepted.items():
             state = wait_for(client, job, within=600)
             states[state["state"]] += 1
             content = client.get(f"/v1/avatars/{job}/archive.zip").content
-            if state["state"] != "succeeded" or content != archive(digest, count):
+            if state["state"] != "succeeded" or content != archive(digest, seed):
                 lost.append(f"{job}: {state}")
     return states, lost
 

@@ -95,7 +95,7 @@ def uploads(server: Server, count: int, megabytes: int) -> dict[str, Any]:
     def one(number: int) -> tuple[int, float]:
         begin = time.perf_counter()
         with httpx.Client(base_url=server.url, timeout=300) as client:
-            status = post(client, photo, number).status_code
+            status = post(client, photo, number % 100).status_code
         return status, time.perf_counter() - begin
 
     results = in_threads(count, one)
@@ -116,7 +116,7 @@ def queue(server: Server, count: int) -> dict[str, Any]:
         photo = small_photo(7)
         for number in range(count):
             begin = time.perf_counter()
-            if post(client, photo, number).status_code == 202:
+            if post(client, photo, number % 100).status_code == 202:
                 times.append(time.perf_counter() - begin)
         cursor: str | None = ""
         while cursor is not None:
