@@ -3,7 +3,8 @@
 glibc keeps freed blocks of up to 32 MiB for later ones. The tensors of a network that takes a whole map are of about
 that size and come and go by the dozen, and what is kept lies in pieces: measured, a body of zeta that needs 0.2 GB took
 0.6 to 2.2 GB. Within :func:`prompt_release` larger blocks come from the system and go back to it at once. That costs
-time for fresh pages, a second for zeta's body, so it is not for networks that run in many tiles.
+time for fresh pages, a second for zeta's body, so it is not for networks that run in many tiles; what those leave
+behind goes back when they are done, by :func:`release`.
 """
 
 from __future__ import annotations
@@ -36,6 +37,13 @@ def prompt_release() -> Iterator[None]:
         # A threshold that was set once no longer adapts, nor does the other: both go to what they adapt to.
         libc.mallopt(_MMAP_THRESHOLD, LARGE)
         libc.mallopt(_TRIM_THRESHOLD, 2 * LARGE)
+        release()
+
+
+def release() -> None:
+    """Give what was freed and kept for later back to the system; other C libraries are left as they are."""
+    libc = _glibc()
+    if libc is not None:
         libc.malloc_trim(0)
 
 

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from service.errors import ModelFault, NumericFault, UsageError
 from service.runtime.describe import KEY, Description
+from service.runtime.memory import release
 from service.runtime.sessions import MODELS, checked_bytes, native_session
 
 Float = npt.NDArray[np.float32]
@@ -164,6 +165,7 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
         yield Network(name, description, engine, lambda maps: held[0](maps))
     finally:
         held.clear()  # whoever keeps the Network, in a traceback for example, does not keep the weights
+        release()
 
 
 def describe(name: str, folder: Path = MODELS) -> Description:
