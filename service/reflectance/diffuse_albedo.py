@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import linear_to_srgb, srgb_to_linear
 from service.reflectance.planes import Codes, from_codes, to_codes
+from service.reflectance.subject import EYES
 from service.reflectance.translate import Job, translate
 from service.runtime.networks import describe, open_network
 from service.runtime.tiles import run_whole
@@ -20,6 +22,11 @@ NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
+
+BETWEEN_LIDS = 0.67
+"""Share of the light on the face that is left between lids and lips; ``benchmarks.eye_whites`` measures it."""
+BRIGHTEST = 0.85
+"""Largest albedo of an eye or a tooth."""
 
 WIDEST = 64
 """Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
@@ -60,21 +67,47 @@ def continued(light: Float, lit: Float) -> Float:
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
+def light_between_lids(light: Float, lit: Float, eyes: Float) -> Float:
+    """(3,) log light on eyes, teeth and tongue: that of the whites where they were seen, else the face's less shade.
+
+    Args:
+        light: (3, h, w) log light of the skin.
+        lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
+        eyes: (4,) values of the channels ``EYES``.
+    """
+    if eyes[3] > 0.5:
+        return np.asarray(eyes[:3], np.float32)
+    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
+    mean = (light * weight).sum((1, 2)) / np.float32(weight.sum())
+    return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
+
+
+def without(light: Float, coded: Float) -> Float:
+    """(h, w, 3) texture in [-1, 1] without a (3,) log light; white where that would be brighter than ``BRIGHTEST``."""
+    linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
+    return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
+
+
 def diffuse_albedo(texture: Codes, job: Job) -> Codes:
     """(H, W, 3) sRGB codes of the albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
-    Eyes, teeth, tongue, lashes and the inside of the mouth keep the texture's colours: the network has seen skin only.
+    Eyes, teeth, tongue, lashes and the inside of the mouth lose one light, the same all over: the network has seen skin
+    only.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
     """
+    between: Float | None = None
     if needs_context(job):
         with open_network(CONTEXT, job.engine) as network:
             what = network.description
             size = what.whole or job.planes.size
             context = run_whole(network, job.planes.shrunk(what.channels, size))
+            lit = np.ones(context.shape[1:], np.float32)
             if LIT in job.planes.channels:
-                context = continued(context, job.planes.shrunk([LIT], size)[0])
+                lit = job.planes.shrunk([LIT], size)[0]
+            between = light_between_lids(context, lit, job.planes.shrunk(EYES, (1, 1))[:, 0, 0])
+            context = continued(context, lit)
         job.planes.add_coarse(what.planes(len(context)), context)
     result = np.zeros_like(texture)
 
@@ -82,6 +115,8 @@ def diffuse_albedo(texture: Codes, job: Job) -> Codes:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
         if skin.min() < 1:
             kept = from_codes(texture[place])
+            if between is not None:
+                kept = without(between, kept)
             albedo = kept + skin[..., None] * (albedo - kept)
         result[place] = to_codes(albedo)
 

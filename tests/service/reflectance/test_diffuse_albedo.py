@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.diffuse_albedo import continued
+from service.colour import linear_to_srgb, srgb_to_linear
+from service.fit.eye_white import ALBEDO
+from service.reflectance.diffuse_albedo import BRIGHTEST, continued, light_between_lids, without
 
 
 def test_even_light_stays_even_whatever_was_found_in_made_up_parts() -> None:
@@ -32,3 +34,27 @@ def test_nothing_seen_and_all_seen_change_nothing() -> None:
     light = np.random.default_rng(1).normal(size=(3, 20, 30)).astype(np.float32)
     assert np.array_equal(continued(light, np.zeros((20, 30), np.float32)), light)
     assert np.allclose(continued(light, np.ones((20, 30), np.float32)), light, atol=1e-5)
+
+
+def test_the_white_of_an_eye_is_white_in_any_light() -> None:
+    """In dim light eyes would else be darker than the skin, which has lost its light."""
+    light = np.zeros((3, 8, 12), np.float32)
+    for factor in (0.05, 0.4, 1.0):
+        seen = (ALBEDO * factor).astype(np.float32)
+        eyes = np.append(np.full(3, np.log(factor)), 1.0).astype(np.float32)
+        found = light_between_lids(light, np.ones((8, 12), np.float32), eyes)
+        coded = linear_to_srgb(seen).reshape(1, 1, 3) * 2 - 1
+        assert np.allclose(srgb_to_linear(without(found, coded) * 0.5 + 0.5)[0, 0], ALBEDO, atol=2e-3)
+
+
+def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
+    """Less what the lids shade; finite without any lit skin, and no tooth is brighter than a tooth can be."""
+    light = np.full((3, 8, 12), -1.0, np.float32)
+    light[:, :, :6] = 5.0
+    lit = np.zeros((8, 12), np.float32)
+    lit[:, 6:] = 1
+    found = light_between_lids(light, lit, np.zeros(4, np.float32))
+    assert (found < -1.0).all() and (found > -2.0).all()
+    assert np.isfinite(light_between_lids(light, 0 * lit, np.zeros(4, np.float32))).all()
+    bright = without(np.full(3, -50.0, np.float32), np.ones((2, 2, 3), np.float32))
+    assert np.allclose(srgb_to_linear(bright * 0.5 + 0.5), BRIGHTEST, atol=2e-3)

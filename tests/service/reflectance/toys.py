@@ -23,7 +23,7 @@ TEXTURE_SIZE = (96, 64)
 
 def toy_models() -> dict[str, bytes]:
     features = tuple(f"feature_{index}" for index in range(4))
-    context = ("context_0", "context_1")
+    context = ("context_0", "context_1", "context_2")
     return {
         "zeta_body": toy_net("zeta_body", (*TEXTURE, *POSITION, "mask"), features, whole=TEXTURE_SIZE, seed=1),
         "zeta_tail": toy_net("zeta_tail", (*features, "noise_0", *TEXTURE), RGB, scale=8, seed=2),
