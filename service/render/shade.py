@@ -25,7 +25,9 @@ Float = npt.NDArray[np.float32]
 SCATTER_MM = 8.2
 """Three standard deviations of the widest Gaussian that light is scattered by (red, 7.41 mm^2)."""
 
+TILE = 512
 ALIGNED = 64
+"""Tiles begin at multiples of it, for blurs are computed on halved maps."""
 
 
 class Clock:
@@ -86,18 +88,30 @@ class Shader:
         radiosity = albedo * arriving
         if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
-                radiosity = self._scattered(albedo, arriving, _seen_part(samples, s.texels_per_mm))
+                radiosity = self._scattered(albedo, arriving, samples)
         return np.ascontiguousarray(np.moveaxis(self._continued(radiosity) / np.float32(math.pi), 0, 2))
 
-    def _scattered(self, albedo: Float, arriving: Float, part: tuple[slice, slice]) -> Float:
-        """(3, H, W) radiosity, scattered on the skin of a part of the chart; elsewhere albedo times irradiance."""
+    def _scattered(self, albedo: Float, arriving: Float, samples: Samples) -> Float:
+        """(3, H, W) radiosity, scattered on the skin that samples read; elsewhere albedo times irradiance.
+
+        Tile by tile: the blurs of a whole chart would need gigabytes. Each sees far enough beyond its border.
+        """
         s, radiosity = self.surface, albedo * arriving
-        skin, here = s.skin[part], (slice(None), *part)
-        scattered = self.graphs.run(
-            "scattering", albedo=albedo[here], arriving=arriving[here], texels_per_mm=s.texels_per_mm[part],
-            mask=skin.astype(np.float32),
-        )  # fmt: skip
-        radiosity[here] = np.where(skin[None], scattered, radiosity[here])
+        halo = int(np.ceil(SCATTER_MM * float(s.texels_per_mm.max()) / ALIGNED)) * ALIGNED
+        height, width = s.skin.shape
+        for top, left in _seen_tiles(samples, height, width):
+            inner = (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))
+            outer = (_grown(inner[0], halo, height), _grown(inner[1], halo, width))
+            if not s.skin[inner].any():
+                continue
+            here = (slice(None), *outer)
+            made = self.graphs.run(
+                "scattering", albedo=albedo[here], arriving=arriving[here], texels_per_mm=s.texels_per_mm[outer],
+                mask=s.skin[outer].astype(np.float32),
+            )  # fmt: skip
+            rows, columns = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
+            there = (slice(None), *inner)
+            radiosity[there] = np.where(s.skin[inner][None], made[:, rows, columns], radiosity[there])
         return np.asarray(radiosity)
 
     def _continued(self, planes: Float) -> Float:
@@ -150,17 +164,19 @@ class Shader:
         return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T
 
 
-def _seen_part(samples: Samples, texels_per_mm: Float) -> tuple[slice, slice]:
-    """Rows and columns of the chart that the samples read, and what can scatter to there."""
-    halo = int(np.ceil(SCATTER_MM * float(texels_per_mm.max())))
-    parts = []
-    for size, place in zip(texels_per_mm.shape, (1 - samples.uv[:, 1], samples.uv[:, 0]), strict=True):
-        low, high = (float(f(initial=0.5)) * size for f in (place.min, place.max))
-        # Blurs are computed on halved maps: parts begin and end at whole cells of those.
-        start = int(max(low - halo, 0)) // ALIGNED * ALIGNED
-        stop = -(-int(high + halo + 1) // ALIGNED) * ALIGNED
-        parts.append(slice(start, min(stop, size)))
-    return parts[0], parts[1]
+def _seen_tiles(samples: Samples, height: int, width: int) -> list[tuple[int, int]]:
+    """Top left corners of the tiles of the chart whose texels samples are interpolated from."""
+    tiles = set()
+    for down in (-1.5, 1.5):
+        for right in (-1.5, 1.5):
+            row = np.clip((1 - samples.uv[:, 1]) * height + down, 0, height - 1).astype(np.int64) // TILE
+            column = np.clip(samples.uv[:, 0] * width + right, 0, width - 1).astype(np.int64) // TILE
+            tiles |= set(np.unique((row << 16) | column).tolist())
+    return [((tile >> 16) * TILE, (tile & 0xFFFF) * TILE) for tile in sorted(tiles)]
+
+
+def _grown(part: slice, halo: int, size: int) -> slice:
+    return slice(max(part.start - halo, 0), min(part.stop + halo, size))
 
 
 def _planes(image: Float) -> Float:

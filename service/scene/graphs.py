@@ -72,7 +72,7 @@ class Graphs:
 
 @functools.lru_cache(maxsize=16)
 def _session(name: str, threads: int) -> Session:
-    return load_session(name, threads, FOLDER)
+    return load_session(name, threads, FOLDER, in_order=True)
 
 
 def lamp_numbers(light: PointLight) -> dict[str, Float]:

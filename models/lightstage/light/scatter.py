@@ -114,10 +114,12 @@ def scattered(light: Tensor, texels_per_mm: Tensor, mask: Tensor, densest: float
     height, width = light.shape[1:]
     levels = _levels(_widest(densest, scale))
     variances = [0.0, *(v for _, v in levels)]
-    weights = _shares(texels_per_mm, variances, scale)
+    most = variances[-1] * (1.0 - 1e-6)
+    spreads = [(texels_per_mm * texels_per_mm * (v * scale * scale)).clamp(max=most) for v, _ in PROFILE]
     current, halvings, before = torch.cat([light * mask, mask[None]]), 0, 0.0
-    total = weights[0] * current[:3]
-    share = weights[0] * mask
+    weight = _share(0, spreads, variances)
+    total = weight * current[:3]
+    share = weight * mask
     for level, (wanted, variance) in enumerate(levels, 1):
         step = variance - before
         while halvings < wanted:
@@ -127,21 +129,28 @@ def scattered(light: Tensor, texels_per_mm: Tensor, mask: Tensor, densest: float
         current = _blur(current, math.sqrt(max(step, 0.0)) / 2**halvings)
         before = variance
         full = current if halvings == 0 else _enlarged(current, 2**halvings, height, width)
-        total = total + weights[level] * full[:3]
-        share = share + weights[level] * full[3]
+        weight = _share(level, spreads, variances)
+        total = total + weight * full[:3]
+        share = share + weight * full[3]
     return torch.where(share > 1e-4, total / share.clamp(min=1e-4), light)
 
 
-def _shares(texels_per_mm: Tensor, variances: list[float], scale: float) -> list[Tensor]:
-    """(3, h, w) weight of each level."""
-    shares = [torch.zeros(3, *texels_per_mm.shape, device=texels_per_mm.device) for _ in variances]
-    for v, colours in PROFILE:
-        variance = (texels_per_mm * texels_per_mm * (v * scale * scale)).clamp(max=variances[-1] * (1.0 - 1e-6))
-        colour = torch.tensor(colours, device=texels_per_mm.device).view(3, 1, 1)
-        for k in range(len(variances) - 1):
-            low, high = variances[k], variances[k + 1]
-            t = (variance - low) / (high - low)
-            inside = (variance >= low) & (variance < high)
-            shares[k] += colour * torch.where(inside, 1.0 - t, 0.0)
-            shares[k + 1] += colour * torch.where(inside, t, 0.0)
-    return shares
+def _share(level: int, wanted: list[Tensor], variances: list[float]) -> Tensor:
+    """(3, h, w) weight of one level: each Gaussian of the profile is shared by the two levels about its variance.
+
+    Args:
+        level: index into ``variances``.
+        wanted: (h, w) variance in texels^2 of each Gaussian, below the last of ``variances``.
+        variances: of the levels in texels^2, growing.
+    """
+    here, total = variances[level], torch.zeros(3, *wanted[0].shape, device=wanted[0].device)
+    for variance, (_, colours) in zip(wanted, PROFILE, strict=True):
+        part = torch.zeros_like(variance)
+        if level > 0:
+            low = variances[level - 1]
+            part = torch.where((variance >= low) & (variance < here), (variance - low) / (here - low), part)
+        if level + 1 < len(variances):
+            high = variances[level + 1]
+            part = torch.where((variance >= here) & (variance < high), 1.0 - (variance - here) / (high - here), part)
+        total = total + torch.tensor(colours, device=variance.device).view(3, 1, 1) * part
+    return total

@@ -163,6 +163,21 @@ def test_the_exposure_is_chosen_from_the_skin() -> None:
     assert 120 < np.quantile(pixels(weak)[weak.covered > 0], 0.8) < 240
 
 
+def test_tiles_of_scattering_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small tiles, so that there are some; what lies beyond the halo is worth less than a code of the picture."""
+    monkeypatch.setattr("service.render.shade.TILE", 64)
+    maps = {
+        "diffuse_albedo": stored("diffuse_albedo", np.random.default_rng(4).integers(0, 256, (64, 96, 3), np.uint8))
+    }
+    options: dict[str, Any] = {"size": (96, 112), "samples": 2, "tolerance": 0.0}
+    tiled = toy_picture(scene(None, LAMP), maps, **options)
+    monkeypatch.setattr("service.render.shade.TILE", 4096)
+    whole = toy_picture(scene(None, LAMP), maps, **options)
+    assert whole.plan.runs("scattering")
+    assert whole.chart[0] > 64
+    np.testing.assert_allclose(tiled.light, whole.light, atol=2e-3 * whole.light.max())
+
+
 def test_backgrounds() -> None:
     clear = pixels(toy_picture(scene(EVEN), background="transparent"))
     assert clear.shape[2] == 4
