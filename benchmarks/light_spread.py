@@ -10,10 +10,13 @@ in each light; the program makes a diffuse albedo of each photo. Two questions:
   over heads of the mean over lights. All heads share one chart; texels count that every photo shows.
 
 Beside both stands the texture itself, with the photo's light in it. Photos are kept in ``--out`` and not taken again.
+Broken off (Ctrl-C), it prints the tables of the lights in which all heads are done.
 """
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -219,11 +222,16 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     folder = data_folder(None if data is None else str(data))
     runs: dict[tuple[str, str], Run] = {}
-    for head in heads(folder, out, subjects):
-        for light in names:
+    people = heads(folder, out, subjects)
+    with contextlib.suppress(KeyboardInterrupt):  # what is done by then is worth a table
+        # Lights outside: whoever breaks it off has all heads in the lights that are done.
+        for light, head in itertools.product(names, people):
             runs[head.name, light] = run(head, light, out, quality)
             typer.echo(f"{head.name} {light}: {runs[head.name, light].albedo[0]:.1f} dB", err=True)
-    lines = "\n".join(table(runs, quality))
+    done = [light for light in names if all((head.name, light) in runs for head in people)]
+    if len(done) < 2:
+        raise SystemExit("broken off before two lights were done: there is no spread over one")
+    lines = "\n".join(table({key: one for key, one in runs.items() if key[1] in done}, quality))
     typer.echo(lines)
     if write is not None:
         write_between(write, MARK, lines)

@@ -153,7 +153,12 @@ def main(
     count = choose_engine(threads=threads).threads
     torch.set_num_threads(count)
     clock = time.process_time if processor else time.perf_counter
-    found = [measure(name, count, rounds, side, config, clock) for name in Plan.of(ROLES).networks]
+    found = []
+    for name in Plan.of(ROLES).networks:
+        found.append(measure(name, count, rounds, side, config, clock))
+        typer.echo(
+            f"{name}: " + ", ".join(f"{key} {value:.2f} s" for key, value in found[-1].seconds.items()), err=True
+        )
     lines = "\n".join([f"{count} threads.", "", *table(found)])
     typer.echo(lines)
     if write is not None:
