@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from service.api.app import create_app
 from service.api.protocol import protocol_class
 from service.jobs import logs
+from service.jobs.limits import give_back_memory
 from service.jobs.locks import FileLock
 from service.jobs.settings import Settings
 
@@ -110,6 +111,7 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
         UsageError: another server has the data folder.
     """
     logs.set_up()
+    give_back_memory()
     lock = FileLock(settings.data, "server")
     keeper = WorkerKeeper(settings) if with_worker else None
     app = create_app(settings)
