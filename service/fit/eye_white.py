@@ -26,8 +26,9 @@ BRIGHT = (0.4, 0.92)
 """Quantiles of luminance between which pixels are taken: below are lashes and shade, above are glints."""
 PALE = 0.6
 """Quantile of blue over red from which pixels are taken: the rest may be lid, since rims are found to some pixels."""
-PALER = 1.35
-"""Times by which the white is less red than the skin below the eye, under whatever light; skin it is else."""
+PALER = 1.5
+"""Times by which the white is less red than the skin below the eye, under whatever light (1.5 to 2.5 on rendered heads);
+else it is taken for skin or shade."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
 MARGIN = 0.12

@@ -112,12 +112,13 @@ def test_measures_against_closed_forms() -> None:
 
 
 def test_zeta_pairs_belong_together(data: Path) -> None:
-    """The large crop made small again is the small crop, before noise and blur."""
+    """The large patch made small again is the small one, but for the noise and blur of a fitted texture."""
     task = ZetaTask(data)
     task.refresh()
     batch = task.held_out()[0]
     again = torch.nn.functional.interpolate(batch["large"], scale_factor=1 / 8, mode="area")
-    assert torch.allclose(again, batch["small"], atol=1e-5)
+    assert 0.0 < float((again - batch["small"]).abs().mean()) < 0.02
+    assert not batch["noise"].any() and task.held_out()[-1]["noise"].any()
 
 
 def test_delta_sees_detail_that_its_target_has(data: Path) -> None:
