@@ -11,7 +11,7 @@ from torch.nn import functional
 from models.networks.stages import Psi, Rho, Sigma
 from models.training.degrade import blur, gain, noisy
 from models.training.store import Patches
-from models.training.tasks import Batch, channels, fixed_batches, fixed_items, patch_batch, uniform
+from models.training.tasks import Batch, byte, channels, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
 from service.reflectance.subject import GEOMETRY
 
@@ -91,8 +91,9 @@ class PsiTask(_AlbedoTask):
     def refresh(self) -> None:
         """Read captures that came since the last time."""
         super().refresh()
-        sums = [((item["mask"] > 127) * (item["specular"] / 255.0)).sum() for item in self.train.items]
-        self.usual = float(sum(sums) / max(sum((item["mask"] > 127).sum() for item in self.train.items), 1))
+        maps = [(byte(item["mask"]) > 0.5, byte(item["specular"])) for item in self.train.items]
+        count = sum(float(inside.sum()) for inside, _ in maps)
+        self.usual = sum(float((values * inside).sum()) for inside, values in maps) / max(count, 1.0)
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Specular albedo in [0, 1]."""
