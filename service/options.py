@@ -48,8 +48,8 @@ class Options:
         runtime: what the networks run on, see ``service.runtime.networks``.
         face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
             refuses a photo with several faces.
-        detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, which is smooth
-            and nearest to the truth, 1 one that looks like skin.
+        detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, smooth and
+            nearest to the truth, 1 one that looks like skin.
         seed: of every random choice, in [0, 2**32 - 1].
         fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
         identity_components: identity components to fit, >= 0; more than the head has means all.

@@ -27,8 +27,8 @@ BRIGHT = (0.4, 0.92)
 PALE = 0.6
 """Quantile of blue over red from which pixels are taken: the rest may be lid, since rims are found to some pixels."""
 PALER = 1.5
-"""Times by which the white is less red than the skin below the eye, under whatever light (1.5 to 2.5 on rendered heads);
-else it is taken for skin or shade."""
+"""Times by which the white is less red than the skin below the eye, under whatever light; else it is taken for skin or
+shade. On rendered heads it is 1.5 to 2.5 times."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
 MARGIN = 0.12
