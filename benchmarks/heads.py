@@ -151,7 +151,5 @@ def subdivided(values: Float, triangles: npt.NDArray[np.int64], rounds: int) -> 
         ab, bc, ca = (len(values) + index.reshape(-1)).reshape(3, -1)
         a, b, c = triangles.T
         values = np.concatenate([values, values[unique].mean(1)])
-        triangles = np.concatenate(
-            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
+        triangles = np.concatenate([np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
     return values, triangles

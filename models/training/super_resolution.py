@@ -21,8 +21,8 @@ SMALL = 48
 PLAIN_EVERY = 3
 """Every third crop of a batch has no noise: there the network is to say what is most likely, and only that."""
 
-SQUARE_WEIGHT = 30.0
-"""Of the squared difference where there is no noise: as steep as the plain difference at 4 codes of 255."""
+SQUARE_WEIGHT = 100.0
+"""Of the squared difference where there is no noise: as steep as the plain difference at 1.3 codes of 255."""
 
 PLAIN_WEIGHT = 0.4
 """Of the plain difference where there is noise: no noise can know where the true pores are."""
