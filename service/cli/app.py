@@ -21,6 +21,20 @@ app = typer.Typer(
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for machines.")]
+Maps = Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")]
+Quality = Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")]
+Size = Annotated[str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")]
+Bits = Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")]
+Normals = Annotated[
+    str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
+]
+Runtime = Annotated[
+    str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
+]
+Detail = Annotated[
+    float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")]
 
 
 def main() -> None:
@@ -52,28 +66,20 @@ def make(
     output: Annotated[
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
     ] = None,
-    maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
-    quality: Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")
-    ] = None,
+    maps: Maps = None,
+    quality: Quality = None,
+    size: Size = None,
     budget: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Take the best quality that fits into so many seconds.")
     ] = None,
-    bits: Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")] = None,
-    normals: Annotated[
-        str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
-    ] = None,
-    runtime: Annotated[
-        str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
-    ] = None,
+    bits: Bits = None,
+    normals: Normals = None,
+    runtime: Runtime = None,
     face: Annotated[
         str | None, typer.Option(help="Which face to take where there are several: an index, or 'largest'.")
     ] = None,
-    detail: Annotated[
-        float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
+    detail: Detail = None,
+    seed: Seed = None,
     fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
@@ -160,22 +166,14 @@ def maps(
     texture: Annotated[str, typer.Option(metavar="T.png", help="Texture on the head's chart, 3:2, or - for a pipe.")],
     mesh: Annotated[str, typer.Option(metavar="HEAD.obj", help="Mesh with the topology of mesh/head.obj, or -.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT.zip", help="Archive to write, or -.")],
-    maps: Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")] = None,
-    quality: Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")
-    ] = None,
-    bits: Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")] = None,
-    normals: Annotated[
-        str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
-    ] = None,
-    runtime: Annotated[
-        str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
-    ] = None,
-    detail: Annotated[
-        float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of every random choice. [default: 0]")] = None,
+    maps: Maps = None,
+    quality: Quality = None,
+    size: Size = None,
+    bits: Bits = None,
+    normals: Normals = None,
+    runtime: Runtime = None,
+    detail: Detail = None,
+    seed: Seed = None,
     head: Annotated[
         str | None, typer.Option(metavar="FILE", help="Head model of the mesh instead of the one in the box.")
     ] = None,
