@@ -124,11 +124,13 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     def become(*features: str, openvino: bool = True) -> None:
         monkeypatch.setattr("service.diagnosis.cpu", lambda: {"features": list(features)})
         monkeypatch.setattr(networks, "has_openvino", lambda: openvino)
-        networks.has_bf16.cache_clear(), networks.has_feature.cache_clear()
+        networks.has_bf16.cache_clear()
+        networks.has_feature.cache_clear()
 
     yield become
     monkeypatch.undo()
-    networks.has_bf16.cache_clear(), networks.has_feature.cache_clear()
+    networks.has_bf16.cache_clear()
+    networks.has_feature.cache_clear()
 
 
 @pytest.mark.parametrize(("features", "openvino", "zeta", "rho"), [
