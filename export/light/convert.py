@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,6 +24,7 @@ from export.faces.onnx_tools import ParityError
 from export.faces.registry import register
 from export.light.examples import EXAMPLES, Inputs
 from models.lightstage.light import graphs
+from service.archive.container import replace_file
 from service.runtime.describe import KEY
 
 OPSET = 18
@@ -143,7 +142,7 @@ def write(output: Path = LIGHT) -> list[str]:
     lines = []
     for part, data, worst in done:
         path = output / f"{part.name}.onnx"
-        _replace(path, data)
+        replace_file(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
         facts: dict[str, Any] = {
             "licence": LICENCE, "source": "exported from models/lightstage/light by export/light", "opset": OPSET,
             "inputs": {name: {"shape": list(value.shape)} for name, value in part.inputs(SIZES[0]).items()},
@@ -152,13 +151,6 @@ def write(output: Path = LIGHT) -> list[str]:
         register(part.name, path, facts)
         lines.append(f"{path.name}: {len(data)} bytes; {'mean' if part.mean else 'largest'} difference {worst:.1e}")
     return lines
-
-
-def _replace(path: Path, data: bytes) -> None:
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as stream:
-        stream.write(data)
-    os.chmod(stream.name, 0o644)
-    os.replace(stream.name, path)
 
 
 def main(output: Annotated[Path, typer.Option("-o", help="Folder of the service's graphs.")] = LIGHT) -> None:

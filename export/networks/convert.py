@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,6 +27,7 @@ from models.networks.configs import CONTEXT_CHANNELS, ZETA_CHANNELS, Zeta, build
 from models.networks.context import HEIGHT, WIDTH, ContextNet
 from models.networks.rcan import SCALE
 from models.networks.stages import CONTEXT, TEXTURE, StageNet
+from service.archive.container import replace_file
 from service.errors import ModelFault
 from service.runtime.describe import KEY
 
@@ -191,7 +190,7 @@ def write(folder: Path, output: Path) -> list[str]:
     output.mkdir(parents=True, exist_ok=True)
     for part, data, worst in done:
         path = output / f"{part.name}.onnx"
-        _replace(path, data)
+        replace_file(path, lambda stream, data=data: stream.write(data))  # type: ignore[misc]
         source = f"trained on the synthetic light stage: config {facts['config']}, {facts['steps_done']} steps"
         shape: list[int | str] = [1, len(part.description["channels"]), "height", "width"]
         facts_of_file = {
@@ -202,13 +201,6 @@ def write(folder: Path, output: Path) -> list[str]:
         differences = ", ".join(f"{name} {value:.1e}" for name, value in worst.items())
         lines.append(f"{path.name}: {len(data) / 1e6:.2f} MB; against torch: {differences}")
     return lines
-
-
-def _replace(path: Path, data: bytes) -> None:
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as stream:
-        stream.write(data)
-    os.chmod(stream.name, 0o644)
-    os.replace(stream.name, path)
 
 
 def main(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ from torch import Tensor, nn
 
 from models.colour import linear, srgb
 from models.networks.configs import CONTEXT_CHANNELS
-from models.networks.context import DARKEST, HEIGHT, WIDTH
+from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.degrade import blur, gain, half_mirrored, noisy
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
+from service.fit.eye_white import BETWEEN_LIDS
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.subject import EYES
@@ -22,7 +24,7 @@ from service.reflectance.subject import EYES
 EYES_KNOWN = 0.85
 """Share of training charts with whites of the eyes to be seen."""
 
-SHADE = (-0.4, 0.43)
+SHADE = (math.log(BETWEEN_LIDS), 0.43)
 """Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
 with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
 
@@ -73,11 +75,10 @@ def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
     """
     mask = torch.from_numpy(item["geometry"][-1:].astype("float32"))
     albedo, skin = byte(item["albedo"]), byte(other["albedo"])
-    apart = (torch.log(linear(skin).clamp(min=DARKEST)) - torch.log(linear(albedo).clamp(min=DARKEST))) * mask
+    apart = log_light(skin, albedo)
     texture = byte(item["texture"][light])
-    if float(apart.sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
-        change = linear(skin).clamp(min=DARKEST) / linear(albedo).clamp(min=DARKEST)
-        texture, albedo = srgb(linear(texture) * change), skin
+    if float((apart * mask).sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
+        texture, albedo = srgb(linear(texture) * torch.exp(apart)), skin
     coded = {"texture": texture[None], "albedo": albedo}
     return {**item, **{name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}}
 

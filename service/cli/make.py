@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from service.cli.files import PIPE
 from service.cli.progress import progress_bar
-from service.cli.source import PIPE, destination, read_photo
+from service.cli.source import destination, read_photo
 from service.errors import UsageError
 from service.options import Options
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import typer
 
-from service.cli.files import read_file
+from service.cli.files import PIPE, read_file
 from service.cli.progress import progress_bar
-from service.cli.source import PIPE
 from service.errors import UsageError
 
 MAX_TEXTURE = 200_000_000

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from service.archive.container import replace_file
-from service.cli.source import PIPE
+from service.cli.files import PIPE
 from service.errors import OutputFault
 
 

@@ -12,9 +12,8 @@ from typing import IO
 
 import typer
 
-from service.cli.files import read_file
+from service.cli.files import PIPE, read_file
 from service.cli.output import write_bytes
-from service.cli.source import PIPE
 from service.errors import UsageError
 from service.scene.scene import Scene
 

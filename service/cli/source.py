@@ -6,10 +6,9 @@ import os
 import sys
 from pathlib import Path
 
-from service.errors import EmptyFile, TooManyBytes, UnreadableInput, UsageError
+from service.cli.files import PIPE, called, read_bounded
+from service.errors import EmptyFile, TooManyBytes, UsageError
 from service.photo.limits import Limits
-
-PIPE = "-"
 
 
 def read_photo(source: str) -> bytes:
@@ -22,19 +21,13 @@ def read_photo(source: str) -> bytes:
         TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be endless.
     """
     limit = Limits().max_bytes
-    name = "standard input" if source == PIPE else source
+    name = called(source)
     try:
-        if source == PIPE:
-            data = sys.stdin.buffer.read(limit + 1)
-        else:
-            with Path(source).open("rb") as stream:
-                data = stream.read(limit + 1)
+        data = read_bounded(source, limit)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise UsageError(f"there is no file {name}; name a JPEG, PNG or WebP file, or - for standard input") from error
     except IsADirectoryError as error:
         raise UsageError(f"{name} is a folder; name one photo in it") from error
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise UnreadableInput(f"cannot read {name}: {getattr(error, 'strerror', None) or error}") from error
     if not data:
         raise EmptyFile(f"{name} is empty (0 bytes); a JPEG, PNG or WebP photo is needed")
     if len(data) > limit:

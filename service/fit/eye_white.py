@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 
 ALBEDO = np.array([0.63, 0.59, 0.56])
 """Reflectance of the sclera, linear RGB: a little redder than grey for its vessels."""
+BETWEEN_LIDS = 0.67
+"""Share of the light on the lids that is left between them; ``benchmarks.eye_whites`` measures it."""
 BEYOND = 1.22
 """Radii of the iris at which the white begins for certain; the limbus is soft."""
 LEAST_RADIUS, LEAST_PIXELS = 3.0, 12

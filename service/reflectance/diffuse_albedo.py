@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
+from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.planes import Codes, from_codes, to_codes
 from service.reflectance.subject import EYES
 from service.reflectance.translate import Job, translate
@@ -23,8 +24,6 @@ PREFIX = "context_"
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
 
-BETWEEN_LIDS = 0.67
-"""Share of the light on the face that is left between lids and lips; ``benchmarks.eye_whites`` measures it."""
 BRIGHTEST = 0.85
 """Largest albedo of an eye or a tooth."""
 
