@@ -101,7 +101,7 @@ def make_avatar(
         engine = choose_engine(options.runtime, precision=options.level.precision)
         reflectance = make_reflectance(
             texture.texture,
-            Subject.of(head, fit.vertices, texture.lit_skin, fit.eye_light),
+            Subject.in_photo(head, fit, texture),
             plan,
             options.map_size,
             engine,

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
+from service.reflectance.diffuse_albedo import LIT
 from service.reflectance.displacement import Steps
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.subject import EYES, GEOMETRY, GEOMETRY_SIZE, Subject
@@ -24,6 +25,9 @@ GRID = 64
 """Texels of the full chart between places where a window may begin: whole texels of every coarser map."""
 
 FILE = "material.npz"
+
+ARRAYS = ("texture", "geometry", "lit", "eyes", "steps", "skin")
+"""What the file holds beside the window: fields of :class:`Material`."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ class Material:
         window: that stages are measured on.
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
+        lit: (h, w) in [0, 1] of the whole chart, 1 where the texture is skin in the photo's light.
         eyes: (4, h, w) of the whole chart, the same in all texels, see ``service.reflectance.subject.EYES``.
         steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
@@ -84,6 +89,7 @@ class Material:
     window: Window
     texture: Codes
     geometry: Float
+    lit: Float
     eyes: Float
     steps: Float
     skin: npt.NDArray[np.uint8]
@@ -91,7 +97,7 @@ class Material:
     def save(self) -> None:
         """Write ``FILE``."""
         window = np.array([self.window.left, self.window.top, self.window.side])
-        arrays = {name: getattr(self, name) for name in ("texture", "geometry", "eyes", "steps", "skin")}
+        arrays = {name: getattr(self, name) for name in ARRAYS}
         np.savez(self.folder / FILE, window=window, **arrays)
 
     @classmethod
@@ -99,7 +105,7 @@ class Material:
         """Read ``FILE``."""
         with np.load(folder / FILE) as file:
             window = Window(*(int(value) for value in file["window"]))
-            return cls(folder, window, *(file[name] for name in ("texture", "geometry", "eyes", "steps", "skin")))
+            return cls(folder, window, *(file[name] for name in ARRAYS))
 
     def result(self, stage: str) -> npt.NDArray[Any]:
         """The reference's map of a stage in the window."""
@@ -118,10 +124,11 @@ class Material:
         return planes
 
     def whole_texture(self) -> Planes:
-        """Texture and geometry of the whole chart, as zeta takes them."""
+        """Texture, geometry and light of the whole chart, as zeta and delta's context take them."""
         planes = Planes((self.texture.shape[1], self.texture.shape[0]))
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
+        planes.add_coarse([LIT], self.lit[None])
         planes.add_coarse(EYES, self.eyes)
         return planes
 
@@ -160,7 +167,8 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     codes = texture.astype(np.uint16) * np.uint16(257)
     side = window.pixels(FULL_SIZE[0])
     mask = np.asarray(resized_mask(skin, side))
-    Material(folder, window, codes, subject.geometry, subject.eyes, steps, mask).save()
+    lit = np.ones((1, 1), np.float32) if subject.lit is None else subject.lit
+    Material(folder, window, codes, subject.geometry, lit, subject.eyes, steps, mask).save()
 
 
 def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:
@@ -186,5 +194,5 @@ def from_photo(data: bytes, texture_size: tuple[int, int] | None, side: int, fol
     from service.pipeline import make_avatar
 
     avatar = make_avatar(data, Options(maps=TEXTURE_MAPS, size=texture_size or TEXTURE_SIZE, face="largest"))
-    subject = Subject.of(avatar.head, avatar.fit.vertices, eye_light=avatar.fit.eye_light)
+    subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     prepare(subject, avatar.texture.texture, avatar.texture.confidence, side, folder)

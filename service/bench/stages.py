@@ -15,11 +15,11 @@ from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.diffuse_albedo import CONTEXT, PREFIX
+from service.reflectance.diffuse_albedo import CONTEXT, PREFIX, light_on
 from service.reflectance.planes import Planes, to_codes
 from service.runtime.describe import Description
 from service.runtime.networks import Engine, Network, open_network
-from service.runtime.tiles import Tile, run_tiles, run_whole, tiles
+from service.runtime.tiles import Tile, run_tiles, tiles
 
 Result = npt.NDArray[Any]
 
@@ -152,11 +152,10 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
         planes.add_codes("texture", material.enlarged(variant.width))
         if any(channel.startswith(PREFIX) for channel in what.channels):
             with open_network(CONTEXT, engine) as network:
-                about = network.description
                 whole = material.whole_texture()
-                small = whole.shrunk(about.channels, about.whole or whole.size)
-                context, seconds = _timed(lambda: run_whole(network, small), 1)
-            planes.add_coarse(about.planes(len(context)), material.window.planes(context))
+                (context, _), seconds = _timed(lambda: light_on(whole, network), 1)
+                names = network.description.planes(len(context))
+            planes.add_coarse(names, material.window.planes(context))
     else:
         planes.add_codes("albedo", material.albedo(variant.width))
     return planes, seconds

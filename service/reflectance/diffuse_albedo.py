@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
-from service.reflectance.planes import Codes, from_codes, to_codes
+from service.reflectance.planes import Codes, Planes, from_codes, to_codes
 from service.reflectance.subject import EYES
 from service.reflectance.translate import Job, translate
-from service.runtime.networks import describe, open_network
+from service.runtime.networks import Network, describe, open_network
 from service.runtime.tiles import run_whole
 
 Float = npt.NDArray[np.float32]
@@ -81,6 +81,20 @@ def light_between_lids(light: Float, lit: Float, eyes: Float) -> Float:
     return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
 
 
+def light_on(planes: Planes, network: Network) -> tuple[Float, Float]:
+    """What the context network finds in the planes of a whole chart, where ``LIT`` may be missing: all of it is lit.
+
+    Returns:
+        (C, h, w) light on skin, gone on with into all that is not lit skin, and (3,) log light between the lids.
+    """
+    what = network.description
+    size = what.whole or planes.size
+    found = run_whole(network, planes.shrunk(what.channels, size))
+    lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(found.shape[1:], np.float32)
+    between = light_between_lids(found, lit, planes.shrunk(EYES, (1, 1))[:, 0, 0])
+    return continued(found, lit), between
+
+
 def without(light: Float, coded: Float) -> Float:
     """(h, w, 3) texture in [-1, 1] without a (3,) log light; white where that would be brighter than ``BRIGHTEST``."""
     linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
@@ -99,15 +113,8 @@ def diffuse_albedo(texture: Codes, job: Job) -> Codes:
     between: Float | None = None
     if needs_context(job):
         with open_network(CONTEXT, job.engine) as network:
-            what = network.description
-            size = what.whole or job.planes.size
-            context = run_whole(network, job.planes.shrunk(what.channels, size))
-            lit = np.ones(context.shape[1:], np.float32)
-            if LIT in job.planes.channels:
-                lit = job.planes.shrunk([LIT], size)[0]
-            between = light_between_lids(context, lit, job.planes.shrunk(EYES, (1, 1))[:, 0, 0])
-            context = continued(context, lit)
-        job.planes.add_coarse(what.planes(len(context)), context)
+            light, between = light_on(job.planes, network)
+            job.planes.add_coarse(network.description.planes(len(light)), light)
     result = np.zeros_like(texture)
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:

@@ -8,8 +8,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from service.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, chart_points
 from service.head.model import HeadModel
+from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 from service.texture.zones import vertex_mask
 
@@ -64,6 +66,11 @@ class Subject:
         """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
         lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
         return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
+
+    @classmethod
+    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
+        """The head of a photo, with all that fit and texture tell of its light."""
+        return cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light)
 
     @property
     def eyes(self) -> Float:
