@@ -49,6 +49,7 @@ class Findings:
         kills: number of kills by kind.
         at_work: number of kills that met a job at work.
         states: number of jobs by their last state.
+        failures: number of failed jobs by their code.
         wrong: jobs whose archive is not that of an undisturbed run.
         lost: jobs that did not succeed, or did not fail as they had to.
         redone: stages that were computed again although their result was kept.
@@ -60,6 +61,7 @@ class Findings:
     kills: Counter[str] = field(default_factory=Counter)
     at_work: int = 0
     states: Counter[str] = field(default_factory=Counter)
+    failures: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     redone: list[str] = field(default_factory=list)
@@ -196,8 +198,11 @@ def _look(server: Server, findings: Findings) -> None:
         for job, (digest, seed) in findings.accepted.items():
             state = wait_for(client, job, within=600)
             findings.states[state.get("state", "unknown")] += 1
+            code = (state.get("error") or {}).get("code")
+            if code is not None:
+                findings.failures[code] += 1
             if seed in FAILING:
-                if (state.get("error") or {}).get("code") != FAILING[seed]:
+                if code != FAILING[seed]:
                     findings.lost.append(f"{job}: {state}")
             elif state.get("state") != "succeeded":
                 findings.lost.append(f"{job}: {state}")
@@ -228,7 +233,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         shutil.rmtree(folder)
     kinds = ", ".join(f"{count} of {kind}" for kind, count in findings.kills.items())
     print(f"{findings.kills.total()} kills ({kinds}; {findings.at_work} at work) in {findings.seconds:.0f} s")
+    bound = sum(seed in FAILING for _, seed in findings.accepted.values())
     print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
+    print(f"failed {dict(findings.failures)}; {bound} of the photos were made to fail so")
     print(f"lost {len(findings.lost)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")
     for line in (*findings.lost, *findings.wrong, *findings.redone, *findings.leftovers):
         print(line)

@@ -41,6 +41,7 @@ JOBS = sa.Table(
     sa.Column("timings", sa.Text, nullable=False),
     sa.Column("peak_rss_mb", sa.Double),
     sa.Column("crashes", sa.Integer, nullable=False),
+    sa.Column("losses", sa.Integer, nullable=False, server_default="0"),
     sa.Column("events", sa.Integer, nullable=False),
     sa.Column("swept", sa.Boolean, nullable=False),
     sa.Column("gone", sa.String(16)),
@@ -87,6 +88,19 @@ def _sqlite(connection: Any, _record: Any) -> None:
     connection.execute("PRAGMA journal_mode=WAL")  # readers do not wait for writers
     connection.execute("PRAGMA synchronous=FULL")  # a commit is on the disk: a 202 must survive a power cut
     connection.execute("PRAGMA busy_timeout=30000")
+
+
+def add_columns(connection: sa.Connection) -> None:
+    """Add the columns that a database of an older version lacks; they have a default in the database.
+
+    An older version that comes back finds columns that it does not know, and leaves them alone.
+    """
+    for table in TABLES.sorted_tables:
+        known = {column["name"] for column in sa.inspect(connection).get_columns(table.name)}
+        for column in table.columns:
+            if column.name not in known:
+                words = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
+                connection.execute(sa.text(f"alter table {table.name} add column {words}"))
 
 
 def seconds_of_database(engine: sa.Engine) -> sa.ColumnElement[float]:

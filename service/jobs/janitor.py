@@ -99,8 +99,11 @@ class Janitor:
         if self._queue.lead(PIPELINE_VERSION, set(self._alive().values())):
             log.warning("new jobs are now for workers of %s", PIPELINE_VERSION)
 
-    def reconcile(self) -> None:
+    def reconcile(self, *, working: bool = True) -> None:
         """No job that is unfinished for its owner may be finished, or unknown, for the queue.
+
+        Args:
+            working: whether this worker takes jobs; where not, those that are recorded as its own may stand.
 
         Raises:
             LostJob: one that should run here does not.
@@ -115,14 +118,14 @@ class Janitor:
                 self._put(row["workflow"], row["id"])
             elif status.status in ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"):
                 self._close(row, status.status)
-            elif status.status == "PENDING" and status.executor_id == self._runner.settings.worker:
+            elif working and status.status == "PENDING" and status.executor_id == self._runner.settings.worker:
                 missing[row["id"]] = self._missing.get(row["id"], time.monotonic())
         self._missing = {job: since for job, since in missing.items() if job not in self._runner.active}
         if any(time.monotonic() - since > LOST for since in self._missing.values()):
             raise LostJob(", ".join(self._missing))
 
     def silent(self) -> set[str]:
-        """Names of other workers that hold unfinished jobs and have given no sign of life for ``SILENT`` seconds."""
+        """Names of other workers that hold unfinished jobs and give no sign of life, or take no jobs for a fault."""
         alive = self._alive()
         holders = {status.executor_id for status in self._queue.unfinished() if status.status == "PENDING"}
         return {name for name in holders if name and name not in alive} - {self._runner.settings.worker}
@@ -134,10 +137,10 @@ class Janitor:
         return holders - {self._runner.settings.worker}
 
     def _alive(self) -> dict[str, str]:
-        """Name -> version of the workers that gave a sign of life."""
+        """Name -> version of the workers that gave a sign of life and take jobs."""
         engine = self._store.engine
         query = sa.select(WORKERS.c.name, WORKERS.c.version).where(
-            WORKERS.c.seen_at > seconds_of_database(engine) - SILENT
+            WORKERS.c.seen_at > seconds_of_database(engine) - SILENT, WORKERS.c.fault.is_(None)
         )
         with engine.connect() as connection:
             return {row.name: row.version for row in connection.execute(query)}

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import sqlalchemy as sa
 
-from service.errors import Crashed, OutOfMemory, OutOfTime
+from service.errors import Crashed, ModelFault, OutOfMemory, OutOfTime
 from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.clock import now
 from service.jobs.problems import from_error
@@ -48,6 +48,19 @@ CRASHES = 3
 OUT_OF_MEMORY = 2
 """How often a job's process may crash, or run out of memory, before the job fails."""
 
+LOSSES = 10
+"""How often in a row its whole worker may be lost with a job, without a stage finished in between, before it fails.
+
+Somebody who kills the worker now and then meets other jobs, or later stages of this one. A job that takes the worker
+along each time, as where a container is ended as a whole for its memory, must not do so for ever.
+"""
+
+AFTERMATH = 1.0
+"""Seconds after the violent end of a job's process in which the end of the worker may follow.
+
+Who kills everything reaches one process after the other, and that is no crash of the job.
+"""
+
 
 class Runner:
     """Runs jobs on this machine.
@@ -63,6 +76,8 @@ class Runner:
         self.store = store
         self.artifacts = artifacts
         self.stopping = threading.Event()
+        self.doubt = threading.Event()
+        """Set when a job found a data file damaged."""
         self.active: dict[str, JobProcess | None] = {}
         self.scratch = (settings.data / "scratch" / settings.worker).resolve()
         self._spare: JobProcess | None = None
@@ -108,6 +123,8 @@ class Runner:
             patient(lambda: self.store.succeed(job, outcome, expires))
         elif outcome["kind"] == "problem":
             patient(lambda: self.store.fail(job, outcome["problem"], expires))
+            if outcome["problem"]["code"] == ModelFault.code:
+                self.doubt.set()
         self.tidy(job)
         return "published"
 
@@ -144,7 +161,13 @@ class Runner:
             photo = self._photo(row, scratch)
             if photo is None:
                 return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
+            lost = patient(lambda: self.store.attempt(job))
+            if lost >= LOSSES:
+                return _failed(Crashed(f"the server went down {lost} times in a row while it computed this photo"))
             ending = self._once(row, photo, scratch)
+            if ending.status < 0:
+                self.stopping.wait(AFTERMATH)
+            patient(lambda: self.store.answered(job))
             if self.stopping.is_set():
                 time.sleep(3600)  # the worker ends; this step must not be recorded as finished
             if ending.kind == "done":
@@ -158,11 +181,14 @@ class Runner:
             crashes = patient(lambda: self.store.crashed(job))
             log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
             if ending.kind == "memory" and crashes >= OUT_OF_MEMORY:
-                return _failed(
-                    OutOfMemory(f"the computation needs more than the {self.settings.memory_mb} MiB that it may have")
-                )
+                return _failed(OutOfMemory(self._memory(ending)))
             if crashes >= CRASHES:
                 return _failed(Crashed(f"the computation crashed {crashes} times with this photo"))
+
+    def _memory(self, ending: Ending) -> str:
+        if ending.status < 0:
+            return "the system ended the computation, as it does where the machine runs out of memory"
+        return f"the computation needs more than the {self.settings.memory_mb} MiB that it may have"
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
         job = row["id"]
@@ -226,6 +252,9 @@ class _Report:
         self._stage, self._at = "", 0.0
 
     def __call__(self, message: dict[str, Any]) -> None:
+        if "kept" in message:
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                self._store.answered(self._job)
         stage, share = message.get("stage"), message.get("share")
         if not isinstance(stage, str) or not isinstance(share, int | float):
             return

@@ -168,9 +168,19 @@ class Store:
 
     def crashed(self, job: str) -> int:
         """Count one more crash of the job's process; returns how many there were."""
-        query = sa.update(JOBS).where(JOBS.c.id == job).values(crashes=JOBS.c.crashes + 1).returning(JOBS.c.crashes)
+        return self._count(job, JOBS.c.crashes)
+
+    def attempt(self, job: str) -> int:
+        """A worker begins to compute the job; returns how many did so before and were never heard of again.
+
+        A worker that dies cannot say so: what is counted are beginnings that :meth:`answered` did not follow.
+        """
+        return self._count(job, JOBS.c.losses) - 1
+
+    def answered(self, job: str) -> None:
+        """The worker saw the job get ahead, or its process end: what was lost before counts no more."""
         with self.engine.begin() as connection:
-            return int(connection.execute(query).scalar_one())
+            connection.execute(sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.losses > 0).values(losses=0))
 
     def succeed(self, job: str, result: Mapping[str, Any], expires_at: float) -> bool:
         """The job has its archive; False where it had ended before.
@@ -216,6 +226,11 @@ class Store:
         with self.engine.begin() as connection:
             connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
             connection.execute(sa.delete(JOBS).where(JOBS.c.id == job))
+
+    def _count(self, job: str, column: sa.Column[int]) -> int:
+        query = sa.update(JOBS).where(JOBS.c.id == job).values({column: column + 1}).returning(column)
+        with self.engine.begin() as connection:
+            return int(connection.execute(query).scalar_one())
 
     def _change(self, job: str, event: str, states: Sequence[str], **values: Any) -> bool:
         with self.engine.begin() as connection:

@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from service.errors import AvatarError
 from service.jobs import logs
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import TABLES, WORKERS, connect, seconds_of_database
+from service.jobs.database import TABLES, WORKERS, add_columns, connect, seconds_of_database
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock, FileLock, waiting_lock
 from service.jobs.queue import Queue
@@ -28,7 +28,9 @@ from service.jobs.store import Store
 
 log = logging.getLogger(__name__)
 
-CHORES = {"beat": 2.0, "tidy": 5.0, "take_over": 5.0, "reconcile": 10.0, "expire": 30.0, "strays": 600.0}
+CHORES = {
+    "beat": 2.0, "tidy": 5.0, "take_over": 5.0, "reconcile": 10.0, "expire": 30.0, "recheck": 30.0, "strays": 600.0,
+}  # fmt: skip
 """Name of each chore and the seconds between two times of doing it."""
 
 
@@ -57,17 +59,16 @@ class Worker:
 
     def run(self) -> None:
         """Work until the process is told to end."""
-        from service.jobs import workflow
-
         self._janitor.adopt()
         self._check()
         self.beat()
         if self._fault is None:
-            workflow.launch(self.settings, self.runner)
-            logs.set_up()  # the library has put a handler of its own in
-        next_time = dict.fromkeys(CHORES, 0.0)
+            self._launch()
+        next_time = {**dict.fromkeys(CHORES, 0.0), "recheck": time.monotonic() + CHORES["recheck"]}
         while not self.runner.stopping.wait(0.5):
             self.runner.warm()
+            if self.runner.doubt.is_set():
+                next_time["recheck"] = 0.0
             for chore, interval in CHORES.items():
                 if time.monotonic() >= next_time[chore]:
                     next_time[chore] = time.monotonic() + interval
@@ -100,7 +101,7 @@ class Worker:
 
     def reconcile(self) -> None:
         """As :meth:`Janitor.reconcile`, :meth:`Janitor.adopt` and :meth:`Janitor.lead`."""
-        self._janitor.reconcile()
+        self._janitor.reconcile(working=self._fault is None)
         self._janitor.adopt()
         if self._fault is None:
             self._janitor.lead()
@@ -116,6 +117,28 @@ class Worker:
             if name in silent or self._lock.is_dead(name):
                 log.warning("the jobs of worker %s are taken over: %d", name, workflow.take_over(name))
 
+    def recheck(self) -> None:
+        """Look at the data files again: while one is damaged, and when a job has said that one is.
+
+        With whole files a worker that waited for them begins to work. One that finds a damaged file while it works ends
+        and is started again, as jobs may be under way, and then takes none.
+        """
+        if self._fault is None:
+            if not self.runner.doubt.is_set():
+                return
+            self.runner.doubt.clear()
+            self._check()
+            if self._fault is not None:
+                self._quit(self._fault)
+            return
+        self._check()
+        if self._fault is None:
+            log.warning("the data files are whole again, and this worker takes jobs")
+            try:
+                self._launch()
+            except (sa.exc.SQLAlchemyError, OSError) as error:
+                self._quit(f"the queue cannot be reached: {error}")
+
     def stop(self) -> None:
         """End all processes of jobs; what they finished is kept, and goes on after the next start."""
         self.runner.stop()
@@ -124,11 +147,17 @@ class Worker:
         """Check the data files by their hashes, and that all networks can be loaded."""
         from service.jobs.readiness import faults
 
-        found = faults(self.settings)
+        before, found = self._fault, faults(self.settings)
         self._fault = "; ".join(found) or None
         self._ready = not found
-        for fault in found:
-            log.critical("this worker takes no jobs: %s", fault)
+        if self._fault not in (None, before):
+            log.critical("this worker takes no jobs: %s", self._fault)
+
+    def _launch(self) -> None:
+        from service.jobs import workflow
+
+        workflow.launch(self.settings, self.runner)
+        logs.set_up()  # the library has put a handler of its own in
 
     def _do(self, chore: Callable[[], None]) -> None:
         try:
@@ -160,6 +189,7 @@ def create_tables(engine: sa.Engine, settings: Settings) -> None:
             if engine.dialect.name != "sqlite":
                 connection.execute(sa.text("select pg_advisory_xact_lock(4242001)"))
             TABLES.create_all(connection)
+            add_columns(connection)
         logging.getLogger("dbos").setLevel(logging.WARNING)
         DBOS.migrate(settings.database_url)
     finally:

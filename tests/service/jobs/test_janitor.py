@@ -12,6 +12,7 @@ from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.settings import PIPELINE_VERSION
+from service.jobs.worker import create_tables
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -159,6 +160,43 @@ def test_after_the_way_back_to_an_older_version_new_jobs_are_for_it(bench: Bench
     janitor.lead()
     janitor.lead()
     assert client.get_latest_application_version()["version_name"] == PIPELINE_VERSION
+
+
+def test_a_worker_that_takes_no_jobs_is_not_blamed_for_its_own_and_others_get_them(
+    bench: Bench, janitor: Janitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One whose weights are damaged waits for whole ones; its jobs need not."""
+    monkeypatch.setattr(module, "LOST", -1.0)
+    job = bench.add()
+    pretend(bench, f"{job}.1", status="PENDING", executor_id="solo")
+    janitor.reconcile(working=False)
+    with pytest.raises(LostJob):
+        janitor.reconcile()
+    pretend(bench, f"{job}.1", executor_id="w2")
+    beat = {"name": "w2", "version": PIPELINE_VERSION, "ready": True, "seen_at": time.time()}
+    with bench.engine.begin() as connection:
+        connection.execute(sa.insert(WORKERS).values(**beat))
+    assert janitor.silent() == set()
+    with bench.engine.begin() as connection:
+        connection.execute(sa.update(WORKERS).values(ready=False, fault="psi.onnx was changed"))
+    assert janitor.silent() == {"w2"}
+
+
+def test_a_database_of_an_older_version_gets_the_columns_that_it_lacks(bench: Bench) -> None:
+    job = bench.add(seed=5)
+    with bench.engine.begin() as connection:
+        connection.execute(sa.text("alter table avatarme_jobs drop column losses"))
+    for _ in range(2):
+        create_tables(bench.engine, bench.settings)
+    bench.run(job)
+    row = bench.store.get(job)
+    assert row is not None
+    assert (row["state"], row["losses"]) == ("succeeded", 0)
+    with bench.engine.begin() as connection:  # as a version that does not know the column
+        names = ", ".join(column.name for column in JOBS.columns if column.name not in ("losses", "id", "workflow"))
+        connection.execute(
+            sa.text(f"insert into avatarme_jobs (id, workflow, {names}) select 'x', 'x.1', {names} from avatarme_jobs")  # noqa: S608
+        )
 
 
 def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:

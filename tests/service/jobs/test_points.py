@@ -20,6 +20,7 @@ from benchmarks.chaos import redone
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.process import descendants
+from service.jobs.runner import LOSSES
 from service.jobs.store import UNFINISHED
 
 if TYPE_CHECKING:
@@ -114,6 +115,23 @@ def test_a_worker_may_die_at_every_point_of_a_job(
     states = [json.loads(event["body"])["state"] for event in bench.store.events(job, 0) if event["name"] == "state"]
     assert states[-1] == "succeeded"
     assert states.count("succeeded") == 1, "the end is told once"
+
+
+def test_a_job_that_ends_its_worker_again_and_again_ends_and_the_next_one_goes_on(bench: Bench) -> None:
+    bad = bench.add(seed=14)
+    for lost in (1, 2):
+        assert Worker(bench, "service.jobs.runner:Runner._once:before").died()
+        row = bench.store.get(bad)
+        assert row is not None
+        assert (row["state"], row["losses"]) == ("running", lost)
+    bench.store.set(bad, losses=LOSSES)
+    good = bench.add(seed=15)
+    last = Worker(bench, "")
+    try:
+        wait_until(lambda: state_of(bench, bad) not in UNFINISHED and state_of(bench, good) not in UNFINISHED)
+    finally:
+        last.kill()
+    assert (state_of(bench, bad), state_of(bench, good)) == ("failed", "succeeded")
 
 
 def test_a_job_at_work_outlives_an_upgrade_and_the_way_back(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,6 +82,46 @@ def test_one_crash_is_forgiven(bench: Bench) -> None:
     assert state(bench, job)["crashes"] == 1
 
 
+def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
+    """Nobody lives to count the crash: a container that is ended as a whole for its memory would never stop."""
+    job = bench.add(seed=5)
+    for lost in range(runner.LOSSES):
+        assert bench.store.attempt(job) == lost
+    bench.run(job)
+    assert problem(bench, job)["code"] == "crashed"
+    assert f"{runner.LOSSES} times" in problem(bench, job)["detail"]
+
+
+def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench) -> None:
+    """Whoever kills the worker now and then must not fail a job that gets ahead each time."""
+    job = bench.add(seed=5)
+    for _ in range(3 * runner.LOSSES):
+        bench.store.attempt(job)
+        runner._Report(bench.store, job)({"kept": "one"})
+    assert state(bench, job)["losses"] == 0
+    bench.store.set(job, losses=runner.LOSSES - 1)
+    bench.run(job)
+    assert state(bench, job)["state"] == "succeeded"
+    assert state(bench, job)["losses"] == 0
+
+
+def test_the_end_of_everything_is_no_crash_of_the_job(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A service manager signals all processes one after the other: the job's may go before the worker's."""
+    monkeypatch.setattr(runner, "AFTERMATH", 60.0)
+    job = bench.add(seed=103)
+    threading.Thread(target=bench.run, args=(job,), daemon=True).start()  # waits for the end of this process
+    assert within(60, lambda: bench.runner.active.get(job) and state(bench, job)["losses"] == 1)
+    process = bench.runner.active[job]
+    assert process is not None
+    os.kill(process._process.pid, signal.SIGTERM)
+    assert within(10, lambda: process._process.poll() is not None)
+    time.sleep(0.5)
+    bench.runner.stop()
+    assert within(10, lambda: state(bench, job)["losses"] == 0), "a worker that is told to end is not lost"
+    assert state(bench, job)["crashes"] == 0
+    assert state(bench, job)["state"] == "running", "it goes on after the next start"
+
+
 def test_memory_has_an_end(bench: Bench) -> None:
     job = bench.add(seed=102)
     bench.run(job)
