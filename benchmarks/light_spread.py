@@ -1,7 +1,8 @@
 """The same heads in several lights: ``python -m benchmarks.light_spread --data DIR [--write docs/reflectance.md]``.
 
-DIR holds ``ict_facekit_head.npz`` and ``ffhq_uv_head/``, which no training has seen. Mitsuba takes a photo of each head
-in each light; the program makes a diffuse albedo of each photo. Two questions:
+DIR holds ``ict_facekit_head.npz``, ``ffhq_uv_head/`` and ``lee_perry_smith/``, which no training has seen. Heads are of
+three kinds (``benchmarks.subjects``): those with a carried skin, the scan, and held-out subjects of the light stage.
+Mitsuba takes a photo of each head in each light; the program makes a diffuse albedo of each photo. Two questions:
 
 - How far is it from the true albedo? PSNR of sRGB-coded skin over the pixels of the photo where both heads show the
   face, and the same after the one gain of linear values that fits best: how dark a skin is, and how bright its light,
@@ -26,10 +27,11 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from benchmarks.heads import IctHeads, Skin, TexturedHead, subdivided, varied
+from benchmarks.heads import TexturedHead
 from benchmarks.metrics import FACE_RADIUS, FACING
 from benchmarks.render import LAMPS, Shot, take
-from benchmarks.shoot import FFHQ_EYES_M, data_folder, ffhq_head, ict_colours, landmarks_on
+from benchmarks.shoot import data_folder
+from benchmarks.subjects import KINDS
 from models.tables import write_between
 from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb, srgb_to_linear
@@ -40,13 +42,14 @@ Mask = npt.NDArray[np.bool_]
 
 MARK = ("<!-- light-spread -->", "<!-- /light-spread -->")
 LIGHTS = ("soft", *LAMPS)
-ICT_SEEDS = (100, 103, 106, 109)
 SIZE = 512
 COMPARED_WIDTH = 384
 """Maps are averaged to this width before lights are compared: fits differ by a texel or two of the finer map."""
 
 NEAR_M = 0.004
 """A pixel shows skin where the nearest vertex of the head's own mesh is not further."""
+
+ALL = "all"
 
 SEEN = 160
 """Confidence from which on a texel counts as seen."""
@@ -60,23 +63,6 @@ class Run:
     texture: tuple[float, float]
     maps: Mapping[str, Float]
     seen: Mask
-
-
-def heads(data: Path, out: Path, count: int) -> list[TexturedHead]:
-    """The head of FFHQ-UV, then heads of ICT-FaceKit with skins of other tones."""
-    skin = Skin.load(data / "ffhq_uv_head")
-    reference = ffhq_head(skin)
-    found = [reference]
-    if count > 1:
-        ict = IctHeads(data / "ict_facekit_head.npz")
-        cached = (out / "skin.npy").is_file()
-        landmarks = np.zeros((0, 3)) if cached else landmarks_on(reference, out, "reference_skin")
-        colours = ict_colours(ict, skin, landmarks, FFHQ_EYES_M.mean(0), out)
-        for seed in ICT_SEEDS[: count - 1]:
-            vertices, eyes = ict.sample(seed)
-            fine, triangles = subdivided(vertices, ict.triangles, 2)
-            found.append(TexturedHead(f"ict{seed}", fine, triangles, varied(colours, seed), eyes, 0.0121))
-    return found
 
 
 def photo_of(head: TexturedHead, light: str, out: Path) -> Path:
@@ -172,66 +158,102 @@ def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
     return Run(psnr(ours[face], coded), psnr(texture[face], coded), small, seen)
 
 
-def spread(runs: Mapping[tuple[str, str], Run], name: str) -> tuple[float, float]:
-    """Standard deviation over lights and over heads of a map: root mean square over texels that all photos show."""
-    common = np.logical_and.reduce([one.seen for one in runs.values()])
-    people = list(dict.fromkeys(who for who, _ in runs))
-    values = {who: np.stack([one.maps[name][common] for key, one in runs.items() if key[0] == who]) for who in people}
-    over_lights = float(np.sqrt(np.mean([part.var(0, ddof=1) for part in values.values()])))
-    means = np.stack([part.mean(0) for part in values.values()])
-    return over_lights, float(np.sqrt(means.var(0, ddof=1).mean()))
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations of a map, sRGB in [0, 1], over texels that all photos show.
+
+    Attributes:
+        over_lights: by kind of head, and of all as ``ALL``: root mean square over texels and heads.
+        over_heads: of the means over lights; NaN where there is one head.
+    """
+
+    over_lights: Mapping[str, float]
+    over_heads: float
+
+    @classmethod
+    def of(cls, runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], name: str) -> Spread:
+        """Of one map of all runs; ``kinds`` has the kind of each head."""
+        common = seen_by_all(runs)
+        values = {
+            who: np.stack([one.maps[name][common] for (he, _), one in runs.items() if he == who]) for who in kinds
+        }
+        variance = {who: float(part.var(0, ddof=1).mean()) for who, part in values.items()}
+        groups = {kind: [variance[who] for who in kinds if kinds[who] == kind] for kind in kinds.values()}
+        over_lights = {
+            kind: float(np.sqrt(np.mean(group))) for kind, group in (groups | {ALL: [*variance.values()]}).items()
+        }
+        means = np.stack([part.mean(0) for part in values.values()])
+        return cls(over_lights, float(np.sqrt(means.var(0, ddof=1).mean())) if len(means) > 1 else float("nan"))
 
 
-def table(runs: Mapping[tuple[str, str], Run], quality: str) -> list[str]:
-    """Markdown."""
-    lines = [
-        "| head | light | albedo dB | best gain | texture itself dB | best gain |",
-        "|---" * 6 + "|",
-    ]
+def seen_by_all(runs: Mapping[tuple[str, str], Run]) -> Mask:
+    """Texels that every photo shows."""
+    return np.asarray(np.logical_and.reduce([one.seen for one in runs.values()]))
+
+
+def table(runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], quality: str) -> list[str]:
+    """Markdown; ``kinds`` has the kind of each head."""
+    lines = ["| kind | head | light | albedo dB | best gain | texture itself dB | best gain |", "|---" * 7 + "|"]
     for (who, light), one in runs.items():
-        lines.append(
-            f"| {who} | {light} | " + " | ".join(f"{value:.1f}" for value in (*one.albedo, *one.texture)) + " |"
-        )
-    columns = np.array([(*one.albedo, *one.texture) for one in runs.values()])
-    lines.append("| median | | " + " | ".join(f"**{value:.1f}**" for value in np.median(columns, 0)) + " |")
-    lines += ["", "| standard deviation (sRGB, 255 = 1) | over lights | over heads | ratio |", "|---" * 4 + "|"]
-    for name in ("albedo", "texture"):
-        lights, people = (255 * value for value in spread(runs, name))
-        lines.append(f"| {name} | {lights:.1f} | {people:.1f} | {lights / max(people, 1e-9):.2f} |")
-    count = int(np.logical_and.reduce([one.seen for one in runs.values()]).sum())
-    return [
-        *lines,
+        told = " | ".join(f"{value:.1f}" for value in (*one.albedo, *one.texture))
+        lines.append(f"| {kinds[who]} | {who} | {light} | {told} |")
+    named = list(dict.fromkeys(kinds.values()))
+    for kind in (*named, ALL):
+        columns = [(*one.albedo, *one.texture) for (who, _), one in runs.items() if kind in (kinds[who], ALL)]
+        told = " | ".join(f"**{value:.1f}**" for value in np.median(np.array(columns), 0))
+        lines.append(f"| {kind} | median | | {told} |")
+    lines += [
         "",
-        f"At `{quality}`; {count} texels of {COMPARED_WIDTH} x {COMPARED_WIDTH * 2 // 3} are seen in all photos.",
+        f"| standard deviation (sRGB, 255 = 1) | over lights: {' | '.join((*named, ALL))} | over heads | ratio |",
     ]
+    lines.append("|---" * (4 + len(named)) + "|")
+    for name in ("albedo", "texture"):
+        found = Spread.of(runs, kinds, name)
+        lights = " | ".join(f"{255 * found.over_lights[kind]:.1f}" for kind in (*named, ALL))
+        ratio = found.over_lights[ALL] / max(found.over_heads, 1e-9)
+        people = "- | -" if np.isnan(found.over_heads) else f"{255 * found.over_heads:.1f} | {ratio:.2f}"
+        lines.append(f"| {name} | {lights} | {people} |")
+    texels = f"{seen_by_all(runs).sum()} texels of {COMPARED_WIDTH} x {COMPARED_WIDTH * 2 // 3} are seen in all photos."
+    return [*lines, "", f"At `{quality}`; {texels}"]
+
+
+def chosen(given: str, known: Sequence[str], least: int, what: str) -> list[str]:
+    """Names out of a list with commas between.
+
+    Raises:
+        BadParameter: one is not known, or there are too few.
+    """
+    names = list(dict.fromkeys(given.split(",")))
+    if len(names) < least or not set(names) <= set(known):
+        raise typer.BadParameter(f"{what} is {given!r}; name {least} or more of {', '.join(known)}")
+    return names
 
 
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     out: Annotated[Path, typer.Option(help="Folder that keeps the photos.")] = Path("build/bench"),
-    subjects: Annotated[int, typer.Option(min=2, max=1 + len(ICT_SEEDS), help="How many heads.")] = 3,
+    kinds: Annotated[str, typer.Option(help="Of heads; one or more, with commas between.")] = ",".join(KINDS),
     lights: Annotated[str, typer.Option(help="Two or more, with commas between.")] = ",".join(LIGHTS),
     quality: Annotated[str, typer.Option(help="Level.")] = "draft",
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
     """Print the tables."""
-    names = lights.split(",")
-    unknown = [name for name in names if name not in LIGHTS]
-    if unknown or len(names) < 2:
-        raise typer.BadParameter(f"lights is {lights!r}; name two or more of {', '.join(LIGHTS)}")
+    names = chosen(lights, LIGHTS, 2, "lights")
+    wanted = chosen(kinds, list(KINDS), 1, "kinds")
     out.mkdir(parents=True, exist_ok=True)
     folder = data_folder(None if data is None else str(data))
+    people = [(head, kind) for kind in wanted for head in KINDS[kind](folder, out)]
+    kind_of = {head.name: kind for head, kind in people}
     runs: dict[tuple[str, str], Run] = {}
-    people = heads(folder, out, subjects)
     with contextlib.suppress(KeyboardInterrupt):  # what is done by then is worth a table
         # Lights outside: whoever breaks it off has all heads in the lights that are done.
-        for light, head in itertools.product(names, people):
+        for light, (head, _) in itertools.product(names, people):
             runs[head.name, light] = run(head, light, out, quality)
             typer.echo(f"{head.name} {light}: {runs[head.name, light].albedo[0]:.1f} dB", err=True)
-    done = [light for light in names if all((head.name, light) in runs for head in people)]
+    done = [light for light in names if all((who, light) in runs for who in kind_of)]
     if len(done) < 2:
         raise SystemExit("broken off before two lights were done: there is no spread over one")
-    lines = "\n".join(table({key: one for key, one in runs.items() if key[1] in done}, quality))
+    lines = "\n".join(table({key: one for key, one in runs.items() if key[1] in done}, kind_of, quality))
     typer.echo(lines)
     if write is not None:
         write_between(write, MARK, lines)

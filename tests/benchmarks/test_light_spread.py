@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import typer
 
 pytest.importorskip("torch")
 
 from benchmarks.heads import TexturedHead
-from benchmarks.light_spread import Run, psnr, spread, table, true_albedo
+from benchmarks.light_spread import ALL, Run, Spread, chosen, psnr, table, true_albedo
 from service.colour import linear_to_srgb, srgb_to_linear
 
 RNG = np.random.default_rng(0)
@@ -41,16 +42,36 @@ def test_spread_over_lights_and_over_heads() -> None:
         for who, tone in (("a", 0.3), ("b", 0.5))
         for light, bright in (("soft", 0.4), ("left", 0.6))
     }
-    lights, people = spread(runs, "albedo")
-    assert (lights, people) == pytest.approx((0.0, np.sqrt(0.02)))
-    assert spread(runs, "texture") == pytest.approx((np.sqrt(0.02), 0.0))
+    kinds = {"a": "one", "b": "other"}
+    found = Spread.of(runs, kinds, "albedo")
+    assert found.over_lights == pytest.approx({"one": 0, "other": 0, ALL: 0})
+    assert found.over_heads == pytest.approx(np.sqrt(0.02))
+    found = Spread.of(runs, kinds, "texture")
+    assert found.over_lights == pytest.approx(dict.fromkeys(("one", "other", ALL), np.sqrt(0.02)))
+    assert found.over_heads == pytest.approx(0)
     odd = runs["a", "soft"]
     odd.maps["albedo"][:4] = 1.0
     odd.seen[:4] = False
-    assert spread(runs, "albedo")[0] == pytest.approx(0.0)
-    lines = table(runs, "draft")
-    assert "| median | | **20.0** | **21.0** | **10.0** | **11.0** |" in lines
+    assert Spread.of(runs, kinds, "albedo").over_lights[ALL] == pytest.approx(0.0)
+    odd.maps["albedo"][4:] = 0.5
+    uneven = Spread.of(runs, kinds, "albedo").over_lights
+    assert uneven == pytest.approx({"one": np.sqrt(0.02), "other": 0, ALL: 0.1}), "heads count alike"
+    lines = table(runs, kinds, "draft")
+    assert "| all | median | | **20.0** | **21.0** | **10.0** | **11.0** |" in lines
     assert f"{12 * 24} texels" in lines[-1]
+
+
+def test_one_head_has_no_spread_over_heads() -> None:
+    """It would be a division by nothing, and a warning in the midst of a run of minutes."""
+    runs = {("a", "soft"): run(0.3, 0.4), ("a", "left"): run(0.3, 0.6)}
+    assert np.isnan(Spread.of(runs, {"a": "one"}, "albedo").over_heads)
+    assert "| texture | 36.1 | 36.1 | - | - |" in table(runs, {"a": "one"}, "draft")
+
+
+@pytest.mark.parametrize("given", ["soft", "soft,soft", "soft,moon", ""])
+def test_names_that_make_no_table_are_refused(given: str) -> None:
+    with pytest.raises(typer.BadParameter, match="2 or more of soft, left"):
+        chosen(given, ("soft", "left"), 2, "lights")
 
 
 def test_the_true_albedo_is_that_of_the_nearest_skin_and_eyes_are_left_out() -> None:
