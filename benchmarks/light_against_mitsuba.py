@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from benchmarks.pictures import Difference, draw, table
 from models.lightstage.light.bake import radiance
 from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
@@ -37,7 +38,7 @@ Float = npt.NDArray[np.float64]
 ALPHA = 0.3
 INDEX = 1.4
 ALBEDO = (0.6, 0.4, 0.3)
-_FOV_DEG = 13.0
+FOV_DEG = 13.0
 LAMPS = (
     PointLight((0.45, 0.35, 0.8), (2.0, 1.8, 1.6)),
     PointLight((-0.7, 0.1, 0.9), (1.0, 1.1, 1.3), 0.08),
@@ -93,7 +94,7 @@ class Reference:
         film = {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb"}
         film["rfilter"] = {"type": "box"}
         sensor = {
-            "type": "perspective", "fov": _FOV_DEG, "to_world": look, "film": film,
+            "type": "perspective", "fov": FOV_DEG, "to_world": look, "film": film,
             "sampler": {"type": "independent", "sample_count": samples},
         }  # fmt: skip
         shape = {"type": "ply", "filename": self.file, "bsdf": bsdf}
@@ -152,19 +153,7 @@ def read(texture: Float, uv: Float) -> Float:
     return np.asarray(top * (1 - fy) + low * fy)
 
 
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """Mean absolute difference in 1/255 of sRGB, its 95th percentile, pixels, and both pictures (size, size, 3)."""
-
-    mean: float
-    high: float
-    pixels: int
-    ours: Float
-    theirs: Float
-    face: npt.NDArray[np.bool_]
-
-
-def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = (768, 512)) -> dict[str, Comparison]:
+def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = (768, 512)) -> dict[str, Difference]:
     """Render all scenes both ways."""
     head = load_head()
     window = ChartWindow.whole(*chart)
@@ -194,10 +183,7 @@ def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = 
         scene = expose(skin, geometry, scene, window)
         chosen = Plan.everything(scene).without("scattering")
         ours = radiance(skin, geometry, scene, chosen, window)[0][0].permute(1, 2, 0).numpy().astype(np.float64)
-        pair = [_coded(image, scene) for image in (read(ours, uv), drawn[name])]
-        difference = np.abs(pair[0] - pair[1])[mask].mean(-1) * 255.0
-        mean, high = float(difference.mean()), float(np.percentile(difference, 95))
-        results[name] = Comparison(mean, high, int(mask.sum()), pair[0], pair[1], mask)
+        results[name] = Difference.of(_coded(read(ours, uv), scene), _coded(drawn[name], scene), mask)
     return results
 
 
@@ -215,16 +201,9 @@ def main() -> None:
     parser.add_argument("--image", type=Path, help="write ours, theirs and the difference times 8 here")
     chosen = parser.parse_args()
     results = compare(chosen.size, chosen.samples, chosen.environment)
-    print("| scene | mean difference (sRGB/255) | 95th percentile | pixels |\n|---|---|---|---|")
-    for name, r in results.items():
-        print(f"| {name} | {r.mean:.2f} | {r.high:.2f} | {r.pixels} |")
+    print(table(results, "scene"))
     if chosen.image:
-        import cv2
-
-        error = {name: np.abs(r.ours - r.theirs) * 8 * r.face[..., None] for name, r in results.items()}
-        rows = [np.concatenate([r.ours, r.theirs, error[name]], 1) for name, r in results.items()]
-        picture = (np.clip(np.concatenate(rows), 0, 1) * 255).astype(np.uint8)[..., ::-1]
-        cv2.imwrite(str(chosen.image), picture)
+        draw(results, chosen.image)
 
 
 if __name__ == "__main__":

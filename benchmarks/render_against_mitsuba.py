@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.light_against_mitsuba import _FOV_DEG, Reference
+from benchmarks.light_against_mitsuba import FOV_DEG, Reference
+from benchmarks.pictures import Difference, draw, table
 from service.archive.reading import open_avatar
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -39,21 +39,10 @@ SCENES = {
 }
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Mean absolute difference over the skin in 1/255 of sRGB, its 95th percentile, pixels, and both pictures."""
-
-    mean: float
-    high: float
-    pixels: int
-    ours: Float
-    theirs: Float
-
-
 def camera_of(size: int) -> Camera:
     """The reference's camera, for ``size`` x ``size`` pixels."""
     rotation = np.diag([1.0, -1.0, -1.0])
-    focal = size / 2 / np.tan(np.radians(_FOV_DEG / 2))
+    focal = size / 2 / np.tan(np.radians(FOV_DEG / 2))
     return Camera(size, size, float(focal), np.full(2, size / 2), rotation, -rotation @ np.array(VIEW))
 
 
@@ -77,10 +66,8 @@ def compare(archive: Path, size: int, samples: int, detail: Detail = Detail()) -
                 head, avatar.mesh.vertices, avatar.maps, request, detail=detail, camera=camera, without=("scattering",)
             )  # fmt: skip
             whole = mask & (picture.covered == 1.0)
-            pair = [develop(np.asarray(image, np.float64), picture.scene.response) for image in (picture.light, theirs)]
-            off = np.abs(pair[0] - pair[1])[whole].mean(-1) * 255.0
-            high = float(np.percentile(off, 95))
-            results[name] = Difference(float(off.mean()), high, int(whole.sum()), *pair)
+            ours = develop(np.asarray(picture.light, np.float64), picture.scene.response)
+            results[name] = Difference.of(ours, develop(theirs, picture.scene.response), whole)
     return results
 
 
@@ -136,15 +123,9 @@ def main() -> None:
     parser.add_argument("--image", type=Path, help="write ours, theirs and the difference times 8 here")
     chosen = parser.parse_args()
     results = compare(chosen.archive, chosen.size, chosen.samples)
-    print("| light | mean difference (sRGB/255) | 95th percentile | pixels |\n|---|---|---|---|")
-    for name, r in results.items():
-        print(f"| {name} | {r.mean:.2f} | {r.high:.2f} | {r.pixels} |")
+    print(table(results, "light"))
     if chosen.image:
-        import cv2
-
-        rows = [np.concatenate([r.ours, r.theirs, np.abs(r.ours - r.theirs) * 8], 1) for r in results.values()]
-        picture = (np.clip(np.concatenate(rows), 0, 1) * 255).astype(np.uint8)[..., ::-1]
-        cv2.imwrite(str(chosen.image), picture)
+        draw(results, chosen.image)
 
 
 if __name__ == "__main__":
