@@ -15,7 +15,7 @@ from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.diffuse_albedo import CONTEXT, PREFIX, light_on
+from service.reflectance.diffuse_albedo import CONTEXT, PREFIX, found_by
 from service.reflectance.planes import Planes, to_codes
 from service.runtime.describe import Description
 from service.runtime.networks import Engine, Network, open_network
@@ -153,9 +153,9 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
         if any(channel.startswith(PREFIX) for channel in what.channels):
             with open_network(CONTEXT, engine) as network:
                 whole = material.whole_texture()
-                (context, _), seconds = _timed(lambda: light_on(whole, network), 1)
-                names = network.description.planes(len(context))
-            planes.add_coarse(names, material.window.planes(context))
+                found, seconds = _timed(lambda: found_by(network, whole), 1)
+                names = network.description.planes(len(found.light))
+            planes.add_coarse(names, material.window.planes(found.light))
     else:
         planes.add_codes("albedo", material.albedo(variant.width))
     return planes, seconds

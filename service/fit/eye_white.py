@@ -1,8 +1,7 @@
-"""What the whites of the eyes tell of the light.
+"""What the white of an eye tells of the light.
 
-Whether skin is dark or dimly lit, a photo of skin alone cannot say. The white of the eye is much the same in everybody
-(reflectance 0.55 to 0.7, nearly grey), so its colour in the photo is the colour and strength of the light there, but
-for the shade of the lids.
+The white of the eye is much the same in everybody (reflectance 0.55 to 0.7, nearly grey), so its colour in the photo is
+the colour and strength of the light there, but for the shade of the lids.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma, srgb_to_linear
-from service.fit.gaze import Gaze, Iris
+from service.fit.gaze import Iris
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
@@ -33,34 +32,26 @@ PALER = 1.5
 shade. On rendered heads it is 1.5 to 2.5 times."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
+FAIREST = 0.9
+"""Largest linear reflectance that the skin below may have if the white is one: the fairest has 0.65 in red, and the
+white tells the light up to a factor of 1.5. A white that makes skin paler than that is lashes or the lid's shadow."""
 MARGIN = 0.12
 """Radii of the iris by which pixels have to lie inside the rim."""
 CLIPPED = 250
 """Codes from which a pixel may be overexposed."""
-RANGE = (1e-3, 4.0)
-"""Light outside it is not to be measured in 8 bits."""
 
 
-def eye_white_light(pixels: npt.NDArray[np.uint8], gaze: Gaze | None) -> Array | None:
-    """Light on the whites of the eyes, from the photo.
+def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
+    """Light on the white of one eye, from the photo.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        gaze: with the irises that were found.
+        iris: with the rim of the opening round it.
 
     Returns:
-        (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive;
-        the geometric mean of both eyes. None where no white is seen well: eyes closed, small, or overexposed.
+        (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in place of the sclera;
+        None where none is seen well: the eye is closed, small or overexposed.
     """
-    seen = [white for iris in (gaze.irises if gaze else ()) if (white := _white(pixels, iris)) is not None]
-    if not seen:
-        return None
-    light = np.exp(np.mean(np.log(np.stack(seen)), 0))
-    return np.asarray(np.clip(light, *RANGE), np.float64)
-
-
-def _white(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
-    """Light by one eye; None where too little of its white is seen."""
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
     beside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
     colours = colours[beside & (colours < CLIPPED / 255).all(1)]
@@ -77,7 +68,8 @@ def _white(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     white, usual = chosen.mean(0), np.median(srgb_to_linear(skin), axis=0)
     if _blue_over_red(white[None])[0] < PALER * _blue_over_red(usual[None])[0] or not (white > 0).all():
         return None
-    return np.asarray(white / ALBEDO)
+    light = np.asarray(white / ALBEDO)
+    return None if (usual > FAIREST * light / BETWEEN_LIDS).any() else light
 
 
 def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:

@@ -9,12 +9,12 @@ import numpy as np
 from service.errors import FitFailed
 from service.faces.face import Face
 from service.fit.basis import LandmarkModel
-from service.fit.eye_white import eye_white_light
 from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
 from service.fit.result import Fit
 from service.fit.settings import FitSettings
 from service.fit.terms import Prior
+from service.fit.whites import light_by_whites
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 
@@ -110,6 +110,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:
         warnings.append("gaze-not-seen")
+    mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
     return Fit(
         camera,
         identity,
@@ -121,8 +122,8 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         float(inter_ocular),
         tuple(warnings),
         gaze,
-        eye_white_light(photo.pixels, gaze),
-        face.landmarks[list(MOUTH_RIM), :2],
+        light_by_whites(photo.pixels, face.landmarks, gaze, mouth_rim, inter_ocular),
+        mouth_rim,
     )
 
 

@@ -29,8 +29,8 @@ class Fit:
         warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
             are set straight ahead for want of a visible iris.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
-        eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo; None
-            if no white is seen well.
+        eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo, told
+            by them and by the teeth (``service.fit.whites``); None if no white is seen well.
         mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
     """
 

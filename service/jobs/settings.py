@@ -42,6 +42,7 @@ class Settings:
         keys: path of the file of API keys; "" for a server without keys.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
         uploads: uploads that are received at the same time.
+        connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
         renders: pictures that are rendered at the same time, each in a process with the limits of a job.
         render_seconds: longest time of one picture.
         header_seconds: longest time for the head of a request.
@@ -68,6 +69,7 @@ class Settings:
     keys: str = ""
     max_unfinished: int = 2000
     uploads: int = 64
+    connections: int = 512
     renders: int = 1
     render_seconds: float = 120.0
     header_seconds: float = 10.0
@@ -80,6 +82,7 @@ class Settings:
             "jobs": 1,
             "port": 0,
             "uploads": 1,
+            "connections": 0,
             "renders": 0,
             "max_queued": 1,
             "max_unfinished": 1,

@@ -6,21 +6,24 @@ whole chart once and leaves its findings as coarse planes that every tile reads.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
-from service.reflectance.planes import Codes, Planes, from_codes, to_codes
-from service.reflectance.subject import EYES
+from service.reflectance.missing_blue import missing, usual_blue, with_blue
+from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
 from service.reflectance.translate import Job, translate
-from service.runtime.networks import Network, describe, open_network
+from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
 
 Float = npt.NDArray[np.float32]
 
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
+TEXTURE = ("texture_r", "texture_g", "texture_b")
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
 
@@ -31,9 +34,9 @@ WIDEST = 64
 """Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
 
 
-def needs_context(job: Job) -> bool:
+def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
-    return any(channel.startswith(PREFIX) for channel in describe(NAME, job.engine.folder).channels)
+    return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
 
 
 def continued(light: Float, lit: Float) -> Float:
@@ -66,33 +69,43 @@ def continued(light: Float, lit: Float) -> Float:
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
-def light_between_lids(light: Float, lit: Float, eyes: Float) -> Float:
-    """(3,) log light on eyes, teeth and tongue: that of the whites where they were seen, else the face's less shade.
+def light_between_lids(light: Float, lit: Float) -> Float:
+    """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
 
     Args:
         light: (3, h, w) log light of the skin.
         lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
-        eyes: (4,) values of the channels ``EYES``.
     """
-    if eyes[3] > 0.5:
-        return np.asarray(eyes[:3], np.float32)
     weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
     mean = (light * weight).sum((1, 2)) / np.float32(weight.sum())
     return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
 
 
-def light_on(planes: Planes, network: Network) -> tuple[Float, Float]:
-    """What the context network finds in the planes of a whole chart, where ``LIT`` may be missing: all of it is lit.
+@dataclass(frozen=True)
+class Found:
+    """What the context network tells of a whole chart.
 
-    Returns:
-        (C, h, w) light on skin, gone on with into all that is not lit skin, and (3,) log light between the lids.
+    Attributes:
+        light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
+        between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
+        blue: blue over red and green of the skin (``service.reflectance.missing_blue``); None: not known.
     """
+
+    light: Float
+    between: Float
+    blue: float | None
+
+
+def found_by(network: Network, planes: Planes) -> Found:
+    """Ask the context network about the planes of a whole chart, where ``LIT`` may be missing: all of it is lit."""
     what = network.description
     size = what.whole or planes.size
-    found = run_whole(network, planes.shrunk(what.channels, size))
-    lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(found.shape[1:], np.float32)
-    between = light_between_lids(found, lit, planes.shrunk(EYES, (1, 1))[:, 0, 0])
-    return continued(found, lit), between
+    light = run_whole(network, planes.shrunk(what.channels, size))
+    lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(light.shape[1:], np.float32)
+    weight = lit * planes.shrunk(["mask"], size)[0]
+    coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
+    albedo = srgb_to_linear(coded) * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
+    return Found(continued(light, lit), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 
 def without(light: Float, coded: Float) -> Float:
@@ -101,24 +114,34 @@ def without(light: Float, coded: Float) -> Float:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(texture: Codes, job: Job) -> Codes:
+def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | None = None) -> Codes:
     """(H, W, 3) sRGB codes of the albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     Eyes, teeth, tongue, lashes and the inside of the mouth lose one light, the same all over: the network has seen skin
-    only.
+    only. It is the light that they were painted in, so that they come out in the colours of their kind.
+
+    Args:
+        texture: codes.
+        job: what the network is given.
+        white: (3,) linear RGB, positive, of a white surface in the light of the parts that are not skin; None: the
+            light of the face, less what the lids shade.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
     """
-    between: Float | None = None
-    if needs_context(job):
+    found: Found | None = None
+    if needs_context(job.engine):
         with open_network(CONTEXT, job.engine) as network:
-            light, between = light_on(job.planes, network)
-            job.planes.add_coarse(network.description.planes(len(light)), light)
+            found = found_by(network, job.planes)
+            job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
+    between = None if found is None else found.between
+    between = between if white is None else np.log(np.asarray(white, np.float32))
     result = np.zeros_like(texture)
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
+        if found is not None and found.blue is not None:
+            albedo = _blue_again(albedo, texture[place], found.blue)
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:
@@ -128,3 +151,13 @@ def diffuse_albedo(texture: Codes, job: Job) -> Codes:
 
     translate(NAME, job, 3, keep)
     return result
+
+
+def _blue_again(albedo: Float, texture: Codes, blue: float) -> Float:
+    """(h, w, 3) albedo in [-1, 1] with its blue where the texture's codes have lost it."""
+    lost = missing(texture * np.float32(1 / FULL_CODE))
+    chosen = lost > 0
+    if chosen.any():
+        albedo = np.ascontiguousarray(albedo)
+        albedo[chosen] = with_blue(albedo[chosen] * np.float32(0.5) + np.float32(0.5), lost[chosen], blue) * 2 - 1
+    return albedo

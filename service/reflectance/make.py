@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.diffuse_albedo import LIT, diffuse_albedo
+from service.reflectance.diffuse_albedo import LIT, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
+from service.reflectance.missing_blue import lacks_blue
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
@@ -95,7 +96,7 @@ def make_reflectance(
         full = resample(source, size)
         del source
         planes.add_codes("texture", full)
-        made.diffuse_albedo = run("diffuse_albedo", lambda told: diffuse_albedo(full, job(told)))
+        made.diffuse_albedo = run("diffuse_albedo", lambda told: diffuse_albedo(full, job(told), subject.white))
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -120,7 +121,7 @@ def make_reflectance(
         precision=engine.precision,
         tile=tile,
         super_resolution="super_resolution" in plan.stages,
-        fallbacks=_fallbacks(plan, engine, subject),
+        fallbacks=_fallbacks(plan, engine, subject, texture),
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
@@ -128,10 +129,15 @@ def make_reflectance(
     )
 
 
-def _fallbacks(plan: Plan, engine: Engine, subject: Subject) -> tuple[str, ...]:
-    resampled = ("texture-resampled",) if "super_resolution" not in plan.stages else ()
-    blind = ("light-from-skin-alone",) if "diffuse_albedo" in plan.stages and subject.eye_light is None else ()
-    return (*resampled, *blind, *(("bf16-needs-openvino",) if engine.precision == "fp32" and lacks_openvino() else ()))
+def _fallbacks(plan: Plan, engine: Engine, subject: Subject, texture: npt.NDArray[np.uint8]) -> tuple[str, ...]:
+    delighted = "diffuse_albedo" in plan.stages
+    told = {
+        "texture-resampled": "super_resolution" not in plan.stages,
+        "light-from-skin-alone": delighted and subject.eye_light is None,
+        "blue-from-red-and-green": delighted and lacks_blue(texture, subject.lit) and needs_context(engine),
+        "bf16-needs-openvino": engine.precision == "fp32" and lacks_openvino(),
+    }
+    return tuple(code for code, so in told.items() if so)
 
 
 class _Maps:

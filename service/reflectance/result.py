@@ -53,7 +53,8 @@ class Reflectance:
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
         fallbacks: codes of what ran otherwise than it could: "bf16-needs-openvino" where the processor could compute
             faster if OpenVINO were installed, "texture-resampled" without super-resolution,
-            "light-from-skin-alone" where no white of an eye was seen that tells dark skin from dim light.
+            "light-from-skin-alone" where neither the white of an eye nor teeth were seen, which tell dark skin from dim
+            light, "blue-from-red-and-green" where the photo's warm light has left no blue on some of the skin.
         models: names of the networks that ran.
         integration: of the displacement.
         timings_s: seconds of each stage.

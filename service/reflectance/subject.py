@@ -46,7 +46,8 @@ class Subject:
         chart: of ``head`` at ``GEOMETRY_SIZE``.
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
             None: all of it is.
-        eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.eye_white``); None: not known.
+        eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.whites``); None: not known.
+        white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
     """
 
     head: HeadModel
@@ -54,6 +55,7 @@ class Subject:
     chart: Chart
     lit: Float | None = None
     eye_light: npt.NDArray[np.floating] | None = None
+    white: npt.NDArray[np.floating] | None = None
 
     @classmethod
     def of(
@@ -62,15 +64,16 @@ class Subject:
         vertices: npt.NDArray[np.floating],
         lit_skin: npt.NDArray[np.uint8] | None = None,
         eye_light: npt.NDArray[np.floating] | None = None,
+        white: npt.NDArray[np.floating] | None = None,
     ) -> Subject:
         """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
         lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light, white)
 
     @classmethod
     def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
         """The head of a photo, with all that fit and texture tell of its light."""
-        return cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light)
+        return cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
 
     @property
     def eyes(self) -> Float:

@@ -7,7 +7,9 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
+from service.fit.eye_white import ALBEDO as SCLERA_ALBEDO
 from service.fit.result import Fit
+from service.fit.teeth import measure_teeth, toothlike
 from service.geometry.chart import Chart, chart_points
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
@@ -28,6 +30,9 @@ DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 
 SQUARELY = 0.3
 """Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
+
+DARKEST = 1e-3
+"""Linear value of the darkest white of an eye: its light is divided by."""
 
 LEAST_SCALP_TEXELS = 60
 LITTLE_SEEN = 0.25
@@ -53,7 +58,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
-    colour, confidence = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
+    colour, confidence, white = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(colour))
@@ -67,7 +72,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
     warnings = ("little-seen",) if fraction < LITTLE_SEEN else ()
-    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings)
+    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white)
 
 
 def _require_finite(fit: Fit) -> None:
@@ -142,8 +147,8 @@ def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
 
 def _paint_parts(
     photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
-) -> tuple[Float, Float]:
-    """Colours (N, 3) and confidence codes (N,) of all parts, the skin's taken from ``completed``."""
+) -> tuple[Float, Float, Float]:
+    """Colours (N, 3) and confidence codes (N,) of all parts, the skin's from ``completed``; and their light (3,)."""
     seen_weight = opacity(unwrapped.weight)
     irises = () if fit.gaze is None else fit.gaze.irises
     # Eyes without a visible iris point elsewhere than in the photo, which shows lids or glass in their place.
@@ -170,12 +175,13 @@ def _paint_parts(
     teeth = mouth.Teeth(chart)
     if len(teeth.own):
         typical = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
-        measured = None if fit.mouth_rim is None else mouth.measure_teeth(photo.pixels, fit.mouth_rim, typical)
+        measured = None if fit.mouth_rim is None else measure_teeth(photo.pixels, fit.mouth_rim, typical)
         tooth = light.on(mouth.TEETH) if measured is None else measured
         shown = unwrapped.colour[teeth.own]
-        share = seen_weight[teeth.own] * mouth.toothlike(shown, typical) * teeth.shows(shown, tooth)
+        share = seen_weight[teeth.own] * toothlike(shown, typical) * teeth.shows(shown, tooth)
         _lay_over(colour, code, teeth.own, teeth.paint(tooth, light), share, unwrapped.colour)
-    return colour, code
+    sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
+    return colour, code, np.asarray(np.maximum(srgb_to_linear(sclera), DARKEST) / SCLERA_ALBEDO, np.float32)
 
 
 def _lay_over(

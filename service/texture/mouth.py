@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
-from service.fit.eye_white import inside_rim
 from service.geometry.chart import Chart
-from service.texture.parts import LEAST_SAMPLES, Light
+from service.texture.parts import Light
 
 Float = npt.NDArray[np.float32]
 Points = npt.NDArray[np.floating]
@@ -25,8 +24,6 @@ CROWN_M = (0.0095, 0.0115)
 """Height of a tooth's crown: up to the first all tooth, from the second on all gum."""
 NEIGHBOUR_M = 0.005
 """Vertices within this horizontal distance belong to the same tooth."""
-LEAST_LUMA, LEAST_SHARE = 0.55, 0.08
-"""Of teeth, over the skin's luma, and of the opening between the lips."""
 LEAST_BRIGHT = (0.60, 0.80)
 """Luma over the measured tooth's below which the photo shows a gap or a shadow, and from which on it shows teeth."""
 
@@ -88,30 +85,6 @@ class Teeth:
         bright = luma(colour) / max(float(luma(tooth)), 1e-3)
         low, high = LEAST_BRIGHT
         return np.asarray(np.clip((bright - low) / (high - low), 0.0, 1.0), np.float32)
-
-
-def measure_teeth(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], skin: Float) -> Float | None:
-    """(3,) sRGB of the teeth between the lips, or None where none are seen.
-
-    Args:
-        pixels: (H, W, 3) uint8 sRGB.
-        rim: (N, 2) pixels round the opening between the lips, in order.
-        skin: (3,) sRGB; teeth are paler than it and not much darker.
-    """
-    colour, _ = inside_rim(pixels, rim, 0.0)
-    pale = colour[toothlike(colour, skin) > 0.5]
-    pale = pale[luma(pale) > LEAST_LUMA * float(luma(skin))]
-    if len(pale) < max(2 * LEAST_SAMPLES, LEAST_SHARE * len(colour)):
-        return None
-    order = np.argsort(luma(pale), kind="stable")
-    return np.asarray(np.median(pale[order[len(order) // 2 :]], 0), np.float32)
-
-
-def toothlike(colour: Float, skin: Float) -> Float:
-    """(n,) 1 where colours (n, 3) are paler than the skin (3,): lips that the fit took for teeth are not."""
-    limit = 0.75 * float(skin[0] - skin[1:].mean())
-    redness = colour[:, 0] - colour[:, 1:].mean(1)
-    return np.asarray(np.clip((limit - redness) / 0.04 + 1, 0, 1), np.float32)
 
 
 def part_points(chart: Chart, index: int, texels: npt.NDArray[np.int64]) -> tuple[Points, Points]:

@@ -35,6 +35,8 @@ class Texture:
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
         warnings: stable codes: ``little-seen`` when under a quarter of the face shows.
+        white: (3,) float32 linear RGB, positive, of a white diffuse surface in the light that eyes and mouth were
+            painted in; None for a texture of other origin.
     """
 
     texture: npt.NDArray[np.uint8]
@@ -46,3 +48,4 @@ class Texture:
     mask: npt.NDArray[np.bool_]
     visible_fraction: float
     warnings: tuple[str, ...] = field(default=())
+    white: npt.NDArray[np.float32] | None = None

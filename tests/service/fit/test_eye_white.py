@@ -40,7 +40,7 @@ def photo_of(light: np.ndarray, radius: float, *, iris_at: float = 0.0, glint: b
 def test_light_of_the_white_is_measured(light: tuple[float, ...], radius: float, iris_at: float) -> None:
     """Bright, dim and coloured; were iris, lashes or lids counted, dim would be what is only dark."""
     pixels, gaze = photo_of(np.array(light), radius, iris_at=iris_at)
-    found = eye_white_light(pixels, gaze)
+    found = eye_white_light(pixels, gaze.irises[0])
     assert found is not None
     assert np.abs(np.log(found / light)).max() < 0.15
 
@@ -48,7 +48,7 @@ def test_light_of_the_white_is_measured(light: tuple[float, ...], radius: float,
 def test_a_glint_does_not_count() -> None:
     """It is the lamp's reflection, not the white."""
     pixels, gaze = photo_of(np.array([0.3, 0.3, 0.3]), 12.0, glint=True)
-    found = eye_white_light(pixels, gaze)
+    found = eye_white_light(pixels, gaze.irises[0])
     assert found is not None and np.abs(np.log(found / 0.3)).max() < 0.15
 
 
@@ -57,19 +57,29 @@ def test_skin_is_not_taken_for_the_white() -> None:
     light = np.array([0.9, 0.5, 0.2])
     pixels, gaze = photo_of(light, 12.0)
     pixels[:] = to_bytes(linear_to_srgb(SKIN * light))
-    assert eye_white_light(pixels, gaze) is None
+    assert eye_white_light(pixels, gaze.irises[0]) is None
 
 
 def test_nothing_seen_is_none() -> None:
-    """No gaze, no iris, an eye of few pixels, a black and an overexposed photo, an eye beyond the border."""
+    """An eye of few pixels, a black and an overexposed photo, an eye beyond the border."""
     pixels, gaze = photo_of(np.array([0.5, 0.5, 0.5]), 12.0)
-    assert eye_white_light(pixels, None) is None
-    assert eye_white_light(pixels, Gaze(0.0, 0.0)) is None
     small, tiny = photo_of(np.array([0.5, 0.5, 0.5]), 1.5)
-    assert eye_white_light(small, tiny) is None
+    assert eye_white_light(small, tiny.irises[0]) is None
     for value in (0, 255):
-        assert eye_white_light(np.full_like(pixels, value), gaze) is None
+        assert eye_white_light(np.full_like(pixels, value), gaze.irises[0]) is None
     iris = gaze.irises[0]
     away = Iris(iris.centre + 900.0, iris.radius, iris.rim + 900.0, iris.contrast)
-    assert eye_white_light(pixels, Gaze(0.0, 0.0, (away,))) is None
-    assert eye_white_light(pixels, Gaze(0.0, 0.0, (away, iris))) is not None, "one eye is enough"
+    assert eye_white_light(pixels, away) is None
+
+
+@pytest.mark.parametrize("skin", [[0.12, 0.055, 0.035], [0.62, 0.45, 0.36]])
+def test_a_white_in_deep_shade_is_none(skin: list[float]) -> None:
+    """Lashes and the lid's shadow over the white: the skin below would come out paler than skin can be."""
+    light = np.array([0.6, 0.5, 0.4])
+    for share, seen in ((0.67, True), (0.05, False)):
+        pixels, gaze = photo_of(light * share, 14.0)
+        rim = gaze.irises[0].rim
+        below = np.zeros(pixels.shape[:2], np.uint8)
+        cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
+        pixels[below > 0] = to_bytes(linear_to_srgb(np.array(skin) * light))
+        assert (eye_white_light(pixels, gaze.irises[0]) is not None) == seen

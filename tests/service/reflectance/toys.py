@@ -43,8 +43,9 @@ def toy_folder(folder: Path) -> Path:
 
 def toy_subject() -> Subject:
     head = sphere_head()
-    return Subject.of(head, head.mean, eye_light=np.array([0.5, 0.45, 0.4]))
+    light = np.array([0.5, 0.45, 0.4])
+    return Subject.of(head, head.mean, eye_light=light, white=light)
 
 
 def noise(seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    return np.random.default_rng(seed).integers(0, 256, (*TEXTURE_SIZE[::-1], 3), np.uint8)
+    return np.random.default_rng(seed).integers(16, 256, (*TEXTURE_SIZE[::-1], 3), np.uint8)

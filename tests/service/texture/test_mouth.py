@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from service.geometry.chart import Chart
+from service.fit.teeth import measure_teeth
 from service.head.files import load_head
 from service.texture import mouth
 from service.texture.parts import Light
@@ -30,19 +31,19 @@ def photo(inside: list[int], lips: tuple[int, int, int] = (170, 70, 75)) -> np.n
 
 
 def test_teeth_have_the_colour_they_have_between_the_lips() -> None:
-    found = mouth.measure_teeth(photo([215, 200, 170]), RIM, SKIN)
+    found = measure_teeth(photo([215, 200, 170]), RIM, SKIN)
     assert found is not None
     assert np.abs(found * 255 - [215, 200, 170]).max() < 3
 
 
 @pytest.mark.parametrize("inside", [[170, 70, 75], [25, 10, 10], [80, 75, 70]])
 def test_lips_darkness_and_shadow_are_no_teeth(inside: list[int]) -> None:
-    assert mouth.measure_teeth(photo(inside), RIM, SKIN) is None
+    assert measure_teeth(photo(inside), RIM, SKIN) is None
 
 
 @pytest.mark.parametrize("rim", [RIM + 500, np.full_like(RIM, np.nan), np.repeat(RIM[:1], 8, 0)])
 def test_a_mouth_outside_the_photo_lost_or_closed_has_no_teeth(rim: np.ndarray) -> None:
-    assert mouth.measure_teeth(photo([215, 200, 170]), rim, SKIN) is None
+    assert measure_teeth(photo([215, 200, 170]), rim, SKIN) is None
 
 
 def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:
