@@ -21,7 +21,7 @@ import typer
 from torch import Tensor, nn
 
 from models.networks.configs import build
-from models.tables import write_between
+from models.tables import tell
 from models.training.evaluate import single
 from models.training.store import Patches
 from models.training.tasks import Batch, Task
@@ -187,9 +187,7 @@ def main(
         if name not in NETWORKS:
             raise UsageError(f"only has {name!r}; there are {', '.join(NETWORKS)}")
         lines += table(name, points(name, data, config, threads, networks))
-    typer.echo("\n".join(lines))
-    if write is not None:
-        write_between(write, MARK, "\n".join(lines))
+    tell("\n".join(lines), MARK, write)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 import typer
 from scipy.sparse.linalg import spsolve
 
-from models.tables import write_between
+from models.tables import tell
 from service.reflectance.cliffs import integrate_robustly
 from service.reflectance.integrate import integrate
 
@@ -113,10 +113,7 @@ def main(
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
     """Print the table."""
-    lines = "\n".join(table())
-    typer.echo(lines)
-    if write is not None:
-        write_between(write, MARK, lines)
+    tell("\n".join(table()), MARK, write)
 
 
 if __name__ == "__main__":

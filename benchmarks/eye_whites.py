@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.heads import IctHeads, TexturedHead, subdivided, varied
-from benchmarks.render import LIGHTS, Shot, take
+from benchmarks.heads import IctHeads, TexturedHead
+from benchmarks.render import LIGHTS, Shot, take_once
 from benchmarks.shoot import data_folder
 from service.colour import bytes_to_linear
 from service.faces.finder import FaceFinder
@@ -59,8 +59,7 @@ def shot_pair(head: TexturedHead, shot: Shot, path: Path) -> tuple[bytes, Float]
     plain = replace(head, colours=np.full_like(head.colours, KNOWN_ALBEDO))
     for name, subject in (("skin", head), ("plain", plain)):
         target = path.with_name(f"{path.name}_{name}")
-        if not target.with_name(f"{target.name}.npz").is_file():
-            take(subject, shot, target, samples=32)
+        take_once(subject, shot, target, samples=32)
     image = np.asarray(cv2.imread(f"{path}_plain.png"), np.uint8)[..., ::-1]
     return Path(f"{path}_skin.png").read_bytes(), bytes_to_linear(image).astype(np.float64)
 
@@ -80,9 +79,7 @@ def main() -> None:
     heads, model, finder = IctHeads(data / "ict_facekit_head.npz"), load_head(), FaceFinder()
     rows = []
     for seed in range(FIRST_SEED, FIRST_SEED + arguments.heads):
-        vertices, eyes = heads.sample(seed)
-        fine, triangles = subdivided(vertices, heads.triangles, 2)
-        head = TexturedHead(f"eyes{seed}", fine, triangles, varied(colours, seed), eyes, 0.0121)
+        head = heads.textured(f"eyes{seed}", seed, colours)
         for light in LIGHTS:
             shot = Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
             photo_bytes, plain = shot_pair(head, shot, out / f"eyes{seed}_{light}")

@@ -80,6 +80,11 @@ class IctHeads:
         middle = eyes.mean(0)
         return vertices - middle, eyes - middle
 
+    def textured(self, name: str, seed: int, colours: Float) -> TexturedHead:
+        """A sample, subdivided, in its own tone of colours (V', 3) that lie on the subdivided mesh."""
+        vertices, eyes = self.sample(seed)
+        return TexturedHead(name, *subdivided(vertices, self.triangles, 2), varied(colours, seed), eyes, EYE_RADIUS_M)
+
 
 @dataclass(frozen=True)
 class Skin:

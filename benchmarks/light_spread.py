@@ -28,14 +28,13 @@ import numpy.typing as npt
 import typer
 
 from benchmarks.heads import TexturedHead
-from benchmarks.metrics import FACE_RADIUS, FACING
-from benchmarks.render import LAMPS, Shot, take
+from benchmarks.metrics import face_region, seen_by
+from benchmarks.render import LAMPS, Shot, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import KINDS
-from models.tables import write_between
+from models.tables import tell
 from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb, srgb_to_linear
-from service.geometry.raster import rasterise
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -68,8 +67,7 @@ class Run:
 def photo_of(head: TexturedHead, light: str, out: Path) -> Path:
     """Path, without ending, of the photo of a head in a light; taken where it is not there."""
     path = out / f"spread_{head.name}_{light}"
-    if not Path(f"{path}.npz").is_file():
-        take(head, Shot(8.0, light, 1.2, 18.0, SIZE), path)
+    take_once(head, Shot(8.0, light, 1.2, 18.0, SIZE), path)
     return path
 
 
@@ -92,8 +90,7 @@ def shown(avatar: Avatar, maps: Sequence[Float], shape: tuple[int, int]) -> tupl
 
     head, fit = avatar.head, avatar.fit
     height, width = shape
-    depth = fit.camera.to_camera(fit.vertices)[:, 2]
-    raster = rasterise(fit.camera.project(fit.vertices), depth, head.triangles, width, height, perspective=True)
+    raster = seen_by(fit, head, width, height)
     hit = raster.mask
     uv = np.zeros((height, width, 2))
     corners = head.uv[head.triangle_uv[raster.triangle[hit]]]
@@ -145,12 +142,9 @@ def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
     with np.load(f"{path}.npz") as truth:
         position, normal = truth["position"].astype(np.float64), truth["normal"].astype(np.float64)
         albedo, skin = true_albedo(head, position, truth["mask"])
-        turn = np.radians(float(truth["yaw"]))
+        region = face_region(position, normal, head.eyes, float(truth["yaw"]))
     (ours, texture), fitted = shown(avatar, [maps["albedo"], maps["texture"]], skin.shape)
-    iod = float(np.linalg.norm(head.eyes[0] - head.eyes[1]))
-    centre = head.eyes.mean(0) - [0, 0.55 * iod, 0]
-    facing = normal @ np.array([np.sin(turn), 0.05, np.cos(turn)]) > FACING
-    face = skin & fitted & facing & (np.linalg.norm(position - centre, axis=-1) < FACE_RADIUS * iod)
+    face = skin & fitted & region
     coded = linear_to_srgb(albedo[face].astype(np.float32)).astype(np.float64)
     size = (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)
     small = {k: np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.float64) for k, v in maps.items()}
@@ -253,10 +247,7 @@ def main(
     done = [light for light in names if all((who, light) in runs for who in kind_of)]
     if len(done) < 2:
         raise SystemExit("broken off before two lights were done: there is no spread over one")
-    lines = "\n".join(table({key: one for key, one in runs.items() if key[1] in done}, kind_of, quality))
-    typer.echo(lines)
-    if write is not None:
-        write_between(write, MARK, lines)
+    tell("\n".join(table({key: one for key, one in runs.items() if key[1] in done}, kind_of, quality)), MARK, write)
 
 
 if __name__ == "__main__":

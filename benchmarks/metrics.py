@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from service.fit.result import Fit
-from service.geometry.raster import rasterise
+from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
@@ -81,6 +81,28 @@ def aligned_distance(surface: Float, matched: tuple[Float, Float], truth: Float)
     return np.asarray(cKDTree(scale * surface @ rotation + offset).query(truth)[0])
 
 
+def face_region(position: Float, normal: Float, eyes: Float, yaw: float) -> npt.NDArray[np.bool_]:
+    """(H, W) where a photo shows the face squarely enough to be scored.
+
+    Args:
+        position: (H, W, 3) metres of what pixels show, head frame.
+        normal: (H, W, 3) unit.
+        eyes: (2, 3) metres.
+        yaw: degrees of ``benchmarks.render.Shot``.
+    """
+    turn, apart = np.radians(yaw), float(np.linalg.norm(eyes[0] - eyes[1]))
+    view = np.array([np.sin(turn), 0.05, np.cos(turn)])
+    centre = eyes.mean(0) - 0.55 * apart * np.array([0.0, 1.0, 0.0])
+    near = np.linalg.norm(position - centre, axis=-1) < FACE_RADIUS * apart
+    return np.asarray(near & (normal @ (view / np.linalg.norm(view)) > FACING))
+
+
+def seen_by(fit: Fit, head: HeadModel, width: int, height: int) -> Raster:
+    """What the fit's camera sees of the fitted head."""
+    depth = fit.camera.to_camera(fit.vertices)[:, 2]
+    return rasterise(fit.camera.project(fit.vertices), depth, head.triangles, width, height, perspective=True)
+
+
 def score(fit: Fit, head: HeadModel, truth: Truth) -> Score:
     """Compare what the fitted head shows to the camera with what the renderer's head showed.
 
@@ -88,21 +110,14 @@ def score(fit: Fit, head: HeadModel, truth: Truth) -> Score:
         ValueError: the fitted head and the true face share no pixel.
     """
     height, width = truth.mask.shape
-    in_camera = fit.camera.to_camera(fit.vertices)
-    raster = rasterise(
-        fit.camera.project(fit.vertices), in_camera[:, 2], head.triangles, width, height, perspective=True
-    )
+    raster, in_camera = seen_by(fit, head, width, height), fit.camera.to_camera(fit.vertices)
     hit = raster.mask
     ours = np.zeros((height, width, 3))
     ours[hit] = (in_camera[head.triangles[raster.triangle[hit]]] * raster.barycentric[hit][..., None]).sum(1)
     ours *= np.array([1.0, -1.0, -1.0])
     pupils = truth.position[truth.eyes[:, 1], truth.eyes[:, 0]]
     inter_ocular = float(np.linalg.norm(pupils[0] - pupils[1]))
-    turn = np.radians(truth.yaw)
-    view = np.array([np.sin(turn), 0.05, np.cos(turn)])
-    centre = pupils.mean(0) - 0.55 * inter_ocular * np.array([0.0, 1.0, 0.0])
-    near = np.linalg.norm(truth.position - centre, axis=-1) < FACE_RADIUS * inter_ocular
-    face = truth.mask & near & (truth.normal @ (view / np.linalg.norm(view)) > FACING)
+    face = truth.mask & face_region(truth.position, truth.normal, pupils, truth.yaw)
     both = face & hit
     if int(both.sum()) < 100:
         raise ValueError(f"the fitted head and the true face share {int(both.sum())} pixels; at least 100 are needed")

@@ -145,6 +145,14 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
     )
 
 
+def take_once(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> bool:
+    """The same unless the photo is there; whether it was taken now."""
+    missing = not Path(f"{out}.npz").is_file()
+    if missing:
+        take(head, shot, out, samples)
+    return missing
+
+
 def newest_llvm(folders: tuple[str, ...] = ("/usr/lib/*-linux-gnu", "/usr/lib64", "/usr/lib/llvm-*/lib")) -> str | None:
     """Path of the newest LLVM library of at least version 16, by the version in its name; None where there is none."""
     found = []

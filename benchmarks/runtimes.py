@@ -22,7 +22,7 @@ import typer
 from torch import nn
 
 from models.networks.configs import Zeta, build
-from models.tables import write_between
+from models.tables import tell
 from service.bench.stages import computed
 from service.levels import FULL_SIZE, TEXTURE_SIZE
 from service.reflectance.plan import ROLES, Plan
@@ -159,10 +159,7 @@ def main(
         typer.echo(
             f"{name}: " + ", ".join(f"{key} {value:.2f} s" for key, value in found[-1].seconds.items()), err=True
         )
-    lines = "\n".join([f"{count} threads.", "", *table(found)])
-    typer.echo(lines)
-    if write is not None:
-        write_between(write, MARK, lines)
+    tell("\n".join([f"{count} threads.", "", *table(found)]), MARK, write)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Annotated
 
 import typer
 
-from models.tables import write_between
+from models.tables import tell
 from service.bench.pareto import Line, line
 
 MARK = ("<!-- scaling -->", "<!-- /scaling -->")
@@ -109,9 +109,7 @@ def main(
         target = Path(folder) / "avatar.zip"
         sizes = {int(word): one_size(photo, int(word), target) for word in widths.split(",")}
         text = "\n".join(tables(sizes, many_photos(photo, photos, small, target), small))
-    typer.echo(text)
-    if write is not None:
-        write_between(write, MARK, text)
+    tell(text, MARK, write)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.heads import IctHeads, Skin, TexturedHead, carry_skin, subdivided, varied
-from benchmarks.render import LIGHTS, Shot, take
+from benchmarks.heads import EYE_RADIUS_M, IctHeads, Skin, TexturedHead, carry_skin, subdivided
+from benchmarks.render import LIGHTS, Shot, take, take_once
 from service.faces.finder import FaceFinder
 
 Float = npt.NDArray[np.float64]
@@ -74,7 +74,7 @@ def ict_colours(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle:
     vertices, triangles = subdivided(heads.neutral - eyes.mean(0), heads.triangles, 2)
     colours = np.tile([0.45, 0.28, 0.2], (len(vertices), 1))
     for round_ in range(2):
-        plain = TexturedHead("ict", vertices, triangles, colours, eyes - eyes.mean(0), 0.0121)
+        plain = TexturedHead("ict", vertices, triangles, colours, eyes - eyes.mean(0), EYE_RADIUS_M)
         mine = landmarks_on(plain, folder, f"reference_{round_}")
         points = carry_skin(vertices, mine, skin, (skin_landmarks + skin_middle) / FFHQ_SCALE_M)
         colours = points
@@ -105,9 +105,7 @@ def main() -> None:
                 side = -1 if number % 2 else 1
                 shoot(reference, Shot(side * yaw, light, distance, fov, seed=number), out, f"d{distance}")
     for seed in range(FIRST_SEED, FIRST_SEED + arguments.heads):
-        vertices, eyes = heads.sample(seed)
-        fine, triangles = subdivided(vertices, heads.triangles, 2)
-        head = TexturedHead(f"ict{seed}", fine, triangles, varied(colours, seed), eyes, 0.0121)
+        head = heads.textured(f"ict{seed}", seed, colours)
         rng = np.random.default_rng(seed)
         distance = float(np.exp(rng.uniform(np.log(0.5), np.log(1.8))))
         fov = float(np.degrees(2 * np.arctan(0.19 / distance)))
@@ -120,8 +118,7 @@ def main() -> None:
 def shoot(head: TexturedHead, shot: Shot, out: Path, tag: str) -> None:
     """Take one photo unless it is there already."""
     path = out / f"{head.name}{tag}_{abs(shot.yaw):.0f}_{shot.light}"
-    if not Path(f"{path}.npz").is_file():
-        take(head, shot, path)
+    if take_once(head, shot, path):
         log.info("%s", path.name)
 
 

@@ -31,7 +31,7 @@ from models.lightstage.light.survey import survey
 from models.lightstage.skin.synthesis import SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.stage import Stage
-from models.tables import write_between
+from models.tables import tell
 from service.scene.plan import EFFECTS, Plan, plan
 from service.scene.scene import Scene
 
@@ -185,10 +185,7 @@ def main() -> None:
         work = [pool.submit(_share, *sizes, share, chosen.tolerance) for share in shares if len(share)]
         done = [trial for each in work for trial in each.result()]
     single = by_effect(subjects(range(100, 100 + chosen.subjects), width, height), range(chosen.single))
-    text = tables(done, single, chosen.size)
-    print(text)
-    if chosen.write:
-        write_between(chosen.write, MARK, text)
+    tell(tables(done, single, chosen.size), MARK, chosen.write)
     if any(t.error > t.bound + 1e-3 for t in done):
         raise SystemExit("a stated bound does not hold")
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.heads import IctHeads, Skin, TexturedHead, subdivided, varied
+from benchmarks.heads import IctHeads, Skin, TexturedHead
 from benchmarks.shoot import FFHQ_EYES_M, ffhq_head, ict_colours, landmarks_on
 from models.lightstage.references import linear, read
 from service.head.model import HeadModel
@@ -44,12 +44,7 @@ def carried(data: Path, out: Path) -> list[TexturedHead]:
     cached = (out / "skin.npy").is_file()
     landmarks = np.zeros((0, 3)) if cached else landmarks_on(reference, out, "reference_skin")
     colours = ict_colours(ict, skin, landmarks, FFHQ_EYES_M.mean(0), out)
-    found = [reference]
-    for seed in ICT_SEEDS:
-        vertices, eyes = ict.sample(seed)
-        fine, triangles = subdivided(vertices, ict.triangles, 2)
-        found.append(TexturedHead(f"ict{seed}", fine, triangles, varied(colours, seed), eyes, 0.0121))
-    return found
+    return [reference, *(ict.textured(f"ict{seed}", seed, colours) for seed in ICT_SEEDS)]
 
 
 def scan(data: Path, out: Path) -> list[TexturedHead]:
@@ -82,11 +77,11 @@ def stage(data: Path, out: Path) -> list[TexturedHead]:
     for seed in STAGE_SEEDS:
         person = studio.skin(seed)
         albedo = person.maps(ChartWindow.whole(*STAGE_CHART)).diffuse_albedo.permute(1, 2, 0).double().cpu().numpy()
-        found.append(_staged(f"stage{seed}", studio.head, studio.vertices(person).astype(np.float64), albedo))
+        found.append(staged(f"stage{seed}", studio.head, studio.vertices(person).astype(np.float64), albedo))
     return found
 
 
-def _staged(name: str, head: HeadModel, vertices: Float, albedo: Float) -> TexturedHead:
+def staged(name: str, head: HeadModel, vertices: Float, albedo: Float) -> TexturedHead:
     """The skin of a head of ours (V, 3) in linear colours (h, w, 3) of its chart, and its eyes."""
     balls = []
     for part in ("eye_left", "eye_right"):

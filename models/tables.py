@@ -4,6 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import typer
+
+
+def tell(text: str, mark: tuple[str, str], file: Path | None) -> None:
+    """Print a text, and put it between the lines of ``mark`` in a file where one is named.
+
+    Raises:
+        SystemExit: as :func:`write_between`.
+    """
+    typer.echo(text)
+    if file is not None:
+        write_between(file, mark, text)
+
 
 def write_between(file: Path, mark: tuple[str, str], text: str) -> None:
     """Replace what stands between the lines of ``mark`` in a file.

@@ -12,7 +12,7 @@ from typing import Annotated
 import torch
 import typer
 
-from models.tables import write_between
+from models.tables import tell
 from service.errors import ModelFault
 
 MARK = ("<!-- runs -->", "<!-- /runs -->")
@@ -50,9 +50,7 @@ def main(
     """Print the table."""
     head = "| network | config | steps x batch | rate | discriminator | hours | held-out score | other numbers |"
     table = "\n".join([head, "|---" * 8 + "|", *rows(folder)]) + "\n"
-    typer.echo(table)
-    if write is not None:
-        write_between(write, MARK, table)
+    tell(table, MARK, write)
 
 
 if __name__ == "__main__":
