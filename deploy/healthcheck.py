@@ -11,14 +11,12 @@ def healthy(environment: dict[str, str]) -> bool:
     """Ask ``/readyz``.
 
     Args:
-        environment: ``AVATARME_PORT``, and ``AVATARME_ALLOWED_HOSTS``, of which the first name goes into the request:
-            a server with a list of names answers to no others.
+        environment: ``AVATARME_PORT``.
     """
     port = int(environment.get("AVATARME_PORT", "8000"))
-    name = environment.get("AVATARME_ALLOWED_HOSTS", "").split(",")[0].strip() or "127.0.0.1"
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=4)
     try:
-        connection.request("GET", "/readyz", headers={"Host": name})
+        connection.request("GET", "/readyz")
         return connection.getresponse().status == 200
     except (OSError, http.client.HTTPException):
         return False

@@ -17,6 +17,7 @@ from starlette.responses import JSONResponse, Response
 
 from service.api.context import Context, context_of, tenant_of
 from service.api.keys import ANYBODY, Tenant
+from service.api.middleware import host_name
 from service.api.options import parse_options
 from service.api.problems import ProblemError, not_found
 from service.api.schemas import Job, JobPage, State
@@ -29,6 +30,7 @@ from service.photo.gate import check_photo
 
 DAY = 86400.0
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255
 
 router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
@@ -54,6 +56,7 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
 
 @router.get("", response_model=JobPage, summary="List the jobs of this key, newest first.")
 def listing(
+    request: Request,
     tenant: Asking,
     context: Here,
     limit: Annotated[int, Query(ge=1, le=100)] = 50,
@@ -61,7 +64,7 @@ def listing(
     state: Annotated[State | None, Query()] = None,
 ) -> Response:
     """One page; ``next`` of the answer is the ``cursor`` of the next one."""
-    if tenant.name == ANYBODY and context.settings.host not in LOOPBACK:
+    if tenant.name == ANYBODY and not _of_this_machine(request, context.settings.host):
         raise ProblemError("listing-needs-key", 403)
     rows = context.store.page(tenant.name, limit + 1, _place(cursor), state)
     following = _cursor(rows[limit - 1]) if len(rows) > limit else None
@@ -95,6 +98,13 @@ def delete(job: str, tenant: Asking, context: Here) -> Response:
         context.store.depart(job, "erased")
     context.artifacts.sweep(job, set())  # a worker that still writes is swept after by its own
     return Response(status_code=204)
+
+
+def _of_this_machine(request: Request, listening: str) -> bool:
+    """Whether a request was made here, and did not come through a proxy that stands here."""
+    name = host_name(request.headers.get("host", ""))
+    forwarded = any(header in request.headers for header in FORWARDED)
+    return listening in LOOPBACK and name.strip("[]") in LOOPBACK and not forwarded
 
 
 async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:

@@ -39,23 +39,35 @@ SECURITY_HEADERS = {
 _GUARDS = tuple((name.lower().encode(), value.encode()) for name, value in SECURITY_HEADERS.items())
 
 
+PROBES = ("/livez", "/readyz", "/metrics")
+"""Addresses that are asked for by whoever watches over the server, which may know it by its address only."""
+
+
+def host_name(header: str) -> str:
+    """Name or address in a Host header, without the port, in lower case."""
+    return _PORT.sub("", header.strip().lower())
+
+
 class Hosts:
     """Names that the Host header may have.
 
     Without a list: any literal address, localhost and the name of this machine. A web page that points a name of its
-    own at this server (DNS rebinding) is none of these.
+    own at this server (DNS rebinding) is none of these. With a list only its names; and literal addresses for probes.
     """
 
     def __init__(self, settings: Settings) -> None:
         self._listed = {name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip()}
         self._own = {"localhost", socket.gethostname().lower(), settings.host.lower()}
 
-    def allow(self, header: str) -> bool:
-        """Whether a Host header is one of this server."""
-        name = _PORT.sub("", header.strip().lower())
+    def allow(self, header: str, path: str = "") -> bool:
+        """Whether a Host header is one of this server, for a request of ``path``."""
+        name = host_name(header)
         if self._listed:
-            return name in self._listed or "*" in self._listed
-        if name in self._own:
+            if name in self._listed or "*" in self._listed:
+                return True
+            if path not in PROBES:
+                return False
+        elif name in self._own:
             return True
         try:
             ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
@@ -89,7 +101,7 @@ class Front:
             exchange.log()
 
     def _refusal(self, head: Head) -> ProblemError | None:
-        if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host")):
+        if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host"), head.path()):
             return ProblemError("bad-host", 400)
         if head.count(b"content-length") and head.count(b"transfer-encoding"):
             detail = "Content-Length and Transfer-Encoding exclude each other"
@@ -114,6 +126,10 @@ class Head:
     def count(self, name: bytes) -> int:
         """How often a header occurs."""
         return sum(key == name for key, _ in self._headers)
+
+    def path(self) -> str:
+        """Path of the address."""
+        return str(self._scope["path"])
 
     def size(self) -> int:
         """Bytes of all."""

@@ -14,14 +14,13 @@ from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
 from service.api.problems import EXPLANATIONS, MEDIA_TYPE
 from service.jobs.problems import problem
 
-MAX_CONNECTIONS_PER_ADDRESS = 512
 
-
-def protocol_class(header_seconds: float) -> type[H11Protocol]:
+def protocol_class(header_seconds: float, connections: int) -> type[H11Protocol]:
     """The protocol with a deadline.
 
     Args:
         header_seconds: from the connection, or the first byte of a further request, to the end of its head.
+        connections: that one address may have open at a time, 0 for any number.
     """
 
     class GuardedProtocol(H11Protocol):
@@ -33,7 +32,7 @@ def protocol_class(header_seconds: float) -> type[H11Protocol]:
             super().connection_made(transport)
             address = self.client[0] if self.client else ""
             same = sum(1 for other in self.connections if _address(other) == address)
-            if same > MAX_CONNECTIONS_PER_ADDRESS:
+            if connections and same > connections:
                 transport.abort()
                 return
             self._wait()

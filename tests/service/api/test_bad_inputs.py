@@ -5,13 +5,15 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
 from PIL import Image
 
-from tests.service.api.conftest import GOOD, Api, is_problem
+from service.jobs.settings import Settings
+from tests.service.api.conftest import GOOD, TOY, Api, is_problem, open_api
 from tests.service.photo import badimages as bad
 
 RGB = bad.picture(300, 280)
@@ -207,6 +209,17 @@ def test_another_host_name_is_refused(shared: Api, host: str) -> None:
 @pytest.mark.parametrize("host", ["localhost", "localhost:8000", "127.0.0.1:1", "[::1]:8000", "10.1.2.3"])
 def test_addresses_and_own_names_are_let_in(shared: Api, host: str) -> None:
     assert shared.client.get("/livez", headers={"Host": host}).status_code == 200
+
+
+def test_a_list_of_names_shuts_out_all_others_but_for_probes(tmp_path: Path) -> None:
+    """Prometheus and Kubernetes know a pod by its address; a page with a name of its own never sends one."""
+    settings = Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, allowed_hosts="avatars.example")
+    with open_api(settings) as client:
+        for path, host, status in (
+            ("/livez", "avatars.example", 200), ("/livez", "10.1.2.3:8000", 200), ("/metrics", "[fd00::1]", 200),
+            ("/livez", "evil.example", 400), ("/livez", "localhost", 400), ("/v1/models", "10.1.2.3", 400),
+        ):  # fmt: skip
+            assert client.get(path, headers={"Host": host}).status_code == status, (path, host)
 
 
 def test_metadata_of_the_photo_is_not_in_the_answers(shared: Api) -> None:

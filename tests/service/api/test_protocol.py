@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import time
+from pathlib import Path
 
 import httpx
 import pytest
@@ -51,6 +52,23 @@ def test_a_connection_that_says_nothing_is_closed(server: Server) -> None:
     begin = time.monotonic()
     talk(server)
     assert time.monotonic() - begin < 4
+
+
+def test_one_address_may_have_so_many_connections(tmp_path: Path) -> None:
+    few = Server(tmp_path / "data", {"connections": 3, "header_seconds": 30.0}, with_worker=False)
+    few.start(ready=False)
+    lines = [socket.create_connection(("127.0.0.1", few.port), timeout=5) for _ in range(3)]
+    try:
+        time.sleep(0.3)
+        with pytest.raises(httpx.TransportError):
+            httpx.get(f"{few.url}/livez", timeout=10)
+        lines.pop().close()
+        time.sleep(0.3)
+        assert httpx.get(f"{few.url}/livez", timeout=10).status_code == 200
+    finally:
+        for line in lines:
+            line.close()
+        few.kill()
 
 
 def test_a_second_request_on_the_line_has_a_deadline_too(server: Server) -> None:

@@ -165,6 +165,15 @@ def test_strangers_cannot_list_an_open_server(tmp_path: Path) -> None:
         assert client.get(f"/v1/avatars/{job}").status_code == 200
 
 
+def test_what_comes_through_a_proxy_cannot_list_an_open_server(tmp_path: Path) -> None:
+    """The proxy runs here and passes on what strangers ask: an address of this machine says nothing then."""
+    settings = Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, allowed_hosts="localhost,avatars.example")
+    with open_api(settings) as client:
+        assert client.get("/v1/avatars").status_code == 200
+        for headers in ({"Host": "avatars.example"}, {"X-Forwarded-For": "192.0.2.7"}, {"Via": "1.1 proxy"}):
+            is_problem(client.get("/v1/avatars", headers=headers), 403, "listing-needs-key")
+
+
 @pytest.mark.parametrize(
     "text",
     [
