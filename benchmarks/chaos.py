@@ -81,6 +81,7 @@ def chaos(
     pause: float = 1.5,
     seed: int = 1,
     settings: dict[str, Any] | None = None,
+    minutes: float = float("inf"),
 ) -> Findings:
     """Run it.
 
@@ -91,6 +92,7 @@ def chaos(
         pause: seconds between two photos of one of them.
         seed: of the random choices.
         settings: further settings of the server.
+        minutes: after which no more is killed.
     """
     begin = time.monotonic()
     random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
@@ -104,6 +106,8 @@ def chaos(
         thread.start()
     try:
         for _ in range(kills):
+            if time.monotonic() - begin > minutes * 60:
+                break
             if random_.random() < _AT_WORK and _at_work(log):
                 time.sleep(random_.uniform(0.0, 0.5))
                 findings.at_work += 1
@@ -226,9 +230,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--posters", type=int, default=3)
     parser.add_argument("--pause", type=float, default=1.5, help="seconds between two photos of one poster")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="kill no more after so many")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
-    findings = chaos(folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed)
+    findings = chaos(
+        folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes
+    )
     if findings.well():
         shutil.rmtree(folder)
     kinds = ", ".join(f"{count} of {kind}" for kind, count in findings.kills.items())
