@@ -71,14 +71,16 @@ def models() -> Response:
 def quality(context: Here) -> Response:
     """The levels, and median and 90th percentile of the times of the last jobs by level and size of the maps.
 
-    There are no times before the first job of a kind has ended.
+    There are no times before the first job of a kind has ended. Jobs that left maps out are not counted.
     """
     from service.levels import LEVELS
+    from service.options import default_maps
 
     groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
+    whole = set(default_maps())
     for row in context.store.measured():
         options = json.loads(row["options"])
-        if options.get("quality") in LEVELS:
+        if options.get("quality") in LEVELS and whole <= set(options.get("maps") or ()):
             width, height = options.get("size") or LEVELS[options["quality"]].size
             groups[options["quality"], (width, height)].append(row)
     items = [_measured(name, size, rows) for (name, size), rows in sorted(groups.items())]

@@ -19,6 +19,9 @@ from service.jobs.view import FINAL, job_json
 
 UNFINISHED = ("queued", "running")
 
+MEASURED = ("quality", "size", "maps")
+"""Options that say what the time of a job was needed for."""
+
 Row = sa.RowMapping
 
 
@@ -209,10 +212,14 @@ class Store:
         return self._change(job, "state", UNFINISHED, state="cancelled", stage=None, **values)
 
     def depart(self, job: str, reason: str) -> None:
-        """Results are no longer given out; ``reason`` is "expired" or "erased"."""
+        """Results are no longer given out; ``reason`` is "expired" or "erased". What a time belongs to is kept."""
         with self.engine.begin() as connection:
             where = (JOBS.c.id == job, JOBS.c.gone.is_(None), JOBS.c.state.in_(FINAL))
-            values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": "{}"}
+            options = connection.execute(sa.select(JOBS.c.options).where(*where)).scalar_one_or_none()
+            if options is None:
+                return
+            kept = {name: value for name, value in json.loads(options).items() if name in MEASURED}
+            values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": json.dumps(kept)}
             connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values))
             connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
 

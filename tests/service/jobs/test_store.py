@@ -42,6 +42,20 @@ def test_progress_never_falls(bench: Bench) -> None:
     assert shares == [0.1, 0.6, 0.6, 0.6, 0.7, 1.0]
 
 
+def test_what_is_gone_leaves_its_times(bench: Bench) -> None:
+    """A client that erases what it has fetched must not take the measured times along, and nothing else may stay."""
+    job = bench.add()
+    bench.store.set(job, options=json.dumps({"quality": "draft", "size": None, "maps": ["texture"], "face": 3}))
+    bench.store.depart(job, "erased")
+    assert bench.store.measured() == [], "it has not ended"
+    bench.store.succeed(job, RESULT, 1e10)
+    for _ in range(2):
+        bench.store.depart(job, "erased")
+    (row,) = bench.store.measured()
+    assert json.loads(row["options"]) == {"quality": "draft", "size": None, "maps": ["texture"]}
+    assert bench.store.events(job, 0) == []
+
+
 def test_the_first_end_stays(bench: Bench) -> None:
     """A worker that was thought dead must not turn a cancelled job into a succeeded one."""
     job = bench.add()
