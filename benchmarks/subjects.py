@@ -33,7 +33,8 @@ BEHIND_LIDS_M = 0.014
 
 STAGE_SEEDS = (1071, 1027)
 """Of ``models.lightstage.split``'s held-out subjects: one of light skin, one of dark, neither in a corner."""
-STAGE_CHART = (1536, 1024)
+STAGE_CHART = (768, 512)
+"""A texel of it is smaller on the face than a triangle of a :class:`TexturedHead`."""
 
 
 def carried(data: Path, out: Path) -> list[TexturedHead]:
@@ -68,17 +69,27 @@ def scan(data: Path, out: Path) -> list[TexturedHead]:
 
 
 def stage(data: Path, out: Path) -> list[TexturedHead]:
-    """Held-out subjects of the light stage at rest, without their relief."""
+    """Held-out subjects of the light stage at rest, without relief; kept beside their photos, as truth of these."""
+    found = []
+    for seed in STAGE_SEEDS:
+        file = out / f"stage{seed}.npz"
+        if not file.is_file():
+            np.savez(file, **vars(_sitting(seed)))
+        with np.load(file) as kept:
+            fields = {name: kept[name] for name in kept.files}
+        found.append(TexturedHead(**fields | {"name": str(fields["name"]), "eye_radius": float(fields["eye_radius"])}))
+    return found
+
+
+def _sitting(seed: int) -> TexturedHead:
+    """A subject of the light stage; some ten seconds of a core."""
     from models.lightstage.skin.window import ChartWindow
     from models.lightstage.stage import Stage
 
     studio = Stage.open()
-    found = []
-    for seed in STAGE_SEEDS:
-        person = studio.skin(seed)
-        albedo = person.maps(ChartWindow.whole(*STAGE_CHART)).diffuse_albedo.permute(1, 2, 0).double().cpu().numpy()
-        found.append(staged(f"stage{seed}", studio.head, studio.vertices(person).astype(np.float64), albedo))
-    return found
+    person = studio.skin(seed)
+    albedo = person.maps(ChartWindow.whole(*STAGE_CHART)).diffuse_albedo.permute(1, 2, 0).double().cpu().numpy()
+    return staged(f"stage{seed}", studio.head, studio.vertices(person).astype(np.float64), albedo)
 
 
 def staged(name: str, head: HeadModel, vertices: Float, albedo: Float) -> TexturedHead:

@@ -40,7 +40,10 @@ def avatar(monkeypatch: pytest.MonkeyPatch) -> Avatar:
     lit[24:40, 30:66] = 255
     # Smooth, so that it hardly matters whether the light is read off the texture or off the enlarged one.
     colour = np.asarray(cv2.GaussianBlur(np.where(lit > 0, 60, 230).astype(np.uint8), (0, 0), 3), np.uint8)
-    texture = replace(plain.texture, texture=np.repeat(colour[..., None], 3, 2), confidence=lit, lit_skin=lit)
+    white = np.array([0.4, 0.38, 0.3], np.float32)
+    texture = replace(
+        plain.texture, texture=np.repeat(colour[..., None], 3, 2), confidence=lit, lit_skin=lit, white=white
+    )
     fit = replace(plain.fit, eye_light=np.array([0.5, 0.45, 0.4]))
     made = replace(plain, fit=fit, texture=texture)
     monkeypatch.setattr("service.pipeline.make_avatar", lambda *_, **__: made)
@@ -49,9 +52,10 @@ def avatar(monkeypatch: pytest.MonkeyPatch) -> Avatar:
 
 def product(avatar: Avatar, engine: Engine) -> Codes:
     """The diffuse albedo that the pipeline makes of the head."""
-    subject = Subject.of(avatar.head, avatar.fit.vertices, avatar.texture.lit_skin, avatar.fit.eye_light)
+    fit, texture = avatar.fit, avatar.texture
+    subject = Subject.of(avatar.head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
     plan = Plan.of(["diffuse_albedo"], super_resolution=False)
-    made = make_reflectance(avatar.texture.texture, subject, plan, (WIDTH, WIDTH * 2 // 3), engine)
+    made = make_reflectance(texture.texture, subject, plan, (WIDTH, WIDTH * 2 // 3), engine)
     assert made.diffuse_albedo is not None
     return made.diffuse_albedo
 
