@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -41,3 +43,17 @@ def test_the_picture_has_a_row_each_and_shows_differences_eightfold(tmp_path: Pa
     assert image.shape == (20, 60, 3)
     assert (image[:10, 40:50] == [0, 204, 0]).all()
     assert not image[:10, 50:].any() and not image[10:, 40:].any()
+
+
+@pytest.mark.parametrize(("name", "arguments"), [("light_against_mitsuba", []), ("render_against_mitsuba", ["a.zip"])])
+def test_both_comparisons_print_their_table_and_draw(
+    name: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Minutes of rendering must not end in nothing."""
+    pytest.importorskip("torch")
+    module = import_module(f"benchmarks.{name}")
+    monkeypatch.setattr(module, "compare", lambda *_: {"lamp": pair(0.3)})
+    monkeypatch.setattr(sys, "argv", [name, *arguments, "--image", str(tmp_path / "rows.png")])
+    module.main()
+    assert "| lamp | 25.50 | 25.50 | 100 |" in capsys.readouterr().out
+    assert (tmp_path / "rows.png").is_file()
