@@ -248,10 +248,11 @@ def _swap(path: Path) -> None:
 def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
     servers: Servers, tmp_path: Path, harm: Callable[[Path], Any]
 ) -> None:
-    """The server answers and says why it is not ready; a job waits in the queue rather than failing."""
+    """The server answers and says why it is not ready; a job waits in the queue until the file is whole again."""
     source = Path(service.__file__).parent
     shutil.copytree(source, tmp_path / "service", ignore=shutil.ignore_patterns("__pycache__"))
-    harm(next(iter(sorted((tmp_path / "service" / "data").rglob("*.onnx")))))
+    harmed = min((tmp_path / "service" / "data").rglob("*.onnx"))
+    harm(harmed)
     server = servers.make({"program": "service.jobs.child"})
     whole = subprocess.Popen
     with pytest.MonkeyPatch.context() as patch:
@@ -267,6 +268,9 @@ def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
         job = post(client, small_photo(1)).json()["id"]
         time.sleep(2)
         assert client.get(f"/v1/avatars/{job}").json()["state"] == "queued"
+        shutil.copyfile(source / harmed.relative_to(tmp_path / "service"), harmed)
+        server.wait("readyz", WITHIN)
+        assert wait_for(client, job, within=WITHIN)["error"]["code"] == "no-face"
 
 
 def test_a_process_that_is_stopped_costs_only_time(servers: Servers) -> None:
