@@ -1,7 +1,7 @@
 """How well the whites of the eyes tell the light: ``python -m benchmarks.eye_whites --data DIR``.
 
 Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
-light that ``service.fit.eye_white`` reads off the first photo is set beside the light that the lids show in the second.
+light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
 Mean and spread of the logarithm of their ratio are ``SHADE`` of ``models.training.context``. DIR is that of
 ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 """
