@@ -22,6 +22,7 @@ from service.geometry.chart import NO_PART
 from service.reflectance import normals
 from service.reflectance.diffuse_albedo import LIT, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
+from service.reflectance.glints import without_glints
 from service.reflectance.missing_blue import lacks_blue
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
@@ -96,7 +97,8 @@ def make_reflectance(
         full = resample(source, size)
         del source
         planes.add_codes("texture", full)
-        made.diffuse_albedo = run("diffuse_albedo", lambda told: diffuse_albedo(full, job(told), subject.white))
+        bare = lambda told: without_glints(diffuse_albedo(full, job(told), subject.white), skin, subject.lit)  # noqa: E731
+        made.diffuse_albedo = run("diffuse_albedo", bare)
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
