@@ -1,8 +1,8 @@
-"""Glints that de-lighting leaves: small mirrored lamps on oily skin, which divided by the light of skin become white.
+"""Highlights that de-lighting leaves: mirrored lamps on oily skin, white or grey when divided by the light of skin.
 
-At a glint the photo shows the skin's colour plus the lamp's (the dichromatic model, Shafer 1985). Divided by the light
-this is albedo plus grey, so the grey part follows from how much less colourful a spot is than the skin around it. Taken
-off is only what is brighter and much paler than its surroundings; broad sheen is left to the network.
+At a highlight the photo shows the skin's colour plus the lamp's (the dichromatic model, Shafer 1985). Divided by the
+light this is albedo plus grey, so a highlight is much less colourful than the skin around it, and was brighter in the
+photo. There the skin's usual colour is put back, no brighter than its surroundings.
 """
 
 from __future__ import annotations
@@ -11,33 +11,36 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
-from service.reflectance.planes import FULL_CODE, Codes
+from service.reflectance.planes import FULL_CODE, Codes, interpolated
 
 Float = npt.NDArray[np.float32]
 
 WIDTH = 576
-"""Texels along the chart where glints are sought: the texture's own width, finer detail is the network's."""
+"""Texels along the chart where highlights are sought: the texture's own width, finer detail is the network's."""
 AROUND, NEAR = 30.0, 8.0
 """Standard deviations of what is the usual colour, and of what is the brightness around a spot, in these texels."""
 ROUNDS, PALE = 4, 0.06
 """Times that pale spots are left out of the usual colour, and the grey share of red that makes one."""
 BRIGHTER = (1.03, 1.18)
-"""Times of the luminance around from which on something may be a glint, and is one."""
+"""Times of the albedo's luminance around from which on something may be a highlight, and is one."""
+SHONE = (1.25, 1.8)
+"""The same for the photo, over a wider surrounding (``AROUND``): a sheen may have lost its brightness, not its grey."""
 GREY = (0.10, 0.20)
 """Share of grey in red, likewise."""
-COLOURFUL = (0.35, 0.55)
+COLOURFUL = (0.20, 0.35)
 """Usual blue below red, as a share of red, from which on skin is colourful enough to tell, and tells all."""
-MOST = 0.7
-"""Share of the smallest channel that is taken off at most."""
+LEAST = 0.3
+"""Share of each channel that is left at least."""
 STRIP = 512
 """Rows of the full map at a time."""
 
 
-def without_glints(albedo: Codes, skin: npt.NDArray[np.uint8], lit: Float | None = None) -> Codes:
-    """(H, W, 3) codes of sRGB albedo with the grey of glints taken off, in place.
+def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], lit: Float | None = None) -> Codes:
+    """(H, W, 3) codes of sRGB albedo with the skin's own colour where highlights were, in place.
 
     Args:
         albedo: codes.
+        texture: (H, W, 3) codes that it was made from.
         skin: (H, W) uint8, 255 where a texel is skin, 0 on eyes and teeth.
         lit: (h, w) of any size in [0, 1], where it is skin in the photo's light; None: everywhere.
     """
@@ -45,38 +48,51 @@ def without_glints(albedo: Codes, skin: npt.NDArray[np.uint8], lit: Float | None
 
     height, width = albedo.shape[:2]
     size = (min(WIDTH, width), max(1, round(height * min(1.0, WIDTH / width))))
-    small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / FULL_CODE)
+    bare, shown = (
+        srgb_to_linear(np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA)) * np.float32(1 / FULL_CODE))
+        for codes in (albedo, texture)
+    )
     weight = np.asarray(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
     if lit is not None:
         weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
-    grey = glints(srgb_to_linear(small), np.clip(weight, 0, 1), size[0] / WIDTH)
-    if not grey.any():
+    change = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
+    if not change.any():
         return albedo
-    full = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)
+    columns = np.arange(width)
     for top in range(0, height, STRIP):
-        strip, part = albedo[top : top + STRIP], full[top : top + STRIP]
-        chosen = (part > 1e-4) & (skin[top : top + STRIP] == 255)
+        strip, rows = albedo[top : top + STRIP], np.arange(top, min(top + STRIP, height))
+        added = np.stack(
+            [interpolated(plane, (width, height), rows, columns) for plane in np.moveaxis(change, 2, 0)], -1
+        )
+        chosen = (np.abs(added).max(-1) > 1e-4) & (skin[top : top + STRIP] == 255)
         linear = srgb_to_linear(strip[chosen] * np.float32(1 / FULL_CODE))
-        linear -= np.minimum(part[chosen], MOST * linear.min(1))[:, None]
+        linear = np.maximum(linear + added[chosen], LEAST * linear)
         strip[chosen] = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
     return albedo
 
 
-def glints(albedo: Float, skin: Float, scale: float = 1.0) -> Float:
-    """(h, w) linear grey that lies on an albedo (h, w, 3), linear; 0 where there is no glint, finite for any input.
+def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -> Float:
+    """(h, w, 3) what has to be added to a linear albedo; 0 where there is no highlight, finite for any input.
 
     Args:
-        albedo: linear, small.
+        albedo: (h, w, 3) linear, small.
+        texture: (h, w, 3) linear, the photo's light in it.
         skin: (h, w) in [0, 1], 0 where colours are not to be compared with skin.
         scale: texels over those of a chart ``WIDTH`` wide.
     """
     usual = _usual_ratios(albedo, skin, scale)
-    grey = _grey(albedo, usual)
     bright = luma(albedo)
-    around = _blur(bright * skin, NEAR * scale) / np.maximum(_blur(skin, NEAR * scale), 1e-3)
-    share = grey / np.maximum(albedo[..., 0], 1e-4)
-    told = _rise(bright / np.maximum(around, 1e-3), BRIGHTER) * _rise(share, GREY) * _rise(1 - usual[..., 1], COLOURFUL)
-    return _blur(grey * skin * told, scale)
+    around = _mean(bright, skin, NEAR * scale)
+    brighter = _rise(bright / np.maximum(around, 1e-3), BRIGHTER)
+    photo = luma(texture)
+    shone = _rise(photo / np.maximum(_mean(photo, skin, AROUND * scale), 1e-3), SHONE)
+    share = _grey(albedo, usual) / np.maximum(albedo[..., 0], 1e-4)
+    told = skin * np.maximum(brighter, shone) * _rise(share, GREY) * _rise(1 - usual[..., 1], COLOURFUL)
+    # Light that was cut off at white is less than the network takes it for: there it comes out too dark as well.
+    wanted = np.minimum(bright, around) + shone * np.maximum(around - bright, 0)
+    colour = np.concatenate([np.ones_like(usual[..., :1]), usual], -1)
+    colour = colour * (wanted / np.maximum(luma(colour), 1e-3))[..., None]
+    return _blur(told[..., None] * (colour - albedo), scale)
 
 
 def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
@@ -103,7 +119,12 @@ def _grey(albedo: Float, usual: Float) -> Float:
     return np.asarray(np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1)), np.float32)
 
 
-def _blur(image: Float, sigma: float) -> Float:
+def _mean(values: Float, weight: Float, sigma: float) -> Float:
+    """(h, w) weighted mean around each texel; 0 where there is no weight far and wide."""
+    return np.asarray(_blur(values * weight, sigma) / np.maximum(_blur(weight, sigma), 1e-3), np.float32)
+
+
+def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float:
     import cv2
 
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), max(sigma, 0.3), borderType=cv2.BORDER_REPLICATE)

@@ -97,7 +97,10 @@ def make_reflectance(
         full = resample(source, size)
         del source
         planes.add_codes("texture", full)
-        bare = lambda told: without_glints(diffuse_albedo(full, job(told), subject.white), skin, subject.lit)  # noqa: E731
+
+        def bare(told: Callable[[float], None]) -> Codes:
+            return without_glints(diffuse_albedo(full, job(told), subject.white), full, skin, subject.lit)
+
         made.diffuse_albedo = run("diffuse_albedo", bare)
         planes.drop("texture")
         del full
