@@ -28,7 +28,10 @@ SHADE = (math.log(BETWEEN_LIDS), 0.43)
 """Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
 with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
 
-MISTAKEN, MISTAKE = 0.12, (-0.9, 0.5)
+TINT = 0.08
+"""Standard deviation of the light's tint by whites: eyes have vessels, teeth are more or less yellow."""
+
+MISTAKEN, MISTAKE = 0.10, (-0.9, 0.5)
 """Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
 
 SWAPPED, ALIKE = 0.5, 0.3
@@ -63,7 +66,7 @@ def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Gene
     shade = SHADE[0] + SHADE[1] * torch.randn(n, 1, generator=generator)
     wrong = (torch.rand(n, 1, generator=generator) < MISTAKEN).float()
     shade = shade + wrong * (MISTAKE[0] + MISTAKE[1] * torch.randn(n, 1, generator=generator))
-    tint = 0.06 * torch.randn(n, 3, generator=generator)
+    tint = TINT * torch.randn(n, 3, generator=generator)
     seen = share * both[:, 0] + (1.0 - share) * both[:, 1] + shade + tint
     return torch.cat([seen * known[:, None], known[:, None]], 1)
 

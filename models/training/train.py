@@ -173,6 +173,24 @@ class Trainer:
             self.judge.load_state_dict(content["judge"])
             self.judge_optimiser.load_state_dict(content["judge_optimiser"])
 
+    def begin_with(self, folder: Path) -> list[str]:
+        """Take the averaged weights of another run for a first state; names of the parts that it lacks.
+
+        Raises:
+            ModelFault: it belongs to another network.
+        """
+        content = torch.load(folder / "checkpoint.pt", map_location=self.device, weights_only=True)
+        if content["run"]["network"] != self.run.network:
+            raise ModelFault(f"{folder}: the checkpoint is of {content['run']['network']!r}, not {self.run.network!r}")
+        own = self.network.state_dict()
+        fitting = {name: value for name, value in content["average"].items()
+                   if name in own and own[name].shape == value.shape}  # fmt: skip
+        for network in (self.network, self.average):
+            network.load_state_dict(own | fitting)
+        if self.judge is not None and "judge" in content:
+            self.judge.load_state_dict(content["judge"])
+        return sorted(set(own) - set(fitting))
+
     def _to_device(self, batch: Batch) -> Batch:
         return {name: value.to(self.device) for name, value in batch.items()}
 
@@ -224,6 +242,7 @@ def main(
     minutes: Annotated[float, typer.Option(help="Stop after this time; start again to go on.")] = 1e9,
     adversarial_from: Annotated[float, typer.Option(min=0.0, max=1.0, help="Share of the steps without it.")] = 0.6,
     adversarial_weight: Annotated[float, typer.Option(min=0.0, help="0 trains without a discriminator.")] = 0.0,
+    begin_with: Annotated[Path | None, typer.Option(help="Run whose weights a new one begins with.")] = None,
     threads: Annotated[int, typer.Option(min=1)] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
@@ -241,6 +260,9 @@ def main(
     trainer = Trainer(run, task, device)
     if (folder / "checkpoint.pt").exists():
         trainer.load(folder)
+    elif begin_with is not None:
+        fresh = trainer.begin_with(begin_with)
+        typer.echo(f"begins with {begin_with}; fresh: {', '.join(fresh) or 'nothing'}")
     typer.echo(f"{network} {config}: {parameters(trainer.network)} parameters, step {trainer.step} of {steps}")
     go(trainer, folder, every, minutes)
 

@@ -177,6 +177,30 @@ def test_a_run_goes_on_where_it_stopped(data: Path, tmp_path: Path) -> None:
         other.load(tmp_path / "twice")
 
 
+def test_a_run_begins_with_the_weights_of_another(data: Path, tmp_path: Path) -> None:
+    """With its average, at step 0; what does not fit stays as it was made, and another network is refused."""
+
+    def trainer(config: str = "slim") -> Trainer:
+        return Trainer(Run("psi", config, 2, 2, 64, 1e-3, 0, 0.0, 0.0), TASKS["psi"](data, 64), "cpu")
+
+    first = trainer()
+    with torch.no_grad():
+        for weights in first.average.parameters():
+            weights.fill_(0.25)
+    first.step = 7
+    first.save(tmp_path)
+    second = trainer()
+    assert second.begin_with(tmp_path) == [] and second.step == 0
+    assert all(bool((p == 0.25).all()) for p in (*second.network.parameters(), *second.average.parameters()))
+    wider = trainer("wide")
+    before = {name: p.clone() for name, p in wider.network.named_parameters()}
+    fresh = wider.begin_with(tmp_path)
+    assert fresh and all(torch.equal(before[name], dict(wider.network.named_parameters())[name]) for name in fresh)
+    other = Trainer(Run("rho", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0), NormalTask(data, "specular_normal", 64), "cpu")
+    with pytest.raises(ModelFault, match="psi"):
+        other.begin_with(tmp_path)
+
+
 @pytest.mark.slow
 def test_a_real_capture() -> None:
     """Drawn by the light stage: texture is albedo under light, normals are small angles, nothing is missing."""
