@@ -34,6 +34,10 @@ WIDEST = 64
 """Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
 
 
+SEAM = 0.12
+"""Share of the chart's width and height over which the two sides of the seam go over into each other."""
+
+
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
     return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
@@ -67,6 +71,20 @@ def continued(light: Float, lit: Float) -> Float:
         sigma //= 2
     soft = np.minimum(np.asarray(cv2.GaussianBlur(weight, (0, 0), 2), np.float32), weight)[..., None]
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
+
+
+def seamless(light: Float) -> Float:
+    """(C, h, w) light that is the same on both sides of the head's seam, which runs along three borders of the chart.
+
+    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides go over into their
+    mean; light from the left would else end at the middle of the crown.
+    """
+    _, height, width = light.shape
+    x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
+    near = np.minimum(np.minimum(x, width - x)[None] / (width * SEAM), y[:, None] / (height * SEAM))
+    far = np.clip(near, 0, 1).astype(np.float32)
+    share = np.float32(0.5) * (1 - far * far * (3 - 2 * far))
+    return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
 
 
 def light_between_lids(light: Float, lit: Float) -> Float:
@@ -105,7 +123,9 @@ def found_by(network: Network, planes: Planes) -> Found:
     weight = lit * planes.shrunk(["mask"], size)[0]
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
     albedo = srgb_to_linear(coded) * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
-    return Found(continued(light, lit), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
+    return Found(
+        seamless(continued(light, lit)), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel())
+    )
 
 
 def without(light: Float, coded: Float) -> Float:

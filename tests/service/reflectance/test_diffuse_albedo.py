@@ -6,7 +6,7 @@ import numpy as np
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import ALBEDO
-from service.reflectance.diffuse_albedo import BRIGHTEST, continued, light_between_lids, without
+from service.reflectance.diffuse_albedo import BRIGHTEST, continued, light_between_lids, seamless, without
 
 
 def test_even_light_stays_even_whatever_was_found_in_made_up_parts() -> None:
@@ -55,3 +55,13 @@ def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
     assert np.isfinite(light_between_lids(light, 0 * lit)).all()
     bright = without(np.full(3, -50.0, np.float32), np.ones((2, 2, 3), np.float32))
     assert np.allclose(srgb_to_linear(bright * 0.5 + 0.5), BRIGHTEST, atol=2e-3)
+
+
+def test_light_meets_itself_at_the_seam() -> None:
+    """Left and right border, and both halves of the upper one, are the same places on the head; the face stays as it is."""
+    light = np.random.default_rng(0).normal(size=(3, 96, 144)).astype(np.float32).cumsum(2) * np.float32(0.1)
+    made = seamless(light)
+    for edge in (made[:, :, :1] - made[:, :, -1:], made[:, :1] - made[:, :1, ::-1]):
+        assert np.abs(edge).max() < 0.02 * np.abs(light[:, :, :1] - light[:, :, -1:]).max()
+    assert np.array_equal(made[:, 14:, 22:-22], light[:, 14:, 22:-22])
+    assert np.array_equal(seamless(light[:, :1, :1]), light[:, :1, :1])
