@@ -76,8 +76,8 @@ def continued(light: Float, lit: Float) -> Float:
 def seamless(light: Float) -> Float:
     """(C, h, w) light that is the same on both sides of the head's seam, which runs along three borders of the chart.
 
-    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides go over into their
-    mean; light from the left would else end at the middle of the crown.
+    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides go over into
+    their mean; light from the left would else end at the middle of the crown.
     """
     _, height, width = light.shape
     x, y = np.arange(width) + 0.5, np.arange(height) + 0.5

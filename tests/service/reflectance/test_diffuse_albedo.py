@@ -58,7 +58,7 @@ def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
 
 
 def test_light_meets_itself_at_the_seam() -> None:
-    """Left and right border, and both halves of the upper one, are the same places on the head; the face stays as it is."""
+    """Left and right border, and both halves of the upper one, are the same places; the face stays as it is."""
     light = np.random.default_rng(0).normal(size=(3, 96, 144)).astype(np.float32).cumsum(2) * np.float32(0.1)
     made = seamless(light)
     for edge in (made[:, :, :1] - made[:, :, -1:], made[:, :1] - made[:, :1, ::-1]):
