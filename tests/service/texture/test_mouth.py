@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.geometry.chart import Chart
 from service.fit.teeth import measure_teeth
+from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.texture import mouth
 from service.texture.parts import Light
