@@ -29,6 +29,8 @@ GREY = (0.10, 0.20)
 """Share of grey in red, likewise."""
 COLOURFUL = (0.20, 0.35)
 """Usual blue below red, as a share of red, from which on skin is colourful enough to tell, and tells all."""
+DARKEST = 0.03
+"""Red of the darkest skin: of less, a share would be that of rounding."""
 LEAST = 0.3
 """Share of each channel that is left at least."""
 STRIP = 512
@@ -86,7 +88,7 @@ def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -
     brighter = _rise(bright / np.maximum(around, 1e-3), BRIGHTER)
     photo = luma(texture)
     shone = _rise(photo / np.maximum(_mean(photo, skin, AROUND * scale), 1e-3), SHONE)
-    share = _grey(albedo, usual) / np.maximum(albedo[..., 0], 1e-4)
+    share = _grey(albedo, usual) / np.maximum(albedo[..., 0], DARKEST)
     told = skin * np.maximum(brighter, shone) * _rise(share, GREY) * _rise(1 - usual[..., 1], COLOURFUL)
     # Light that was cut off at white is less than the network takes it for: there it comes out too dark as well.
     wanted = np.minimum(bright, around) + shone * np.maximum(around - bright, 0)
@@ -97,7 +99,7 @@ def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -
 
 def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
     """(h, w, 2) green and blue over red of the skin around each texel, pale spots left out."""
-    logs = np.log(np.maximum(albedo, 1e-4))
+    logs = np.log(np.maximum(albedo, 1e-3))
     ratios = np.stack([logs[..., 1] - logs[..., 0], logs[..., 2] - logs[..., 0]], -1)
     weight = skin
     usual = np.ones_like(ratios)
@@ -107,7 +109,7 @@ def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
         local = _blur(ratios * weight[..., None], AROUND * scale) / np.maximum(near, 1e-6)
         trust = near / (near + 0.05)
         usual = np.exp(trust * local + (1 - trust) * overall).astype(np.float32)
-        share = _grey(albedo, usual) / np.maximum(albedo[..., 0], 1e-4)
+        share = _grey(albedo, usual) / np.maximum(albedo[..., 0], DARKEST)
         weight = skin * np.exp(-((share / PALE) ** 2))
     return usual
 

@@ -77,10 +77,13 @@ def test_cliffs_are_kept_where_the_plan_says_so(made: Reflectance, engine: Engin
 
 @pytest.mark.parametrize("tile", [40, 100, 5000])
 def test_tiles_do_not_show(tile: int, made: Reflectance, engine: Engine, subject: Subject) -> None:
-    """All stages one after the other: six codes of 65,536 (1e-4) from rounding, 3 um of relief of a thousand."""
+    """All stages one after the other: of 65,536 codes two of albedo from rounding, what a random network makes of those in
+    the normals, and 3 um of relief a thousand um high.
+    """
     other = make_reflectance(noise(), subject, ALL, SIZE, engine, tile=tile)
+    most = {"specular_normal": 8, "diffuse_normal": 8, "displacement": 60}
     for name, plane in maps(made).items():
-        assert np.abs(plane.astype(np.int64) - maps(other)[name]).max() <= (60 if name == "displacement" else 6), name
+        assert np.abs(plane.astype(np.int64) - maps(other)[name]).max() <= most.get(name, 2), name
 
 
 def test_the_seed_is_what_the_made_up_detail_depends_on(made: Reflectance, engine: Engine, subject: Subject) -> None:
