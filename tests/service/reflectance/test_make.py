@@ -77,7 +77,7 @@ def test_cliffs_are_kept_where_the_plan_says_so(made: Reflectance, engine: Engin
 
 @pytest.mark.parametrize("tile", [40, 100, 5000])
 def test_tiles_do_not_show(tile: int, made: Reflectance, engine: Engine, subject: Subject) -> None:
-    """All stages one after the other: of 65,536 codes two of albedo from rounding, what a random network makes of those in
+    """All stages one after the other: of 65,536 codes two of albedo from rounding, what a random net makes of them in
     the normals, and 3 um of relief a thousand um high.
     """
     other = make_reflectance(noise(), subject, ALL, SIZE, engine, tile=tile)
