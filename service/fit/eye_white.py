@@ -32,9 +32,9 @@ PALER = 1.5
 shade. On rendered heads it is 1.5 to 2.5 times."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
-FAIREST = 0.9
-"""Largest linear reflectance that the skin below may have if the white is one: the fairest has 0.65 in red, and the
-white tells the light up to a factor of 1.5. A white that makes skin paler than that is lashes or the lid's shadow."""
+FAIREST = 1.1
+"""Largest linear reflectance that the skin below may have: the fairest has 0.65 in red, and the white tells the light to
+a factor of 1.6. A white that makes skin paler than that lies in deeper shade, and counts as so much brighter."""
 MARGIN = 0.12
 """Radii of the iris by which pixels have to lie inside the rim."""
 CLIPPED = 250
@@ -69,7 +69,7 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     if _blue_over_red(white[None])[0] < PALER * _blue_over_red(usual[None])[0] or not (white > 0).all():
         return None
     light = np.asarray(white / ALBEDO)
-    return None if (usual > FAIREST * light / BETWEEN_LIDS).any() else light
+    return light * max(1.0, float((usual * BETWEEN_LIDS / light).max()) / FAIREST)
 
 
 def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, to_bytes
-from service.fit.eye_white import ALBEDO, eye_white_light
+from service.fit.eye_white import ALBEDO, BETWEEN_LIDS, FAIREST, eye_white_light
 from service.fit.gaze import Gaze, Iris
 
 SKIN = np.array([0.12, 0.055, 0.035])
@@ -73,13 +73,20 @@ def test_nothing_seen_is_none() -> None:
 
 
 @pytest.mark.parametrize("skin", [[0.12, 0.055, 0.035], [0.62, 0.45, 0.36]])
-def test_a_white_in_deep_shade_is_none(skin: list[float]) -> None:
+def test_a_white_in_deep_shade_counts_as_brighter(skin: list[float]) -> None:
     """Lashes and the lid's shadow over the white: the skin below would come out paler than skin can be."""
     light = np.array([0.6, 0.5, 0.4])
-    for share, seen in ((0.67, True), (0.05, False)):
+    for share in (0.67, 0.04):
         pixels, gaze = photo_of(light * share, 14.0)
         rim = gaze.irises[0].rim
         below = np.zeros(pixels.shape[:2], np.uint8)
         cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
         pixels[below > 0] = to_bytes(linear_to_srgb(np.array(skin) * light))
-        assert (eye_white_light(pixels, gaze.irises[0]) is not None) == seen
+        found = eye_white_light(pixels, gaze.irises[0])
+        assert found is not None
+        implied = np.array(skin) * light / (found / BETWEEN_LIDS)
+        assert implied.max() < 1.03 * FAIREST
+        if share > 0.5:
+            assert np.abs(np.log(found / (light * share))).max() < 0.15
+        else:
+            assert implied.max() > 0.9 * FAIREST and (found > 1.5 * light * share).all()
