@@ -33,7 +33,7 @@ shade. On rendered heads it is 1.5 to 2.5 times."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
 FAIREST = 1.1
-"""Largest linear reflectance that the skin below may have: the fairest has 0.65 in red, and the white tells the light to
+"""Largest linear reflectance of the skin below: the fairest has 0.65 in red, and the white tells the light up to
 a factor of 1.6. A white that makes skin paler than that lies in deeper shade, and counts as so much brighter."""
 MARGIN = 0.12
 """Radii of the iris by which pixels have to lie inside the rim."""
