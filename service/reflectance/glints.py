@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.reflectance.planes import FULL_CODE, Codes, interpolated
+from service.runtime.tiles import Indices
 
 Float = npt.NDArray[np.float32]
 
@@ -60,17 +61,30 @@ def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], l
     change = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     if not change.any():
         return albedo
-    columns = np.arange(width)
+    marked = np.abs(change).max(-1) > 0
     for top in range(0, height, STRIP):
-        strip, rows = albedo[top : top + STRIP], np.arange(top, min(top + STRIP, height))
-        added = np.stack(
-            [interpolated(plane, (width, height), rows, columns) for plane in np.moveaxis(change, 2, 0)], -1
-        )
-        chosen = (np.abs(added).max(-1) > 1e-4) & (skin[top : top + STRIP] == 255)
-        linear = srgb_to_linear(strip[chosen] * np.float32(1 / FULL_CODE))
+        rows = np.arange(top, min(top + STRIP, height), dtype=np.int64)
+        columns = _touched(marked, rows, (width, height))
+        if not len(columns):
+            continue
+        place = (slice(top, top + STRIP), slice(int(columns[0]), int(columns[-1]) + 1))
+        planes = [interpolated(change[..., i], (width, height), rows, columns) for i in range(3)]
+        added = np.stack(planes, -1)
+        chosen = (np.abs(added).max(-1) > 1e-4) & (skin[place] == 255)
+        linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
         linear = np.maximum(linear + added[chosen], LEAST * linear)
-        strip[chosen] = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
+        albedo[place][chosen] = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
     return albedo
+
+
+def _touched(marked: npt.NDArray[np.bool_], rows: Indices, size: tuple[int, int]) -> Indices:
+    """Columns of a map of ``size``, without a gap, that marks on a small one (h, w) can reach within some rows."""
+    tall, wide = size[1] / marked.shape[0], size[0] / marked.shape[1]
+    part = np.flatnonzero(marked[max(int(rows[0] / tall) - 1, 0) : int(rows[-1] / tall) + 2].any(0))
+    if not len(part):
+        return np.arange(0, dtype=np.int64)
+    first, last = int(part[0]), int(part[-1])
+    return np.arange(max(int((first - 1) * wide), 0), min(int(np.ceil((last + 2) * wide)), size[0]), dtype=np.int64)
 
 
 def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -> Float:
