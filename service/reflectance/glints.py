@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.levels import TEXTURE_SIZE
 from service.reflectance.planes import FULL_CODE, Codes, interpolated
 from service.runtime.tiles import Indices
 
 Float = npt.NDArray[np.float32]
 
-WIDTH = 576
-"""Texels along the chart where highlights are sought: the texture's own width, finer detail is the network's."""
+WIDTH = TEXTURE_SIZE[0]
+"""Texels along the chart where highlights are sought: as many as the texture has, finer detail is the network's."""
 AROUND, NEAR = 30.0, 8.0
 """Standard deviations of what is the usual colour, and of what is the brightness around a spot, in these texels."""
 ROUNDS, PALE = 4, 0.06
@@ -59,8 +60,6 @@ def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], l
     if lit is not None:
         weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
     change = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
-    if not change.any():
-        return albedo
     marked = np.abs(change).max(-1) > 0
     for top in range(0, height, STRIP):
         rows = np.arange(top, min(top + STRIP, height), dtype=np.int64)
@@ -102,8 +101,8 @@ def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -
     brighter = _rise(bright / np.maximum(around, 1e-3), BRIGHTER)
     photo = luma(texture)
     shone = _rise(photo / np.maximum(_mean(photo, skin, AROUND * scale), 1e-3), SHONE)
-    share = _grey(albedo, usual) / np.maximum(albedo[..., 0], DARKEST)
-    told = skin * np.maximum(brighter, shone) * _rise(share, GREY) * _rise(1 - usual[..., 1], COLOURFUL)
+    pale = _rise(_grey_share(albedo, usual), GREY) * _rise(1 - usual[..., 1], COLOURFUL)
+    told = skin * np.maximum(brighter, shone) * pale
     # Light that was cut off at white is less than the network takes it for: there it comes out too dark as well.
     wanted = np.minimum(bright, around) + shone * np.maximum(around - bright, 0)
     colour = np.concatenate([np.ones_like(usual[..., :1]), usual], -1)
@@ -123,16 +122,16 @@ def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
         local = _blur(ratios * weight[..., None], AROUND * scale) / np.maximum(near, 1e-6)
         trust = near / (near + 0.05)
         usual = np.exp(trust * local + (1 - trust) * overall).astype(np.float32)
-        share = _grey(albedo, usual) / np.maximum(albedo[..., 0], DARKEST)
-        weight = skin * np.exp(-((share / PALE) ** 2))
+        weight = skin * np.exp(-((_grey_share(albedo, usual) / PALE) ** 2))
     return usual
 
 
-def _grey(albedo: Float, usual: Float) -> Float:
-    """(h, w) what has to be taken off all channels for the usual ratios; green and blue both have to say so."""
+def _grey_share(albedo: Float, usual: Float) -> Float:
+    """(h, w) share of red to be taken off all channels for the usual ratios; green and blue both have to say so."""
     red = albedo[..., :1]
     found = (albedo[..., 1:] - usual * red) / np.maximum(1 - usual, 0.15)
-    return np.asarray(np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1)), np.float32)
+    grey = np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1))
+    return np.asarray(grey / np.maximum(red[..., 0], DARKEST), np.float32)
 
 
 def _mean(values: Float, weight: Float, sigma: float) -> Float:
