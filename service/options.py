@@ -45,7 +45,7 @@ class Options:
         normals: frame of specular and diffuse normals.
         budget: seconds that the whole may take on this machine; picks the best level that fits, whatever ``quality``
             says. None for no limit.
-        runtime: what the networks run on, see ``service.runtime.networks``.
+        runtime: what the networks run on; "auto" takes, network by network, the faster one by a measured rule.
         face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
             refuses a photo with several faces.
         detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, smooth and

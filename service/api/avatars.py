@@ -39,7 +39,9 @@ Asking = Annotated[Tenant, Depends(tenant_of)]
 Here = Annotated[Context, Depends(context_of)]
 
 
-@router.post("", status_code=202, response_model=Job, summary="Make an avatar of a photo.")
+@router.post(
+    "", status_code=202, operation_id="create_avatar", response_model=Job, summary="Make an avatar of a photo."
+)
 async def post(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes multipart/form-data with the photo as ``image``, or the photo itself as the body.
 
@@ -54,7 +56,7 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
 
 
-@router.get("", response_model=JobPage, summary="List the jobs of this key, newest first.")
+@router.get("", response_model=JobPage, operation_id="list_avatars", summary="List the jobs of this key, newest first.")
 def listing(
     request: Request,
     tenant: Asking,
@@ -75,7 +77,7 @@ def listing(
     return JSONResponse({"items": [job_json(row) for row in rows[:limit]], "next": following}, 200, headers)
 
 
-@router.get("/{job}", response_model=Job, summary="State of a job.")
+@router.get("/{job}", response_model=Job, operation_id="get_avatar", summary="State of a job.")
 def state(job: str, tenant: Asking, context: Here) -> Response:
     """The same JSON as in events."""
     row = context.job(job, tenant)
@@ -85,7 +87,7 @@ def state(job: str, tenant: Asking, context: Here) -> Response:
     return JSONResponse(job_json(row), 200, headers)
 
 
-@router.delete("/{job}", status_code=204, summary="Cancel a job, or erase its result.")
+@router.delete("/{job}", status_code=204, operation_id="delete_avatar", summary="Cancel a job, or erase its result.")
 def delete(job: str, tenant: Asking, context: Here) -> Response:
     """A job that is unfinished is cancelled and its photo erased; of one that has ended everything is erased."""
     row = context.store.get(job) if len(job) == 32 else None

@@ -22,6 +22,8 @@ router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
 
 @router.get(
     "/{job}/events",
+    operation_id="follow_avatar",
+    response_class=StreamingResponse,
     summary="Follow a job.",
     responses={
         200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}},

@@ -8,6 +8,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from typing import Any
 
 from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
@@ -36,14 +37,21 @@ TYPES = {
     "md": "text/markdown; charset=utf-8",
 }
 
+OTHER = "application/octet-stream"
+
 router = APIRouter(prefix="/v1/avatars", tags=["results"])
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
-_RESPONSES: dict[int | str, dict[str, object]] = {
-    200: {"content": {"application/octet-stream": _BINARY}},
-    206: {"description": "A range of the file.", "content": {"application/octet-stream": _BINARY}},
-    304: {"description": "As it was."},
-}
+
+
+def _answers(*kinds: str) -> dict[int | str, dict[str, Any]]:
+    """For the description: what a download of one of these media types is answered with."""
+    content = {kind.partition(";")[0]: _BINARY for kind in kinds}
+    return {
+        200: {"description": "The file.", "content": content},
+        206: {"description": "A range of the file.", "content": content},
+        304: {"description": "As it was."},
+    }
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,13 @@ class Extent:
 
 
 @router.head("/{job}/archive.zip", include_in_schema=False)
-@router.get("/{job}/archive.zip", response_class=Response, responses=_RESPONSES, summary="The whole result as a zip.")
+@router.get(
+    "/{job}/archive.zip",
+    response_class=Response,
+    operation_id="download_archive",
+    responses=_answers(TYPES["zip"]),
+    summary="The whole result as a zip.",
+)
 async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
     """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off."""
     row = await run_in_threadpool(finished, context, job, tenant)
@@ -68,7 +82,12 @@ async def archive(job: str, request: Request, tenant: Asking, context: Here) -> 
     return _answer(request, context, whole, disposition)
 
 
-@router.get("/{job}/files", response_model=FileList, summary="Names and sizes of the files of the result.")
+@router.get(
+    "/{job}/files",
+    response_model=FileList,
+    operation_id="list_files",
+    summary="Names and sizes of the files of the result.",
+)
 def listing(job: str, tenant: Asking, context: Here) -> Response:
     """Each file can be had by itself under its ``link``."""
     row = finished(context, job, tenant)
@@ -86,7 +105,11 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
 
 @router.head("/{job}/files/{path:path}", include_in_schema=False)
 @router.get(
-    "/{job}/files/{path:path}", response_class=Response, responses=_RESPONSES, summary="One file of the result."
+    "/{job}/files/{path:path}",
+    response_class=Response,
+    operation_id="download_file",
+    responses=_answers(OTHER, *(kind for name, kind in TYPES.items() if name != "zip")),
+    summary="One file of the result.",
 )
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
@@ -165,4 +188,4 @@ async def _pieces(context: Context, artifact: str, start: int, count: int) -> As
 
 
 def _media_type(name: str) -> str:
-    return TYPES.get(name.rpartition(".")[2], "application/octet-stream")
+    return TYPES.get(name.rpartition(".")[2], OTHER)

@@ -20,13 +20,13 @@ from service.jobs.store import Row
 router = APIRouter(tags=["server"])
 
 
-@router.get("/livez", response_model=Health, summary="The process answers.")
+@router.get("/livez", response_model=Health, operation_id="get_liveness", summary="The process answers.")
 async def livez() -> Response:
     """Says nothing about the database or the workers: restarting this process would not help them."""
     return JSONResponse({"status": "alive"}, headers={"Cache-Control": "no-store"})
 
 
-@router.get("/readyz", response_model=Readiness, summary="Photos are taken.")
+@router.get("/readyz", response_model=Readiness, operation_id="get_readiness", summary="Photos are taken.")
 def readyz(context: Here) -> Response:
     """Ready means: the database answers, a worker lives whose data files and networks are checked, there is space."""
     reason = None
@@ -48,7 +48,12 @@ def readyz(context: Here) -> Response:
     return JSONResponse({"status": "ready", "workers": len(ready)}, headers={"Cache-Control": "no-store"})
 
 
-@router.get("/v1/models", response_model=ModelList, summary="Data files that make avatars, with hashes and licences.")
+@router.get(
+    "/v1/models",
+    response_model=ModelList,
+    operation_id="list_models",
+    summary="Data files that make avatars, with hashes and licences.",
+)
 def models() -> Response:
     """The networks and the head model."""
     from service.archive.cards import ROLES
@@ -67,7 +72,12 @@ def models() -> Response:
     return JSONResponse({"items": items})
 
 
-@router.get("/v1/quality", response_model=QualityList, summary="What quality and size cost on this server.")
+@router.get(
+    "/v1/quality",
+    response_model=QualityList,
+    operation_id="list_quality",
+    summary="What quality and size cost on this server.",
+)
 def quality(context: Here) -> Response:
     """The levels, and median and 90th percentile of the times of the last jobs by level and size of the maps.
 
@@ -101,7 +111,12 @@ def _measured(name: str, size: tuple[int, int], rows: list[Row]) -> dict[str, An
     }
 
 
-@router.get("/problems/{code}", response_class=PlainTextResponse, summary="What a problem code means.")
+@router.get(
+    "/problems/{code}",
+    response_class=PlainTextResponse,
+    operation_id="explain_problem",
+    summary="What a problem code means.",
+)
 async def explanation(code: str) -> Response:
     """The address in ``type`` of a problem."""
     if code not in EXPLANATIONS and code not in TITLES:

@@ -45,7 +45,13 @@ _PNG: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.post("", response_class=Response, responses=_PNG, summary="Render a finished avatar under a scene.")
+@router.post(
+    "",
+    response_class=Response,
+    operation_id="render_avatar",
+    responses=_PNG,
+    summary="Render a finished avatar under a scene.",
+)
 async def post(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes a JSON object: ``avatar``, the id of a job that has succeeded; ``scene``, see docs/render.md; ``size``,
     ``view``, ``background``, ``samples``, ``tolerance``. Nothing is stored; a caller that goes away ends the work.

@@ -287,6 +287,12 @@ def test_the_answers_are_those_of_the_description(client: httpx.Client, finished
     jsonschema.validate(client.get(f"/v1/avatars/{finished[0]}").json(), schema)
     page = {"$ref": "#/components/schemas/JobPage", "components": described["components"]}
     jsonschema.validate(client.get("/v1/avatars").json(), page)
+    files = client.get(f"/v1/avatars/{finished[0]}/files").json()["items"]
+    archive = f"/v1/avatars/{finished[0]}/archive.zip"
+    for path, addresses in (("archive.zip", [archive]), ("files/{path}", [file["link"] for file in files])):
+        kinds = described["paths"][f"/v1/avatars/{{job}}/{path}"]["get"]["responses"]["200"]["content"]
+        for address in addresses:
+            assert client.get(address).headers["content-type"].partition(";")[0] in kinds
 
 
 def test_the_data_folder_is_for_the_owner_of_the_server(server: Server) -> None:

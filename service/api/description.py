@@ -1,0 +1,143 @@
+"""The OpenAPI document: what FastAPI cannot know of this interface is written into what it finds by itself.
+
+It has to be good enough for programs that write clients: every operation has a name of its own, every body a type, and
+everything that is spoken of is there.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+from fastapi import FastAPI
+
+from service.api.options import adapter
+from service.api.problems import MEDIA_TYPE
+from service.api.schemas import Problem
+
+Json = dict[str, Any]
+
+_REF = "#/components/schemas/{model}"
+
+_PROBLEM = {"description": "A problem.", "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+
+_PHOTO = {"type": "string", "format": "binary", "description": "JPEG, PNG or WebP."}
+
+_NEW_AVATAR: Json = {
+    "type": "object",
+    "required": ["image"],
+    "additionalProperties": False,
+    "properties": {
+        "image": _PHOTO,
+        "options": {"$ref": "#/components/schemas/Options"},
+        "keep_photo": {
+            "type": "boolean",
+            "default": False,
+            "description": "Keep the photo beside the result.",
+        },
+    },
+}
+
+_HEADERS = {
+    "Idempotency-Key": ("A request that is sent again with the same key makes no second job.", 255),
+    "Range": ("One range of bytes.", None),
+    "If-Range": ("Strong ETag for which the range is wanted; else the whole is sent.", None),
+    "Last-Event-ID": ("Number of the last event that arrived; those after it are sent.", None),
+}
+"""Headers that mean something in a request, with their greatest length."""
+
+_TAKES = {
+    ("/v1/avatars", "post"): ("Idempotency-Key",),
+    ("/v1/avatars/{job}/events", "get"): ("Last-Event-ID",),
+    ("/v1/avatars/{job}/archive.zip", "get"): ("Range", "If-Range"),
+    ("/v1/avatars/{job}/files/{path}", "get"): ("Range", "If-Range"),
+}
+
+
+def described(app: FastAPI) -> Json:
+    """The document of an application, made once."""
+    if app.openapi_schema is not None:
+        return app.openapi_schema
+    from fastapi.openapi.utils import get_openapi
+
+    found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+    components = found.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    schemas["Problem"] = Problem.model_json_schema(ref_template=_REF)
+    schemas |= {**_options(), **_render(), "NewAvatar": _NEW_AVATAR}
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+    components["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+    for path, operations in found["paths"].items():
+        for method, operation in operations.items():
+            _complete(path, method, operation)
+    app.openapi_schema = found
+    return found
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """What the docstring of a class says under ``Attributes:``, by name, in one line each and without its markup."""
+    text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", text, re.MULTILINE)
+    return {name: re.sub(r"\s+", " ", words).replace("``", "'").replace("None", "null") for name, words in entries}
+
+
+def _options() -> Json:
+    """Schemas of the options of a job."""
+    from service.options import MAP_NAMES, Options
+
+    schema = adapter().json_schema(ref_template=_REF)
+    definitions: Json = schema.pop("$defs", {})
+    told = attributes(Options)
+    for name, property_ in schema["properties"].items():
+        property_["description"] = told[name]
+    schema["properties"]["maps"] |= {
+        "description": "Maps to make, each once; what none of them needs is not computed. Default: all.",
+        "items": {"type": "string", "enum": list(MAP_NAMES)},
+        "minItems": 1,
+    }
+    schema["properties"]["quality"]["description"] = "How fine; /v1/quality has what each level takes here."
+    schema["description"] = "What to make, as on the command line."
+    return {**definitions, "Options": {**schema, "additionalProperties": False}}
+
+
+def _render() -> Json:
+    """Schemas of a picture's request and of scenes."""
+    from pydantic import TypeAdapter
+
+    from service.render.request import RenderRequest
+
+    schema = TypeAdapter(RenderRequest).json_schema(ref_template=_REF)
+    definitions: Json = schema.pop("$defs", {})
+    avatar = {"type": "string", "description": "Id of an avatar that has succeeded."}
+    schema["properties"] = {"avatar": avatar, **schema["properties"]}
+    return {**definitions, "Render": {**schema, "required": ["avatar"], "additionalProperties": False}}
+
+
+def _complete(path: str, method: str, operation: Json) -> None:
+    answers = operation["responses"]
+    answers.pop("422", None)
+    answers["4XX"] = _PROBLEM
+    answers["5XX"] = _PROBLEM
+    if path.startswith(("/v1/avatars", "/v1/renders")):
+        operation["security"] = [{"key": []}, {}]
+    for name in _TAKES.get((path, method), ()):
+        words, longest = _HEADERS[name]
+        schema: Json = {"type": "string"} if longest is None else {"type": "string", "maxLength": longest}
+        header = {"name": name, "in": "header", "required": False, "description": words, "schema": schema}
+        operation.setdefault("parameters", []).append(header)
+    if (path, method) == ("/v1/renders", "post"):
+        operation["requestBody"] = _body({"application/json": {"schema": {"$ref": "#/components/schemas/Render"}}})
+    if (path, method) == ("/v1/avatars", "post"):
+        form = {
+            "schema": {"$ref": "#/components/schemas/NewAvatar"},
+            "encoding": {"options": {"contentType": "application/json"}},
+        }
+        photos = {kind: {"schema": _PHOTO} for kind in ("image/jpeg", "image/png", "image/webp")}
+        operation["requestBody"] = _body({"multipart/form-data": form, **photos})
+        answers["202"]["headers"] = {"Location": {"schema": {"type": "string"}, "description": "Address of the job."}}
+
+
+def _body(content: Json) -> Json:
+    return {"required": True, "content": content}

@@ -1,0 +1,128 @@
+"""The OpenAPI document has what programs need that write clients; ``benchmarks.generated_client`` lets one do so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.api.app import create_app
+from service.api.description import attributes
+from service.jobs.settings import Settings
+from service.options import MAP_NAMES, Options
+
+Json = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> Json:
+    """Made without a database or a server."""
+    found: Json = create_app(Settings(data=tmp_path_factory.mktemp("none"))).openapi()
+    return found
+
+
+def operations(document: Json) -> Iterator[tuple[str, str, Json]]:
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def references(value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        if isinstance(value.get("$ref"), str):
+            yield value["$ref"]
+        value = list(value.values())
+    for item in value if isinstance(value, list) else ():
+        yield from references(item)
+
+
+def test_every_operation_has_a_name_that_a_function_can_have(document: Json) -> None:
+    names = [operation["operationId"] for _, _, operation in operations(document)]
+    assert len(set(names)) == len(names) >= 14
+    assert all(re.fullmatch("[a-z]+(_[a-z]+)*", name) for name in names), names
+    assert all(operation["summary"] and operation["tags"] for _, _, operation in operations(document))
+
+
+def test_every_reference_leads_somewhere_and_every_schema_is_used(document: Json) -> None:
+    prefix, schemas = "#/components/schemas/", document["components"]["schemas"]
+    found = set(references(document))
+    assert found == {prefix + name for name in schemas}, "a client would lack a type, or have one for nothing"
+
+
+def test_every_answer_with_a_body_has_a_type(document: Json) -> None:
+    for path, method, operation in operations(document):
+        for status, answer in operation["responses"].items():
+            content = answer.get("content", {})
+            assert bool(content) == (status not in ("204", "304")), (path, method, status)
+            for kind, media in content.items():
+                assert media["schema"], f"{method} {path}: {kind} of {status} may be anything"
+        assert {"4XX", "5XX"} <= set(operation["responses"])
+
+
+@pytest.mark.parametrize(
+    ("path", "method", "kind"),
+    [
+        ("/v1/avatars/{job}/archive.zip", "get", "application/zip"),
+        ("/v1/avatars/{job}/files/{path}", "get", "model/gltf-binary"),
+        ("/v1/avatars/{job}/files/{path}", "get", "application/octet-stream"),
+        ("/v1/renders", "post", "image/png"),
+    ],
+)
+def test_files_are_bytes(document: Json, path: str, method: str, kind: str) -> None:
+    """Without the format a client reads them as text and breaks them."""
+    answers = document["paths"][path][method]["responses"]
+    for status in {"200", "206"} & set(answers):
+        assert answers[status]["content"][kind]["schema"] == {"type": "string", "format": "binary"}
+
+
+def test_the_upload_is_a_form_with_a_name(document: Json) -> None:
+    content = document["paths"]["/v1/avatars"]["post"]["requestBody"]["content"]
+    assert content["multipart/form-data"]["schema"] == {"$ref": "#/components/schemas/NewAvatar"}
+    form = document["components"]["schemas"]["NewAvatar"]
+    assert form["properties"]["image"]["format"] == "binary"
+    assert content["multipart/form-data"]["encoding"] == {"options": {"contentType": "application/json"}}
+
+
+def test_parameters_of_addresses_are_described_and_headers_too(document: Json) -> None:
+    headers = {}
+    for path, method, operation in operations(document):
+        given = [(one["name"], one["in"]) for one in operation.get("parameters", [])]
+        assert len(set(given)) == len(given), (path, method)
+        assert {name for name, place in given if place == "path"} == set(re.findall(r"{(\w+)}", path))
+        headers[operation["operationId"]] = {name for name, place in given if place == "header"}
+    assert headers["create_avatar"] == {"Idempotency-Key"}
+    assert headers["follow_avatar"] == {"Last-Event-ID"}
+    assert headers["download_archive"] == headers["download_file"] == {"Range", "If-Range"}
+
+
+def test_every_option_says_what_it_means(document: Json) -> None:
+    options = document["components"]["schemas"]["Options"]
+    assert options["additionalProperties"] is False
+    for field in fields(Options):
+        words = options["properties"][field.name]["description"]
+        assert len(words) > 10, field.name
+        assert "``" not in words
+        assert "service." not in words
+    assert set(options["properties"]) == {field.name for field in fields(Options)}
+    assert options["properties"]["maps"]["items"]["enum"] == list(MAP_NAMES)
+
+
+def test_words_of_a_class_go_over_several_lines_and_end_with_their_section() -> None:
+    class Kind:
+        """Something.
+
+        Attributes:
+            one: first words
+                that go on.
+            two: ``code`` or None.
+
+        Raises:
+            three: no attribute.
+        """
+
+    assert attributes(Kind) == {"one": "first words that go on.", "two": "'code' or null."}
+    assert attributes(Path) == {}
