@@ -27,7 +27,7 @@
     +-- OutputFault                 the result could not be written                exit 1, HTTP 507
     +-- JobFault                    the process of a job ended without an answer   exit 1, HTTP 500
         +-- Crashed                 it crashed, time after time
-        +-- OutOfMemory             it needed more memory than is allowed
+        +-- OutOfMemory             it needed more memory than is allowed or there
         +-- OutOfTime               it took longer than is allowed
 
 ``code`` is stable and meant for machines; the message names the value that was wrong and what would be right.

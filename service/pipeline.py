@@ -33,6 +33,7 @@ from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
 from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
+from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
 from service.texture.make import make_texture
 
@@ -41,6 +42,9 @@ Progress = Callable[[str, float], None]
 
 STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare": 0.85}
 """Stages before the networks in their order, with the share of the work done after each; the rest is writing."""
+
+SMALL_TILES = "small-tiles"
+"""Warning: the networks saw smaller tiles than usual."""
 
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
@@ -52,6 +56,7 @@ def make_avatar(
     progress: Progress = lambda stage, done: None,
     head_file: Path | None = None,
     stages: Stages = Unkept(),  # noqa: B008 - holds nothing
+    tile: int = DEFAULT_TILE,
 ) -> Avatar:
     """Make an avatar from the bytes of an image file.
 
@@ -61,6 +66,8 @@ def make_avatar(
         progress: told when a stage begins.
         head_file: head model to fit; None for the one in the box.
         stages: keeps the results of finished stages for a run that was cut off and begins again.
+        tile: inner side of the tiles that networks see, in texels. Smaller ones take less memory and more time; no
+            texel changes by more than rounding, and the warning ``small-tiles`` says that bytes may.
 
     Raises:
         AvatarError: any of its subclasses; see ``service.errors``.
@@ -68,6 +75,8 @@ def make_avatar(
     timings: dict[str, float] = {}
     options, warnings = within_budget(options, stages)
     plan = options.plan()
+    if plan.stages and tile < DEFAULT_TILE:
+        warnings += (SMALL_TILES,)
     scale = BEFORE_NETWORKS if plan.stages else 1.0
 
     @contextmanager
@@ -107,6 +116,7 @@ def make_avatar(
             engine,
             seed=options.seed,
             detail=options.detail,
+            tile=tile,
             progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
             stages=stages,
         )

@@ -30,14 +30,22 @@ def run(task: Task, reporter: Reporter) -> None:
     from service.jobs.artifacts import Artifacts, sha256_of
     from service.jobs.stages import KeptStages
     from service.pipeline import make_avatar
+    from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 
     data = Path(task.photo).read_bytes()
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise CorruptImage("the photo was changed on the server's disk after it was accepted; send it again")
     stages = KeptStages(
-        Artifacts(task.artifacts), task.job, basis(task), kinds(), Path(task.scratch), finished=reporter.kept
+        Artifacts(task.artifacts),
+        task.job,
+        basis(task),
+        kinds(),
+        Path(task.scratch),
+        finished=reporter.kept,
+        mapped=task.tight,
     )
-    avatar = make_avatar(data, options_from(task.options), reporter.progress, stages=stages)
+    tile = SMALL_TILE if task.tight else DEFAULT_TILE
+    avatar = make_avatar(data, options_from(task.options), reporter.progress, stages=stages, tile=tile)
     reporter.progress("pack", 0.9)
     output = Path(task.output)
     write_archive(avatar, output)
@@ -64,16 +72,17 @@ def options_from(values: Any) -> Any:
 
 
 def basis(task: Task) -> str:
-    """What the results of stages depend on: program, data files, photo, options."""
+    """What the results of stages depend on, and how they are written: program, data files, photo, options."""
     import json
 
     from service.archive.version import GENERATOR
     from service.diagnosis import DATA, SUMS
+    from service.jobs.packing import FORMAT
     from service.jobs.settings import PIPELINE_VERSION
 
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
     options = json.dumps(task.options, sort_keys=True)
-    return "\n".join((GENERATOR, PIPELINE_VERSION, sums, task.photo_sha256, options))
+    return "\n".join((GENERATOR, PIPELINE_VERSION, FORMAT, sums, task.photo_sha256, options))
 
 
 def kinds() -> dict[str, type]:

@@ -3,18 +3,26 @@
 ::
 
     32 bytes sha256 of what follows | 8 bytes length of the JSON | JSON | npy | npy | ...
+
+JSON and arrays end at multiples of 64 bytes, so that arrays need not be read: they can be mapped into memory.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import mmap
+import os
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
 
+FORMAT = "2"
+"""Version of the form above; part of the name of a stage's file."""
+
+_ALIGNED = 64
 _HASH = 32
 _LENGTH = 8
 _BLOCK = 1 << 20
@@ -39,17 +47,25 @@ def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
     """
     arrays: list[np.ndarray[Any, Any]] = []
     tree = json.dumps(_plain(value, kinds, arrays)).encode()
+    tree += b" " * _gap(_HASH + _LENGTH + len(tree))
     stream.write(bytes(_HASH))
     body = _Hashed(stream)
     body.write(len(tree).to_bytes(_LENGTH, "big") + tree)
     for array in arrays:
         np.lib.format.write_array(cast(Any, body), array, allow_pickle=False)
+        body.write(bytes(_gap(array.nbytes)))
     stream.seek(0)
     stream.write(body.digest.digest())
 
 
-def unpack(stream: IO[bytes], kinds: Mapping[str, type]) -> Any:
+def unpack(stream: IO[bytes], kinds: Mapping[str, type], *, mapped: bool = False) -> Any:
     """The inverse of :func:`pack`.
+
+    Args:
+        stream: the file.
+        kinds: as for :func:`pack`.
+        mapped: leave the arrays in the file, which has to be one of this machine: they cannot be changed, and their
+            pages are no memory of this process, as the system may drop them and read them again.
 
     Raises:
         Damaged: the bytes were cut off or changed, or name a dataclass that is not there any more.
@@ -63,12 +79,34 @@ def unpack(stream: IO[bytes], kinds: Mapping[str, type]) -> Any:
     stream.seek(_HASH)
     tree = json.loads(stream.read(int.from_bytes(stream.read(_LENGTH), "big")))
     arrays = []
+    view = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if mapped else None
     while stream.tell() < end:
-        arrays.append(np.lib.format.read_array(cast(Any, stream), allow_pickle=False))
+        arrays.append(_read(stream) if view is None else _mapped(stream, view))
+        stream.seek(_gap(stream.tell()), os.SEEK_CUR)
     try:
         return _rich(tree, kinds, arrays)
     except (KeyError, TypeError, IndexError) as error:
         raise Damaged(f"made by another version ({error})") from error
+
+
+def _read(stream: IO[bytes]) -> np.ndarray[Any, Any]:
+    return np.lib.format.read_array(cast(Any, stream), allow_pickle=False)
+
+
+def _mapped(stream: IO[bytes], view: mmap.mmap) -> np.ndarray[Any, Any]:
+    """The array that begins here, as a view of the file."""
+    version = np.lib.format.read_magic(cast(Any, stream))
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, kind = read_header(cast(Any, stream))
+    start = stream.tell()
+    array = np.ndarray(shape, kind, view, start, order="F" if fortran else "C")
+    stream.seek(start + array.nbytes)
+    return array
+
+
+def _gap(end: int) -> int:
+    """Bytes from here to the next place where an array may begin."""
+    return -end % _ALIGNED
 
 
 class _Hashed:

@@ -46,7 +46,10 @@ SPACE = 2.0
 
 CRASHES = 3
 OUT_OF_MEMORY = 2
-"""How often a job's process may crash, or run out of memory, before the job fails."""
+"""How often a job's process may crash, or run out of memory, before the job fails.
+
+After the first time without enough memory it has to get by with less (``Task.tight``).
+"""
 
 LOSSES = 10
 """How often in a row its whole worker may be lost with a job, without a stage finished in between, before it fails.
@@ -164,7 +167,7 @@ class Runner:
             lost = patient(lambda: self.store.attempt(job))
             if lost >= LOSSES:
                 return _failed(Crashed(f"the server went down {lost} times in a row while it computed this photo"))
-            ending = self._once(row, photo, scratch)
+            ending = self._once(self._row(job) or row, photo, scratch)
             if ending.status < 0:
                 self.stopping.wait(AFTERMATH)
             patient(lambda: self.store.answered(job))
@@ -172,16 +175,19 @@ class Runner:
                 time.sleep(3600)  # the worker ends; this step must not be recorded as finished
             if ending.kind == "done":
                 return self._store(job, ending.facts, scratch / "archive.zip")
-            if ending.kind == "problem":
+            starved = ending.kind == "memory" or ending.facts.get("code") == OutOfMemory.code
+            if ending.kind == "problem" and not starved:
                 return {"kind": "problem", "problem": ending.facts}
             if ending.kind == "stopped":
                 return {"kind": "ended"}
             if ending.kind == "time":
                 return _failed(OutOfTime(f"the computation took more than {self.settings.job_seconds:g} s"))
-            crashes = patient(lambda: self.store.crashed(job))
             log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
-            if ending.kind == "memory" and crashes >= OUT_OF_MEMORY:
-                return _failed(OutOfMemory(self._memory(ending)))
+            if starved:
+                if patient(lambda: self.store.starved(job)) >= OUT_OF_MEMORY:
+                    return _failed(OutOfMemory(self._memory(ending)))
+                continue
+            crashes = patient(lambda: self.store.crashed(job))
             if crashes >= CRASHES:
                 return _failed(Crashed(f"the computation crashed {crashes} times with this photo"))
 
@@ -195,6 +201,7 @@ class Runner:
         task = Task(
             job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=_json(row["options"]),
             artifacts=self.settings.artifacts_url, output=str(scratch / "archive.zip"), scratch=str(scratch),
+            tight=row["starved"] > 0,
         )  # fmt: skip
         with self._lock:
             process, self._spare = self._spare, None

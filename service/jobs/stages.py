@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import secrets
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.packing import Damaged, pack, unpack
@@ -31,6 +33,8 @@ class KeptStages:
         kinds: dataclasses of the pipeline by name.
         scratch: a folder on this machine for files on their way.
         finished: told the name of each stage that was computed and kept.
+        mapped: results stay on the disk and are mapped into memory, which is then not used for what earlier stages
+            made; they are the same to the last bit and cannot be changed.
     """
 
     def __init__(
@@ -41,6 +45,8 @@ class KeptStages:
         kinds: Mapping[str, type],
         scratch: Path,
         finished: Callable[[str], None] = lambda name: None,
+        *,
+        mapped: bool = False,
     ) -> None:
         self._artifacts = artifacts
         self._job = job
@@ -48,15 +54,14 @@ class KeptStages:
         self._kinds = kinds
         self._scratch = scratch
         self._finished = finished
+        self._mapped = mapped
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
         """As :meth:`service.stages.Stages.keep`; a stage that cannot be written is logged and not kept."""
         key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()
         address = artifact_name(self._job, f"stage_{name}", key, "bin")
         try:
-            with self._artifacts.open(address) as stream:
-                kept: T = unpack(stream, self._kinds)
-            return kept
+            return cast(T, self._load(address))
         except FileNotFoundError:
             pass
         except Damaged as error:
@@ -72,4 +77,22 @@ class KeptStages:
             part.unlink(missing_ok=True)
         else:
             self._finished(name)
+            if self._mapped:
+                with contextlib.suppress(OSError, Damaged):
+                    return cast(T, self._load(address))
         return value
+
+    def _load(self, address: str) -> Any:
+        """The result in a file.
+
+        Raises:
+            FileNotFoundError: there is none.
+            Damaged: as :func:`service.jobs.packing.unpack`.
+        """
+        with self._artifacts.open(address) as stream:
+            if not self._mapped or self._artifacts.folder is not None:
+                return unpack(stream, self._kinds, mapped=self._mapped)
+            with (self._scratch / f"{secrets.token_hex(8)}.map").open("w+b") as copy:
+                shutil.copyfileobj(stream, copy)
+                copy.seek(0)
+                return unpack(copy, self._kinds, mapped=True)

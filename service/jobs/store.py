@@ -173,6 +173,10 @@ class Store:
         """Count one more crash of the job's process; returns how many there were."""
         return self._count(job, JOBS.c.crashes)
 
+    def starved(self, job: str) -> int:
+        """Count once more that the job's process ran out of memory; returns how often it did."""
+        return self._count(job, JOBS.c.starved)
+
     def attempt(self, job: str) -> int:
         """A worker begins to compute the job; returns how many did so before and were never heard of again.
 

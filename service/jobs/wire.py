@@ -25,6 +25,7 @@ class Task:
         artifacts: fsspec URL of the store, for finished stages.
         output: path to write the archive to.
         scratch: folder for files on their way.
+        tight: get by with less memory than usual; an attempt before this one ran out of it.
     """
 
     job: str
@@ -34,6 +35,7 @@ class Task:
     artifacts: str
     output: str
     scratch: str
+    tight: bool = False
 
     def line(self) -> bytes:
         """One line of JSON."""
@@ -99,20 +101,19 @@ def serve_one(load: Callable[[], Program]) -> int:
     task = Task(**json.loads(line))
     try:
         program(task, reporter)
-    except MemoryError:
-        _problem(reporter, None)
     except Exception as error:  # whatever it is, the job has to end with an answer
         _problem(reporter, error)
     return 0
 
 
-def _problem(reporter: Reporter, error: Exception | None) -> None:
+def _problem(reporter: Reporter, error: Exception) -> None:
     import logging
 
     from service.errors import AvatarError, OutOfMemory
     from service.jobs.problems import from_error
+    from service.runtime.memory import lacked_memory
 
-    if error is None:
+    if isinstance(error, OutOfMemory) or lacked_memory(error):
         reporter.problem(from_error(OutOfMemory("the computation needs more memory than this server allows")))
         return
     if not isinstance(error, AvatarError) or error.http_status >= 500:

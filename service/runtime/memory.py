@@ -23,6 +23,13 @@ SMALL, LARGE = 4 << 20, 32 << 20
 """Bytes from which on blocks go back at once: within :func:`prompt_release`, and afterwards, which is glibc's most."""
 
 
+_NO_MEMORY = ("bad_alloc", "bad allocation", "Failed to allocate")
+"""What onnxruntime and OpenVINO say, in exceptions of types that mean anything."""
+
+_CV_NO_MEMORY = -4
+"""Error::StsNoMem of OpenCV."""
+
+
 @contextmanager
 def prompt_release() -> Iterator[None]:
     """Give freed blocks of more than ``SMALL`` bytes back at once; other C libraries are left as they are."""
@@ -45,6 +52,12 @@ def release() -> None:
     libc = _glibc()
     if libc is not None:
         libc.malloc_trim(0)
+
+
+def lacked_memory(error: BaseException) -> bool:
+    """Whether a library's exception says that it got no memory: only Python and numpy have a type for that."""
+    insufficient = type(error).__module__ == "cv2" and getattr(error, "code", 0) == _CV_NO_MEMORY
+    return isinstance(error, MemoryError) or insufficient or any(words in str(error) for words in _NO_MEMORY)
 
 
 @lru_cache(maxsize=1)

@@ -21,9 +21,9 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from service.errors import ModelFault, NumericFault, UsageError
+from service.errors import ModelFault, NumericFault, OutOfMemory, UsageError
 from service.runtime.describe import KEY, Description
-from service.runtime.memory import release
+from service.runtime.memory import lacked_memory, release
 from service.runtime.sessions import MODELS, checked_bytes, native_session
 
 Float = npt.NDArray[np.float32]
@@ -94,6 +94,7 @@ class Network:
         Raises:
             ModelFault: the input or the output does not have the shape that the description promises, or the runtime
                 failed; the cause is kept.
+            OutOfMemory: the runtime got no memory.
             NumericFault: input or output holds NaN or Inf.
         """
         what = self.description
@@ -107,7 +108,11 @@ class Network:
         try:
             result = self._compiled(np.ascontiguousarray(maps[None], np.float32))
         except Exception as error:  # the runtimes' own exception types are not public
+            if lacked_memory(error):
+                raise OutOfMemory(f"the network {self.name} got no memory for maps {maps.shape}") from error
             raise ModelFault(f"network {self.name} failed on maps {maps.shape}: {error}") from error
+        if not result.size:  # what OpenVINO gives, without a word, where it gets no memory for the result
+            raise OutOfMemory(f"the network {self.name} got no memory for its result on maps {maps.shape}")
         names = what.planes(result.shape[1] if result.ndim == 4 else 0)
         expected = (1, len(names), height * what.scale, width * what.scale)
         if result.shape != expected:
@@ -230,6 +235,8 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
         core = openvino.Core()
         request = core.compile_model(core.read_model(data), "CPU", settings).create_infer_request()
     except Exception as error:  # OpenVINO's own exception types are not public
+        if lacked_memory(error):
+            raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
         raise ModelFault(f"{engine.folder / name}: OpenVINO cannot load this model ({error})") from error
 
     def compute(maps: Float) -> Float:

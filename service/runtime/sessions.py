@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.errors import ModelFault, NumericFault
+from service.errors import ModelFault, NumericFault, OutOfMemory
+from service.runtime.memory import lacked_memory
 
 MODELS = Path(str(files("service"))) / "data" / "models"
 TABLE = "models.json"
@@ -44,6 +45,7 @@ class Session:
 
         Raises:
             ModelFault: the runtime refused the inputs or failed; the cause is kept.
+            OutOfMemory: the runtime got no memory.
             NumericFault: an input or output holds NaN or Inf.
         """
         _require_finite(self.name, "input", inputs)
@@ -51,6 +53,8 @@ class Session:
             results = self._native.run(list(self.outputs), inputs)
         except Exception as error:  # the runtime's own exception types are not public
             shapes = {key: tuple(value.shape) for key, value in inputs.items()}
+            if lacked_memory(error):
+                raise OutOfMemory(f"the network {self.name} got no memory for inputs {shapes}") from error
             raise ModelFault(f"network {self.name} failed on inputs {shapes}: {error}") from error
         _require_finite(self.name, "output", dict(zip(self.outputs, results, strict=True)))
         return list(results)
@@ -136,6 +140,8 @@ def native_session(
     try:
         return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime's own exception types are not public
+        if lacked_memory(error):
+            raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
         raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
 
 

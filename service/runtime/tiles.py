@@ -28,6 +28,9 @@ Read = Callable[[Indices, Indices], Float]
 DEFAULT_TILE = 1024
 """Inner side of a tile in input pixels: small enough for a gigabyte, large enough that halos cost little."""
 
+SMALL_TILE = 512
+"""For a machine that has too little memory: halos cost half of the time there."""
+
 
 @dataclass(frozen=True)
 class Tile:

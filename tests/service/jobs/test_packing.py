@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import io
+import os
+import sys
+import tempfile
 import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +18,7 @@ from hypothesis.extra import numpy as hnp
 
 from service.jobs import packing
 from service.jobs.packing import Damaged
+from service.jobs.process import resident_mb
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,42 @@ def test_a_class_that_is_gone_is_damage() -> None:
 def test_what_would_need_pickle_is_refused(value: object) -> None:
     with pytest.raises(TypeError):
         pack(value, KINDS)
+
+
+@given(
+    st.lists(
+        hnp.arrays(
+            st.sampled_from([np.float32, np.uint8, np.int16, np.bool_]), hnp.array_shapes(max_dims=3, max_side=7)
+        ),
+        max_size=4,
+    ),
+    st.text(max_size=70),
+)
+def test_what_is_mapped_is_the_same_and_begins_where_the_processor_likes_it(arrays: Any, words: str) -> None:
+    """Arrays that begin anywhere are summed in another order, which changes last bits."""
+    with tempfile.TemporaryFile() as stream:
+        packing.pack((*arrays, np.asfortranarray(np.ones((2, 3))), np.float32(2), words), {}, stream)
+        stream.seek(0)
+        *back, fortran, number, text = packing.unpack(stream, {}, mapped=True)
+    for array, again in zip(arrays, back, strict=True):
+        assert (again.dtype, again.shape, again.tobytes()) == (array.dtype, array.shape, array.tobytes())
+        assert again.ctypes.data % 64 == 0
+        assert not again.flags.writeable
+    assert fortran.flags.f_contiguous
+    assert (number, text) == (np.float32(2), words)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what memory is a process's own")
+def test_what_is_mapped_is_no_memory_of_the_process(tmp_path: Path) -> None:
+    """The limit of a job counts memory of its own; maps of earlier stages must not be among it."""
+    path = tmp_path / "kept"
+    with path.open("wb") as target:
+        packing.pack(np.ones(64 << 20, np.uint8), {}, target)
+    before = resident_mb(os.getpid())
+    with path.open("rb") as source:
+        mapped = packing.unpack(source, {}, mapped=True)
+    assert int(mapped.sum(dtype=np.int64)) == 64 << 20, "every page was looked at"
+    assert resident_mb(os.getpid()) - before < 16
 
 
 def test_a_large_map_is_not_copied_as_a_whole(tmp_path: Path) -> None:

@@ -126,6 +126,29 @@ def test_memory_has_an_end(bench: Bench) -> None:
     job = bench.add(seed=102)
     bench.run(job)
     assert problem(bench, job)["code"] == "out-of-memory"
+    assert state(bench, job)["starved"] == runner.OUT_OF_MEMORY, "it was not tried once more"
+
+
+def test_a_job_without_enough_memory_is_tried_once_more_with_less(bench: Bench) -> None:
+    """It says so among its warnings; and a crash is no lack of memory."""
+    job = bench.add(seed=108)
+    bench.run(job)
+    row = state(bench, job)
+    assert row["state"] == "succeeded"
+    assert (row["starved"], row["crashes"]) == (1, 0)
+    assert json.loads(row["warnings"]) == ["toy", "small-tiles"]
+    assert bench.artifacts.read(row["archive"]) == archive(row["photo_sha256"], 108)
+    crashed = bench.add(seed=106)
+    bench.run(crashed)
+    assert json.loads(state(bench, crashed)["warnings"]) == ["toy"]
+
+
+def test_a_worker_that_ends_in_between_does_not_forget_that_memory_lacked(bench: Bench) -> None:
+    job = bench.add(seed=108)
+    bench.store.starved(job)
+    bench.run(job)
+    assert state(bench, job)["state"] == "succeeded"
+    assert state(bench, job)["starved"] == 1, "it asked for all that memory again"
 
 
 def test_time_has_an_end(bench: Bench) -> None:

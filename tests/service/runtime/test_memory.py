@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from service.runtime import memory
-from service.runtime.memory import prompt_release
+from service.runtime.memory import lacked_memory, prompt_release
 
 PROGRAM = """
 import contextlib, sys
@@ -55,3 +55,48 @@ def test_other_c_libraries_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> No
 def test_an_error_within_passes_through() -> None:
     with pytest.raises(ZeroDivisionError), prompt_release():
         _ = 1 / 0
+
+
+STARVED = """
+import resource, sys
+import cv2
+import numpy as np
+from service.errors import OutOfMemory
+from service.runtime.memory import lacked_memory
+from service.runtime.networks import choose_engine, open_network
+
+def limit(room):
+    held = next(int(line.split()[1]) << 10 for line in open("/proc/self/status") if line.startswith("VmData"))
+    resource.setrlimit(resource.RLIMIT_DATA, (held + room, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+
+library = sys.argv[1]
+try:
+    if library in ("onnxruntime", "openvino"):
+        with open_network("zeta_tail", choose_engine(library, threads=1)) as network:
+            maps = np.zeros((len(network.description.channels), 128, 128), np.float32)
+            limit(10 << 20)
+            network.run(maps)
+    else:
+        small = np.zeros((1000, 1000, 3), np.uint8)
+        limit(10 << 20)
+        cv2.resize(small, (9000, 9000)) if library == "opencv" else np.zeros((9000, 9000))
+except OutOfMemory:
+    print("told")
+except Exception as error:
+    print("told" if library in ("opencv", "numpy") and lacked_memory(error) else repr(error))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no limit on memory elsewhere")
+@pytest.mark.parametrize("library", ["onnxruntime", "openvino", "opencv", "numpy"])
+def test_a_library_without_memory_is_known_by_what_it_says(library: str) -> None:
+    """Taken for a damaged model it would stop the worker, and the job would not be tried with less memory."""
+    if library == "openvino":
+        pytest.importorskip("openvino")
+    done = subprocess.run([sys.executable, "-c", STARVED, library], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1:] == ["told"], done.stdout
+
+
+@pytest.mark.parametrize("error", [ValueError("bad input"), OSError(12, "x"), RuntimeError("")])
+def test_other_faults_are_none_of_memory(error: Exception) -> None:
+    assert not lacked_memory(error)
