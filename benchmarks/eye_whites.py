@@ -1,5 +1,8 @@
 """How well the whites of the eyes tell the light: ``python -m benchmarks.eye_whites --data DIR``.
 
+With ``--photos FOLDER`` it tells instead how strong the light is in a folder's photos, by the whites that are seen:
+that is ``EXPOSED`` of ``models.training.exposure``.
+
 Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
 light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
 Mean and spread of the logarithm of their ratio are ``SHADE`` of ``models.training.context``. DIR is that of
@@ -9,6 +12,7 @@ Mean and spread of the logarithm of their ratio are ``SHADE`` of ``models.traini
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +24,9 @@ from benchmarks.heads import IctHeads, TexturedHead
 from benchmarks.render import LIGHTS, Shot, take_once
 from benchmarks.shoot import data_folder
 from service.colour import bytes_to_linear
+from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
+from service.fit.eye_white import IN_THE_OPEN
 from service.fit.fit import fit_face
 from service.fit.gaze import Iris
 from service.fit.settings import FitSettings
@@ -64,15 +70,41 @@ def shot_pair(head: TexturedHead, shot: Shot, path: Path) -> tuple[bytes, Float]
     return Path(f"{path}_skin.png").read_bytes(), bytes_to_linear(image).astype(np.float64)
 
 
+def light_of_photos(folder: Path) -> None:
+    """Print log(light on the lids) of each face in a folder's photos whose whites are seen, and the mean of all."""
+    finder, model, found, faces_seen = FaceFinder(), load_head(), [], 0
+    for path in sorted(p for p in folder.iterdir() if p.is_file()):
+        try:
+            photo = read_photo(path.read_bytes())
+        except UnreadableInput as refused:
+            print(f"| {path.name} | {refused} | |")
+            continue
+        for face in finder.find(photo.pixels):
+            fit = fit_face(face, photo, model, FitSettings(refine="landmarks"))
+            faces_seen += 1
+            if fit.eye_light is None:
+                print(f"| {path.name} | not seen | |")
+                continue
+            light = np.log(fit.eye_light / IN_THE_OPEN)
+            found.append(float(light.mean()))
+            print(f"| {path.name} | {light.mean():.2f} | {np.round(light - light.mean(), 2).tolist()} |", flush=True)
+    middle, spread = (float(np.mean(found)), float(np.std(found))) if found else (math.nan, math.nan)
+    print(f"log(light on the lids): mean {middle:.2f}, standard deviation {spread:.2f}; ", end="")
+    print(f"{len(found)} of {faces_seen} faces")
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data")
+    parser.add_argument("--photos", type=Path)
     parser.add_argument("--out", type=Path, default=Path("build/bench"))
     parser.add_argument("--heads", type=int, default=10)
     arguments = parser.parse_args()
-    data, out = data_folder(arguments.data), arguments.out
     os.nice(10)
+    if arguments.photos:
+        return light_of_photos(arguments.photos)
+    data, out = data_folder(arguments.data), arguments.out
     if not (out / "skin.npy").is_file():
         raise SystemExit(f"{out}/skin.npy is missing; run benchmarks.shoot first")
     colours = np.asarray(np.load(out / "skin.npy"))

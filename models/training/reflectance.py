@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from models.colour import linear, srgb
 from models.networks.stages import Psi, Rho, Sigma
 from models.training.degrade import blur, gain, noisy
 from models.training.store import Patches
@@ -18,6 +19,9 @@ from service.reflectance.subject import GEOMETRY
 HAIR_WEIGHT = 0.3
 """Normals of hair are half chance; they count less."""
 
+
+TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
+"""Standard deviation of the logarithm by which crops for psi change their tone, and how much more blue changes."""
 
 STRENGTH_WEIGHT = 0.4
 STRENGTH_WINDOW = 16
@@ -39,6 +43,15 @@ def local_strength(slopes: Tensor) -> Tensor:
 def grey(albedo: Tensor) -> Tensor:
     """(N, 1, h, w) luma of coded albedo."""
     return (albedo * torch.from_numpy(LUMA).float().view(1, 3, 1, 1)).sum(1, keepdim=True)
+
+
+def retoned(albedo: Tensor, generator: torch.Generator) -> Tensor:
+    """sRGB-coded albedo (N, 3, h, w), half of which is made darker or lighter, as more or less melanin would."""
+    n = len(albedo)
+    depth = TONE * torch.randn(n, 1, 1, 1, generator=generator)
+    channel = torch.tensor(MELANIN).view(1, 3, 1, 1)
+    chosen = (torch.rand(n, 1, 1, 1, generator=generator) < 0.5).float()
+    return srgb((linear(albedo) * torch.exp(-chosen * depth * channel)).clamp(0.0, 1.0))
 
 
 def angles(found: Tensor, truth: Tensor) -> Tensor:
@@ -94,6 +107,12 @@ class PsiTask(_AlbedoTask):
         maps = [(byte(item["mask"]) > 0.5, byte(item["specular"])) for item in self.train.items]
         count = sum(float(inside.sum()) for inside, _ in maps)
         self.usual = sum(float((values * inside).sum()) for inside, values in maps) / max(count, 1.0)
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random crops of which half have another tone: what reflects at the surface does not depend on pigment."""
+        batch = super().batch(size, generator)
+        batch["albedo"] = retoned(batch["albedo"], generator)
+        return batch
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Specular albedo in [0, 1]."""

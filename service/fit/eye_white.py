@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import luma, srgb_to_linear
+from service.colour import srgb_to_linear
 from service.fit.gaze import Iris
 
 Float = npt.NDArray[np.float32]
@@ -18,15 +18,16 @@ Array = npt.NDArray[np.float64]
 ALBEDO = np.array([0.63, 0.59, 0.56])
 """Reflectance of the sclera, linear RGB: a little redder than grey for its vessels."""
 BETWEEN_LIDS = 0.67
-"""Share of the light on the lids that is left between them; ``benchmarks.eye_whites`` measures it."""
-BEYOND = 1.22
+"""Share of the light on the lids that is left between them, on the whole of the white."""
+BEYOND = 1.15
 """Radii of the iris at which the white begins for certain; the limbus is soft."""
 LEAST_RADIUS, LEAST_PIXELS = 3.0, 12
 """Pixels; whites of smaller irises, or with fewer pixels, are blurred into lids and lashes."""
-BRIGHT = (0.4, 0.92)
-"""Quantiles of luminance between which pixels are taken: below are lashes and shade, above are glints."""
-PALE = 0.6
-"""Quantile of blue over red from which pixels are taken: the rest may be lid, since rims are found to some pixels."""
+LIT = (0.8, 0.97)
+"""Quantiles of blue between which pixels are taken. Whatever else is seen between the lids (their rims, lashes, shade,
+the iris) has less blue than the white has, and the brightest are glints."""
+IN_THE_OPEN = 0.92
+"""Share of the light on the lids that this best lit part of the white stands in; ``benchmarks.eye_whites``."""
 PALER = 1.5
 """Times by which the white is less red than the skin below the eye, under whatever light; else it is taken for skin or
 shade. On rendered heads it is 1.5 to 2.5 times."""
@@ -35,6 +36,8 @@ BELOW = 1.2
 FAIREST = 1.1
 """Largest linear reflectance of the skin below: the fairest has 0.65 in red, and the white tells the light up to
 a factor of 1.6. A white that makes skin paler than that lies in deeper shade, and counts as so much brighter."""
+TOO_DEEP = 1.6
+"""Times by which it may; where more is missing, no white is seen but lashes and shadow."""
 MARGIN = 0.12
 """Radii of the iris by which pixels have to lie inside the rim."""
 CLIPPED = 250
@@ -60,16 +63,14 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     if iris.radius < LEAST_RADIUS or len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
         return None
     linear = srgb_to_linear(colours).astype(np.float64)
-    luminance, pale = luma(linear), _blue_over_red(linear)
-    bottom, top = np.quantile(luminance, BRIGHT)
-    chosen = linear[(luminance >= bottom) & (luminance <= top) & (pale >= np.quantile(pale, PALE))]
-    if not len(chosen):
-        return None
-    white, usual = chosen.mean(0), np.median(srgb_to_linear(skin), axis=0)
+    low, high = np.quantile(linear[:, 2], LIT)
+    white = linear[(linear[:, 2] >= low) & (linear[:, 2] <= high)].mean(0)
+    usual = np.median(srgb_to_linear(skin), axis=0)
     if _blue_over_red(white[None])[0] < PALER * _blue_over_red(usual[None])[0] or not (white > 0).all():
         return None
     light = np.asarray(white / ALBEDO)
-    return light * max(1.0, float((usual * BETWEEN_LIDS / light).max()) / FAIREST)
+    missing = float((usual * IN_THE_OPEN / light).max()) / FAIREST
+    return light * max(1.0, missing) if missing < TOO_DEEP else None
 
 
 def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:

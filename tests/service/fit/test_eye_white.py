@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, to_bytes
-from service.fit.eye_white import ALBEDO, BETWEEN_LIDS, FAIREST, eye_white_light
+from service.fit.eye_white import ALBEDO, FAIREST, IN_THE_OPEN, TOO_DEEP, eye_white_light
 from service.fit.gaze import Gaze, Iris
 
 SKIN = np.array([0.12, 0.055, 0.035])
@@ -76,17 +76,31 @@ def test_nothing_seen_is_none() -> None:
 def test_a_white_in_deep_shade_counts_as_brighter(skin: list[float]) -> None:
     """Lashes and the lid's shadow over the white: the skin below would come out paler than skin can be."""
     light = np.array([0.6, 0.5, 0.4])
-    for share in (0.67, 0.04):
+    deep = IN_THE_OPEN * max(skin) / FAIREST
+    for share in (0.67, deep / 1.3, deep / (1.3 * TOO_DEEP)):
         pixels, gaze = photo_of(light * share, 14.0)
         rim = gaze.irises[0].rim
         below = np.zeros(pixels.shape[:2], np.uint8)
         cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
         pixels[below > 0] = to_bytes(linear_to_srgb(np.array(skin) * light))
         found = eye_white_light(pixels, gaze.irises[0])
-        assert found is not None
-        implied = np.array(skin) * light / (found / BETWEEN_LIDS)
-        assert implied.max() < 1.03 * FAIREST
-        if share > 0.5:
-            assert np.abs(np.log(found / (light * share))).max() < 0.15
+        if share == 0.67:
+            assert found is not None and np.abs(np.log(found / (light * share))).max() < 0.15
+        elif share == deep / 1.3:
+            assert found is not None
+            implied = np.array(skin) * light / (found / IN_THE_OPEN)
+            assert 0.97 * FAIREST < implied.max() < 1.03 * FAIREST and (found > 1.1 * light * share).all()
         else:
-            assert implied.max() > 0.9 * FAIREST and (found > 1.5 * light * share).all()
+            assert found is None, "lashes and shadow, not a white"
+
+
+def test_lashes_and_lids_within_the_rim_do_not_count() -> None:
+    """Rims are found to some pixels: with half of what lies inside them dark or red, the white is what is left."""
+    light = np.array([0.6, 0.5, 0.4])
+    pixels, gaze = photo_of(light, 14.0)
+    rim = gaze.irises[0].rim
+    top, bottom = rim[:, 1].min(), rim[:, 1].max()
+    pixels[int(top) - 2 : int(top + 0.35 * (bottom - top))] = (30, 18, 14)
+    pixels[int(bottom - 0.2 * (bottom - top)) : int(bottom) + 3] = to_bytes(linear_to_srgb(SKIN * light))
+    found = eye_white_light(pixels, gaze.irises[0])
+    assert found is not None and np.abs(np.log(found / light)).max() < 0.2
