@@ -6,6 +6,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from torch import Tensor  # noqa: E402
+
 from models.colour import linear, srgb  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
 from models.training.exposure import AS_IT_IS, EXPOSED, MIDDLE, as_photographed, styled  # noqa: E402
@@ -15,7 +17,7 @@ pytestmark = pytest.mark.train
 ZONES = torch.full((2, 8, 12), 1 / 96)
 
 
-def charts(albedo: float, light: float, count: int = 600) -> tuple[torch.Tensor, torch.Tensor]:
+def charts(albedo: float, light: float, count: int = 600) -> tuple[Tensor, Tensor]:
     """Coded texture and albedo of one colour, from linear values."""
     skin = torch.full((count, 3, 8, 12), albedo)
     return srgb((skin * light).clamp(max=1.0)), srgb(skin)
