@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from service.errors import NoFace
+from service.errors import NoFace, NumericFault
 from service.jobs.wire import Program, Reporter, Task, serve_one
 
 STAGES = ("one", "two", "three")
@@ -33,6 +33,7 @@ FAULTS = {
     106: "crash in native code, the first time only",
     107: "killed by somebody",
     108: "memory without end, unless it has to get by with less",
+    109: "a number that is none",
 }
 
 SECONDS = "AVATARME_TOY_SECONDS"
@@ -64,7 +65,7 @@ def run(task: Task, reporter: Reporter) -> None:
     """Compute the stages, or do what the seed says.
 
     Raises:
-        NoFace, RuntimeError: on request.
+        NoFace, NumericFault, RuntimeError: on request.
     """
     from service.jobs.artifacts import Artifacts
     from service.jobs.stages import KeptStages
@@ -116,6 +117,8 @@ def _fault(seed: int, mark: Path) -> None:
         raise NoFace("no face was found in the photo")
     if seed == 105:
         raise RuntimeError("a secret path: /etc/shadow")
+    if seed == 109:
+        raise NumericFault("network of a secret path: output has 1 of 16 values that are NaN or Inf")
     if seed == 107:
         os.kill(os.getpid(), signal.SIGKILL)
 

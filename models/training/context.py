@@ -14,7 +14,7 @@ from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.degrade import blur, gain, half_mirrored, noisy
-from models.training.exposure import as_photographed, styled
+from models.training.exposure import as_photographed, other_skin, styled
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
 from service.fit.eye_white import IN_THE_OPEN
@@ -111,7 +111,8 @@ class ContextTask:
             names = ["texture", "albedo"]
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
-        texture = as_photographed(batch["texture"], batch["albedo"], self.lids, generator)
+        texture, batch["albedo"] = other_skin(batch["texture"], batch["albedo"], generator)
+        texture = as_photographed(texture, batch["albedo"], self.lids, generator)
         texture = gain(styled(texture, generator), generator)
         batch["clean"] = texture
         known = (torch.rand(size, generator=generator) < EYES_KNOWN).float()

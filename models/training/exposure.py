@@ -28,8 +28,14 @@ FOR_THE_FACE = 0.25
 MIDDLE = math.log(0.25)
 """Log albedo about which it does."""
 
-AS_IT_IS = 0.1
+AS_IT_IS = 0.04
 """Share of charts that keep the exposure of their capture."""
+
+TINT_LEFT = 0.7
+"""Largest share of the light's tint that a camera's white balance leaves."""
+
+WARM = (0.08, 0.07)
+"""Mean and standard deviation by which it leaves red over green, and green over blue, in logarithms."""
 
 CHANGE = (-3.5, 0.6)
 """Bounds of the logarithm of the factor: what a capture has lost to overexposure does not come back."""
@@ -54,8 +60,23 @@ def styled(texture: Tensor, generator: torch.Generator) -> Tensor:
     return torch.where(chosen, coloured, texture)
 
 
+SKIN_TINT = 0.07
+"""Standard deviation by which the colour channels of skin differ from the light stage's, in logarithms."""
+
+
+def other_skin(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Texture and albedo, sRGB-coded (N, 3, h, w), with skin of hues that the stage's pigments do not mix.
+
+    Else skin that is pinker than they can be would be explained by blue light.
+    """
+    tint = SKIN_TINT * torch.randn(len(texture), 3, 1, 1, generator=generator)
+    brightest = linear(albedo).amax((1, 2, 3), keepdim=True).clamp(min=0.1)
+    factor = torch.minimum(torch.exp(tint), 1.0 / brightest)
+    return tuple(srgb((linear(x) * factor).clamp(0.0, 1.0)) for x in (texture, albedo))  # type: ignore[return-value]
+
+
 def as_photographed(texture: Tensor, albedo: Tensor, zones: Tensor, generator: torch.Generator) -> Tensor:
-    """sRGB-coded textures (N, 3, h, w) with the exposures of photos.
+    """sRGB-coded textures (N, 3, h, w) with the exposures and the white balance of photos.
 
     Args:
         texture: (N, 3, h, w) sRGB-coded in [0, 1].
@@ -63,14 +84,20 @@ def as_photographed(texture: Tensor, albedo: Tensor, zones: Tensor, generator: t
         zones: (2, h, w) weights of the lids, each of sum 1 (``models.training.context.lid_zones``).
         generator: exposures.
     """
+    n = len(texture)
 
     def on_lids(logs: Tensor) -> Tensor:
-        return torch.einsum("nchw,ehw->n", logs, zones) / (logs.shape[1] * len(zones))
+        return torch.einsum("nchw,ehw->nc", logs, zones) / len(zones)
 
-    skin = on_lids(torch.log(linear(albedo).clamp(min=1e-3)))
-    wanted = EXPOSED[0] + EXPOSED[1] * torch.randn(len(texture), generator=generator)
-    wanted = wanted - FOR_THE_FACE * (skin - MIDDLE)
-    change = (wanted - on_lids(log_light(texture, albedo))).clamp(*CHANGE)
-    changed = torch.rand(len(texture), generator=generator) >= AS_IT_IS
-    factor = torch.where(changed, change, torch.zeros_like(change)).exp()[:, None, None, None]
+    skin = on_lids(torch.log(linear(albedo).clamp(min=1e-3))).mean(1)
+    light = on_lids(log_light(texture, albedo))
+    strength = light.mean(1)
+    wanted = EXPOSED[0] + EXPOSED[1] * torch.randn(n, generator=generator) - FOR_THE_FACE * (skin - MIDDLE)
+    stronger = (wanted - strength).clamp(*CHANGE)[:, None]
+    left = TINT_LEFT * torch.rand(n, 1, generator=generator)
+    warmer = WARM[0] + WARM[1] * torch.randn(n, 2, generator=generator)
+    warmth = torch.stack([warmer[:, 0], torch.zeros(n), -warmer[:, 1]], 1)
+    tint = (left - 1.0) * (light - strength[:, None]) + warmth - warmth.mean(1, keepdim=True)
+    changed = (torch.rand(n, 1, generator=generator) >= AS_IT_IS).float()
+    factor = torch.exp(changed * (stronger + tint))[:, :, None, None]
     return srgb((linear(texture) * factor).clamp(0.0, 1.0))

@@ -28,9 +28,11 @@ LIT = (0.8, 0.97)
 the iris) has less blue than the white has, and the brightest are glints."""
 IN_THE_OPEN = 0.92
 """Share of the light on the lids that this best lit part of the white stands in; ``benchmarks.eye_whites``."""
-PALER = 1.5
+PALER, CLEARLY = 1.3, 1.5
 """Times by which the white is less red than the skin below the eye, under whatever light; else it is taken for skin or
-shade. On rendered heads it is 1.5 to 2.5 times."""
+shade. By their reflectances it is 1.4 beside the fairest skin, 2 and more beside dark. Rendered heads: 1.5 to 2.5."""
+LIKELY = 0.85
+"""Largest linear reflectance of the skin below that a white gives that is not ``CLEARLY`` less red."""
 BELOW = 1.2
 """Heights of the opening by which the skin below lies below."""
 FAIREST = 1.1
@@ -66,11 +68,13 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     low, high = np.quantile(linear[:, 2], LIT)
     white = linear[(linear[:, 2] >= low) & (linear[:, 2] <= high)].mean(0)
     usual = np.median(srgb_to_linear(skin), axis=0)
-    if _blue_over_red(white[None])[0] < PALER * _blue_over_red(usual[None])[0] or not (white > 0).all():
+    if not (white > 0).all():
         return None
-    light = np.asarray(white / ALBEDO)
-    missing = float((usual * IN_THE_OPEN / light).max()) / FAIREST
-    return light * max(1.0, missing) if missing < TOO_DEEP else None
+    light, paler = np.asarray(white / ALBEDO), _blue_over_red(white[None])[0] / _blue_over_red(usual[None])[0]
+    implied = float((usual * IN_THE_OPEN / light).max())
+    if paler < PALER or (paler < CLEARLY and implied > LIKELY) or implied > FAIREST * TOO_DEEP:
+        return None
+    return light * max(1.0, implied / FAIREST)
 
 
 def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:

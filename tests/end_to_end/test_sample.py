@@ -113,16 +113,20 @@ def test_what_it_costs(sample: Sample) -> None:
     assert sample.run.cpu_s < 6, str(sample.run)
 
 
-def test_a_turn_in_the_exif_data_changes_nothing(sample: Sample, portrait: Pixels, tmp_path: Path) -> None:
+def test_a_turn_in_the_exif_data_changes_nothing_and_goes_no_further(
+    sample: Sample, portrait: Pixels, tmp_path: Path
+) -> None:
     """The photo on its side with the tag that says so is the same photo: the same mesh, to the byte."""
     exif = Image.Exif()
     exif[0x0112] = 6  # turn by 90 degrees clockwise to see it upright
+    exif[0x010F] = "a maker that nobody has to know"
     (tmp_path / "side.png").write_bytes(png(np.ascontiguousarray(np.rot90(portrait)), exif=exif))
     run = avatarme("make", tmp_path / "side.png", "-o", "-", *TEXTURE_ONLY)
     assert run.status == 0, run.stderr
     with zipfile.ZipFile(io.BytesIO(run.stdout)) as archive:
         for name in ("mesh/head.obj", "mesh/head.glb", "maps/texture.png", "maps/confidence.png"):
             assert archive.read(name) == sample.members[name], name
+    assert b"nobody has to know" not in run.stdout, "the archive is not compressed: nothing hides in it"
 
 
 def test_another_head_model_takes_the_place_of_ours(portrait: Pixels, plain: Avatar, tmp_path: Path) -> None:

@@ -148,6 +148,20 @@ def test_single_files_are_those_of_the_archive(client: httpx.Client, finished: t
         is_problem(client.get(f"/v1/avatars/{job}/files/{path}"), 404, "not-found")
 
 
+def test_the_photo_is_never_given_out(server: Server, client: httpx.Client, photo: bytes) -> None:
+    """What was sent may be a page or a script as well; only pictures that were made here leave the server."""
+    files = {"image": ("photo.html", photo + b"<script>alert(1)</script>", "text/html"), "keep_photo": (None, "true")}
+    sent = client.post("/v1/avatars", files=files)
+    job = sent.json()["id"]
+    assert wait_for(client, job)["state"] == "succeeded"
+    (kept,) = (server.data / "artifacts" / job).glob("photo-*")
+    assert b"<script>" in kept.read_bytes(), "it is there, as was asked for"
+    listed = [file["path"] for file in client.get(f"/v1/avatars/{job}/files").json()["items"]]
+    assert not [path for path in listed if "photo" in path]
+    for path in (kept.name, f"../{kept.name}", "photo", f"..%2f{kept.name}"):
+        is_problem(client.get(f"/v1/avatars/{job}/files/{path}"), 404, "not-found")
+
+
 def test_a_result_that_is_not_there_yet_says_why(client: httpx.Client, photo: bytes) -> None:
     job = post(client, photo, seed=103).json()["id"]
     body = is_problem(client.get(f"/v1/avatars/{job}/archive.zip"), 409, "not-ready")

@@ -91,6 +91,15 @@ def test_what_is_gone_or_not_there_is_a_problem_as_ever(api: Api) -> None:
     is_problem(api.client.get(f"/v1/avatars/{'0' * 32}"), 404, "not-found")
 
 
+def test_what_has_expired_says_so(api: Api) -> None:
+    job = api.post().json()["id"]
+    api.client.delete(f"/v1/avatars/{job}")
+    api.context.store.depart(job, "expired")
+    for path in ("", "/archive.zip", "/files", "/events"):
+        body = is_problem(api.client.get(f"/v1/avatars/{job}{path}"), 410, "gone")
+        assert body["reason"] == "expired"
+
+
 def test_keys_are_looked_at(tmp_path: Path) -> None:
     import json
 

@@ -64,7 +64,13 @@ def test_the_photo_stays_where_that_is_asked_for(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("seed", "code", "status"),
-    [(101, "crashed", 500), (104, "no-face", 422), (105, "internal", 500), (107, "out-of-memory", 500)],
+    [
+        pytest.param(101, "crashed", 500, id="crashed"),
+        pytest.param(104, "no-face", 422, id="no-face"),
+        pytest.param(105, "internal", 500, id="internal"),
+        pytest.param(107, "out-of-memory", 500, id="out-of-memory"),
+        pytest.param(109, "numeric-error", 500, id="numeric-error"),
+    ],
 )
 def test_a_job_that_cannot_be_done_ends_with_a_problem(bench: Bench, seed: int, code: str, status: int) -> None:
     job = bench.add(seed=seed)

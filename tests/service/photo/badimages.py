@@ -281,6 +281,8 @@ NOT_IMAGES: dict[str, bytes] = {
     "gif": save(picture(), "GIF"),
     "openexr": b"v/1\x01\x02\0\0\0" + bytes(60),
     "hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 8\n",
+    "pfm with nan": b"PF\n2 2\n-1.0\n" + struct.pack("<12f", *[float("nan")] * 12),
+    "float tiff with nan": save(Image.fromarray(np.full((8, 8), np.nan, np.float32)), "TIFF"),
     "jpeg 2000": b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(60),
     "jpeg xl": b"\xff\x0a" + bytes(60),
     "avif": b"\0\0\0\x20ftypavif" + bytes(60),
