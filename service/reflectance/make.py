@@ -23,6 +23,7 @@ from service.reflectance import normals
 from service.reflectance.diffuse_albedo import LIT, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.glints import without_glints
+from service.reflectance.lash_cards import lids_on_lashes
 from service.reflectance.missing_blue import lacks_blue
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
@@ -98,10 +99,11 @@ def make_reflectance(
         del source
         planes.add_codes("texture", full)
 
-        def bare(told: Callable[[float], None]) -> Codes:
-            return without_glints(diffuse_albedo(full, job(told), subject.white), full, skin, subject.lit)
+        def unlit(told: Callable[[float], None]) -> Codes:
+            bare = diffuse_albedo(full, job(told), subject.white)
+            return lids_on_lashes(without_glints(bare, full, skin, subject.lit), subject)
 
-        made.diffuse_albedo = run("diffuse_albedo", bare)
+        made.diffuse_albedo = run("diffuse_albedo", unlit)
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)

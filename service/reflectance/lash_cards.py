@@ -1,0 +1,47 @@
+"""Strips of lashes: without a cut-out they are drawn nowhere, but not every tool knows opacity.
+
+Such a tool draws them whole. Dark ones look like a mask then; in the colour of the lids they hardly show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import NO_PART
+from service.reflectance.planes import Codes
+from service.reflectance.subject import Subject
+
+PART = "lashes"
+LIDS = ("eyelid_left", "eyelid_right")
+MARGIN = 768
+"""Width of the map over it is the number of texels by which the colour goes beyond the strips."""
+
+
+def lids_on_lashes(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: the island of the lashes has the median colour of the lids.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose head may lack lashes or lids; the albedo stays as it is then.
+    """
+    import cv2
+
+    head, (height, width) = subject.head, albedo.shape[:2]
+    names = [name for name in LIDS if name in head.region_names]
+    if PART not in head.part_names or not names:
+        return albedo
+    chart = subject.chart
+    lids = sum(chart.interpolate(head.region(name)[:, None])[..., 0] for name in names)
+    rows, columns = np.nonzero((np.asarray(lids) > 0.5) & chart.mask)
+    if not len(rows):
+        return albedo
+    places = [((at + 0.5) * size / of).astype(int) for at, size, of in
+              ((rows, height, chart.height), (columns, width, chart.width))]  # fmt: skip
+    colour = np.median(albedo[places[0], places[1]], axis=0)
+    part = subject.islands((width, height))
+    strips = (part == head.part_names.index(PART)).astype(np.uint8)
+    grown = cv2.dilate(strips, np.ones((3, 3), np.uint8), iterations=max(width // MARGIN, 1))
+    free: npt.NDArray[np.bool_] = (strips > 0) | ((np.asarray(grown) > 0) & (part == NO_PART))
+    albedo[free] = np.rint(colour).astype(albedo.dtype)
+    return albedo
