@@ -150,7 +150,10 @@ def test_single_files_are_those_of_the_archive(client: httpx.Client, finished: t
 
 def test_the_photo_is_never_given_out(server: Server, client: httpx.Client, photo: bytes) -> None:
     """What was sent may be a page or a script as well; only pictures that were made here leave the server."""
-    files = {"image": ("photo.html", photo + b"<script>alert(1)</script>", "text/html"), "keep_photo": (None, "true")}
+    files: Any = {
+        "image": ("photo.html", photo + b"<script>alert(1)</script>", "text/html"),
+        "keep_photo": (None, "true"),
+    }
     sent = client.post("/v1/avatars", files=files)
     job = sent.json()["id"]
     assert wait_for(client, job)["state"] == "succeeded"
