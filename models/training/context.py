@@ -32,7 +32,7 @@ with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
 TINT = 0.08
 """Standard deviation of the light's tint by whites: eyes have vessels, teeth are more or less yellow."""
 
-MISTAKEN, MISTAKE = 0.20, (-1.0, 0.5)
+MISTAKEN, MISTAKE = 0.12, (-1.0, 0.5)
 """Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
 
 SWAPPED, ALIKE = 0.5, 0.3

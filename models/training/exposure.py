@@ -31,7 +31,7 @@ MIDDLE = math.log(0.25)
 AS_IT_IS = 0.04
 """Share of charts that keep the exposure of their capture."""
 
-TINT_LEFT = 0.7
+TINT_LEFT = 0.9
 """Largest share of the light's tint that a camera's white balance leaves."""
 
 WARM = (0.08, 0.07)
@@ -60,19 +60,21 @@ def styled(texture: Tensor, generator: torch.Generator) -> Tensor:
     return torch.where(chosen, coloured, texture)
 
 
-SKIN_TINT = 0.07
-"""Standard deviation by which the colour channels of skin differ from the light stage's, in logarithms."""
+SKIN_TINT, SKIN_GAIN = 0.07, (0.08, 0.16)
+"""Standard deviation by which the colour channels of skin differ from the light stage's, in logarithms; mean and
+deviation of what all three have in common: scanned skin is brighter than the stage's of the same hue."""
 
 
 def other_skin(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Texture and albedo, sRGB-coded (N, 3, h, w), with skin of hues that the stage's pigments do not mix.
+    """Texture and albedo, sRGB-coded (N, 3, h, w), with skin of colours that the stage's pigments do not mix.
 
-    Else skin that is pinker than they can be would be explained by blue light.
+    Else skin that is pinker than they can be would be explained by blue light, and brighter skin by strong light.
     """
     tint = SKIN_TINT * torch.randn(len(texture), 3, 1, 1, generator=generator)
+    tint = tint + SKIN_GAIN[0] + SKIN_GAIN[1] * torch.randn(len(texture), 1, 1, 1, generator=generator)
     brightest = linear(albedo).amax((1, 2, 3), keepdim=True).clamp(min=0.1)
     factor = torch.minimum(torch.exp(tint), 1.0 / brightest)
-    return tuple(srgb((linear(x) * factor).clamp(0.0, 1.0)) for x in (texture, albedo))  # type: ignore[return-value]
+    return srgb((linear(texture) * factor).clamp(0.0, 1.0)), srgb((linear(albedo) * factor).clamp(0.0, 1.0))
 
 
 def as_photographed(texture: Tensor, albedo: Tensor, zones: Tensor, generator: torch.Generator) -> Tensor:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import srgb_to_linear
+from service.colour import luma, srgb_to_linear
 from service.fit.gaze import Iris
 
 Float = npt.NDArray[np.float32]
@@ -31,6 +31,8 @@ IN_THE_OPEN = 0.92
 PALER, CLEARLY = 1.3, 1.5
 """Times by which the white is less red than the skin below the eye, under whatever light; else it is taken for skin or
 shade. By their reflectances it is 1.4 beside the fairest skin, 2 and more beside dark. Rendered heads: 1.5 to 2.5."""
+PALER_AND_BRIGHTER = (1.15, 1.2)
+"""As much less red, and as much brighter than the skin below, it is a white too: that skin may lie in other light."""
 LIKELY = 0.85
 """Largest linear reflectance of the skin below that a white gives that is not ``CLEARLY`` less red."""
 BELOW = 1.2
@@ -72,7 +74,9 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
         return None
     light, paler = np.asarray(white / ALBEDO), _blue_over_red(white[None])[0] / _blue_over_red(usual[None])[0]
     implied = float((usual * IN_THE_OPEN / light).max())
-    if paler < PALER or (paler < CLEARLY and implied > LIKELY) or implied > FAIREST * TOO_DEEP:
+    brighter = float(luma(white) / max(float(luma(usual)), 1e-6))
+    least = PALER_AND_BRIGHTER[0] if brighter >= PALER_AND_BRIGHTER[1] else PALER
+    if paler < least or (paler < CLEARLY and implied > LIKELY) or implied > FAIREST * TOO_DEEP:
         return None
     return light * max(1.0, implied / FAIREST)
 

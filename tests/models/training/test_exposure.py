@@ -10,7 +10,7 @@ from torch import Tensor  # noqa: E402
 
 from models.colour import linear, srgb  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
-from models.training.exposure import AS_IT_IS, EXPOSED, MIDDLE, as_photographed, styled  # noqa: E402
+from models.training.exposure import AS_IT_IS, EXPOSED, MIDDLE, as_photographed, other_skin, styled  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -66,3 +66,14 @@ def test_a_style_changes_saturation_both_ways() -> None:
     made = styled(skin, torch.Generator().manual_seed(5))
     spread = made.amax(1) - made.amin(1)
     assert float(spread.min()) < 0.23 < 0.29 < float(spread.max())
+
+
+def test_other_skin_keeps_the_light() -> None:
+    """Texture and albedo change by the same factor, so that the light to be found stays; nothing gets beyond white."""
+    generator = torch.Generator().manual_seed(6)
+    texture, albedo = charts(0.3, 0.8, 200)
+    lit, skin = other_skin(texture, albedo, generator)
+    assert torch.allclose(log_light(lit, skin), log_light(texture, albedo), atol=1e-3)
+    assert float((skin - albedo).abs().amax((1, 2, 3)).median()) > 0.03
+    white, _ = other_skin(*charts(1.0, 1.0, 50), generator)
+    assert white.max() <= 1.0 and all(each.isfinite().all() for each in other_skin(*charts(0.0, 1.0, 5), generator))

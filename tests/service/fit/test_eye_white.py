@@ -104,3 +104,18 @@ def test_lashes_and_lids_within_the_rim_do_not_count() -> None:
     pixels[int(bottom - 0.2 * (bottom - top)) : int(bottom) + 3] = to_bytes(linear_to_srgb(SKIN * light))
     found = eye_white_light(pixels, gaze.irises[0])
     assert found is not None and np.abs(np.log(found / light)).max() < 0.2
+
+
+@pytest.mark.parametrize(("lit", "seen"), [(1.0, True), (1.9, False)])
+def test_a_white_in_other_light_than_the_skin_below(lit: float, seen: bool) -> None:
+    """Warm light on the eye, cooler light below it: hardly less red, but brighter than the skin, is white nevertheless."""
+    warm, fair_in_cool = np.array([0.75, 0.55, 0.45]), np.array([0.40, 0.215, 0.179])
+    pixels, gaze = photo_of(warm, 14.0)
+    rim = gaze.irises[0].rim
+    below = np.zeros(pixels.shape[:2], np.uint8)
+    cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
+    pixels[below > 0] = to_bytes(linear_to_srgb(fair_in_cool * lit))
+    found = eye_white_light(pixels, gaze.irises[0])
+    assert (found is not None) == seen
+    if found is not None:
+        assert np.abs(np.log(found / warm)).max() < 0.15
