@@ -108,7 +108,7 @@ def test_lashes_and_lids_within_the_rim_do_not_count() -> None:
 
 @pytest.mark.parametrize(("lit", "seen"), [(1.0, True), (1.9, False)])
 def test_a_white_in_other_light_than_the_skin_below(lit: float, seen: bool) -> None:
-    """Warm light on the eye, cooler light below it: hardly less red, but brighter than the skin, is white nevertheless."""
+    """Warm light on the eye, cooler light below: hardly less red than the skin, but brighter, is white nevertheless."""
     warm, fair_in_cool = np.array([0.75, 0.55, 0.45]), np.array([0.40, 0.215, 0.179])
     pixels, gaze = photo_of(warm, 14.0)
     rim = gaze.irises[0].rim
