@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 from collections.abc import Mapping
 from typing import Any
 
+import sqlalchemy as sa
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
@@ -49,6 +51,7 @@ EXPLANATIONS = {
     "draining": "The server is shutting down; try again shortly.",
     "starting": "The server is starting; try again shortly.",
     "no-space": "The server has no space for uploads.",
+    "unavailable": "The database does not answer now; try again shortly.",
     "request-timeout": "The request did not arrive in time.",
 }
 """What each code of this interface means, for ``/problems/{code}``."""
@@ -94,6 +97,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(AvatarError, _fault)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _validation)
+    app.add_exception_handler(OSError, _disk)
+    app.add_exception_handler(sa.exc.SQLAlchemyError, _database)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -124,5 +129,21 @@ def _validation(request: Request, error: Exception) -> Response:
     return response(problem("invalid-parameter", 422, detail, pointer=f"/{place}"), None, request.url.path)
 
 
-def _unexpected(request: Request, error: Exception) -> Response:
+def _disk(request: Request, error: Exception) -> Response:
+    """Space may end in the middle of an upload, whatever the reserve said at its beginning."""
+    log.error("a request failed", exc_info=error)
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        full = problem("no-space", 507, EXPLANATIONS["no-space"])
+        return response(full, {"Retry-After": "120"}, request.url.path)
     return response(from_error(error), None, request.url.path)
+
+
+def _database(request: Request, error: Exception) -> Response:
+    log.error("a request failed", exc_info=error)
+    body = problem("unavailable", 503, EXPLANATIONS["unavailable"])
+    return response(body, {"Retry-After": "5"}, request.url.path)
+
+
+def _unexpected(request: Request, error: Exception) -> Response:
+    # The connection is closed after this answer. A client that is not told so sends its next request into the void.
+    return response(from_error(error), {"Connection": "close"}, request.url.path)

@@ -251,6 +251,7 @@ def test_an_unexpected_mistake_tells_nothing(shared: Api, monkeypatch: pytest.Mo
     answer = shared.client.get("/v1/avatars")
     is_problem(answer, 500, "internal")
     assert "secret" not in answer.text
+    assert answer.headers["connection"] == "close", "the line is closed, and a client has to know"
 
 
 def test_every_code_has_its_page(shared: Api) -> None:

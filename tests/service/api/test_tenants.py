@@ -127,14 +127,33 @@ def test_a_server_that_shuts_down_takes_nothing(api: Api) -> None:
     assert api.client.get("/livez").status_code == 200
 
 
-def test_a_disk_that_fails_while_storing_takes_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("number", "status", "code"), [(28, 507, "no-space"), (5, 500, "internal")])
+def test_a_disk_that_fails_while_storing_takes_nothing(
+    api: Api, monkeypatch: pytest.MonkeyPatch, number: int, status: int, code: str
+) -> None:
     """No 202 for what is not on the disk."""
 
     def full(*a: object, **b: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(number, "No space left on device")
 
     monkeypatch.setattr(api.context.artifacts, "put", full)
-    is_problem(api.post(**bearer("ada")), 500, "internal")
+    is_problem(api.post(**bearer("ada")), status, code)
+    assert api.context.store.counts() == {}
+    assert api.stored() == []
+
+
+def test_a_disk_that_becomes_full_in_an_upload_is_said_to_be(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As an answer like others: after one to a mistake of ours the line is closed, and a next request on it is lost."""
+    from service.api import uploads
+
+    def full(self: object, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(uploads._Body, "_photo", full)
+    answer = api.post(**bearer("ada"))
+    is_problem(answer, 507, "no-space")
+    assert answer.headers["retry-after"]
+    assert "connection" not in answer.headers
     assert api.context.store.counts() == {}
     assert api.stored() == []
 
@@ -146,7 +165,9 @@ def test_a_database_that_fails_takes_nothing(api: Api, monkeypatch: pytest.Monke
         raise sa.exc.OperationalError("insert", {}, Exception("disk I/O error"))
 
     monkeypatch.setattr(api.context.queue, "put", fail)
-    is_problem(api.post(**bearer("ada")), 500, "internal")
+    answer = api.post(**bearer("ada"))
+    is_problem(answer, 503, "unavailable")
+    assert answer.headers["retry-after"]
     assert api.context.store.counts() == {}
     assert api.stored() == []
 
