@@ -42,6 +42,7 @@ JOBS = sa.Table(
     sa.Column("peak_rss_mb", sa.Double),
     sa.Column("crashes", sa.Integer, nullable=False),
     sa.Column("losses", sa.Integer, nullable=False, server_default="0"),
+    sa.Column("resting", sa.Integer, nullable=False, server_default="0"),
     sa.Column("starved", sa.Integer, nullable=False, server_default="0"),
     sa.Column("events", sa.Integer, nullable=False),
     sa.Column("swept", sa.Boolean, nullable=False),

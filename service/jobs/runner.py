@@ -58,6 +58,14 @@ Somebody who kills the worker now and then meets other jobs, or later stages of 
 along each time, as where a container is ended as a whole for its memory, must not do so for ever.
 """
 
+SUSPECTED = 3
+REST, LONGEST_REST = 4.0, 60.0
+"""After so many losses in a row a job rests before it is tried again: so many seconds, twice as many each time.
+
+It is a test of the suspicion. If the worker is lost while the job rests, something else takes it along, and what was
+lost before counts no more.
+"""
+
 AFTERMATH = 1.0
 """Seconds after the violent end of a job's process in which the end of the worker may follow.
 
@@ -164,6 +172,7 @@ class Runner:
             photo = self._photo(row, scratch)
             if photo is None:
                 return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
+            self._rest(job)
             lost = patient(lambda: self.store.attempt(job))
             if lost >= LOSSES:
                 return _failed(Crashed(f"the server went down {lost} times in a row while it computed this photo"))
@@ -223,6 +232,21 @@ class Runner:
                 log.error("a job waits for space on the disk", extra={"job": job, "free_mb": round(self.free_mb())})
             told = True
             time.sleep(SPACE)
+
+    def _rest(self, job: str) -> None:
+        """Let a job rest that seems to take its worker along, unless the worker was lost while it did."""
+        row = self._row(job)
+        if row is None or not (row["resting"] or SUSPECTED <= row["losses"] < LOSSES):
+            return
+        if row["resting"]:
+            log.warning("a worker was lost while a job that was suspected of it rested", extra={"job": job})
+            patient(lambda: self.store.set(job, resting=0, losses=0))
+            return
+        patient(lambda: self.store.set(job, resting=1))
+        until = time.monotonic() + min(REST * 2 ** (row["losses"] - SUSPECTED), LONGEST_REST)
+        while time.monotonic() < until and not self.stopping.is_set() and not self._ended(job):
+            self.stopping.wait(min(LOOK, max(until - time.monotonic(), 0.0)))
+        patient(lambda: self.store.set(job, resting=0))
 
     def _photo(self, row: Row, scratch: Path) -> Path | None:
         """Path of the photo on this machine, None where it is gone."""

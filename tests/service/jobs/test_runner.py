@@ -98,8 +98,42 @@ def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
     assert f"{runner.LOSSES} times" in problem(bench, job)["detail"]
 
 
-def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench) -> None:
+def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The longer, the more were lost; it can be cancelled meanwhile."""
+    monkeypatch.setattr(runner, "REST", 0.05)
+    job = bench.add(seed=5)
+    rests = []
+    for lost in range(runner.LOSSES):
+        begin = time.monotonic()
+        bench.runner._rest(job)
+        rests.append(time.monotonic() - begin)
+        assert bench.store.attempt(job) == lost
+    assert max(rests[: runner.SUSPECTED]) < 0.05 + min(rests)
+    for count, seconds in enumerate(rests[runner.SUSPECTED :]):
+        assert seconds >= 0.05 * 2**count
+    assert state(bench, job)["resting"] == 0
+    monkeypatch.setattr(runner, "REST", 60.0)
+    bench.store.set(job, losses=runner.LOSSES - 1)
+    resting = threading.Thread(target=bench.runner._rest, args=(job,))
+    resting.start()
+    assert within(10, lambda: state(bench, job)["resting"] == 1)
+    bench.store.cancel(job, 1e10)
+    resting.join(5)
+    assert not resting.is_alive()
+
+
+def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> None:
+    """Somebody kills everything again and again, faster than a stage ends on a busy machine: no fault of the photo."""
+    job = bench.add(seed=5)
+    bench.store.set(job, losses=runner.LOSSES - 1, resting=1)
+    bench.run(job)
+    assert state(bench, job)["state"] == "succeeded"
+    assert (state(bench, job)["losses"], state(bench, job)["resting"]) == (0, 0)
+
+
+def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever kills the worker now and then must not fail a job that gets ahead each time."""
+    monkeypatch.setattr(runner, "LONGEST_REST", 0.01)
     job = bench.add(seed=5)
     for _ in range(3 * runner.LOSSES):
         bench.store.attempt(job)
