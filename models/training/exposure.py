@@ -40,10 +40,10 @@ WARM = (0.08, 0.07)
 CHANGE = (-3.5, 0.6)
 """Bounds of the logarithm of the factor: what a capture has lost to overexposure does not come back."""
 
-STYLED = 0.5
+STYLED = 0.6
 """Share of charts that get a style of their own."""
 
-CONTRAST, COLOURFUL = (-0.4, 0.7), (0.06, 0.15)
+CONTRAST, COLOURFUL = (-0.4, 0.7), (0.06, 0.2)
 """Range of the share of an S-shaped curve; mean and standard deviation of the logarithm of the factor of saturation."""
 
 
@@ -60,7 +60,7 @@ def styled(texture: Tensor, generator: torch.Generator) -> Tensor:
     return torch.where(chosen, coloured, texture)
 
 
-SKIN_TINT, SKIN_GAIN = 0.07, (0.08, 0.16)
+SKIN_TINT, SKIN_GAIN = 0.10, (0.1, 0.2)
 """Standard deviation by which the colour channels of skin differ from the light stage's, in logarithms; mean and
 deviation of what all three have in common: scanned skin is brighter than the stage's of the same hue."""
 

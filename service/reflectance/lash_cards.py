@@ -13,7 +13,6 @@ from service.reflectance.planes import Codes
 from service.reflectance.subject import Subject
 
 PART = "lashes"
-LIDS = ("eyelid_left", "eyelid_right")
 MARGIN = 768
 """Width of the map over it is the number of texels by which the colour goes beyond the strips."""
 
@@ -27,14 +26,9 @@ def lids_on_lashes(albedo: Codes, subject: Subject) -> Codes:
     """
     import cv2
 
-    head, (height, width) = subject.head, albedo.shape[:2]
-    names = [name for name in LIDS if name in head.region_names]
-    if PART not in head.part_names or not names:
-        return albedo
-    chart = subject.chart
-    lids = sum(chart.interpolate(head.region(name)[:, None])[..., 0] for name in names)
-    rows, columns = np.nonzero((np.asarray(lids) > 0.5) & chart.mask)
-    if not len(rows):
+    head, chart, (height, width) = subject.head, subject.chart, albedo.shape[:2]
+    rows, columns = np.nonzero(subject.lids > 0.5)
+    if PART not in head.part_names or not len(rows):
         return albedo
     places = [((at + 0.5) * size / of).astype(int) for at, size, of in
               ((rows, height, chart.height), (columns, width, chart.width))]  # fmt: skip

@@ -18,6 +18,7 @@ from service.texture.zones import vertex_mask
 Float = npt.NDArray[np.float32]
 
 GEOMETRY_SIZE = (768, 512)
+LIDS = ("eyelid_left", "eyelid_right")
 """Chart on which geometry is drawn once; larger maps interpolate it, as the meshes have no finer detail."""
 
 UNIT_MM = 128.0
@@ -97,6 +98,15 @@ class Subject:
         mask = chart.mask.astype(np.float32)
         planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
         return np.stack([np.asarray(plane, np.float32) for plane in planes])
+
+    @cached_property
+    def lids(self) -> Float:
+        """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
+        weight = np.zeros(len(self.head.mean))
+        for name in LIDS:
+            if name in self.head.region_names:
+                weight = weight + self.head.region(name)
+        return np.asarray(self.chart.interpolate(weight[:, None])[..., 0] * self.chart.mask, np.float32)
 
     def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8: 255 where a texel is skin, which is what the networks learnt; 0 on eyes, teeth, tongue, lashes.
