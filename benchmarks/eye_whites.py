@@ -1,7 +1,7 @@
 """How well the whites of the eyes tell the light: ``python -m benchmarks.eye_whites --data DIR``.
 
-With ``--photos FOLDER`` it tells instead how strong the light is in a folder's photos, by the whites that are seen:
-that is ``EXPOSED`` of ``models.training.exposure``.
+With ``--photos FOLDER`` it tells instead in how many faces of a folder's photos the whites are seen, and how strong the
+light on the lids is by them.
 
 Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
 light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
@@ -26,7 +26,7 @@ from benchmarks.shoot import data_folder
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
-from service.fit.eye_white import IN_THE_OPEN
+from service.fit.eye_white import BETWEEN_LIDS
 from service.fit.fit import fit_face
 from service.fit.gaze import Iris
 from service.fit.settings import FitSettings
@@ -85,7 +85,7 @@ def light_of_photos(folder: Path) -> None:
             if fit.eye_light is None:
                 print(f"| {path.name} | not seen | |")
                 continue
-            light = np.log(fit.eye_light / IN_THE_OPEN)
+            light = np.log(fit.eye_light / BETWEEN_LIDS)
             found.append(float(light.mean()))
             print(f"| {path.name} | {light.mean():.2f} | {np.round(light - light.mean(), 2).tolist()} |", flush=True)
     middle, spread = (float(np.mean(found)), float(np.std(found))) if found else (math.nan, math.nan)

@@ -3,9 +3,9 @@
 A tile cannot know where the light comes from. This network sees the whole chart once, at a small size, and hands the
 logarithm of the baked light to every tile. It always runs on the whole, so it may normalise over it.
 
-Nobody can tell a dark face in bright light from a fair one in dim light by skin alone. So the network works on the
-texture relative to its own mean, and is told what else speaks of it: the light that the whites of the eyes show, where
-they are seen, and how bright the texture is in the photo, since photographers expose for more than the face.
+Nobody can tell a dark face in bright light from a fair one in dim light by skin alone, and the exposure of a photo says
+nothing of either. So the network works on the texture relative to its own mean, and is told the light that the whites
+of the eyes show, where they are seen.
 """
 
 from __future__ import annotations
@@ -27,9 +27,6 @@ DARKEST = 1.0 / 255.0 / 12.92
 
 USUAL = 0.16
 """Mean albedo of skin from which the network starts, and to which the texture is brought before it is looked at."""
-
-LEVELS = (-3.0, 1.5)
-"""Range of the logarithm of the texture's mean over ``USUAL`` that tells of the exposure; beyond it tells no more."""
 
 CLIPPED = 0.97
 """Code from which light may be lost to overexposure."""
@@ -62,8 +59,8 @@ class NormBlock(nn.Module):
 class ContextNet(nn.Module):
     """Texture (sRGB-coded, [-1, 1]), light of the eyes, geometry -> log of (texture / diffuse albedo), linear values.
 
-    The last channel is the mask. What the network finds is relative to the mean of the texture; that mean enters once,
-    at the bottom, as a hint of the exposure.
+    The last channel is the mask. A texture that is brighter by a factor gives a light that is brighter by that factor,
+    as long as nothing is clipped.
     """
 
     def __init__(self, channels: int, size: ContextSize) -> None:
@@ -74,9 +71,6 @@ class ContextNet(nn.Module):
         pairs = list(zip(widths, size.blocks, strict=True))
         self.before = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.down = nn.ModuleList(nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in itertools.pairwise(widths))
-        self.exposure = nn.Sequential(nn.Linear(2, 32), activation(), nn.Linear(32, widths[-1]))
-        nn.init.zeros_(cast(Tensor, self.exposure[2].weight))
-        nn.init.zeros_(cast(Tensor, self.exposure[2].bias))
         self.bottom = self._blocks(*pairs[-1])
         self.up = nn.ModuleList(nn.Conv2d(b, a, 3, padding=1) for a, b in itertools.pairwise(widths))
         self.merge = nn.ModuleList(nn.Conv2d(2 * w, w, 1) for w in widths[:-1])
@@ -106,8 +100,7 @@ class ContextNet(nn.Module):
             y = before(y)
             kept.append(y)
             y = down(y)
-        hints = torch.cat([level[:, 0, :, 0].clamp(*LEVELS), known.mean((2, 3))], 1)
-        y = self.bottom(y + self.exposure(hints)[:, :, None, None])
+        y = self.bottom(y)
         for i in reversed(range(len(kept))):
             y = self.up[i](nn.functional.interpolate(y, scale_factor=2.0, mode="nearest"))
             y = self.after[i](self.merge[i](torch.cat([y, kept[i]], 1)))

@@ -14,25 +14,24 @@ from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.degrade import blur, gain, half_mirrored, noisy
-from models.training.exposure import as_photographed, other_skin, styled
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
-from service.fit.eye_white import IN_THE_OPEN
+from service.fit.eye_white import BETWEEN_LIDS
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.subject import EYES
 
-EYES_KNOWN = 0.65
+EYES_KNOWN = 0.85
 """Share of training charts with whites of the eyes to be seen."""
 
-SHADE = (math.log(IN_THE_OPEN), 0.4)
+SHADE = (math.log(BETWEEN_LIDS), 0.43)
 """Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
 with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
 
 TINT = 0.08
 """Standard deviation of the light's tint by whites: eyes have vessels, teeth are more or less yellow."""
 
-MISTAKEN, MISTAKE = 0.12, (-1.0, 0.5)
+MISTAKEN, MISTAKE = 0.10, (-0.9, 0.5)
 """Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
 
 SWAPPED, ALIKE = 0.5, 0.3
@@ -111,9 +110,7 @@ class ContextTask:
             names = ["texture", "albedo"]
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
-        texture, batch["albedo"] = other_skin(batch["texture"], batch["albedo"], generator)
-        texture = as_photographed(texture, batch["albedo"], self.lids, generator)
-        texture = gain(styled(texture, generator), generator)
+        texture = gain(batch["texture"], generator)
         batch["clean"] = texture
         known = (torch.rand(size, generator=generator) < EYES_KNOWN).float()
         batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, known, generator)
@@ -127,8 +124,6 @@ class ContextTask:
         generator = torch.Generator().manual_seed(HELD_OUT_SEED)
         batches = [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
         for batch in batches:
-            exposed = as_photographed(batch["texture"], batch["albedo"], self.lids, generator)
-            batch |= {"texture": exposed, "clean": exposed}
             light = log_light(batch["texture"], batch["albedo"])
             batch["eyes"] = eye_light(light, self.lids, torch.ones(len(light)), generator)
         return batches

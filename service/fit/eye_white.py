@@ -56,8 +56,9 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
         iris: with the rim of the opening round it.
 
     Returns:
-        (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in place of the sclera;
-        None where none is seen well: the eye is closed, small or overexposed.
+        (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in place of the sclera,
+        on its mean: its best lit part tells the light best, and stands in more of it. None where none is seen well:
+        the eye is closed, small or overexposed.
     """
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
     beside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
@@ -78,7 +79,7 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     least = PALER_AND_BRIGHTER[0] if brighter >= PALER_AND_BRIGHTER[1] else PALER
     if paler < least or (paler < CLEARLY and implied > LIKELY) or implied > FAIREST * TOO_DEEP:
         return None
-    return light * max(1.0, implied / FAIREST)
+    return light * (max(1.0, implied / FAIREST) * BETWEEN_LIDS / IN_THE_OPEN)
 
 
 def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:

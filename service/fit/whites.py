@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.fit.eye_white import IN_THE_OPEN, eye_white_light
+from service.fit.eye_white import BETWEEN_LIDS, eye_white_light
 from service.fit.gaze import Gaze
 from service.fit.teeth import teeth_light
 
@@ -50,7 +50,7 @@ def light_by_whites(
     skin = cheek_colour(pixels, landmarks, inter_ocular_px)
     teeth = None if skin is None else teeth_light(pixels, mouth_rim, skin)
     if teeth is not None:
-        seen.append(teeth * IN_THE_OPEN)
+        seen.append(teeth * BETWEEN_LIDS)
     return palest(np.stack(seen)) if seen else None
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.fit.eye_white import IN_THE_OPEN
+from service.fit.eye_white import BETWEEN_LIDS
 from service.fit.whites import CHEEKS, RANGE, cheek_colour, light_by_whites, palest
-from tests.service.fit.test_eye_white import photo_of
+from tests.service.fit.test_eye_white import MEAN, photo_of
 from tests.service.fit.test_teeth import RIM, SKINS, mouth
 
 LIGHT = np.array([0.5, 0.4, 0.3])
@@ -34,14 +34,14 @@ def test_teeth_speak_for_closed_eyes() -> None:
     cheeks[:] = mouth(np.array(SKINS["brown"]), LIGHT, np.array(SKINS["brown"]))[0][25, 40]
     both = np.concatenate([pixels, cheeks])
     found = light_by_whites(both, landmarks_at([(30, 100), (90, 100)]), None, RIM, 60.0)
-    assert found is not None and np.abs(np.log(found / (LIGHT * IN_THE_OPEN))).max() < 0.06
+    assert found is not None and np.abs(np.log(found / (LIGHT * BETWEEN_LIDS))).max() < 0.06
     assert light_by_whites(both, landmarks_at([(np.nan, 0), (900, 900)]), None, RIM, 60.0) is None
 
 
 def test_eyes_speak_for_a_closed_mouth() -> None:
     pixels, gaze = photo_of(LIGHT, 15.0)
     found = light_by_whites(pixels, landmarks_at([(60, 200), (260, 200)]), gaze, np.repeat(RIM[:1], 8, 0), 100.0)
-    assert found is not None and np.abs(np.log(found / LIGHT)).max() < 0.15
+    assert found is not None and np.abs(np.log(found / (LIGHT * MEAN))).max() < 0.15
 
 
 @pytest.mark.parametrize("radius", [0.0, 5.0, 400.0, np.nan])
