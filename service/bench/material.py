@@ -18,7 +18,6 @@ from service.reflectance.displacement import Steps
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.subject import EYES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
-from service.reflectance.tint import LIDS
 
 Float = npt.NDArray[np.float32]
 
@@ -27,7 +26,7 @@ GRID = 64
 
 FILE = "material.npz"
 
-ARRAYS = ("texture", "geometry", "lit", "lids", "eyes", "steps", "skin")
+ARRAYS = ("texture", "geometry", "lit", "eyes", "steps", "skin")
 """What the file holds beside the window: fields of :class:`Material`."""
 
 
@@ -81,7 +80,6 @@ class Material:
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
         lit: (h, w) in [0, 1] of the whole chart, 1 where the texture is skin in the photo's light.
-        lids: (h, w) >= 0 of the whole chart, weight of the skin round the eyes.
         eyes: (4, h, w) of the whole chart, the same in all texels, see ``service.reflectance.subject.EYES``.
         steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
@@ -92,7 +90,6 @@ class Material:
     texture: Codes
     geometry: Float
     lit: Float
-    lids: Float
     eyes: Float
     steps: Float
     skin: npt.NDArray[np.uint8]
@@ -132,7 +129,6 @@ class Material:
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
         planes.add_coarse([LIT], self.lit[None])
-        planes.add_coarse([LIDS], self.lids[None])
         planes.add_coarse(EYES, self.eyes)
         return planes
 
@@ -172,7 +168,7 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     side = window.pixels(FULL_SIZE[0])
     mask = np.asarray(resized_mask(skin, side))
     lit = np.ones((1, 1), np.float32) if subject.lit is None else subject.lit
-    Material(folder, window, codes, subject.geometry, lit, subject.lids, subject.eyes, steps, mask).save()
+    Material(folder, window, codes, subject.geometry, lit, subject.eyes, steps, mask).save()
 
 
 def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:

@@ -15,8 +15,6 @@ from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
-from service.reflectance.subject import EYES
-from service.reflectance.tint import LIDS, tint_of_whites
 from service.reflectance.translate import Job, translate
 from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
@@ -117,16 +115,10 @@ class Found:
 
 
 def found_by(network: Network, planes: Planes) -> Found:
-    """Ask the context network about the planes of a whole chart.
-
-    ``LIT`` may be missing, all of it is lit then; and ``LIDS``, without which the light has the network's tint.
-    """
+    """Ask the context network about the planes of a whole chart, where ``LIT`` may be missing: all of it is lit."""
     what = network.description
     size = what.whole or planes.size
     light = run_whole(network, planes.shrunk(what.channels, size))
-    if LIDS in planes.channels:
-        eyes = planes.shrunk(EYES, size)[:, 0, 0]
-        light = tint_of_whites(light, eyes, planes.shrunk([LIDS], size)[0])
     lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(light.shape[1:], np.float32)
     weight = lit * planes.shrunk(["mask"], size)[0]
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)

@@ -32,7 +32,6 @@ from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import EYES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
-from service.reflectance.tint import LIDS
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
@@ -89,7 +88,6 @@ def make_reflectance(
     if subject.lit is not None:
         planes.add_coarse([LIT], subject.lit[None])
     planes.add_coarse(EYES, subject.eyes)
-    planes.add_coarse([LIDS], subject.lids[None])
     skin = subject.skin(size)
     made = _Maps()
 

@@ -13,7 +13,7 @@ from models.lightstage.split import HELD_OUT, TRAIN, subject_part  # noqa: E402
 from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
 from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
 from models.training.degrade import blur, half_mirrored, lost_detail, noisy  # noqa: E402
-from models.training.reflectance import NormalTask, angles, local_strength  # noqa: E402
+from models.training.reflectance import NormalTask, angles, local_strength, retoned  # noqa: E402
 from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
@@ -211,3 +211,16 @@ def test_a_real_capture() -> None:
     assert arrays["whole_texture"].shape == (1, 3, WHOLE[1], WHOLE[0])
     assert arrays["patch0_albedo"].std() > 0 and "patch0_texture" in arrays
     assert np.abs(arrays["patch0_specular_normal"].astype(np.int32)).mean() < 0.3 * 32767
+
+
+def test_crops_for_psi_change_their_tone_and_stay_colours() -> None:
+    """Half of them; darker loses more blue than red, as melanin does; black and white stay finite and in range."""
+    skin = torch.tensor([0.75, 0.6, 0.5]).view(1, 3, 1, 1).expand(400, 3, 4, 4)
+    made = retoned(skin, torch.Generator().manual_seed(7))
+    same = (made - skin).abs().amax((1, 2, 3)) < 1e-5
+    assert 0.4 < float(same.float().mean()) < 0.6
+    darker = made[(made[:, 0] < 0.7).all((1, 2))]
+    assert len(darker) and (darker[:, 2] / darker[:, 0] < 0.5 / 0.75).all()
+    for level in (0.0, 1.0):
+        extreme = retoned(torch.full((50, 3, 2, 2), level), torch.Generator().manual_seed(8))
+        assert extreme.isfinite().all() and extreme.min() >= 0.0 and extreme.max() <= 1.0

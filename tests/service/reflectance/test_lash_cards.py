@@ -34,3 +34,12 @@ def test_a_head_without_lashes_stays_as_it_is() -> None:
     """An imported head has no such part, nor regions of lids."""
     albedo = np.random.default_rng(0).integers(0, 65535, (64, 96, 3), np.uint16)
     assert np.array_equal(lids_on_lashes(albedo.copy(), toy_subject()), albedo)
+
+
+def test_lids_of_the_head() -> None:
+    """Both eyes' on the head in the box, none on one without such regions."""
+    head = load_head()
+    lids = Subject.of(head, head.mean).lids
+    half = lids.shape[1] // 2
+    assert abs(lids[:, :half].sum() / lids[:, half:].sum() - 1) < 0.02 and lids.min() >= 0 and lids.max() > 0.5
+    assert not toy_subject().lids.any()
