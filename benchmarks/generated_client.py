@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import io
 import json
 import subprocess
 import sys
@@ -26,8 +27,7 @@ from typing import Any
 import httpx
 
 from benchmarks.serving import Server
-
-SAMPLE = Path(__file__).parents[1] / "service" / "data" / "sample" / "astronaut.png"
+from service.diagnosis import SAMPLE
 
 PACKAGE = "avatarme_client"
 
@@ -76,7 +76,7 @@ def use(url: str, photo: bytes) -> dict[str, Any]:
     client = _part("client").Client(base_url=url, raise_on_unexpected_status=True, timeout=60.0)
     models = _part("models")
     body = models.NewAvatar(
-        image=_part("types").File(payload=_stream(photo), file_name="photo.png", mime_type="image/png"),
+        image=_part("types").File(payload=io.BytesIO(photo), file_name="photo.png", mime_type="image/png"),
         options=models.Options(maps=[models.OptionsMapsItem.TEXTURE], quality=models.OptionsQuality.DRAFT),
         keep_photo=True,
     )
@@ -134,12 +134,6 @@ def _installed(place: Path) -> Path:
 
 def _part(name: str) -> Any:
     return importlib.import_module(f"{PACKAGE}.{name}")
-
-
-def _stream(content: bytes) -> Any:
-    import io
-
-    return io.BytesIO(content)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,12 @@ Such a tool draws them whole. Dark ones look like a mask then; in the colour of 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance.planes import Codes
-from service.reflectance.subject import Subject
+from service.reflectance.subject import Subject, margin
 
 PART = "lashes"
-MARGIN = 768
-"""Width of the map over it is the number of texels by which the colour goes beyond the strips."""
 
 
 def lids_on_lashes(albedo: Codes, subject: Subject) -> Codes:
@@ -33,9 +30,14 @@ def lids_on_lashes(albedo: Codes, subject: Subject) -> Codes:
     places = [((at + 0.5) * size / of).astype(int) for at, size, of in
               ((rows, height, chart.height), (columns, width, chart.width))]  # fmt: skip
     colour = np.median(albedo[places[0], places[1]], axis=0)
-    part = subject.islands((width, height))
-    strips = (part == head.part_names.index(PART)).astype(np.uint8)
-    grown = cv2.dilate(strips, np.ones((3, 3), np.uint8), iterations=max(width // MARGIN, 1))
-    free: npt.NDArray[np.bool_] = (strips > 0) | ((np.asarray(grown) > 0) & (part == NO_PART))
-    albedo[free] = np.rint(colour).astype(albedo.dtype)
+    part, index, border = subject.islands((width, height)), head.part_names.index(PART), margin(width)
+    inside = part == index
+    # Only where the strips are: the whole map is large, and they are a small corner of it.
+    box = tuple(
+        slice(max(int(found[0]) - border, 0), int(found[-1]) + border + 1)
+        for found in (np.flatnonzero(inside.any(axis)) for axis in (1, 0))
+    )
+    grown = cv2.dilate(inside[box].astype(np.uint8), np.ones((3, 3), np.uint8), iterations=border)
+    chosen = (np.asarray(grown) > 0) & (inside[box] | (part[box] == NO_PART))
+    albedo[box][chosen] = np.rint(colour).astype(albedo.dtype)
     return albedo

@@ -18,7 +18,6 @@ from service.texture.zones import vertex_mask
 Float = npt.NDArray[np.float32]
 
 GEOMETRY_SIZE = (768, 512)
-LIDS = ("eyelid_left", "eyelid_right")
 """Chart on which geometry is drawn once; larger maps interpolate it, as the meshes have no finer detail."""
 
 UNIT_MM = 128.0
@@ -35,6 +34,11 @@ EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
 """Logarithm of the light that the whites of the eyes show, the same in all texels, and 1 where it is known, else 0."""
 
 _SHIFT = 4
+
+
+def margin(width: int) -> int:
+    """Texels of a map of this width by which the islands of parts grow: one of ``GEOMETRY_SIZE``."""
+    return max(width // GEOMETRY_SIZE[0], 1)
 
 
 @dataclass(frozen=True)
@@ -99,14 +103,11 @@ class Subject:
         planes = [depth, *np.moveaxis(exact, 2, 0), *np.moveaxis(tangent, 2, 0), *np.moveaxis(position, 2, 0), mask]
         return np.stack([np.asarray(plane, np.float32) for plane in planes])
 
-    @cached_property
+    @property
     def lids(self) -> Float:
         """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
-        weight = np.zeros(len(self.head.mean))
-        for name in LIDS:
-            if name in self.head.region_names:
-                weight = weight + self.head.region(name)
-        return np.asarray(self.chart.interpolate(weight[:, None])[..., 0] * self.chart.mask, np.float32)
+        weight = self.chart.interpolate(vertex_mask(self.head, "eyelid_left", "eyelid_right"))[..., 0]
+        return np.asarray(weight * self.chart.mask, np.float32)
 
     def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8: 255 where a texel is skin, which is what the networks learnt; 0 on eyes, teeth, tongue, lashes.
@@ -123,7 +124,7 @@ class Subject:
         result = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR), np.uint8)
         part = self.islands(size)
         others = ((part != self.head.part_names.index("skin")) & (part != NO_PART)).astype(np.uint8)
-        grown = cv2.dilate(others, np.ones((3, 3), np.uint8), iterations=max(size[0] // 768, 1))
+        grown = cv2.dilate(others, np.ones((3, 3), np.uint8), iterations=margin(size[0]))
         result[np.asarray(grown) > 0] = 0
         return result
 
