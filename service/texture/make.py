@@ -172,6 +172,8 @@ def _paint_parts(
             painted = mouth.paint_tongue(chart, index, own, light) if tongue else light.on(parts.LASHES)[None]
             share = np.zeros(len(own), np.float32)
         _lay_over(colour, code, own, painted, share, unwrapped.colour)
+    sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
+    white = np.asarray(np.maximum(srgb_to_linear(sclera), DARKEST) / SCLERA_ALBEDO, np.float32)
     teeth = mouth.Teeth(chart)
     if len(teeth.own):
         typical = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
@@ -180,8 +182,8 @@ def _paint_parts(
         shown = unwrapped.colour[teeth.own]
         share = seen_weight[teeth.own] * toothlike(shown, typical) * teeth.shows(shown, tooth)
         _lay_over(colour, code, teeth.own, teeth.paint(tooth, light), share, unwrapped.colour)
-    sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera
-    return colour, code, np.asarray(np.maximum(srgb_to_linear(sclera), DARKEST) / SCLERA_ALBEDO, np.float32)
+        colour[teeth.own] = mouth.no_bluer(colour[teeth.own], white)
+    return colour, code, white
 
 
 def _lay_over(

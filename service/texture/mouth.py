@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import luma
+from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.geometry.chart import Chart
 from service.texture.parts import Light
 
@@ -24,6 +24,8 @@ CROWN_M = (0.0095, 0.0115)
 """Height of a tooth's crown: up to the first all tooth, from the second on all gum."""
 NEIGHBOUR_M = 0.005
 """Vertices within this horizontal distance belong to the same tooth."""
+WHITEST = (0.96, 0.92)
+"""Largest reflectance of teeth in green and blue, over that in red: even bleached ones are yellower."""
 LEAST_BRIGHT = (0.60, 0.80)
 """Luma over the measured tooth's below which the photo shows a gap or a shadow, and from which on it shows teeth."""
 
@@ -85,6 +87,21 @@ class Teeth:
         bright = luma(colour) / max(float(luma(tooth)), 1e-3)
         low, high = LEAST_BRIGHT
         return np.asarray(np.clip((bright - low) / (high - low), 0.0, 1.0), np.float32)
+
+
+def no_bluer(colour: Float, white: Float) -> Float:
+    """(n, 3) sRGB of teeth without what would make them greener or bluer than ``WHITEST``.
+
+    The eyes lie deeper than the front teeth and see more of the skin's own colour; and the brightest teeth are
+    overexposed. By the light of the eyes both would be cyan.
+
+    Args:
+        colour: (n, 3) sRGB in [0, 1].
+        white: (3,) linear RGB, positive, of a white surface in the eyes' light.
+    """
+    linear = srgb_to_linear(np.clip(colour, 0, 1).astype(np.float32)) / white
+    linear[:, 1:] = np.minimum(linear[:, 1:], linear[:, :1] * np.array(WHITEST, np.float32))
+    return np.asarray(linear_to_srgb(np.clip(linear * white, 0, 1).astype(np.float32)), np.float32)
 
 
 def part_points(chart: Chart, index: int, texels: npt.NDArray[np.int64]) -> tuple[Points, Points]:

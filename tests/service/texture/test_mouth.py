@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.colour import srgb_to_linear
 from service.fit.teeth import measure_teeth
 from service.geometry.chart import Chart
 from service.head.files import load_head
@@ -77,6 +78,17 @@ def test_a_head_without_teeth_or_mouth_is_no_trouble() -> None:
     lining = mouth.paint_lining(toy, np.zeros(len(toy.texels), np.float32), PLAIN)
     assert np.isfinite(lining).all()
     assert np.isfinite(mouth.Teeth(toy).paint(mouth.TEETH, PLAIN)).all()
+
+
+def test_teeth_do_not_turn_cyan_by_the_light_of_redder_eyes() -> None:
+    """Without the bound, overexposed teeth divided by warm light have more blue than red; others stay as they are."""
+    warm = np.array([1.1, 0.85, 0.6], np.float32)
+    colours = np.array([[1.0, 1.0, 1.0], [0.6, 0.5, 0.35], [0.0, 0.0, 0.0]], np.float32)
+    kept = mouth.no_bluer(colours, warm)
+    bare = srgb_to_linear(kept) / warm
+    assert (bare[0, 1:] <= bare[0, 0] * np.array(mouth.WHITEST) + 1e-4).all()
+    assert kept[0, 0] == pytest.approx(1.0, abs=1e-4), "red stays"
+    assert kept[1:] == pytest.approx(colours[1:], abs=1e-4)
 
 
 def test_gaps_and_shadows_are_not_printed_on_the_teeth(chart: Chart) -> None:
