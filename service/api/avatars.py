@@ -47,6 +47,10 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
 
     The answer comes as soon as the photo is stored and the job is in the queue. With an ``Idempotency-Key`` the same
     request can be sent again and makes one job only.
+
+    400: more than eight parts (`too-many-parts`), more than one file (`one-file-only`), a part other than the photo of
+    more than 16 KiB (`part-too-large`), or a form that is none. 422: a part, an option or a value that there is not, or
+    a photo that cannot be used. 413: more bytes than a photo may have. 415: no photo, by its first bytes.
     """
     key = _idempotency_key(request)
     await run_in_threadpool(_admit, context, tenant, key)

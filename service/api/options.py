@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import fields
 from functools import lru_cache
-from typing import Any, NoReturn
+from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -52,21 +52,22 @@ def parse_object(text: bytes, code: str = "malformed-options") -> dict[str, Any]
         ProblemError: it is none; with ``code``.
     """
     try:
-        values = json.loads(text.decode("utf-8"), parse_constant=_no_constant)
+        values = json.loads(text.decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise ProblemError(code, 422, pointer="") from error
-    if not isinstance(values, dict) or not _plain(values, 0):
-        raise ProblemError(code, 422, pointer="")
-    return values
+    where = "" if not isinstance(values, dict) else _unusable(values, 0)
+    if where is not None:
+        raise ProblemError(code, 422, pointer=where)
+    return cast(dict[str, Any], values)
 
 
-def _plain(value: Any, depth: int) -> bool:
-    """Whether a value is finite and not nested deeply."""
+def _unusable(value: Any, depth: int) -> str | None:
+    """Pointer to a number that is not finite or to what is nested too deeply; None where there is none."""
     if depth > _MAX_DEPTH or (isinstance(value, float) and not math.isfinite(value)):
-        return False
-    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return all(_plain(item, depth + 1) for item in items)
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not JSON")
+        return ""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for name, item in items:
+        where = _unusable(item, depth + 1)
+        if where is not None:
+            return f"/{str(name)[:40].replace('~', '~0').replace('/', '~1')}{where}"
+    return None

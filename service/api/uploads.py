@@ -168,8 +168,9 @@ class _Multipart(_Body):
         self._parser = MultipartParser(boundary, callbacks)
         self._names: list[str] = []
         self._name, self._text, self._closed = "", bytearray(), False
+        self._is_file, self._files, self._dropped = False, 0, 0
+        self._fault: ProblemError | None = None
         self._key, self._content, self._disposition = bytearray(), bytearray(), b""
-        self._framing = 0
 
     def write(self, data: bytes) -> None:
         from python_multipart.exceptions import MultipartParseError
@@ -185,6 +186,8 @@ class _Multipart(_Body):
             raise ProblemError("missing-file", 400)
         if not self._closed:
             raise ProblemError("malformed-multipart", 400, "the body ends before its closing boundary")
+        if self._fault is not None:
+            raise self._fault
         if "image" not in self._names:
             raise ProblemError("missing-file", 400)
 
@@ -215,23 +218,36 @@ class _Multipart(_Body):
         self._content.clear()
 
     def _headers_end(self) -> None:
-        # The name of the file is never looked at: names are made by this server.
-        self._name = self._options_header(self._disposition)[1].get(b"name", b"").decode("utf-8", "replace")
-        if self._name not in ("image", "options", "keep_photo"):
-            raise ProblemError(
-                "unknown-field", 422, f"there is no part {self._name[:40]!r}", pointer=f"/{self._name[:40]}"
-            )
-        if self._name in self._names:
-            raise ProblemError("one-file-only" if self._name == "image" else "too-many-parts", 400)
+        # The name of the file is never looked at, only whether there is one: names are made by this server.
+        words = self._options_header(self._disposition)[1]
+        self._name = words.get(b"name", b"").decode("utf-8", "replace")
+        known = self._name in ("image", "options", "keep_photo")
+        self._is_file = self._name == "image" or (not known and b"filename" in words)
+        self._files += self._is_file
+        if self._files > 1:
+            raise ProblemError("one-file-only", 400)
+        if known and self._name in self._names:
+            raise ProblemError("too-many-parts", 400)
+        if not known:
+            name = self._name[:40]
+            self._later(ProblemError("unknown-field", 422, f"there is no part {name!r}", pointer=f"/{name}"))
         self._names.append(self._name)
+
+    def _later(self, fault: ProblemError) -> None:
+        """Keep the first fault of a value for the end: one of the form, which the rest may show, comes before it."""
+        self._fault = self._fault or fault
 
     def _data(self, data: bytes, start: int, end: int) -> None:
         if self._name == "image":
             self._photo(data[start:end])
-            return
-        self._text += data[start:end]
-        if len(self._text) > MAX_OPTIONS:
-            raise ProblemError("part-too-large", 400)
+        elif self._is_file:  # under a name that there is not
+            self._dropped += end - start
+            if self._dropped > self._max_bytes:
+                raise _too_large(self._max_bytes)
+        else:
+            self._text += data[start:end]
+            if len(self._text) > MAX_OPTIONS:
+                raise ProblemError("part-too-large", 400)
 
     def _end(self) -> None:
         if self._name == "options":
@@ -239,7 +255,8 @@ class _Multipart(_Body):
         elif self._name == "keep_photo":
             text = bytes(self._text).strip().lower()
             if text not in (b"true", b"false"):
-                raise ProblemError("usage", 422, "keep_photo has to be 'true' or 'false'", pointer="/keep_photo")
+                words = "keep_photo has to be 'true' or 'false'"
+                self._later(ProblemError("usage", 422, words, pointer="/keep_photo"))
             self.upload.keep_photo = text == b"true"
 
     def _close(self) -> None:

@@ -84,8 +84,20 @@ BAD_INPUTS: dict[int, Promise] = {
     ),
     9: Promise(
         "1500 parts, 2 MB of text, two photos",
-        "400 too-many-parts (422 unknown-field at the first strange name), 400 part-too-large, 400 one-file-only",
-        tuple(f"{_BODY}[{name}]" for name in ("1500 parts", "parts twice", "2 MB of text", "two photos")),
+        "400 too-many-parts, 400 part-too-large, 400 one-file-only, whatever the parts are called",
+        tuple(
+            f"{_BODY}[{name}]"
+            for name in (
+                "1500 parts",
+                "parts twice",
+                "2 MB of text",
+                "2 MB of text in a strange part",
+                "two photos",
+                "two photos of two names",
+                "two photos, the strange one first",
+                "half a wish and nine parts",
+            )
+        ),
     ),
     10: Promise(
         "body over the limit, with its length",
@@ -343,7 +355,8 @@ BAD_INPUTS: dict[int, Promise] = {
     ),
     47: Promise(
         "disk below its reserve, shutting down, nothing loaded",
-        "507 no-space, 503 draining, 503 starting; alive all the while",
+        "507 no-space, 503 draining; without a worker that has loaded, /readyz says 503 starting and photos wait in "
+        "the queue; alive all the while",
         (
             _TENANTS + "test_the_reserve_of_the_disk_is_not_touched",
             _TENANTS + "test_a_server_that_shuts_down_takes_nothing",

@@ -107,6 +107,7 @@ def part(name: str, content: bytes, extra: str = "") -> bytes:
 
 END = b"--b--\r\n"
 FORM = "multipart/form-data; boundary=b"
+FILE = '; filename="photo.jpg"'
 
 
 BODIES: dict[str, tuple[bytes, str, int, str]] = {
@@ -123,7 +124,25 @@ BODIES: dict[str, tuple[bytes, str, int, str]] = {
     "two photos": (part("image", GOOD) * 2 + END, FORM, 400, "one-file-only"),
     "parts twice": (part("image", GOOD) + part("options", b"{}") * 2 + END, FORM, 400, "too-many-parts"),
     "2 MB of text": (part("image", GOOD) + part("options", b" " * 2_000_000) + END, FORM, 400, "part-too-large"),
-    "1500 parts": (b"".join(part(f"x{n}", b"1") for n in range(1500)) + END, FORM, 422, "unknown-field"),
+    "2 MB of text in a strange part": (part("x", b" " * 2_000_000) + END, FORM, 400, "part-too-large"),
+    "1500 parts": (b"".join(part(f"x{n}", b"1") for n in range(1500)) + END, FORM, 400, "too-many-parts"),
+    "1500 photos": (part("image", GOOD) * 1500 + END, FORM, 400, "one-file-only"),
+    "two photos of two names": (part("image", GOOD) + part("b", GOOD, FILE) + END, FORM, 400, "one-file-only"),
+    "two photos, the strange one first": (
+        part("b", GOOD * 40, FILE) + part("image", GOOD, FILE) + END,
+        FORM,
+        400,
+        "one-file-only",
+    ),
+    "a photo of another name": (part("b", GOOD * 40, FILE) + END, FORM, 422, "unknown-field"),
+    "a giant of another name": (part("b", bytes(26 << 20), FILE) + END, FORM, 413, "too-large"),
+    "half a wish and nine parts": (
+        part("keep_photo", b"maybe") + b"".join(part(f"x{n}", b"1") for n in range(8)) + END,
+        FORM,
+        400,
+        "too-many-parts",
+    ),
+    "half a wish, cut off": (part("image", GOOD) + part("keep_photo", b"maybe"), FORM, 400, "malformed-multipart"),
     "part image_url": (part("image_url", b"http://localhost/") + END, FORM, 422, "unknown-field"),
     "long head of a part": (part("image", GOOD, "; x=" + "y" * 9000) + END, FORM, 400, "malformed-multipart"),
     "half a wish": (part("image", GOOD) + part("keep_photo", b"maybe") + END, FORM, 422, "usage"),
@@ -145,12 +164,13 @@ def test_a_photo_can_be_the_body_itself(shared: Api) -> None:
 @pytest.mark.parametrize(
     ("options", "status", "code", "pointer"),
     [
-        pytest.param('{"seed": NaN}', 422, "malformed-options", "", id="nan"),
-        pytest.param('{"budget": 1e309}', 422, "malformed-options", "", id="1e309"),
+        pytest.param('{"seed": NaN}', 422, "malformed-options", "/seed", id="nan"),
+        pytest.param('{"budget": 1e309}', 422, "malformed-options", "/budget", id="1e309"),
         pytest.param("[1]", 422, "malformed-options", "", id="a list"),
         pytest.param("{", 422, "malformed-options", "", id="half an object"),
         pytest.param("[" * 15_000, 422, "malformed-options", "", id="deep"),
-        pytest.param('{"seed":' + "[" * 50 + "]" * 50 + "}", 422, "malformed-options", "", id="deeper"),
+        pytest.param('{"seed":' + "[" * 50 + "]" * 50 + "}", 422, "malformed-options", "/seed/0/0", id="deeper"),
+        pytest.param('{"a/b~": [0, -Infinity]}', 422, "malformed-options", "/a~1b~0/1", id="a name with a stroke"),
         pytest.param('{"seed": -1}', 422, "usage", "/seed", id="negative"),
         pytest.param('{"seed": 1e30}', 422, "usage", "/seed", id="huge"),
         pytest.param('{"seed": "x"}', 422, "usage", "/seed", id="a word"),
