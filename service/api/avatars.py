@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import json
 import secrets
@@ -102,7 +103,8 @@ def delete(job: str, tenant: Asking, context: Here) -> Response:
         context.queue.cancel(row["workflow"])
     elif row["gone"] is None:
         context.store.depart(job, "erased")
-    context.artifacts.sweep(job, set())  # a worker that still writes is swept after by its own
+    with contextlib.suppress(OSError):  # a worker erases what is left, also of one that still writes
+        context.artifacts.sweep(job, set())
     return Response(status_code=204)
 
 
@@ -136,10 +138,12 @@ def _store(context: Context, new: NewJob, path: Path) -> Row:
     try:
         return context.store.add(new, lambda connection, workflow: context.queue.put(connection, workflow, new.id))
     except KeyInUse as used:
-        context.artifacts.sweep(new.id, set())
+        with contextlib.suppress(OSError):
+            context.artifacts.sweep(new.id, set())
         return _same(used.row, new.digest)
     except BaseException:
-        context.artifacts.sweep(new.id, set())
+        with contextlib.suppress(OSError):
+            context.artifacts.sweep(new.id, set())
         raise
 
 

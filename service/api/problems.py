@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from service.errors import AvatarError
+from service.jobs.artifacts import StoreFault
 from service.jobs.problems import from_error, problem
 
 MEDIA_TYPE = "application/problem+json"
@@ -51,7 +52,7 @@ EXPLANATIONS = {
     "draining": "The server is shutting down; try again shortly.",
     "starting": "The server is starting; try again shortly.",
     "no-space": "The server has no space for uploads.",
-    "unavailable": "The database does not answer now; try again shortly.",
+    "unavailable": "The database, or the store of photos and results, does not answer now; try again shortly.",
     "request-timeout": "The request did not arrive in time.",
 }
 """What each code of this interface means, for ``/problems/{code}``."""
@@ -131,6 +132,8 @@ def _validation(request: Request, error: Exception) -> Response:
 
 def _disk(request: Request, error: Exception) -> Response:
     """Space may end in the middle of an upload, whatever the reserve said at its beginning."""
+    if isinstance(error, StoreFault):
+        return _database(request, error)
     log.error("a request failed", exc_info=error)
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         full = problem("no-space", 507, EXPLANATIONS["no-space"])

@@ -7,16 +7,29 @@ not at all. Erasing a job is erasing its folder.
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
+import io
 import os
 import re
 import secrets
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 _NAME = re.compile(r"[0-9a-f]{32}/[a-z][a-z0-9_]{0,40}-[0-9a-f]{64}\.[a-z]{1,5}\Z")
 _JOB = re.compile(r"[0-9a-f]{32}\Z")
+
+_BLOCK = 4 << 20
+"""Bytes that are asked of a remote store at a time; its own default may be ten times as many for each reader."""
+
+_S3 = {"config_kwargs": {"connect_timeout": 5, "read_timeout": 30, "retries": {"max_attempts": 2}}}
+"""A store that does not answer shall not hold a request for minutes; whoever can wait tries again."""
+
+
+class StoreFault(OSError):
+    """A remote store cannot be reached, or refuses; what each library raises for it is something else."""
 
 
 class Artifacts:
@@ -32,7 +45,9 @@ class Artifacts:
     def __init__(self, url: str) -> None:
         from fsspec.core import url_to_fs
 
-        self._fs, self._root = url_to_fs(url)
+        # No cache of listings: other processes write here, and what they wrote would not be there.
+        more = _S3 if url.startswith(("s3:", "s3a:")) else {}
+        self._fs, self._root = url_to_fs(url, use_listings_cache=False, **more)
         self._local = Path(self._root) if "file" in _protocols(self._fs) else None
         if self._local is not None:
             self._local.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -46,11 +61,13 @@ class Artifacts:
         """Move a local file to ``name``; on the disk when this returns, unless it need not be ``durable``.
 
         Raises:
-            OSError: as the store raises it.
+            OSError: as the disk raises it.
+            StoreFault: the store is remote, and does not take it.
         """
         target = self._address(name)
         if self._local is None:
-            self._fs.put_file(str(source), target)
+            with self._asking(missing=False):
+                self._fs.put_file(str(source), target)
             source.unlink()
             return
         path = Path(target)
@@ -73,9 +90,13 @@ class Artifacts:
 
         Raises:
             FileNotFoundError: there is no such file.
+            StoreFault: the store is remote and does not answer; reading and seeking may raise it too.
         """
-        stream: IO[bytes] = self._fs.open(self._address(name), "rb")
-        return stream
+        address = self._address(name)
+        if self._local is not None:
+            return Path(address).open("rb")
+        with self._asking():
+            return cast(IO[bytes], _Stream(self, self._fs.open(address, "rb", block_size=_BLOCK)))
 
     def read(self, name: str) -> bytes:
         """The whole content; as :meth:`open`."""
@@ -84,34 +105,55 @@ class Artifacts:
 
     def exists(self, name: str) -> bool:
         """Whether the file is there."""
-        return bool(self._fs.exists(self._address(name)))
+        address = self._address(name)
+        with self._asking():
+            return bool(self._fs.exists(address))
 
     def names(self, job: str) -> list[str]:
         """Names of all files of a job."""
-        folder = self._folder(job)
-        if not self._fs.exists(folder):
-            return []
-        return [f"{job}/{str(path).rpartition('/')[2]}" for path in self._fs.ls(folder, detail=False, refresh=True)]
+        return [f"{job}/{name}" for name in self._listed(self._folder(job))]
 
     def delete(self, name: str) -> None:
         """Remove a file; nothing happens where there is none."""
-        with contextlib.suppress(FileNotFoundError):
-            self._fs.rm_file(self._address(name))
+        self._remove(self._address(name))
 
     def sweep(self, job: str, keep: set[str]) -> None:
         """Remove all files of a job but those of ``keep``, unfinished ones too."""
         for name in self.names(job):
             if name not in keep:
-                with contextlib.suppress(FileNotFoundError):
-                    self._fs.rm_file(f"{self._root}/{name}")
+                self._remove(f"{self._root}/{name}")
         if not keep and self._local is not None:
             with contextlib.suppress(OSError):
                 (self._local / job).rmdir()
 
     def jobs(self) -> list[str]:
         """Jobs that have files."""
-        listed = [str(path).rpartition("/")[2] for path in self._fs.ls(self._root, detail=False, refresh=True)]
-        return [name for name in listed if _JOB.match(name)]
+        return [name for name in self._listed(self._root) if _JOB.match(name)]
+
+    def _listed(self, folder: str) -> list[str]:
+        try:
+            with self._asking():
+                return [str(path).rpartition("/")[2] for path in self._fs.ls(folder, detail=False, refresh=True)]
+        except FileNotFoundError:  # a remote store knows no empty folders
+            return []
+
+    def _remove(self, address: str) -> None:
+        with contextlib.suppress(FileNotFoundError), self._asking():
+            self._fs.rm_file(address)
+
+    @contextlib.contextmanager
+    def _asking(self, *, missing: bool = True) -> Iterator[None]:
+        """Faults of a remote store leave as :class:`StoreFault`.
+
+        Args:
+            missing: what is not there is no fault.
+        """
+        try:
+            yield
+        except Exception as error:
+            if self._local is not None or (missing and isinstance(error, FileNotFoundError)):
+                raise
+            raise StoreFault(errno.EIO, f"the store of files fails: {type(error).__name__}: {error}") from error
 
     def _address(self, name: str) -> str:
         if not _NAME.match(name):
@@ -122,6 +164,35 @@ class Artifacts:
         if not _JOB.match(job):
             raise ValueError(f"not a job: {job!r}")
         return f"{self._root}/{job}"
+
+
+class _Stream(io.BufferedIOBase):
+    """A file of a remote store, with its faults as :class:`StoreFault`."""
+
+    def __init__(self, store: Artifacts, file: Any) -> None:
+        super().__init__()
+        self._store, self._file = store, file
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        with self._store._asking(missing=False):
+            return bytes(self._file.read(-1 if size is None else size))
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        with self._store._asking(missing=False):
+            return int(self._file.seek(offset, whence))
+
+    def tell(self) -> int:
+        return int(self._file.tell())
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
 
 
 def artifact_name(job: str, kind: str, digest: str, suffix: str) -> str:

@@ -25,6 +25,12 @@ SETTLED = 5.0
 STRAY = 3600.0
 """Age in seconds of an upload that nobody finished."""
 
+SEEN = 300.0
+"""Seconds between the first look at something that nobody knows and its end.
+
+A clock that is set by a day makes an upload under way look old; none takes that long (``Settings.body_seconds``).
+"""
+
 LOST = 30.0
 """Seconds after which a job that this worker should run, and does not, means that the worker has to be restarted."""
 
@@ -49,6 +55,7 @@ class Janitor:
         self._store = runner.store
         self._queue = queue
         self._missing: dict[str, float] = {}
+        self._unknown: dict[str, float] = {}
 
     def expire(self) -> None:
         """Erase results whose time is over, and after a while all memory of them."""
@@ -69,17 +76,23 @@ class Janitor:
 
     def strays(self) -> None:
         """Remove uploads that never became a job, and files of jobs that nobody knows."""
-        oldest = time.time() - STRAY
-        folders = [self._runner.settings.incoming]
-        for job in self._runner.artifacts.jobs():
+        incoming, artifacts = self._runner.settings.incoming, self._runner.artifacts
+        unknown: dict[str, float] = {}
+        for job in artifacts.jobs():
             if self._store.get(job) is None:
-                folder = self._runner.artifacts.folder
-                if folder is None or _changed(folder / job) < oldest:
-                    self._runner.artifacts.sweep(job, set())
-        for folder in folders:
-            for path in folder.glob("*") if folder.is_dir() else ():
-                if _changed(path) < oldest:
-                    path.unlink(missing_ok=True)
+                age = STRAY if artifacts.folder is None else _age(artifacts.folder / job)
+                if self._is_stray(job, age, unknown, STRAY if artifacts.folder is None else SEEN):
+                    artifacts.sweep(job, set())
+        for path in incoming.glob("*") if incoming.is_dir() else ():
+            if self._is_stray(path.name, _age(path), unknown, SEEN):
+                path.unlink(missing_ok=True)
+        self._unknown = unknown
+
+    def _is_stray(self, name: str, age: float, unknown: dict[str, float], patience: float) -> bool:
+        """Whether something is old by the clock on the wall, and was seen long ago by the one that does not jump."""
+        unknown[name] = self._unknown.get(name, time.monotonic())
+        longest = max(patience, 2 * self._runner.settings.body_seconds)
+        return age >= STRAY and time.monotonic() - unknown[name] >= longest
 
     def adopt(self) -> None:
         """Begin unfinished jobs of older versions of the program again, unless a worker of that version lives."""
@@ -178,8 +191,8 @@ def _workflows(row: Row) -> list[str]:
     return [f"{job}.{number}" for number in range(1, int(count) + 1)]
 
 
-def _changed(path: Path) -> float:
+def _age(path: Path) -> float:
     try:
-        return path.stat().st_mtime
+        return time.time() - path.stat().st_mtime
     except OSError:
-        return time.time()
+        return 0.0

@@ -254,12 +254,17 @@ class Runner:
             path = self.artifacts.folder / row["photo"]
             return path if path.exists() else None
         path = scratch / "photo"
-        try:
-            with self.artifacts.open(row["photo"]) as source, path.open("wb") as target:
+
+        def fetch() -> Path | None:
+            try:
+                source = self.artifacts.open(row["photo"])
+            except FileNotFoundError:
+                return None
+            with source, path.open("wb") as target:
                 shutil.copyfileobj(source, target)
-        except FileNotFoundError:
-            return None
-        return path
+            return path
+
+        return patient(fetch)
 
     def _store(self, job: str, facts: dict[str, Any], output: Path) -> dict[str, Any]:
         name = artifact_name(job, "archive", facts["sha256"], "zip")

@@ -57,14 +57,16 @@ class KeptStages:
         self._mapped = mapped
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
-        """As :meth:`service.stages.Stages.keep`; a stage that cannot be written is logged and not kept."""
+        """As :meth:`service.stages.Stages.keep`; a stage that cannot be read is computed, one that
+        cannot be written is not kept; both are logged.
+        """
         key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()
         address = artifact_name(self._job, f"stage_{name}", key, "bin")
         try:
             return cast(T, self._load(address))
         except FileNotFoundError:
             pass
-        except Damaged as error:
+        except (Damaged, OSError) as error:  # what a store cannot give out now can be made
             log.warning("stage %s is computed again: %s", name, error)
         value = make()
         part = self._scratch / f"{secrets.token_hex(8)}.part"

@@ -22,8 +22,10 @@ TOY = "benchmarks.toy_job"
 class Bench:
     """The parts of the service on a database of their own, without any process."""
 
-    def __init__(self, data: Path) -> None:
-        self.settings = Settings(data=data, program=TOY, memory_mb=512, job_seconds=200)
+    def __init__(self, data: Path, artifacts: str = "") -> None:
+        self.settings = Settings(
+            data=data, artifacts=artifacts, program=TOY, memory_mb=512, job_seconds=200, niceness=0
+        )  # fmt: skip
         lay_out(data)
         self.engine = connect(self.settings.database_url)
         create_tables(self.engine, self.settings)

@@ -1,0 +1,51 @@
+"""An S3 server on the loopback, for tests: what it holds stays when it is stopped and started."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from benchmarks.serving import free_port
+
+REASON = "the extra packages moto[server] and s3fs are not installed (pip install -e '.[dev]')"
+
+
+class S3:
+    """One server, with one bucket."""
+
+    def __init__(self) -> None:
+        from moto.server import ThreadedMotoServer
+
+        logging.getLogger("werkzeug").setLevel(logging.ERROR)
+        self._port = free_port()
+        self._make: Any = ThreadedMotoServer
+        self.start()
+        self.environment = {
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{self._port}", "AWS_ACCESS_KEY_ID": "x",
+            "AWS_SECRET_ACCESS_KEY": "x", "AWS_DEFAULT_REGION": "us-east-1",
+        }  # fmt: skip
+
+    def stop(self) -> None:
+        self._server.stop()
+
+    def start(self) -> None:
+        self._server = self._make(ip_address="127.0.0.1", port=self._port, verbose=False)
+        self._server.start()
+
+
+def serve() -> Iterator[S3]:
+    """For a fixture; the variables that lead to it are set meanwhile."""
+    pytest.importorskip("moto.server", reason=REASON)
+    s3fs = pytest.importorskip("s3fs", reason=REASON)
+    server = S3()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in server.environment.items():
+            patch.setenv(name, value)
+        s3fs.S3FileSystem.clear_instance_cache()
+        s3fs.S3FileSystem().mkdir("bucket")
+        yield server
+        s3fs.S3FileSystem.clear_instance_cache()
+    server.stop()
