@@ -33,9 +33,13 @@ LABEL org.opencontainers.image.title="avatarme" \
       org.opencontainers.image.documentation="docs/deploy.md" \
       org.opencontainers.image.base.name="docker.io/library/python:${PYTHON_VERSION}-slim-bookworm"
 # tini passes signals on and collects the processes of jobs whose worker died. The user has no home and no shell.
+# The base brings pip and what pip would be installed again from; nothing here may install anything.
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends tini=0.19.0-* \
+    && apt-get clean \
     && rm -rf /var/lib/apt/lists/* \
+    && python -m pip uninstall --yes --root-user-action=ignore pip setuptools wheel \
+    && rm -r /usr/local/lib/python3*/ensurepip \
     && groupadd --gid 10001 avatarme \
     && useradd --uid 10001 --gid 10001 --home-dir /nonexistent --no-create-home --shell /usr/sbin/nologin avatarme \
     && install --directory --owner 10001 --group 10001 --mode 0700 /data

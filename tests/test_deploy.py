@@ -156,6 +156,15 @@ def test_bases_are_pinned_and_the_same() -> None:
     assert bases[0] == "python:${PYTHON_VERSION}-slim-bookworm"
 
 
+def test_nothing_in_the_image_can_install() -> None:
+    """The base brings pip into the last stage too, although the program has an environment without it."""
+    last = values("RUN")[-1]
+    removed = re.search(r"python -m pip uninstall --yes \S+ ([a-z ]+?) &&", last)
+    assert removed is not None and {"pip", "setuptools", "wheel"} <= set(removed[1].split())
+    assert "rm -r /usr/local/lib/python3*/ensurepip" in last, "wheels of pip lie there"
+    assert "pip" not in values("COPY")[-1] and values("COPY")[-1].startswith("--from=build")
+
+
 def test_the_version_is_that_of_the_program() -> None:
     assert f"VERSION={__version__}" in values("ARG")
     texts = [path.read_text("utf-8") for path in (ROOT / "compose.yaml", *DEPLOY.glob("*.yaml"))]
