@@ -1,4 +1,5 @@
-"""Several workers on one Postgres: one is killed again and again, one is frozen for a while, and Postgres is restarted.
+"""Several workers on one Postgres: one is killed again and again, one is frozen for a while, the line of one is slow
+and then dead for a while, and Postgres is restarted.
 
     python -m benchmarks.chaos_postgres --seconds 240
 
@@ -20,11 +21,12 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import httpx
 
+from benchmarks.line import Line
 from benchmarks.postgres import Postgres
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import SECONDS, archive
@@ -39,18 +41,26 @@ class Workers:
         folder: for their data and logs.
         settings: of all of them.
         names: one for each.
+        own: settings of single workers by name.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, object], names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        settings: dict[str, object],
+        names: Sequence[str],
+        own: Mapping[str, Mapping[str, object]] | None = None,
+    ) -> None:
         self._folder = folder
         self._settings = settings
+        self._own = own or {}
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         for name in names:
             self.start(name)
 
     def start(self, name: str) -> None:
         """Start the worker of a name."""
-        values = {**self._settings, "data": self._folder / name, "worker": name}
+        values = {**self._settings, **self._own.get(name, {}), "data": self._folder / name, "worker": name}
         environment = os.environ | {PREFIX + key.upper(): str(value) for key, value in values.items()}
         environment[SECONDS] = "1.0"
         with (self._folder / f"{name}.log").open("ab") as log:
@@ -98,27 +108,34 @@ def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
     }  # fmt: skip
     server = Server(folder / "server", settings, with_worker=False)
     server.start(ready=False)
-    workers = Workers(folder, settings, [f"w{number}" for number in range(count)])
+    line = Line(postgres.port)
+    own = {"w0": {"database": postgres.url.replace(f":{postgres.port}/", f":{line.port}/")}}
+    workers = Workers(folder, settings, [f"w{number}" for number in range(count)], own)
     accepted: dict[str, tuple[str, int]] = {}
     try:
         server.wait("readyz")
         over = threading.Event()
         poster = threading.Thread(target=_post, args=(server, accepted, over))
         poster.start()
+        lines = threading.Thread(target=_disturb_line, args=(line, over, seconds / 6))
+        lines.start()
         kills = _disturb(workers, postgres, seconds, every)
         over.set()
         poster.join()
+        lines.join()
         begin = time.monotonic()
         states, lost = _look(server, accepted)
         print(f"{kills} workers killed, one frozen for a third of the time, Postgres stopped once like by a power cut")
+        print("the line between w0 and Postgres was slow again and again, then dead for 20 to 40 s")
         print(f"{len(accepted)} jobs accepted; at the end {dict(states)}, {time.monotonic() - begin:.0f} s afterwards")
         print(f"lost or other bytes: {len(lost)}")
-        for line in lost:
-            print(line)
+        for lost_job in lost:
+            print(lost_job)
         return lost
     finally:
         workers.stop()
         server.kill()
+        line.close()
         with contextlib.suppress(subprocess.CalledProcessError):
             postgres.stop()
 
@@ -151,6 +168,18 @@ def _disturb(workers: Workers, postgres: Postgres, seconds: float, every: float)
         if workers.running[name].poll() is not None:
             workers.start(name)
     return kills
+
+
+def _disturb_line(line: Line, over: threading.Event, whole: float) -> None:
+    """Good for a while, late by 0.5 to 2 s as long, dead for 20 to 40 s; and again until it is ``over``."""
+    while not over.wait(whole):
+        line.delay = random.uniform(0.5, 2.0)  # noqa: S311 - no secret
+        over.wait(whole)
+        line.split()
+        over.wait(random.uniform(20.0, 40.0))  # noqa: S311
+        line.delay = 0.0
+        line.mend(forget=random.random() < 0.5)  # noqa: S311
+    line.delay = 0.0
 
 
 def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.Event) -> None:

@@ -71,15 +71,19 @@ WORKERS = sa.Table(
     sa.Column("seen_at", sa.Double, nullable=False),
 )
 
-_KEEPALIVE = {"keepalives": 1, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+LINE = {
+    "connect_timeout": 10,
+    "keepalives": 1, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30_000,
+}  # fmt: skip
+"""How soon a dead line to Postgres is noticed; the last one is for a question that is on its way, in milliseconds, for
+which the system would wait a quarter of an hour.
+"""
 
 
 def connect(url: str, pool: int = 8) -> sa.Engine:
     """An engine for the URL of :class:`service.jobs.settings.Settings`."""
     if not url.startswith("sqlite"):
-        return sa.create_engine(
-            url, pool_size=pool, pool_pre_ping=True, pool_timeout=10, connect_args={"connect_timeout": 10, **_KEEPALIVE}
-        )
+        return sa.create_engine(url, pool_size=pool, pool_pre_ping=True, pool_timeout=10, connect_args=LINE)
     engine = sa.create_engine(url, pool_size=pool, connect_args={"timeout": 30})
     event.listen(engine, "connect", _sqlite)
     return engine

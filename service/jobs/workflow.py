@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from dbos import DBOS, DBOSConfig
 
+from service.jobs.database import LINE
 from service.jobs.problems import from_error
 from service.jobs.queue import APPLICATION, QUEUE, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
@@ -47,6 +48,8 @@ def launch(settings: Settings, runner: Runner) -> None:
         "log_level": "WARNING",
         "use_listen_notify": False,
     }
+    if not settings.database_url.startswith("sqlite"):
+        config["db_engine_kwargs"] = {"connect_args": {"application_name": APPLICATION, **LINE}}
     DBOS(config=config)
     _register(runner)
     DBOS.launch()

@@ -379,6 +379,9 @@ _FAULTS_JOBS = "service/jobs/test_faults.py::"
 _RUNNER = "service/jobs/test_runner.py::"
 _POINTS = "service/jobs/test_points.py::"
 _RESTART = "service/jobs/test_restart.py::"
+_MACHINE = "service/jobs/test_machine.py::"
+_POSTGRES = "service/jobs/test_postgres.py::"
+_S3 = "service/jobs/test_s3.py::"
 
 FAULTS: tuple[Promise, ...] = (
     Promise(
@@ -401,17 +404,19 @@ FAULTS: tuple[Promise, ...] = (
         ),
     ),
     Promise(
-        "disk full, no more files, input/output errors (read-only by its error, not by a mount)",
+        "disk full, no more files, input/output errors, a file system that turns read-only",
         "no 202; jobs wait or fail clean; database whole",
         (
+            _MACHINE + "test_a_file_system_that_turns_read_only_costs_nothing_that_was_accepted",
             _FAULTS_API + "test_a_full_disk_takes_nothing_and_loses_nothing",
             _FAULTS_JOBS + "test_a_disk_that_fails_for_a_while_costs_a_job_nothing",
         ),
     ),
     Promise(
-        "out of memory (limit of the process and signal of the system; no cgroup limit was set)",
+        "out of memory: limit of the process, limit of a cgroup",
         "tried once more with less, then out-of-memory; the server lives",
         (
+            _MACHINE + "test_the_kernel_takes_the_job_and_not_the_server",
             _RUNNER + "test_memory_has_an_end",
             _RUNNER + "test_a_job_without_enough_memory_is_tried_once_more_with_less",
             "service/jobs/test_stages.py::test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so",
@@ -456,9 +461,14 @@ FAULTS: tuple[Promise, ...] = (
         ),
     ),
     Promise(
-        "the clock is set (in a test's own clock, not the machine's)",
-        "no early end",
-        ("service/jobs/test_clock.py::test_a_clock_that_is_set_does_not_move_deadlines",),
+        "the clock is set (for the processes of the server, not for the machine)",
+        "no early end, no second run",
+        (
+            "service/jobs/test_clock.py::test_a_clock_that_is_set_does_not_move_deadlines",
+            _MACHINE + "test_a_clock_that_is_set_by_a_day_under_a_running_server_costs_nothing",
+            "service/jobs/test_worker.py::test_a_clock_that_is_set_forward_takes_no_jobs_from_the_living",
+            "service/jobs/test_janitor.py::test_uploads_that_became_no_job_go_after_an_hour",
+        ),
     ),
     Promise(
         "SIGTERM, a second one",
@@ -475,12 +485,17 @@ FAULTS: tuple[Promise, ...] = (
         (
             _POINTS + "test_a_job_at_work_outlives_an_upgrade_and_the_way_back",
             "service/jobs/test_janitor.py::test_jobs_of_an_older_version_begin_again",
+            _POSTGRES + "test_two_versions_at_one_queue_leave_no_job_standing",
+            _POSTGRES + "test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted",
         ),
     ),
     Promise(
-        "Postgres restarted, worker killed, worker frozen (no slow line, no network that splits)",
+        "Postgres restarted, worker killed, worker frozen, slow line, split network",
         "waits, goes on, taken over, one result",
-        (_RESTART + "test_nothing_is_lost_with_several_workers_on_postgres",),
+        (
+            _RESTART + "test_nothing_is_lost_with_several_workers_on_postgres",
+            _POSTGRES + "test_a_slow_line_and_a_split_network_cost_time_only",
+        ),
     ),
     Promise(
         "two servers on a folder",
@@ -493,6 +508,16 @@ FAULTS: tuple[Promise, ...] = (
         (
             _FAULTS_JOBS + "test_everything_that_a_job_wrote_may_be_deleted_under_it",
             _FAULTS_JOBS + "test_a_job_whose_photo_is_gone_fails_with_an_answer",
+        ),
+    ),
+    Promise(
+        "the S3 store is away: at an upload, in a job, at a download",
+        "503, waited for, one result",
+        (
+            _S3 + "test_a_store_that_is_gone_is_a_clear_answer_and_no_loss",
+            _S3 + "test_a_store_that_fails_in_the_middle_of_a_job_costs_time_only",
+            _S3 + "test_a_photo_that_the_store_does_not_give_out_now_is_waited_for",
+            _S3 + "test_a_store_that_stays_away_ends_the_worker_not_the_job",
         ),
     ),
     Promise(
@@ -509,7 +534,7 @@ FAULTS: tuple[Promise, ...] = (
 
 def test_the_rows_are_all_there() -> None:
     assert list(BAD_INPUTS) == list(range(1, 49))
-    assert len(FAULTS) == 16
+    assert len(FAULTS) == 17
 
 
 @pytest.mark.parametrize("row", [*BAD_INPUTS.values(), *FAULTS], ids=lambda row: str(row.what))

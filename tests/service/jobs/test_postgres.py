@@ -1,0 +1,183 @@
+"""Several workers on one Postgres, one of them behind a bad line or of another version."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from benchmarks.chaos_postgres import Workers
+from benchmarks.line import Line
+from benchmarks.postgres import Postgres, find_programs
+from benchmarks.serving import TOY, Server, post, small_photo, wait_for
+from benchmarks.toy_job import SECONDS, archive
+from service.jobs.settings import Settings
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_programs() is None, reason="Postgres is not installed (apt-get install postgresql)"),
+]
+
+WITHIN = 240.0
+
+
+class Site:
+    """A Postgres, a server without a worker, and how both are reached."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.postgres = Postgres(folder)
+        self.postgres.start()
+        self.settings: dict[str, Any] = {
+            "database": self.postgres.url, "artifacts": f"file://{folder}/artifacts", "program": TOY, "reserve_mb": 1,
+            "niceness": 0,
+        }  # fmt: skip
+        self.server = Server(folder / "server", self.settings, with_worker=False)
+        self.server.start(ready=False)
+        self.client = httpx.Client(base_url=self.server.url, timeout=60)
+
+    def state(self, job: str) -> str:
+        return str(self.client.get(f"/v1/avatars/{job}").json()["state"])
+
+    def workflows(self) -> dict[str, Any]:
+        """Worker and version of each job that waits or runs."""
+        from service.jobs.database import connect
+        from service.jobs.queue import Queue
+
+        engine = connect(Settings(data=self.folder, **self.settings).database_url)
+        queue = Queue(engine)
+        try:
+            found = queue.unfinished()
+            return {status.workflow_id.partition(".")[0]: (status.executor_id, status.app_version) for status in found}
+        finally:
+            queue.client.destroy()
+            engine.dispose()
+
+    def ends(self, job: str, seed: int, photo: bytes) -> None:
+        """It succeeds, once, with the bytes of an undisturbed run."""
+        assert wait_for(self.client, job, within=WITHIN)["state"] == "succeeded"
+        content = self.client.get(f"/v1/avatars/{job}/archive.zip").content
+        assert content == archive(hashlib.sha256(photo).hexdigest(), seed)
+        told = self.client.get(f"/v1/avatars/{job}/events").text
+        assert told.count('"state": "succeeded"') == 1, "the end is told once"
+
+    def close(self) -> None:
+        self.client.close()
+        self.server.kill()
+        self.postgres.stop("immediate")
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    made = Site(tmp_path)
+    yield made
+    made.close()
+
+
+def wait_until(check: Callable[[], bool], within: float = WITHIN) -> None:
+    deadline = time.monotonic() + within
+    while not check():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("forget", [True, False])
+def test_a_slow_line_and_a_split_network_cost_time_only(
+    site: Site, monkeypatch: pytest.MonkeyPatch, forget: bool
+) -> None:
+    """The one worker that has jobs is far away, then out of reach for half a minute with a job in its hands."""
+    line = Line(site.postgres.port)
+    far = {"database": site.postgres.url.replace(f":{site.postgres.port}/", f":{line.port}/"), "jobs": 2}
+    workers = Workers(site.folder, site.settings, [], {"far": far})
+    photo = small_photo(1)
+    try:
+        workers.start("far")
+        site.server.wait("readyz")
+        line.delay = 0.05
+        first = post(site.client, photo, 1).json()["id"]
+        site.ends(first, 1, photo)
+        jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (2, 3)}
+        wait_until(lambda: site.state(jobs[2]) == "running")
+        line.delay = 2.0
+        time.sleep(5)
+        line.split()
+        workers.start("near")
+        jobs[4] = post(site.client, photo, 4).json()["id"]
+        site.ends(jobs[4], 4, photo)  # the others go on meanwhile
+        time.sleep(25)
+        line.delay = 0.0
+        line.mend(forget=forget)
+        for _ in range(60):
+            if workers.running["far"].poll() is not None:
+                workers.start("far")  # as a supervisor does
+            if all(site.state(job) == "succeeded" for job in jobs.values()):
+                break
+            time.sleep(1)
+        for seed, job in jobs.items():
+            site.ends(job, seed, photo)
+        wait_until(lambda: site.workflows() == {}, 60)
+    finally:
+        line.close()
+        workers.stop()
+
+
+def start_version(site: Site, name: str, version: str) -> subprocess.Popen[bytes]:
+    """A worker that claims to be of a version of the steps; "" for the present one."""
+    settings = Settings(data=site.folder / name, worker=name, **site.settings)
+    command = [sys.executable, "-m", "tests.service.jobs.dying", "worker", version]
+    with (site.folder / f"{name}.log").open("ab") as log:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log)
+    assert process.stdin is not None
+    process.stdin.write(settings.to_json().encode() + b"\n")
+    process.stdin.close()
+    return process
+
+
+def test_two_versions_at_one_queue_leave_no_job_standing(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker of the old version beside one of the new, which then is alone."""
+    monkeypatch.setenv(SECONDS, "2.0")
+    photo = small_photo(1)
+    running = [start_version(site, "old", "version:pipeline-0")]
+    try:
+        site.server.wait("readyz")
+        jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
+        wait_until(lambda: site.state(jobs[1]) == "running")
+        running.append(start_version(site, "new", ""))
+        jobs[3] = post(site.client, photo, 3).json()["id"]
+        for seed in (1, 2, 3):
+            site.ends(jobs[seed], seed, photo)
+        running[0].kill()
+        jobs[4] = post(site.client, photo, 4).json()["id"]
+        site.ends(jobs[4], 4, photo)
+        wait_until(lambda: site.workflows() == {}, 60)
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is ended in the middle of one and never comes back; the new one waits until it is silent, and begins again."""
+    monkeypatch.setenv(SECONDS, "2.0")
+    photo = small_photo(1)
+    running = [start_version(site, "old", "version:pipeline-0")]
+    try:
+        site.server.wait("readyz")
+        jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
+        wait_until(lambda: site.state(jobs[1]) == "running")
+        running[0].kill()
+        running.append(start_version(site, "new", ""))
+        for seed, job in jobs.items():
+            site.ends(job, seed, photo)
+        wait_until(lambda: site.workflows() == {}, 60)
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
