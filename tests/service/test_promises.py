@@ -518,6 +518,7 @@ FAULTS: tuple[Promise, ...] = (
             _S3 + "test_a_store_that_fails_in_the_middle_of_a_job_costs_time_only",
             _S3 + "test_a_photo_that_the_store_does_not_give_out_now_is_waited_for",
             _S3 + "test_a_store_that_stays_away_ends_the_worker_not_the_job",
+            _POSTGRES + "test_a_job_goes_on_with_another_worker_and_what_lies_on_a_store",
         ),
     ),
     Promise(

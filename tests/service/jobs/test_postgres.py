@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import signal
 import subprocess
 import sys
 import time
@@ -13,12 +14,14 @@ from typing import Any
 import httpx
 import pytest
 
+from benchmarks.chaos import redone
 from benchmarks.chaos_postgres import Workers
 from benchmarks.line import Line
 from benchmarks.postgres import Postgres, find_programs
 from benchmarks.serving import TOY, Server, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS, archive
+from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.settings import Settings
+from tests.service.jobs.s3 import S3, serve
 
 pytestmark = [
     pytest.mark.slow,
@@ -31,13 +34,13 @@ WITHIN = 240.0
 class Site:
     """A Postgres, a server without a worker, and how both are reached."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, artifacts: str = "") -> None:
         self.folder = folder
         self.postgres = Postgres(folder)
         self.postgres.start()
         self.settings: dict[str, Any] = {
-            "database": self.postgres.url, "artifacts": f"file://{folder}/artifacts", "program": TOY, "reserve_mb": 1,
-            "niceness": 0,
+            "database": self.postgres.url, "artifacts": artifacts or f"file://{folder}/artifacts", "program": TOY,
+            "reserve_mb": 1, "niceness": 0,
         }  # fmt: skip
         self.server = Server(folder / "server", self.settings, with_worker=False)
         self.server.start(ready=False)
@@ -181,3 +184,31 @@ def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, mon
         for process in running:
             process.kill()
             process.wait()
+
+
+@pytest.fixture
+def s3() -> Iterator[S3]:
+    yield from serve()
+
+
+def test_a_job_goes_on_with_another_worker_and_what_lies_on_a_store(
+    s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The two have a bucket and Postgres in common and nothing else; the one is killed in the second stage."""
+    log = tmp_path / "stages.log"
+    site = Site(tmp_path, "s3://bucket/avatars")
+    monkeypatch.setenv(LOG, str(log))
+    workers = Workers(site.folder, site.settings, ["one"])
+    photo = small_photo(1)
+    try:
+        site.server.wait("readyz")
+        job = post(site.client, photo, 1).json()["id"]
+        wait_until(lambda: log.exists() and f"{job} begin two" in log.read_text())
+        workers.signal("one", signal.SIGKILL)
+        workers.start("two")
+        site.ends(job, 1, photo)
+        assert redone(log) == []
+        assert site.client.delete(f"/v1/avatars/{job}").status_code == 204
+    finally:
+        workers.stop()
+        site.close()
