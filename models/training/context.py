@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.colour import linear, srgb
 from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.degrade import blur, gain, half_mirrored, noisy
+from models.training.skins import SWAPPED, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
 from service.fit.eye_white import BETWEEN_LIDS
@@ -33,9 +33,6 @@ TINT = 0.08
 
 MISTAKEN, MISTAKE = 0.10, (-0.9, 0.5)
 """Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
-
-SWAPPED, ALIKE = 0.5, 0.3
-"""Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
 
 HELD_OUT_SEED, MOST_HELD_OUT = 11, 40
 
@@ -71,21 +68,6 @@ def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Gene
     return torch.cat([seen * known[:, None], known[:, None]], 1)
 
 
-def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
-    """One subject's light on another's skin, where both are about as dark; else the first subject as it was.
-
-    The light of a capture includes reflections at the surface, which count for more on dark skin; hence the bound.
-    """
-    mask = torch.from_numpy(item["geometry"][-1:].astype("float32"))
-    albedo, skin = byte(item["albedo"]), byte(other["albedo"])
-    apart = log_light(skin, albedo)
-    texture = byte(item["texture"][light])
-    if float((apart * mask).sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
-        texture, albedo = srgb(linear(texture) * torch.exp(apart)), skin
-    coded = {"texture": texture[None], "albedo": albedo}
-    return {**item, **{name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}}
-
-
 class ContextTask:
     """Whole charts, degraded as the fitting degrades them, with the light that the whites of the eyes would show."""
 
@@ -110,6 +92,7 @@ class ContextTask:
             names = ["texture", "albedo"]
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
+        batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
         texture = gain(batch["texture"], generator)
         batch["clean"] = texture
         known = (torch.rand(size, generator=generator) < EYES_KNOWN).float()
@@ -124,6 +107,8 @@ class ContextTask:
         generator = torch.Generator().manual_seed(HELD_OUT_SEED)
         batches = [self.of(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
         for batch in batches:
+            batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
+            batch["clean"] = batch["texture"]
             light = log_light(batch["texture"], batch["albedo"])
             batch["eyes"] = eye_light(light, self.lids, torch.ones(len(light)), generator)
         return batches

@@ -1,0 +1,61 @@
+"""More skins than captures: one subject's light on another's skin, and skin as other devices have measured it."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from models.colour import linear, srgb
+from models.training.albedo import log_light
+from models.training.store import Arrays
+from models.training.tasks import byte
+
+SWAPPED, ALIKE = 0.5, 0.3
+"""Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
+
+SCALE = (0.22, 0.2)
+"""Mean and standard deviation of log(albedo as captured / albedo of the light stage). The stage's skin is as light as
+spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie at 65 to 75, the same hue being
+brighter there by a quarter or more, and calibrations differ from each other by as much."""
+
+HUE = 0.05
+"""Standard deviation of the same by channel, less its mean."""
+
+BRIGHTEST = 0.9
+"""Linear value that all but a hundredth of a chart stays below, whatever the scale."""
+
+
+def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
+    """One subject's light on another's skin, where both are about as dark; else the first subject as it was.
+
+    The light of a capture includes reflections at the surface, which count for more on dark skin; hence the bound.
+    """
+    mask = torch.from_numpy(item["geometry"][-1:].astype("float32"))
+    albedo, skin = byte(item["albedo"]), byte(other["albedo"])
+    apart = log_light(skin, albedo)
+    texture = byte(item["texture"][light])
+    if float((apart * mask).sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
+        texture, albedo = srgb(linear(texture) * torch.exp(apart)), skin
+    coded = {"texture": texture[None], "albedo": albedo}
+    return {**item, **{name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}}
+
+
+def recalibrated(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Charts as another device would have measured the skin: as brightly exposed, with the light that this leaves.
+
+    Args:
+        texture: (N, 3, h, w) sRGB-coded in [0, 1].
+        albedo: (N, 3, h, w) likewise.
+        generator: scale and hue of each chart.
+
+    Returns:
+        both, sRGB-coded in [0, 1].
+    """
+    n = len(albedo)
+    scale = SCALE[0] + SCALE[1] * torch.randn(n, 1, 1, 1, generator=generator)
+    hue = HUE * torch.randn(n, 3, 1, 1, generator=generator)
+    hue = torch.exp(hue - hue.mean(1, keepdim=True))
+    skin = linear(albedo) * hue
+    most = torch.quantile(skin.amax(1).flatten(1), 0.99, dim=1).clamp(min=1e-3).view(n, 1, 1, 1)
+    skin = skin * torch.minimum(torch.exp(scale), (BRIGHTEST / most).clamp(min=1.0))
+    return srgb((linear(texture) * hue).clamp(0.0, 1.0)), srgb(skin.clamp(0.0, 1.0))

@@ -1,0 +1,64 @@
+"""More skins than captures: the light stays what it was, and what is not skin's stays out of the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from models.colour import linear  # noqa: E402
+from models.training.albedo import log_light  # noqa: E402
+from models.training.skins import ALIKE, BRIGHTEST, HUE, SCALE, recalibrated, relit  # noqa: E402
+from models.training.store import Arrays  # noqa: E402
+from models.training.tasks import byte  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+
+def item(albedo: float, texture: float) -> Arrays:
+    """A capture of one colour."""
+    return {
+        "albedo": np.full((3, 8, 12), round(albedo * 255), np.uint8),
+        "texture": np.full((2, 3, 8, 12), round(texture * 255), np.uint8),
+        "geometry": np.ones((11, 8, 12), np.float16),
+    }
+
+
+def test_the_light_stays_when_the_skin_changes() -> None:
+    """log(texture / albedo) before and after; skins too unlike each other are not exchanged."""
+    one, other, far = item(0.5, 0.4), item(0.53, 0.9), item(0.9, 0.9)
+    mixed = relit(one, 1, other)
+    assert (mixed["albedo"] == other["albedo"]).all()
+    before, after = (
+        log_light(byte(np.asarray(each["texture"])[:1]), byte(np.asarray(each["albedo"]))[None])
+        for each in (one, mixed)
+    )
+    assert torch.allclose(before, after, atol=0.02)
+    kept = relit(one, 1, far)
+    assert (kept["albedo"] == one["albedo"]).all() and ALIKE < 1.0
+
+
+def test_another_device_changes_the_albedo_and_not_the_exposure() -> None:
+    """The texture keeps its brightness, so that what is taken for light makes up for the scale; drawn as documented."""
+    n = 400
+    albedo, texture = torch.full((n, 3, 4, 6), 0.45), torch.full((n, 3, 4, 6), 0.6)
+    shown, skin = recalibrated(texture, albedo, torch.Generator().manual_seed(3))
+    assert linear(shown).log().mean((1, 2, 3)).sub(linear(texture).log().mean()).abs().max() < 1e-4
+    scale = (linear(skin) / linear(albedo)).log()
+    assert float(scale.mean()) == pytest.approx(SCALE[0], abs=0.05)
+    assert float(scale.mean((1, 2, 3)).std()) == pytest.approx(SCALE[1], rel=0.15)
+    hue = scale - scale.mean(1, keepdim=True)
+    assert float(hue.std()) == pytest.approx(HUE * (2 / 3) ** 0.5, rel=0.15)
+    light = log_light(shown, skin) - log_light(texture, albedo)
+    assert torch.allclose(light, -scale.mean(1, keepdim=True).expand_as(light), atol=1e-3), "the hue is the skin's"
+
+
+def test_no_skin_becomes_brighter_than_skin_and_black_stays_black() -> None:
+    """Without the bound pale skin would clip to white; a black chart would divide by zero."""
+    pale, dark = torch.full((200, 3, 4, 6), 0.93), torch.zeros((4, 3, 4, 6))
+    _, skin = recalibrated(pale, pale, torch.Generator().manual_seed(4))
+    assert float((linear(skin) / linear(pale)).max()) < np.exp(5 * HUE), "the scale is left out, the hue is not"
+    assert linear(pale).max() < BRIGHTEST
+    for chart in recalibrated(dark, dark, torch.Generator().manual_seed(5)):
+        assert torch.isfinite(chart).all() and float(chart.max()) < 1e-3
