@@ -169,7 +169,7 @@ def parse_face(text: str) -> int | Literal["largest"]:
         return "largest"
     if not _digits(text.strip()):
         raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
-    return int(text)
+    return int(text.strip())  # int() leaves separators like U+001F, which strip() takes
 
 
 def _check_maps(maps: tuple[str, ...]) -> None:

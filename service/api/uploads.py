@@ -22,6 +22,8 @@ from service.jobs.settings import Settings
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
 MAX_PARTS = 8
 _MAX_HEADER = 8 << 10
+_MOST_DIGITS = 18
+"""Of a length that is worth reading; Python refuses to read thousands."""
 _FRAME = 64 << 10
 _BATCH = 256 << 10
 
@@ -98,7 +100,9 @@ async def _pump(request: Request, sink: _Body, settings: Settings) -> None:
 
 def _check_length(request: Request, max_bytes: int) -> None:
     text = request.headers.get("content-length")
-    if text is not None and text.isdigit() and int(text) > max_bytes + _FRAME:
+    if text is None or not (text.isascii() and text.isdigit()):
+        return  # the server has refused what is no length
+    if len(text) > _MOST_DIGITS or int(text) > max_bytes + _FRAME:
         raise _too_large(max_bytes)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from service.errors import UsageError
@@ -143,6 +143,7 @@ def test_the_knobs_reach_the_fit() -> None:
 
 
 @given(st.text(max_size=20))
+@example("0\x1f")
 def test_any_text_is_parsed_or_refused(text: str) -> None:
     """No other exception, and no number that Python alone would read (``1_0``, Arabic digits, a sign)."""
     for parse in (parse_size, parse_face):
