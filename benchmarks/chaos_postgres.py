@@ -109,7 +109,7 @@ def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
     server = Server(folder / "server", settings, with_worker=False)
     server.start(ready=False)
     line = Line(postgres.port)
-    own = {"w0": {"database": postgres.url.replace(f":{postgres.port}/", f":{line.port}/")}}
+    own = {"w0": {"database": postgres.url_by(line.port)}}
     workers = Workers(folder, settings, [f"w{number}" for number in range(count)], own)
     accepted: dict[str, tuple[str, int]] = {}
     try:

@@ -45,8 +45,13 @@ class Postgres:
                 with contextlib.suppress(OSError):
                     parent.chmod(parent.stat().st_mode | 0o011)
         self.port = free_port()
-        self.url = f"postgresql://{USER}@127.0.0.1:{self.port}/postgres"
+        self.url = self.url_by(self.port)
         self._run("initdb", "-D", str(self._data), "-U", USER, "-A", "trust", "--no-sync")
+
+    @staticmethod
+    def url_by(port: int) -> str:
+        """How it is reached by a port: its own, or that of a :class:`benchmarks.line.Line` that leads to it."""
+        return f"postgresql://{USER}@127.0.0.1:{port}/postgres"
 
     def start(self) -> None:
         """Start, and wait until it answers."""

@@ -28,10 +28,10 @@ from benchmarks.heads import Skin, TexturedHead
 from benchmarks.light_spread import photo_of, true_albedo
 from benchmarks.shoot import data_folder, ffhq_head
 from benchmarks.subjects import scan
+from export.networks.convert import load_run
 from models.colour import linear, srgb
 from models.lightstage.references import linear as decoded
 from models.lightstage.references import read
-from models.networks.configs import build
 from models.networks.context import HEIGHT, WIDTH
 from models.tables import tell
 from models.training.albedo import log_light, unlit
@@ -73,13 +73,12 @@ class RealSkin:
 def skins(data: Path, out: Path) -> dict[str, RealSkin]:
     """Every real skin by its name."""
     skin = Skin.load(data / "ffhq_uv_head")
-    face, own = ffhq_head(skin), {}
-    own["ffhq"] = face
+    faces = {"ffhq": ffhq_head(skin)}
     for number, end in enumerate(HIFI, 1):  # the same layout of the chart
         coloured = replace(skin, texture=decoded(read(data / "hifi3d_uv" / f"albedo{end}.png")))
-        own[f"hifi3d {number}"] = ffhq_head(coloured)
+        faces[f"hifi3d {number}"] = ffhq_head(coloured)
     scanned = scan(data, out)[0]
-    return on_chart(face, own, out) | on_chart(scanned, {"scan": scanned}, out)
+    return on_chart(faces["ffhq"], faces, out) | on_chart(scanned, {"scan": scanned}, out)
 
 
 def on_chart(head: TexturedHead, coloured: Mapping[str, TexturedHead], out: Path) -> dict[str, RealSkin]:
@@ -144,14 +143,6 @@ def table(rows: Mapping[str, npt.NDArray[np.float64]]) -> list[str]:
     return lines
 
 
-def of_run(folder: Path) -> nn.Module:
-    """The moving average of a run's weights."""
-    kept = torch.load(folder / "checkpoint.pt", map_location="cpu", weights_only=True)
-    network = build(kept["run"]["network"], kept["run"]["config"])
-    network.load_state_dict(kept["average"])
-    return network.eval()
-
-
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     captures: Annotated[Path, typer.Option(help="Folder of captures.")] = Path("build/captures"),
@@ -163,7 +154,7 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     task, generator = ContextTask(captures), torch.Generator().manual_seed(SEED)
     task.test.refresh()
-    network = Shipped("delta_context", MODELS) if run is None else of_run(run)
+    network = Shipped("delta_context", MODELS) if run is None else load_run(run)[1].eval()
     with torch.no_grad():
         rows = {
             name: np.array([judged(task, network, batch, skin.face) for batch in lit(task, skin, generator)])

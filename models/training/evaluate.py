@@ -103,12 +103,17 @@ def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row
         albedo = batch["albedo"]
         true = log_light(batch["clean"], albedo)
         found = unlit(batch["clean"], light)
-        gain = ((light - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
         blind = task.predict(network, batch | {"eyes": torch.zeros_like(batch["eyes"])})
+        gain, gain_blind = (
+            ((one - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
+            for one in (light, blind)
+        )
         return {
             "network dB": psnr(found, albedo, mask),
             "network, no eyes seen dB": psnr(unlit(batch["clean"], blind), albedo, mask),
             "network, best gain dB": psnr(unlit(batch["clean"], light - gain), albedo, mask),
+            "log light off by": abs(float(gain.mean())),
+            "log light off by, no eyes seen": abs(float(gain_blind.mean())),
             "texture itself dB": psnr(batch["texture"], albedo, mask),
             "divided by shading dB": psnr(divided(batch), albedo, mask),
             "one true colour dB": flat_colour(batch["texture"], albedo, mask),

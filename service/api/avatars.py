@@ -103,8 +103,7 @@ def delete(job: str, tenant: Asking, context: Here) -> Response:
         context.queue.cancel(row["workflow"])
     elif row["gone"] is None:
         context.store.depart(job, "erased")
-    with contextlib.suppress(OSError):  # a worker erases what is left, also of one that still writes
-        context.artifacts.sweep(job, set())
+    _erase(context, job)
     return Response(status_code=204)
 
 
@@ -132,18 +131,22 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
     return await run_in_threadpool(_store, context, new, upload.path)
 
 
+def _erase(context: Context, job: str) -> None:
+    """Remove the files of a job as far as the store lets; a worker erases the rest, also of one that still writes."""
+    with contextlib.suppress(OSError):
+        context.artifacts.sweep(job, set())
+
+
 def _store(context: Context, new: NewJob, path: Path) -> Row:
     """First the photo on the disk, then the job and its place in the queue in one transaction."""
     context.artifacts.put(path, new.photo)
     try:
         return context.store.add(new, lambda connection, workflow: context.queue.put(connection, workflow, new.id))
     except KeyInUse as used:
-        with contextlib.suppress(OSError):
-            context.artifacts.sweep(new.id, set())
+        _erase(context, new.id)
         return _same(used.row, new.digest)
     except BaseException:
-        with contextlib.suppress(OSError):
-            context.artifacts.sweep(new.id, set())
+        _erase(context, new.id)
         raise
 
 

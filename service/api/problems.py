@@ -99,6 +99,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _validation)
     app.add_exception_handler(OSError, _disk)
+    app.add_exception_handler(StoreFault, _database)
     app.add_exception_handler(sa.exc.SQLAlchemyError, _database)
     app.add_exception_handler(Exception, _unexpected)
 
@@ -132,8 +133,6 @@ def _validation(request: Request, error: Exception) -> Response:
 
 def _disk(request: Request, error: Exception) -> Response:
     """Space may end in the middle of an upload, whatever the reserve said at its beginning."""
-    if isinstance(error, StoreFault):
-        return _database(request, error)
     log.error("a request failed", exc_info=error)
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         full = problem("no-space", 507, EXPLANATIONS["no-space"])

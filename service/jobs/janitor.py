@@ -80,19 +80,25 @@ class Janitor:
         unknown: dict[str, float] = {}
         for job in artifacts.jobs():
             if self._store.get(job) is None:
-                age = STRAY if artifacts.folder is None else _age(artifacts.folder / job)
-                if self._is_stray(job, age, unknown, STRAY if artifacts.folder is None else SEEN):
+                age = None if artifacts.folder is None else _age(artifacts.folder / job)
+                if self._is_stray(job, age, unknown):
                     artifacts.sweep(job, set())
         for path in incoming.glob("*") if incoming.is_dir() else ():
-            if self._is_stray(path.name, _age(path), unknown, SEEN):
+            if self._is_stray(path.name, _age(path), unknown):
                 path.unlink(missing_ok=True)
         self._unknown = unknown
 
-    def _is_stray(self, name: str, age: float, unknown: dict[str, float], patience: float) -> bool:
-        """Whether something is old by the clock on the wall, and was seen long ago by the one that does not jump."""
+    def _is_stray(self, name: str, age: float | None, unknown: dict[str, float]) -> bool:
+        """Whether something is old by the clock on the wall, and was seen long ago by the one that does not jump.
+
+        Args:
+            name: of it; when it was first seen is noted in ``unknown``.
+            age: in seconds by the clock on the wall; None where only being seen tells, as on a remote store.
+            unknown: of this look.
+        """
         unknown[name] = self._unknown.get(name, time.monotonic())
-        longest = max(patience, 2 * self._runner.settings.body_seconds)
-        return age >= STRAY and time.monotonic() - unknown[name] >= longest
+        patience = max(STRAY if age is None else SEEN, 2 * self._runner.settings.body_seconds)
+        return (age is None or age >= STRAY) and time.monotonic() - unknown[name] >= patience
 
     def adopt(self) -> None:
         """Begin unfinished jobs of older versions of the program again, unless a worker of that version lives."""

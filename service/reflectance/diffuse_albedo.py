@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
-from service.reflectance.exposure import less_overexposed
+from service.reflectance.exposure import less_overexposed, mean_light
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
 from service.reflectance.subject import EYES
@@ -96,9 +96,7 @@ def light_between_lids(light: Float, lit: Float) -> Float:
         light: (3, h, w) log light of the skin.
         lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
     """
-    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
-    mean = (light * weight).sum((1, 2)) / np.float32(weight.sum())
-    return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
+    return np.asarray(mean_light(light, lit) + np.float32(np.log(BETWEEN_LIDS)), np.float32)
 
 
 @dataclass(frozen=True)

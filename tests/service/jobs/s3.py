@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.serving import free_port
 
-REASON = "the extra packages moto[server] and s3fs are not installed (pip install -e '.[dev]')"
+REASON = "moto[s3], flask, flask-cors or s3fs is not installed: pip install -e '.[dev]'"
 
 
 class S3:

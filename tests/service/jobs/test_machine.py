@@ -20,10 +20,9 @@ import pytest
 
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import SECONDS, archive
+from tests.service.jobs.processes import WITHIN
 
 pytestmark = pytest.mark.slow
-
-WITHIN = 240.0
 
 HOUR = 3600
 
@@ -38,7 +37,7 @@ def cgroup() -> Iterator[Path]:
         group.mkdir()
         (group / "memory.limit_in_bytes").write_text(str(600 << 20))
     except OSError as error:
-        pytest.skip(f"no memory cgroup (version 1) can be made here: {error}")
+        pytest.skip(f"no memory cgroup can be made here: needs root and version 1, mounted at {CGROUPS}: {error}")
     yield group
     for _ in range(100):
         with contextlib.suppress(OSError):
@@ -113,11 +112,11 @@ class Disk:
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
     if any(shutil.which(program) is None for program in ("mkfs.ext4", "e2fsck", "findmnt")):
-        pytest.skip("the programs of ext4 are not installed")
+        pytest.skip("the programs of ext4 are missing: apt-get install e2fsprogs util-linux")
     try:
         made = Disk(tmp_path)
     except subprocess.CalledProcessError as error:
-        pytest.skip(f"no file system can be mounted here (root only): {error}")
+        pytest.skip(f"no file system can be mounted here: run as root, with loop devices: {error}")
     yield made
     subprocess.run(["umount", "-l", str(made.place)], check=False, capture_output=True)
 
@@ -226,7 +225,10 @@ class Clock:
         return subprocess.check_output([sys.executable, "-c", program], env=os.environ | self.environment, text=True)
 
 
-@pytest.mark.skipif(sys.platform != "linux" or shutil.which("cc") is None, reason="needs Linux and a C compiler")
+@pytest.mark.skipif(
+    sys.platform != "linux" or shutil.which("cc") is None,
+    reason="needs Linux and a C compiler: apt-get install gcc",
+)
 def test_a_clock_that_is_set_by_a_day_under_a_running_server_costs_nothing(tmp_path: Path) -> None:
     """A day and an hour forward, then two days back, for all processes of the server at once and for SQLite in them."""
     clock = Clock(tmp_path)

@@ -8,8 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,13 +20,12 @@ from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.process import descendants
 from service.jobs.runner import LOSSES
 from service.jobs.store import UNFINISHED
+from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
 
 pytestmark = pytest.mark.slow
-
-WITHIN = 240.0
 
 OF_A_WORKER = (
     "service.jobs.store:Store.begin:before",
@@ -57,12 +54,7 @@ class Worker:
     """A worker process on the data of a bench."""
 
     def __init__(self, bench: Bench, point: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.service.jobs.dying", "worker", point], stdin=subprocess.PIPE
-        )
-        assert self.process.stdin is not None
-        self.process.stdin.write(bench.settings.to_json().encode() + b"\n")
-        self.process.stdin.close()
+        self.process = start_worker(bench.settings, point)
 
     def died(self) -> bool:
         """Whether it reaches its point within the time."""
@@ -84,13 +76,6 @@ def state_of(bench: Bench, job: str) -> str:
     row = bench.store.get(job)
     assert row is not None
     return str(row["state"])
-
-
-def wait_until(check: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WITHIN
-    while not check():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def test_a_worker_may_die_at_every_point_of_a_job(

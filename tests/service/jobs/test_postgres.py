@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,13 @@ from benchmarks.postgres import Postgres, find_programs
 from benchmarks.serving import TOY, Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.settings import Settings
+from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.service.jobs.s3 import S3, serve
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(find_programs() is None, reason="Postgres is not installed (apt-get install postgresql)"),
 ]
-
-WITHIN = 240.0
 
 
 class Site:
@@ -84,20 +82,13 @@ def site(tmp_path: Path) -> Iterator[Site]:
     made.close()
 
 
-def wait_until(check: Callable[[], bool], within: float = WITHIN) -> None:
-    deadline = time.monotonic() + within
-    while not check():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
-
-
 @pytest.mark.parametrize("forget", [True, False])
 def test_a_slow_line_and_a_split_network_cost_time_only(
     site: Site, monkeypatch: pytest.MonkeyPatch, forget: bool
 ) -> None:
     """The one worker that has jobs is far away, then out of reach for half a minute with a job in its hands."""
     line = Line(site.postgres.port)
-    far = {"database": site.postgres.url.replace(f":{site.postgres.port}/", f":{line.port}/"), "jobs": 2}
+    far = {"database": site.postgres.url_by(line.port), "jobs": 2}
     workers = Workers(site.folder, site.settings, [], {"far": far})
     photo = small_photo(1)
     try:
@@ -131,59 +122,71 @@ def test_a_slow_line_and_a_split_network_cost_time_only(
         workers.stop()
 
 
-def start_version(site: Site, name: str, version: str) -> subprocess.Popen[bytes]:
-    """A worker that claims to be of a version of the steps; "" for the present one."""
-    settings = Settings(data=site.folder / name, worker=name, **site.settings)
-    command = [sys.executable, "-m", "tests.service.jobs.dying", "worker", version]
-    with (site.folder / f"{name}.log").open("ab") as log:
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log)
-    assert process.stdin is not None
-    process.stdin.write(settings.to_json().encode() + b"\n")
-    process.stdin.close()
-    return process
+class Versions:
+    """Workers of a site that claim to be of a version of the steps."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, point: str) -> None:
+        """One by its name, with ``version:NAME``; "" is the present version."""
+        settings = Settings(data=self._site.folder / name, worker=name, **self._site.settings)
+        with (self._site.folder / f"{name}.log").open("ab") as log:
+            self._running[name] = start_worker(settings, point, log)
+
+    def kill(self, name: str) -> None:
+        self._running[name].kill()
+        self._running[name].wait()
+
+    def close(self) -> None:
+        for name in self._running:
+            self.kill(name)
 
 
-def test_two_versions_at_one_queue_leave_no_job_standing(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def versions(site: Site, monkeypatch: pytest.MonkeyPatch) -> Iterator[Versions]:
+    """With a worker of an old version, and jobs that take a while."""
+    monkeypatch.setenv(SECONDS, "2.0")
+    made = Versions(site)
+    made.start("old", "version:pipeline-0")
+    try:
+        site.server.wait("readyz")
+        yield made
+    finally:
+        made.close()
+
+
+def two_jobs(site: Site, photo: bytes) -> dict[int, str]:
+    """By their seeds; the first runs."""
+    jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
+    wait_until(lambda: site.state(jobs[1]) == "running")
+    return jobs
+
+
+def test_two_versions_at_one_queue_leave_no_job_standing(site: Site, versions: Versions) -> None:
     """A worker of the old version beside one of the new, which then is alone."""
-    monkeypatch.setenv(SECONDS, "2.0")
     photo = small_photo(1)
-    running = [start_version(site, "old", "version:pipeline-0")]
-    try:
-        site.server.wait("readyz")
-        jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
-        wait_until(lambda: site.state(jobs[1]) == "running")
-        running.append(start_version(site, "new", ""))
-        jobs[3] = post(site.client, photo, 3).json()["id"]
-        for seed in (1, 2, 3):
-            site.ends(jobs[seed], seed, photo)
-        running[0].kill()
-        jobs[4] = post(site.client, photo, 4).json()["id"]
-        site.ends(jobs[4], 4, photo)
-        wait_until(lambda: site.workflows() == {}, 60)
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
+    jobs = two_jobs(site, photo)
+    versions.start("new", "")
+    jobs[3] = post(site.client, photo, 3).json()["id"]
+    for seed in (1, 2, 3):
+        site.ends(jobs[seed], seed, photo)
+    versions.kill("old")
+    jobs[4] = post(site.client, photo, 4).json()["id"]
+    site.ends(jobs[4], 4, photo)
+    wait_until(lambda: site.workflows() == {}, 60)
 
 
-def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, versions: Versions) -> None:
     """It is ended in the middle of one and never comes back; the new one waits until it is silent, and begins again."""
-    monkeypatch.setenv(SECONDS, "2.0")
     photo = small_photo(1)
-    running = [start_version(site, "old", "version:pipeline-0")]
-    try:
-        site.server.wait("readyz")
-        jobs = {seed: post(site.client, photo, seed).json()["id"] for seed in (1, 2)}
-        wait_until(lambda: site.state(jobs[1]) == "running")
-        running[0].kill()
-        running.append(start_version(site, "new", ""))
-        for seed, job in jobs.items():
-            site.ends(job, seed, photo)
-        wait_until(lambda: site.workflows() == {}, 60)
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
+    jobs = two_jobs(site, photo)
+    versions.kill("old")
+    versions.start("new", "")
+    for seed, job in jobs.items():
+        site.ends(job, seed, photo)
+    wait_until(lambda: site.workflows() == {}, 60)
 
 
 @pytest.fixture
