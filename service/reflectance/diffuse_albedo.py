@@ -18,6 +18,7 @@ from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
 from service.reflectance.subject import EYES
 from service.reflectance.translate import Job, translate
+from service.reflectance.unseen import continued, like_seen_skin, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
 
@@ -29,64 +30,16 @@ TEXTURE = ("texture_r", "texture_g", "texture_b")
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
 
+MADE_UP = "made_up_skin"
+"""Channel that is 1 where the texture is skin that no photo showed."""
+
 BRIGHTEST = 0.85
 """Largest albedo of an eye or a tooth."""
-
-WIDEST = 64
-"""Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
-
-
-SEAM = 0.12
-"""Share of the chart's width and height over which the two sides of the seam go over into each other."""
 
 
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
     return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
-
-
-def continued(light: Float, lit: Float) -> Float:
-    """(C, h, w) light that goes on smoothly from lit skin to all else; unchanged where nothing or all is lit skin.
-
-    Colour that was made up was continued from the photo's and carries the light of its source, not that of its place.
-    A network that has seen lit skin only would take it for a brightly lit or shaded surface, and dark hair for shade.
-
-    Args:
-        light: what the context network found.
-        lit: (h, w) in [0, 1], where the light is to be believed.
-    """
-    import cv2
-
-    weight = np.clip(lit, 0, 1).astype(np.float32)
-    total = float(weight.sum())
-    if total < 1:
-        return light
-    planes = np.ascontiguousarray(np.moveaxis(light, 0, 2), np.float32)
-    weighted = planes * weight[..., None]
-    filled: Float = np.broadcast_to(weighted.sum((0, 1)) / np.float32(total), planes.shape).astype(np.float32)
-    sigma = WIDEST
-    while sigma >= 2:
-        near = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)[..., None]
-        spread = np.asarray(cv2.GaussianBlur(weighted, (0, 0), sigma), np.float32).reshape(planes.shape)
-        trust = near / (near + np.float32(0.02))
-        filled = np.asarray(trust * spread / np.maximum(near, np.float32(1e-6)) + (1 - trust) * filled, np.float32)
-        sigma //= 2
-    soft = np.minimum(np.asarray(cv2.GaussianBlur(weight, (0, 0), 2), np.float32), weight)[..., None]
-    return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
-
-
-def seamless(light: Float) -> Float:
-    """(C, h, w) light that is the same on both sides of the head's seam, which runs along three borders of the chart.
-
-    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides go over into
-    their mean; light from the left would else end at the middle of the crown.
-    """
-    _, height, width = light.shape
-    x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
-    near = np.minimum(np.minimum(x, width - x)[None] / (width * SEAM), y[:, None] / (height * SEAM))
-    far = np.clip(near, 0, 1).astype(np.float32)
-    share = np.float32(0.5) * (1 - far * far * (3 - 2 * far))
-    return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
 
 
 def light_between_lids(light: Float, lit: Float) -> Float:
@@ -115,7 +68,10 @@ class Found:
 
 
 def found_by(network: Network, planes: Planes) -> Found:
-    """Ask the context network about the planes of a whole chart, where ``LIT`` may be missing: all of it is lit."""
+    """Ask the context network about the planes of a whole chart.
+
+    ``LIT`` may be missing, where all of it is lit, and ``MADE_UP``, where nothing is made up.
+    """
     what = network.description
     size = what.whole or planes.size
     light = run_whole(network, planes.shrunk(what.channels, size))
@@ -125,9 +81,11 @@ def found_by(network: Network, planes: Planes) -> Found:
         light = less_overexposed(light, weight)
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
     albedo = srgb_to_linear(coded) * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
-    return Found(
-        seamless(continued(light, lit)), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel())
-    )
+    everywhere = continued(light, lit)
+    if MADE_UP in planes.channels:
+        linear = np.moveaxis(srgb_to_linear(coded).reshape(*lit.shape, 3), 2, 0)
+        everywhere = like_seen_skin(everywhere, linear, light, lit, planes.shrunk([MADE_UP], size)[0])
+    return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 
 def without(light: Float, coded: Float) -> Float:

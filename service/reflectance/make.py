@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.diffuse_albedo import LIT, diffuse_albedo, needs_context
+from service.reflectance.diffuse_albedo import LIT, MADE_UP, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
@@ -87,6 +87,8 @@ def make_reflectance(
     planes.add_coarse(GEOMETRY, geometry)
     if subject.lit is not None:
         planes.add_coarse([LIT], subject.lit[None])
+    if subject.made_up is not None:
+        planes.add_coarse([MADE_UP], subject.made_up[None])
     planes.add_coarse(EYES, subject.eyes)
     skin = subject.skin(size)
     made = _Maps()

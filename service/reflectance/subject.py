@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,7 @@ class Subject:
         chart: of ``head`` at ``GEOMETRY_SIZE``.
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
             None: all of it is.
+        made_up: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
         eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.whites``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
     """
@@ -61,6 +62,7 @@ class Subject:
     lit: Float | None = None
     eye_light: npt.NDArray[np.floating] | None = None
     white: npt.NDArray[np.floating] | None = None
+    made_up: Float | None = None
 
     @classmethod
     def of(
@@ -78,7 +80,10 @@ class Subject:
     @classmethod
     def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
         """The head of a photo, with all that fit and texture tell of its light."""
-        return cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
+        subject = cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
+        made_up = np.asarray(texture.confidence == 0, np.float32)
+        height, width = made_up.shape
+        return replace(subject, made_up=made_up * subject.bare((width, height)))
 
     @property
     def eyes(self) -> Float:
@@ -108,6 +113,15 @@ class Subject:
         """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
         weight = self.chart.interpolate(vertex_mask(self.head, "eyelid_left", "eyelid_right"))[..., 0]
         return np.asarray(weight * self.chart.mask, np.float32)
+
+    def bare(self, size: tuple[int, int]) -> Float:
+        """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
+        import cv2
+
+        own = self.chart.part == self.chart.head.part_names.index("skin")
+        hair = self.chart.interpolate(vertex_mask(self.head, "scalp"))[..., 0]
+        smooth = self.chart.fill_outside(np.asarray(own * (1 - np.clip(hair, 0, 1)), np.float32))
+        return np.asarray(cv2.resize(smooth, size, interpolation=cv2.INTER_AREA), np.float32)
 
     def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8: 255 where a texel is skin, which is what the networks learnt; 0 on eyes, teeth, tongue, lashes.

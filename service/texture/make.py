@@ -19,6 +19,7 @@ from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
 from service.texture.plausible import Skin, learn_skin, plausibility
 from service.texture.result import MIRRORED, SEEN, Texture
+from service.texture.scraps import scraps
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 from service.texture.zones import Zones
@@ -96,8 +97,8 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
     if skin is None:
         return seen, seen, None
     likely = np.ones_like(seen)
-    shown = np.flatnonzero(seen > 0)
-    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown])
+    own = np.flatnonzero(seen > 0)
+    likely[own] = plausibility(skin, unwrapped.colour[own], unwrapped.normal[own])
     likely = _calm(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
     excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
@@ -105,7 +106,9 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
     # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
     squarely = opacity(unwrapped.weight - SQUARELY)
     kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
-    return np.asarray(seen * likely, np.float32), np.asarray(seen * (kept + (1 - kept) * likely), np.float32), skin
+    shown = seen * (kept + (1 - kept) * likely)
+    whole = ~scraps(chart, shown, zones)
+    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
 
 
 def _lit(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:

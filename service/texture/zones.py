@@ -22,6 +22,7 @@ class Zones:
         face: the face proper, where hair, glasses and make-up are part of the likeness.
         features: lips and lids, which are not skin-coloured by right.
         scalp: where hair is expected.
+        neck: below the jaw.
         mouth: the inside of the mouth.
         hidden: inside of the mouth and of the eye sockets.
     """
@@ -30,6 +31,7 @@ class Zones:
     face: Float
     features: Float
     scalp: Float
+    neck: Float
     mouth: Float
     hidden: Float
 
@@ -43,6 +45,7 @@ class Zones:
             vertex_mask(head, "face"),
             np.maximum(np.maximum(vertex_mask(head, "lips"), brows), lids),
             vertex_mask(head, "scalp"),
+            vertex_mask(head, "neck"),
             vertex_mask(head, "mouth_inner"),
             vertex_mask(head, "mouth_inner", "eye_socket"),
         ]
