@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from service.colour import luma
 from service.geometry.chart import Chart, mirrored
+from service.texture.grain import grain
 from service.texture.mesh_field import Graph, smooth_fit, splat
 from service.texture.zones import vertex_mask
 
@@ -85,7 +86,7 @@ def complete_skin(
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
     made_up = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
-    result += made_up * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * _noise(chart, seed)
+    result += made_up * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
@@ -137,16 +138,3 @@ def _feather(chart: Chart, share: Float) -> Float:
     reach = 2 * round(sigma) + 1
     soft = cv2.GaussianBlur(np.asarray(cv2.erode(image, np.ones((reach, reach), np.uint8))), (0, 0), sigma)
     return np.asarray(np.minimum(share, np.asarray(soft, np.float32).ravel()[chart.texels]))
-
-
-def _noise(chart: Chart, seed: int) -> Float:
-    """(N, 1) mirror-symmetric band of noise with mean magnitude 1.
-
-    Symmetric, because then left and right end of the chart, which meet at the back of the head, are alike.
-    """
-    import cv2
-
-    noise = np.random.default_rng(seed).standard_normal((chart.triangle.shape), np.float32)
-    band = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.8)) - np.asarray(cv2.GaussianBlur(noise, (0, 0), 2.5))
-    band = band + mirrored(band)
-    return np.asarray(band.ravel()[chart.texels, None] / np.abs(band).mean(), np.float32)
