@@ -33,6 +33,9 @@ LIT = "lit_skin"
 MADE_UP = "made_up_skin"
 """Channel that is 1 where the texture is skin that no photo showed."""
 
+LID_SHADE = "lid_shade"
+"""Channel of what the lids leave of the light on the eyes, on sRGB values; 1 on all else."""
+
 BRIGHTEST = 0.85
 """Largest albedo of an eye or a tooth."""
 
@@ -88,9 +91,18 @@ def found_by(network: Network, planes: Planes) -> Found:
     return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 
-def without(light: Float, coded: Float) -> Float:
-    """(h, w, 3) texture in [-1, 1] without a (3,) log light; white where that would be brighter than ``BRIGHTEST``."""
-    linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
+def without(light: Float, coded: Float, shade: Float | None = None) -> Float:
+    """(h, w, 3) texture in [-1, 1] without a (3,) log light; white where that would be brighter than ``BRIGHTEST``.
+
+    Args:
+        light: of the whole part.
+        coded: texture.
+        shade: (h, w) positive, what of it reaches each texel, on sRGB values; None: all.
+    """
+    bright = coded * np.float32(0.5) + np.float32(0.5)
+    if shade is not None:
+        bright = np.minimum(bright / np.maximum(shade, np.float32(0.1))[..., None], np.float32(1))
+    linear = srgb_to_linear(bright) * np.exp(-np.clip(light, -6, 6))
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
@@ -117,6 +129,7 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
     between = None if found is None else found.between
     between = between if white is None else np.log(np.asarray(white, np.float32))
     result = np.zeros_like(texture)
+    shade = job.planes.read([LID_SHADE]) if LID_SHADE in job.planes.channels else None
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
@@ -125,7 +138,8 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:
-                kept = without(between, kept)
+                rows, columns = (np.arange(s.start, s.stop) for s in place)
+                kept = without(between, kept, None if shade is None else shade(rows, columns)[0])
             albedo = kept + skin[..., None] * (albedo - kept)
         result[place] = to_codes(albedo)
 

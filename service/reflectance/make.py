@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.diffuse_albedo import LIT, MADE_UP, diffuse_albedo, needs_context
+from service.reflectance.diffuse_albedo import LID_SHADE, LIT, MADE_UP, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
@@ -36,6 +36,7 @@ from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.parts import eye_shade
 
 T = TypeVar("T")
 
@@ -90,6 +91,8 @@ def make_reflectance(
     if subject.made_up is not None:
         planes.add_coarse([MADE_UP], subject.made_up[None])
     planes.add_coarse(EYES, subject.eyes)
+    if subject.white is not None:
+        planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
     skin = subject.skin(size)
     made = _Maps()
 

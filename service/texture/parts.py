@@ -26,7 +26,8 @@ LASHES = np.array([0.12, 0.09, 0.08], np.float32)
 """sRGB colours under the light under which a sclera looks like ``SCLERA``."""
 
 LID_SHADE = ((-0.55, 0.75), (-0.30, 0.95), (-0.05, 1.0), (0.10, 0.87), (0.23, 0.55), (0.6, 0.4))
-"""Height on the eyeball over its radius, and how much light the lids leave there (on sRGB values)."""
+"""Height on the eyeball over its radius, and how much light the lids leave there (on sRGB values). In the texture,
+which is the photo's; the albedo is without."""
 CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 """The same sideways, towards the corners of the lids."""
 ALIKE = 0.45
@@ -105,6 +106,15 @@ def lid_shade(chart: Chart, part: int) -> Float:
     lids, corners = np.array(LID_SHADE).T, np.array(CORNER_SHADE).T
     light = np.interp(y, *lids) * np.interp(np.abs(x), *corners)
     return np.asarray(light, np.float32)[:, None]
+
+
+def eye_shade(chart: Chart) -> Float:
+    """(H, W) light that the lids leave to the eyes, :func:`lid_shade` on all of them, and 1 everywhere else."""
+    factor = np.ones(len(chart.texels), np.float32)
+    for index, name in enumerate(chart.head.part_names):
+        if name.startswith("eye"):
+            factor[chart.inner_part == index] = lid_shade(chart, index)[:, 0]
+    return chart.fill_outside(chart.spread(factor[:, None])[..., 0])
 
 
 def alike(seen: Float, painted: Float) -> Float:

@@ -17,6 +17,15 @@ def test_the_white_of_an_eye_is_white_in_any_light() -> None:
         assert np.allclose(srgb_to_linear(bare * 0.5 + 0.5)[0, 0], ALBEDO, atol=2e-3)
 
 
+def test_the_shade_of_the_lids_is_not_in_the_albedo_of_the_eyes() -> None:
+    """It would be there twice in any picture that has shadows; deep shade must not divide by nothing."""
+    white = linear_to_srgb((ALBEDO * 0.4).astype(np.float32))
+    shade = np.array([[1.0, 0.55, 0.0]], np.float32)
+    bare = without(np.log(np.full(3, 0.4, np.float32)), white * shade[..., None] * 2 - 1, shade)
+    assert np.allclose(srgb_to_linear(bare[0, :2] * 0.5 + 0.5), ALBEDO, atol=3e-3)
+    assert np.isfinite(bare).all() and (bare[0, 2] <= bare[0, 1]).all()
+
+
 def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
     """Less what the lids shade; finite without any lit skin, and no tooth is brighter than a tooth can be."""
     light = np.full((3, 8, 12), -1.0, np.float32)

@@ -15,10 +15,12 @@ from service.errors import ModelFault, NumericFault
 from service.reflectance.diffuse_albedo import BRIGHTEST
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import ROLES, STAGES, Plan
+from service.reflectance.planes import interpolated
 from service.reflectance.result import MID, Reflectance, unpack_normals
 from service.reflectance.specular_albedo import ELSEWHERE
 from service.reflectance.subject import GEOMETRY, Subject
 from service.runtime.networks import Engine
+from service.texture.parts import eye_shade
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
 
@@ -107,7 +109,8 @@ def test_hard_textures(colour: str, engine: Engine, subject: Subject) -> None:
 
 
 def test_parts_that_the_networks_have_not_seen(made: Reflectance, engine: Engine, subject: Subject) -> None:
-    """Eyes and boards: texture under one light as albedo, flat normals, a constant specular albedo, no displacement."""
+    """Eyes and boards: texture without one light (and the lids' shade on eyes) as albedo, flat normals, a constant
+    specular albedo, no displacement."""
     part = subject.islands(SIZE)
     others = (part != 0) & (part != 255)
     assert others.sum() > 500
@@ -120,7 +123,8 @@ def test_parts_that_the_networks_have_not_seen(made: Reflectance, engine: Engine
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)
     assert subject.eye_light is not None
-    lit = np.minimum(srgb_to_linear(noise()[there] / 255) / subject.eye_light, BRIGHTEST)
+    shade = interpolated(eye_shade(subject.chart), (96, 64), np.arange(64), np.arange(96))[there, None]
+    lit = np.minimum(srgb_to_linear(np.minimum(noise()[there] / 255 / shade, 1)) / subject.eye_light, BRIGHTEST)
     np.testing.assert_allclose(plain.diffuse_albedo[there] / 65535, linear_to_srgb(lit), atol=2e-4)
 
 

@@ -118,6 +118,13 @@ def test_lids_shade_the_eye_from_above() -> None:
     assert shade[front & (point[:, 1] > 0.004)].max() < shade[front & (np.abs(point[:, 1]) < 0.001)].min()
 
 
+def test_the_shade_of_the_eyes_is_on_no_other_part() -> None:
+    shade = parts.eye_shade(CHART)
+    eyes = np.isin(CHART.part, [i for i, name in enumerate(HEAD.part_names) if name.startswith("eye")])
+    assert shade[eyes].min() < 0.5 and (shade > 0).all()
+    assert (shade[CHART.mask & ~eyes] == 1).all()
+
+
 def test_light_is_judged_by_the_white_of_the_eye() -> None:
     light = parts.judge_light(parts.SCLERA * np.float32(0.5), None, np.zeros((0, 3), np.float32))
     assert np.allclose(light.on(mouth.TEETH), mouth.TEETH * 0.5, atol=1e-3)
