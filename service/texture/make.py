@@ -114,15 +114,15 @@ def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Flo
 def _lit(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:
     """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
 
-    In the face itself dark may be shade; where hair is to be expected, dark is hair. Lips, lids and brows count as
-    skin. Without a model of the skin everything does.
+    In the face itself dark may be shade and bright a highlight; where hair is to be expected, dark is hair. Lips, lids
+    and brows count as skin. Without a model of the skin everything does.
     """
     likely = np.ones(len(unwrapped.weight), np.float32)
     if skin is None:
         return likely
     shown = np.flatnonzero(unwrapped.weight > 0)
-    shade = (zones.face * (1 - zones.scalp))[shown]
-    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], shade)
+    face = (zones.face * (1 - zones.scalp))[shown]
+    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], shade=face, shine=face)
     calm = _calm(chart, likely, opacity(unwrapped.weight))
     return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
 

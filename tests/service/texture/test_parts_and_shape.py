@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.gaze import Iris
 from service.geometry.chart import Chart
 from service.texture import mouth, parts
@@ -148,6 +149,22 @@ def test_skin_in_light_and_shade_is_skin_and_hair_wall_and_cloth_are_not() -> No
     assert plausibility(skin, colour, normal)[face].min() > 0.95
     for other in ([0.12, 0.09, 0.07], [0.2, 0.6, 0.3], [0.3, 0.4, 0.9], [0.95, 0.95, 1.0]):
         assert plausibility(skin, np.broadcast_to(np.array(other, np.float32), colour.shape), normal)[face].max() < 0.3
+
+
+def test_a_mirrored_lamp_on_skin_is_skin_and_white_things_are_not() -> None:
+    """Taken for cloth, a highlight would keep its white in the albedo."""
+    colour, normal, zones = _shaded_skin()
+    weight = np.clip(normal[:, 2], 0, 1) ** 2
+    skin = learn_skin(colour, normal, weight, zones)
+    assert skin is not None
+    face = (zones.face > 0.9) & zones.skin & (weight > 0.5) & (zones.features < 0.01)
+    shining = linear_to_srgb(srgb_to_linear(colour) + np.float32(0.5))
+    assert plausibility(skin, shining, normal)[face].max() < 0.1
+    assert plausibility(skin, shining, normal, shine=1.0)[face].min() > 0.9
+    for other in ([0.95, 0.95, 1.0], [0.6, 0.9, 0.6], [0.7, 0.7, 0.7]):
+        cloth = np.broadcast_to(np.array(other, np.float32), colour.shape)
+        assert plausibility(skin, cloth, normal, shine=1.0)[face].max() < 0.3
+    assert np.isfinite(plausibility(skin, np.ones_like(colour), normal, shine=1.0)).all()
 
 
 def test_skin_model_bears_a_third_of_outliers() -> None:
