@@ -10,6 +10,7 @@ import numpy.typing as npt
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
+from service.render.closeup import Eyes
 from service.scene.graphs import Graphs
 from service.scene.lamps import disc_of
 from service.scene.scene import PointLight
@@ -30,6 +31,7 @@ class Detail:
         sky_size: (width, height) of the chart on which they are looked at.
         shadow_size: the same for lamps.
         casters_mm: spacing of the points that cast hard shadows, and of those that cast soft ones and hide the sky.
+        eyes_mm: spacing of the points that shade the eyes, which are lit on the chart of ``shadow_size``.
         narrowest: width of the smallest chart that is lit, a multiple of 3.
     """
 
@@ -37,6 +39,7 @@ class Detail:
     sky_size: Size = (192, 128)
     shadow_size: Size = (768, 512)
     casters_mm: tuple[float, float] = (0.9, 1.8)
+    eyes_mm: float = 0.45
     narrowest: int = 384
 
 
@@ -57,30 +60,36 @@ class Visibility:
     detail: Detail = Detail()
     _fine: Float = field(init=False, repr=False)
     _coarse: Float = field(init=False, repr=False)
+    _eyes: Eyes | None = field(init=False, repr=False)
     _sky: npt.NDArray[np.uint8] | None = field(init=False, default=None, repr=False)
+    _eyes_sky: npt.NDArray[np.uint8] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Spread the points that cast shadows."""
         cast = np.array([name.split("_")[0] in _CASTERS for name in self.head.part_names])[self.head.triangle_part]
-        triangles = self.head.triangles[cast if cast.any() else slice(None)]
+        cast = cast if cast.any() else np.ones_like(cast)
+        triangles = self.head.triangles[cast]
         millimetres = np.asarray(self.vertices) * 1000.0
         clouds = (surface_points(millimetres, triangles, spacing) for spacing in self.detail.casters_mm)
         self._fine, self._coarse = (np.ascontiguousarray(cloud.T) for cloud in clouds)
+        self._eyes = Eyes.of(self.head, self.vertices, cast, self.detail.shadow_size, self.detail.eyes_mm)
 
     def sky(self) -> npt.NDArray[np.uint8]:
         """(D, h, w) 255 where the texel sees the direction; about 2 s."""
         if self._sky is None:
-            count, spacing = self.detail.directions, self.detail.casters_mm[1]
             chart = Chart.build(self.head, *self.detail.sky_size)
-            inside = np.zeros((count, len(chart.texels)), np.uint8)
-            points = _points(chart, self.vertices)
-            for k, direction in enumerate(spread_directions(count)):
-                towards = direction.astype(np.float32)
-                lit = self.graphs.lit("lit_from_direction", self._coarse, spacing, points, towards)
-                inside[k] = np.rint(lit * 255.0)
-            spread = chart.fill_outside(chart.spread(inside.T.astype(np.float32)))
+            seen = self._seen(_points(chart, self.vertices), self._coarse, self.detail.casters_mm[1])
+            spread = chart.fill_outside(chart.spread(seen.T.astype(np.float32)))
             self._sky = np.ascontiguousarray(np.moveaxis(spread, 2, 0).astype(np.uint8))
         return self._sky
+
+    def _seen(self, points: Float, occluders: Float, spacing: float) -> npt.NDArray[np.uint8]:
+        """(D, N) 255 where a point (6, N) sees the direction."""
+        seen = np.zeros((self.detail.directions, points.shape[1]), np.uint8)
+        for k, direction in enumerate(spread_directions(self.detail.directions)):
+            lit = self.graphs.lit("lit_from_direction", occluders, spacing, points, direction.astype(np.float32))
+            seen[k] = np.rint(lit * 255.0)
+        return seen
 
     def sky_light(self, sky: npt.NDArray[np.floating], size: Size) -> Float:
         """(H, W, 3 colours, 3 axes) vector irradiance: the sum of V d flux; its product with a normal is irradiance."""
@@ -105,24 +114,44 @@ class Visibility:
         centre = (self._fine.min(1) + self._fine.max(1)) / 2000.0
         places = disc_of(light, centre) * 1000.0
         occluders, spacing = ((self._fine, self._coarse)[len(places) > 1], self.detail.casters_mm[len(places) > 1])
-        total = np.zeros(len(chart.texels), np.float32)
+        image = chart.fill_outside(chart.spread(self._reached(places, points, occluders, spacing)[:, None])[..., 0])
+        shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.float32)[..., None]
+        if self._eyes is not None:
+            eyes = self._eyes
+            own = np.ascontiguousarray(points[:, eyes.own])
+            shown = eyes.over(shown, self._reached(places, own, eyes.occluders, eyes.spacing_mm)[:, None])
+        return np.clip(shown[..., 0], 0.0, 1.0)
+
+    def _reached(self, places: npt.NDArray[np.floating], points: Float, occluders: Float, spacing: float) -> Float:
+        """(N,) mean share of light from places (K, 3) mm that reaches points (6, N)."""
+        total = np.zeros(points.shape[1], np.float32)
         for at in places:
             total += self.graphs.lit("lit_from_point", occluders, spacing, points, at.astype(np.float32))
-        image = chart.fill_outside(chart.spread(total[:, None] / np.float32(len(places)))[..., 0])
-        return np.asarray(np.clip(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), 0.0, 1.0), np.float32)
+        return total / np.float32(len(places))
 
     def _summed(self, each: npt.NDArray[np.float64], size: Size) -> Float:
         """(H, W, C) of the sum over directions of visibility times (D, C)."""
         import cv2
 
-        seen = self.sky().reshape(self.detail.directions, -1)
-        total = np.zeros((seen.shape[1], each.shape[1]), np.float32)
-        for first in range(0, len(seen), 64):
-            part = seen[first : first + 64].astype(np.float32) * np.float32(1 / 255)
-            total += part.T @ each[first : first + 64].astype(np.float32)
-        image = total.reshape(*self.sky().shape[1:], -1)
+        image = _products(self.sky().reshape(self.detail.directions, -1), each).reshape(*self.sky().shape[1:], -1)
         planes = [cv2.resize(image[..., k], size, interpolation=cv2.INTER_LINEAR) for k in range(image.shape[2])]
-        return np.stack([np.asarray(plane) for plane in planes], -1)
+        whole = np.stack([np.asarray(plane, np.float32) for plane in planes], -1)
+        if self._eyes is None:
+            return whole
+        eyes = self._eyes
+        if self._eyes_sky is None:
+            points = np.ascontiguousarray(_points(eyes.chart, self.vertices)[:, eyes.own])
+            self._eyes_sky = self._seen(points, eyes.occluders, eyes.spacing_mm)
+        return eyes.over(whole, _products(self._eyes_sky, each))
+
+
+def _products(seen: npt.NDArray[np.uint8], each: npt.NDArray[np.float64]) -> Float:
+    """(N, C) sums over directions of visibility codes (D, N) times (D, C)."""
+    total = np.zeros((seen.shape[1], each.shape[1]), np.float32)
+    for first in range(0, len(seen), 64):
+        part = seen[first : first + 64].astype(np.float32) * np.float32(1 / 255)
+        total += part.T @ each[first : first + 64].astype(np.float32)
+    return total
 
 
 def _points(chart: Chart, vertices: npt.NDArray[np.floating]) -> Float:

@@ -15,7 +15,7 @@ from service.scene.scene import Environment, PointLight, Response, Scene
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(16, 24)
-ROUGH = Detail(directions=64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3.0, 5.0), narrowest=96)
+ROUGH = Detail(directions=64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3.0, 5.0), eyes_mm=2.0, narrowest=96)
 EVEN = Environment(zenith=(1.0,) * 3, horizon=(1.0,) * 3, ground=(1.0,) * 3)
 LAMP = PointLight((0.5, 0.3, 0.9), (2.0, 1.6, 1.2), 0.05)
 

@@ -1,0 +1,82 @@
+"""Light on the eyes, looked at more closely: what shows between lids is narrower than a texel of the coarse chart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import Chart
+from service.geometry.points import surface_points
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+Size = tuple[int, int]
+
+REACH_MM = 40.0
+"""What is further from an eye's middle than this hides none of its light worth speaking of: brows, nose and lids are
+within."""
+
+
+@dataclass(frozen=True)
+class Eyes:
+    """Eyes and what lies around them.
+
+    Attributes:
+        chart: on which they are lit.
+        own: (n,) positions of their texels among the chart's inner ones.
+        occluders: (3, M) mm.
+        spacing_mm: of the occluders.
+    """
+
+    chart: Chart
+    own: npt.NDArray[np.int64]
+    occluders: Float
+    spacing_mm: float
+
+    @classmethod
+    def of(
+        cls,
+        head: HeadModel,
+        vertices: npt.NDArray[np.floating],
+        casts: npt.NDArray[np.bool_],
+        size: Size,
+        spacing: float,
+    ) -> Eyes | None:
+        """The eyes of a head; None where it has none, or ``size`` is so small that they have no texel.
+
+        Args:
+            head: topology and chart.
+            vertices: (V, 3) metres.
+            casts: (T,) triangles that cast shadows.
+            size: (width, height) of the chart.
+            spacing: of the points that cast shadows, mm.
+        """
+        chart = Chart.build(head, *size)
+        parts = [index for index, name in enumerate(head.part_names) if name.startswith("eye")]
+        own = np.flatnonzero(np.isin(chart.inner_part, parts))
+        if not len(own):
+            return None
+        millimetres = np.asarray(vertices, np.float64) * 1000.0
+        near = np.zeros(len(millimetres), bool)
+        for part in parts:
+            eye = millimetres[np.unique(head.triangles[head.triangle_part == part])]
+            if len(eye):
+                near |= np.linalg.norm(millimetres - eye.mean(0), axis=1) < REACH_MM
+        cloud = surface_points(millimetres, head.triangles[casts & near[head.triangles].any(1)], spacing)
+        return cls(chart, own, np.ascontiguousarray(cloud.T), spacing)
+
+    def over(self, image: Float, values: Float) -> Float:
+        """(H, W, C) image of the whole chart with values (n, C) on the eyes."""
+        import cv2
+
+        stacked = np.zeros((len(self.chart.texels), values.shape[1] + 1), np.float32)
+        stacked[self.own] = np.c_[values, np.ones(len(self.own), np.float32)]
+        height, width = image.shape[:2]
+        small = self.chart.spread(stacked)
+        enlarged = np.stack(
+            [cv2.resize(np.ascontiguousarray(plane), (width, height)) for plane in np.moveaxis(small, 2, 0)], -1
+        )
+        share = enlarged[..., -1:]
+        return np.where(share > 0.5, enlarged[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
