@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
-from service.reflectance.diffuse_albedo import LIT
+from service.reflectance.diffuse_albedo import LIT, MADE_UP
 from service.reflectance.displacement import Steps
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.subject import EYES, GEOMETRY, GEOMETRY_SIZE, Subject
@@ -26,7 +26,7 @@ GRID = 64
 
 FILE = "material.npz"
 
-ARRAYS = ("texture", "geometry", "lit", "eyes", "steps", "skin")
+ARRAYS = ("texture", "geometry", "lit", "made_up", "eyes", "steps", "skin")
 """What the file holds beside the window: fields of :class:`Material`."""
 
 
@@ -80,6 +80,7 @@ class Material:
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
         lit: (h, w) in [0, 1] of the whole chart, 1 where the texture is skin in the photo's light.
+        made_up: the same, 1 where it is skin that the photo does not show.
         eyes: (4, h, w) of the whole chart, the same in all texels, see ``service.reflectance.subject.EYES``.
         steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
@@ -90,6 +91,7 @@ class Material:
     texture: Codes
     geometry: Float
     lit: Float
+    made_up: Float
     eyes: Float
     steps: Float
     skin: npt.NDArray[np.uint8]
@@ -129,6 +131,7 @@ class Material:
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
         planes.add_coarse([LIT], self.lit[None])
+        planes.add_coarse([MADE_UP], self.made_up[None])
         planes.add_coarse(EYES, self.eyes)
         return planes
 
@@ -168,7 +171,8 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     side = window.pixels(FULL_SIZE[0])
     mask = np.asarray(resized_mask(skin, side))
     lit = np.ones((1, 1), np.float32) if subject.lit is None else subject.lit
-    Material(folder, window, codes, subject.geometry, lit, subject.eyes, steps, mask).save()
+    made_up = np.zeros((1, 1), np.float32) if subject.made_up is None else subject.made_up
+    Material(folder, window, codes, subject.geometry, lit, made_up, subject.eyes, steps, mask).save()
 
 
 def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:

@@ -52,10 +52,9 @@ def avatar(monkeypatch: pytest.MonkeyPatch) -> Avatar:
 
 def product(avatar: Avatar, engine: Engine) -> Codes:
     """The diffuse albedo that the pipeline makes of the head."""
-    fit, texture = avatar.fit, avatar.texture
-    subject = Subject.of(avatar.head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
+    subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     plan = Plan.of(["diffuse_albedo"], super_resolution=False)
-    made = make_reflectance(texture.texture, subject, plan, (WIDTH, WIDTH * 2 // 3), engine)
+    made = make_reflectance(avatar.texture.texture, subject, plan, (WIDTH, WIDTH * 2 // 3), engine)
     assert made.diffuse_albedo is not None
     return made.diffuse_albedo
 
