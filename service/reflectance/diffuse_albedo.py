@@ -83,11 +83,12 @@ def found_by(network: Network, planes: Planes) -> Found:
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
         light = less_overexposed(light, weight)
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
-    albedo = srgb_to_linear(coded) * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
+    linear = srgb_to_linear(coded)
+    albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = continued(light, lit)
     if MADE_UP in planes.channels:
-        linear = np.moveaxis(srgb_to_linear(coded).reshape(*lit.shape, 3), 2, 0)
-        everywhere = like_seen_skin(everywhere, linear, light, lit, planes.shrunk([MADE_UP], size)[0])
+        texture = linear.T.reshape(3, *lit.shape)
+        everywhere = like_seen_skin(everywhere, texture, light, lit, planes.shrunk([MADE_UP], size)[0])
     return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 

@@ -91,8 +91,6 @@ def make_reflectance(
     if subject.made_up is not None:
         planes.add_coarse([MADE_UP], subject.made_up[None])
     planes.add_coarse(EYES, subject.eyes)
-    if subject.white is not None:
-        planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
     skin = subject.skin(size)
     made = _Maps()
 
@@ -103,6 +101,8 @@ def make_reflectance(
         full = resample(source, size)
         del source
         planes.add_codes("texture", full)
+        if subject.white is not None:
+            planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
 
         def unlit(told: Callable[[float], None]) -> Codes:
             bare = diffuse_albedo(full, job(told), subject.white)

@@ -118,7 +118,7 @@ class Subject:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
         import cv2
 
-        own = self.chart.part == self.chart.head.part_names.index("skin")
+        own = self.chart.part == self.head.part_names.index("skin")
         hair = self.chart.interpolate(vertex_mask(self.head, "scalp"))[..., 0]
         smooth = self.chart.fill_outside(np.asarray(own * (1 - np.clip(hair, 0, 1)), np.float32))
         return np.asarray(cv2.resize(smooth, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
-from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
@@ -38,22 +37,20 @@ class Eyes:
     @classmethod
     def of(
         cls,
-        head: HeadModel,
+        chart: Chart,
         vertices: npt.NDArray[np.floating],
         casts: npt.NDArray[np.bool_],
-        size: Size,
         spacing: float,
     ) -> Eyes | None:
-        """The eyes of a head; None where it has none, or ``size`` is so small that they have no texel.
+        """The eyes of a head; None where it has none, or the chart is so small that they have no texel.
 
         Args:
-            head: topology and chart.
+            chart: of the head, on which they are to be lit.
             vertices: (V, 3) metres.
             casts: (T,) triangles that cast shadows.
-            size: (width, height) of the chart.
             spacing: of the points that cast shadows, mm.
         """
-        chart = Chart.build(head, *size)
+        head = chart.head
         parts = [index for index, name in enumerate(head.part_names) if name.startswith("eye")]
         own = np.flatnonzero(np.isin(chart.inner_part, parts))
         if not len(own):
@@ -69,14 +66,17 @@ class Eyes:
 
     def over(self, image: Float, values: Float) -> Float:
         """(H, W, C) image of the whole chart with values (n, C) on the eyes."""
-        import cv2
-
         stacked = np.zeros((len(self.chart.texels), values.shape[1] + 1), np.float32)
         stacked[self.own] = np.c_[values, np.ones(len(self.own), np.float32)]
-        height, width = image.shape[:2]
-        small = self.chart.spread(stacked)
-        enlarged = np.stack(
-            [cv2.resize(np.ascontiguousarray(plane), (width, height)) for plane in np.moveaxis(small, 2, 0)], -1
-        )
-        share = enlarged[..., -1:]
-        return np.where(share > 0.5, enlarged[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
+        there = resized(self.chart.spread(stacked), (image.shape[1], image.shape[0]))
+        share = there[..., -1:]
+        return np.where(share > 0.5, there[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
+
+
+def resized(image: Float, size: Size) -> Float:
+    """(H, W, C) bilinear values of an image (h, w, C), of any number of channels, at ``size`` (width, height)."""
+    import cv2
+
+    return np.stack(
+        [np.asarray(cv2.resize(plane, size)) for plane in np.ascontiguousarray(np.moveaxis(image, 2, 0))], -1
+    )

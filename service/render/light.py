@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
-from service.render.closeup import Eyes
+from service.render.closeup import Eyes, resized
 from service.scene.graphs import Graphs
 from service.scene.lamps import disc_of
 from service.scene.scene import PointLight
@@ -60,19 +61,34 @@ class Visibility:
     detail: Detail = Detail()
     _fine: Float = field(init=False, repr=False)
     _coarse: Float = field(init=False, repr=False)
-    _eyes: Eyes | None = field(init=False, repr=False)
     _sky: npt.NDArray[np.uint8] | None = field(init=False, default=None, repr=False)
-    _eyes_sky: npt.NDArray[np.uint8] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Spread the points that cast shadows."""
-        cast = np.array([name.split("_")[0] in _CASTERS for name in self.head.part_names])[self.head.triangle_part]
-        cast = cast if cast.any() else np.ones_like(cast)
-        triangles = self.head.triangles[cast]
+        triangles = self.head.triangles[self._casts]
         millimetres = np.asarray(self.vertices) * 1000.0
         clouds = (surface_points(millimetres, triangles, spacing) for spacing in self.detail.casters_mm)
         self._fine, self._coarse = (np.ascontiguousarray(cloud.T) for cloud in clouds)
-        self._eyes = Eyes.of(self.head, self.vertices, cast, self.detail.shadow_size, self.detail.eyes_mm)
+
+    @cached_property
+    def _casts(self) -> npt.NDArray[np.bool_]:
+        """(T,) triangles that cast shadows; all, where a head has none of the parts that do."""
+        cast = np.array([name.split("_")[0] in _CASTERS for name in self.head.part_names])[self.head.triangle_part]
+        return cast if cast.any() else np.ones_like(cast)
+
+    @cached_property
+    def _chart(self) -> Chart:
+        """On which lamps and eyes are looked at."""
+        return Chart.build(self.head, *self.detail.shadow_size)
+
+    @cached_property
+    def _at(self) -> Float:
+        """(6, N) points of :attr:`_chart`."""
+        return _points(self._chart, self.vertices)
+
+    @cached_property
+    def _eyes(self) -> Eyes | None:
+        return Eyes.of(self._chart, self.vertices, self._casts, self.detail.eyes_mm)
 
     def sky(self) -> npt.NDArray[np.uint8]:
         """(D, h, w) 255 where the texel sees the direction; about 2 s."""
@@ -106,19 +122,14 @@ class Visibility:
 
     def shadow(self, light: PointLight, size: Size) -> Float:
         """(H, W) share in [0, 1] of a lamp that the head lets through."""
-        import cv2
-
-        chart = Chart.build(self.head, *self.detail.shadow_size)
-        points = _points(chart, self.vertices)
         # The middle of the casters, as the light stage has it.
         centre = (self._fine.min(1) + self._fine.max(1)) / 2000.0
         places = disc_of(light, centre) * 1000.0
         occluders, spacing = ((self._fine, self._coarse)[len(places) > 1], self.detail.casters_mm[len(places) > 1])
-        image = chart.fill_outside(chart.spread(self._reached(places, points, occluders, spacing)[:, None])[..., 0])
-        shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.float32)[..., None]
-        if self._eyes is not None:
-            eyes = self._eyes
-            own = np.ascontiguousarray(points[:, eyes.own])
+        reached = self._reached(places, self._at, occluders, spacing)
+        shown = resized(self._chart.fill_outside(self._chart.spread(reached[:, None])), size)
+        if (eyes := self._eyes) is not None:
+            own = np.ascontiguousarray(self._at[:, eyes.own])
             shown = eyes.over(shown, self._reached(places, own, eyes.occluders, eyes.spacing_mm)[:, None])
         return np.clip(shown[..., 0], 0.0, 1.0)
 
@@ -131,18 +142,17 @@ class Visibility:
 
     def _summed(self, each: npt.NDArray[np.float64], size: Size) -> Float:
         """(H, W, C) of the sum over directions of visibility times (D, C)."""
-        import cv2
-
         image = _products(self.sky().reshape(self.detail.directions, -1), each).reshape(*self.sky().shape[1:], -1)
-        planes = [cv2.resize(image[..., k], size, interpolation=cv2.INTER_LINEAR) for k in range(image.shape[2])]
-        whole = np.stack([np.asarray(plane, np.float32) for plane in planes], -1)
+        whole = resized(image, size)
+        return whole if self._eyes is None else self._eyes.over(whole, _products(self._eyes_sky, each))
+
+    @cached_property
+    def _eyes_sky(self) -> npt.NDArray[np.uint8]:
+        """(D, n) 255 where a texel of the eyes sees the direction."""
         if self._eyes is None:
-            return whole
-        eyes = self._eyes
-        if self._eyes_sky is None:
-            points = np.ascontiguousarray(_points(eyes.chart, self.vertices)[:, eyes.own])
-            self._eyes_sky = self._seen(points, eyes.occluders, eyes.spacing_mm)
-        return eyes.over(whole, _products(self._eyes_sky, each))
+            return np.zeros((self.detail.directions, 0), np.uint8)
+        own = np.ascontiguousarray(self._at[:, self._eyes.own])
+        return self._seen(own, self._eyes.occluders, self._eyes.spacing_mm)
 
 
 def _products(seen: npt.NDArray[np.uint8], each: npt.NDArray[np.float64]) -> Float:

@@ -122,7 +122,7 @@ def _lit(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) ->
         return likely
     shown = np.flatnonzero(unwrapped.weight > 0)
     face = (zones.face * (1 - zones.scalp))[shown]
-    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], shade=face, shine=face)
+    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
     calm = _calm(chart, likely, opacity(unwrapped.weight))
     return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
 

@@ -101,22 +101,16 @@ def _robust_fit(basis: Array, value: Array, weight: Array) -> Array:
     return fitted
 
 
-def plausibility(
-    skin: Skin,
-    colour: Float,
-    normal: Float,
-    shade: npt.NDArray[np.floating] | float = 0.0,
-    shine: npt.NDArray[np.floating] | float = 0.0,
-) -> Float:
+def plausibility(skin: Skin, colour: Float, normal: Float, face: npt.NDArray[np.floating] | float = 0.0) -> Float:
     """(N,) float32, 1 = skin as far as colour and light tell, 0 = something else.
 
     Args:
         skin: the model.
         colour: (N, 3) sRGB.
         normal: (N, 3) unit.
-        shade: (N,) in [0, 1], 1 where a dark texel may be skin in shade, so that its chroma alone decides.
-        shine: (N,) in [0, 1], 1 where a bright texel may be skin that mirrors a lamp: then its colour is what is left
-            without as much grey as makes it brighter than expected (the dichromatic model, Shafer 1985).
+        face: (N,) in [0, 1], 1 where skin is to be expected: a dark texel may be skin in shade, so that its chroma
+            alone decides, and a bright one skin that mirrors a lamp, whose colour is what is left without as much grey
+            as makes it brighter than expected (the dichromatic model, Shafer 1985).
     """
     linear = srgb_to_linear(colour)
     lightness = np.log(np.maximum(luma(linear), 1e-3)).astype(np.float64)
@@ -124,11 +118,11 @@ def plausibility(
     expected = np.clip(harmonics(normal) @ skin.shading, *skin.limits)
     ratio = lightness - expected
     likely = _like(skin, linear * np.exp(-ratio)[:, None].astype(np.float32))
-    dark = np.maximum(_fall(-ratio, -DARKEST - 0.3, -DARKEST), shade)
+    dark = np.maximum(_fall(-ratio, -DARKEST - 0.3, -DARKEST), face)
     likely = likely * dark * _fall(ratio, BRIGHTEST - 0.2, BRIGHTEST + 0.2)
     mirrored = (np.exp(lightness) - np.exp(expected))[:, None].astype(np.float32)
     shining = np.where(ratio > 0, _like(skin, np.maximum(linear - mirrored, 0)), 0)
-    return np.asarray(np.maximum(likely, shine * shining), np.float32)
+    return np.asarray(np.maximum(likely, face * shining), np.float32)
 
 
 def _like(skin: Skin, linear: Float) -> Array:

@@ -56,7 +56,7 @@ def test_lamps_reach_the_eyes_between_the_lids() -> None:
 
 
 def test_only_the_eyes_are_looked_at_closely() -> None:
-    eyes = Eyes.of(HEAD, HEAD.mean, CASTS, SIZE, 2.0)
+    eyes = Eyes.of(Chart.build(HEAD, *SIZE), HEAD.mean, CASTS, 2.0)
     assert eyes is not None
     image = eyes.over(np.zeros((128, 192, 2), np.float32), np.ones((len(eyes.own), 2), np.float32))
     part = Chart.build(HEAD, 192, 128).part
@@ -67,6 +67,6 @@ def test_only_the_eyes_are_looked_at_closely() -> None:
 
 def test_a_chart_without_texels_of_eyes_has_none() -> None:
     """A mean of no vertices would be NaN, and so would be the light."""
-    assert Eyes.of(HEAD, HEAD.mean, CASTS, (3, 2), 5.0) is None
+    assert Eyes.of(Chart.build(HEAD, 3, 2), HEAD.mean, CASTS, 5.0) is None
     visibility = Visibility(HEAD, HEAD.mean, Graphs(), Detail(16, (24, 16), (3, 2), (5.0, 9.0), 9.0, 24))
     assert np.isfinite(visibility.openness(np.ones((16, 24, 3), np.float32))).all()

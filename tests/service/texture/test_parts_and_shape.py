@@ -160,11 +160,11 @@ def test_a_mirrored_lamp_on_skin_is_skin_and_white_things_are_not() -> None:
     face = (zones.face > 0.9) & zones.skin & (weight > 0.5) & (zones.features < 0.01)
     shining = linear_to_srgb(srgb_to_linear(colour) + np.float32(0.5))
     assert plausibility(skin, shining, normal)[face].max() < 0.1
-    assert plausibility(skin, shining, normal, shine=1.0)[face].min() > 0.9
+    assert plausibility(skin, shining, normal, face=1.0)[face].min() > 0.9
     for other in ([0.95, 0.95, 1.0], [0.6, 0.9, 0.6], [0.7, 0.7, 0.7]):
         cloth = np.broadcast_to(np.array(other, np.float32), colour.shape)
-        assert plausibility(skin, cloth, normal, shine=1.0)[face].max() < 0.3
-    assert np.isfinite(plausibility(skin, np.ones_like(colour), normal, shine=1.0)).all()
+        assert plausibility(skin, cloth, normal, face=1.0)[face].max() < 0.3
+    assert np.isfinite(plausibility(skin, np.ones_like(colour), normal, face=1.0)).all()
 
 
 def test_skin_model_bears_a_third_of_outliers() -> None:
