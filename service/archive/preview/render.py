@@ -1,4 +1,4 @@
-"""Small pictures of the head: clay, or with its texture, from any camera."""
+"""Small pictures of the head: clay, with its texture, or with its albedo in lamps, from any camera."""
 
 from __future__ import annotations
 
@@ -8,33 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.materials import material_of
-from service.colour import linear_to_srgb
+from service.archive.preview.shading import STUDIO, Lamps, baked, clay_colours, double_sided
+from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
 Image = npt.NDArray[np.uint8]
-
-CLAY = (0.50, 0.47, 0.44)
-"""Linear RGB of the untextured skin."""
-_PART_CLAY = {
-    "eye": (0.72, 0.72, 0.72),
-    "teeth": (0.68, 0.66, 0.60),
-    "tongue": (0.42, 0.28, 0.26),
-    "lashes": (0.26, 0.24, 0.22),
-}
-
-_LIGHTS = (
-    ((-0.55, -0.60, -0.58), (0.86, 0.84, 0.80)),
-    ((0.80, -0.15, -0.58), (0.16, 0.18, 0.22)),
-    ((0.30, -0.45, 0.84), (0.30, 0.32, 0.36)),
-)
-"""Key, fill and rim: direction to the light in camera axes (x right, y down, z away), linear RGB."""
-_AMBIENT = (0.15, 0.15, 0.17)
-
-_DARKEST = 0.82
-"""Factor on coded colours of the textured head where its surface is seen edge on; 1 where it faces the camera."""
 
 DISTANCE_M = 1.2
 """From camera to head in the views that are not the photo's."""
@@ -80,6 +61,7 @@ def render(
     camera: Camera,
     texture: Image | None = None,
     *,
+    lamps: Lamps | None = None,
     finer: float = 1.5,
 ) -> Rendered:
     """Draw the head as the camera sees it, shaded at the vertices, which lie a few pixels apart.
@@ -89,7 +71,9 @@ def render(
         vertices: (V, 3) metres, head space.
         normals: (V, 3) unit.
         camera: its width and height are the size of the picture.
-        texture: (h, w, 3) uint8 sRGB on the chart, shown almost as it is because light is baked in; None draws clay.
+        texture: (h, w, 3) uint8 sRGB on the chart; None draws clay.
+        lamps: what a texture that is albedo stands in; None shows it almost as it is, for light is baked in. Clay
+            without lamps stands in ``STUDIO``.
         finer: samples per pixel and axis, >= 1; 1.5 smooths edges at half the cost of 2.
     """
     import cv2
@@ -97,7 +81,13 @@ def render(
     width, height = round(camera.width * finer), round(camera.height * finer)
     in_camera = camera.to_camera(vertices)
     points = camera.project(vertices) * (width / camera.width, height / camera.height)
-    shade = _shade(head, in_camera, np.asarray(normals) @ camera.rotation.T, clay=texture is None)
+    turned = np.asarray(normals) @ camera.rotation.T
+    if texture is not None and lamps is None:
+        shade = baked(in_camera, turned)
+    else:
+        light, gloss = (lamps or STUDIO).on(head, in_camera, turned)
+        lit = np.concatenate([light, gloss], 1)
+        shade = lit if texture is not None else linear_to_srgb(clay_colours(head) * light + gloss)
     picture = np.zeros((height, width, 4), np.float32)
     nearest = np.full((height, width), np.inf, np.float32)
     for layer in _layers(head):
@@ -113,7 +103,8 @@ def render(
         triangle, weights = raster.triangle.ravel()[shown], raster.barycentric.reshape(-1, 3)[shown]
         colour = _interpolate(weights, shade, layer.triangles[triangle])
         if texture is not None:
-            colour = colour * _sample(texture, _interpolate(weights, head.uv, layer.chart[triangle]))
+            painted = _sample(texture, _interpolate(weights, head.uv, layer.chart[triangle]))
+            colour = _in_light(painted, colour) if lamps is not None else painted * colour
         paint = np.zeros(here.shape, np.float32)
         flat = paint.reshape(-1, 4)
         flat[shown, :3] = colour * np.float32(layer.opacity)
@@ -137,11 +128,6 @@ class _Layer:
     opacity: float
 
 
-def _double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
-    """(T,) True for triangles of double-sided parts."""
-    return np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]
-
-
 def _layers(head: HeadModel) -> list[_Layer]:
     """What is opaque, then what is not, without what is not seen at all.
 
@@ -151,7 +137,7 @@ def _layers(head: HeadModel) -> list[_Layer]:
     layers = []
     for opacity in sorted({material.opacity for material in materials} - {0.0}, reverse=True):
         chosen = np.array([material.opacity == opacity for material in materials])[head.triangle_part]
-        double = chosen & _double_sided(head)
+        double = chosen & double_sided(head)
         triangles = np.concatenate([head.triangles[chosen], head.triangles[double][:, ::-1]])
         chart = np.concatenate([head.triangle_uv[chosen], head.triangle_uv[double][:, ::-1]])
         if len(triangles):
@@ -168,37 +154,6 @@ def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[s
     return bounds[0], bounds[1]
 
 
-def _shade(
-    head: HeadModel, in_camera: npt.NDArray[np.float64], normals: npt.NDArray[np.floating], *, clay: bool
-) -> Float:
-    """(V, 3) sRGB of matt clay under three lights with a faint gloss, or (V, 1) factor on the texture."""
-    view = -in_camera / np.maximum(np.linalg.norm(in_camera, axis=1, keepdims=True), 1e-9)
-    cosine = (normals * view).sum(1, keepdims=True)
-    if not clay:
-        return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
-    # Sheets show their backs too. Elsewhere a normal that looks away is at the outline, and turning it would flash.
-    sheets = np.zeros((len(normals), 1), bool)
-    sheets[head.triangles[_double_sided(head)]] = True
-    facing = np.where(sheets & (cosine < 0), -normals, normals)
-    light = np.tile(np.array(_AMBIENT), (len(facing), 1))
-    for direction, colour in _LIGHTS:
-        towards = np.array(direction) / np.linalg.norm(direction)
-        # Wrapped cosine: a soft terminator, as under a large lamp.
-        light += np.clip((facing @ towards + 0.25) / 1.25, 0, 1)[:, None] ** 1.5 * np.array(colour)
-    half = np.array(_LIGHTS[0][0]) / np.linalg.norm(_LIGHTS[0][0]) + view
-    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
-    gloss = 0.05 * np.clip((facing * half).sum(1), 0, 1) ** 24
-    return linear_to_srgb(_clay_colours(head) * light + gloss[:, None])
-
-
-def _clay_colours(head: HeadModel) -> Float:
-    """(V, 3) linear albedo of each vertex by its part."""
-    colours = np.tile(np.array(CLAY, np.float32), (len(head.mean), 1))
-    for index, name in enumerate(head.part_names):
-        colours[head.triangles[head.triangle_part == index]] = _PART_CLAY.get(material_of(name).name, CLAY)
-    return colours
-
-
 def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
     """(N, C) of ``values`` (V, C) at corners (N, 3) mixed by weights (N, 3)."""
     source = np.asarray(values, np.float32)
@@ -206,6 +161,11 @@ def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.
     mixed += weights[:, 1:2] * source[corners[:, 1]]
     mixed += weights[:, 2:] * source[corners[:, 2]]
     return mixed
+
+
+def _in_light(albedo: Float, light: Float) -> Float:
+    """(N, 3) sRGB of an albedo (N, 3), sRGB, in light (N, 4): linear RGB, and gloss on top of it."""
+    return np.asarray(linear_to_srgb(np.clip(srgb_to_linear(albedo) * light[:, :3] + light[:, 3:], 0, 1)), np.float32)
 
 
 def _sample(texture: Image, uv: Float) -> Float:

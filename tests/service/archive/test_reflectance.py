@@ -282,10 +282,12 @@ def test_a_full_disk_leaves_no_half_archive(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_the_sheet_grows_by_the_maps_that_there_are() -> None:
-    from service.archive.preview.sheet import sheet
+    from service.archive.preview.sheet import TILE, sheet
 
     plain, full = sheet(toy_avatar()), sheet(avatar())
-    assert full.shape[0] > plain.shape[0] + 500 and full.shape[1] == plain.shape[1]
-    np.testing.assert_array_equal(full[: plain.shape[0] - 40], plain[:-40])
+    assert full.shape[0] > plain.shape[0] + TILE[1] + 500 and full.shape[1] == plain.shape[1]
+    np.testing.assert_array_equal(full[: TILE[1]], plain[: TILE[1]])
+    relit = replace(toy_reflectance(), diffuse_albedo=None)
+    assert sheet(replace(avatar(), reflectance=relit)).shape[0] < full.shape[0] - TILE[1], "no albedo, no lamps"
     one = sheet(replace(avatar(), reflectance=Reflectance(size=SIZE, diffuse_albedo=toy_reflectance().diffuse_albedo)))
     assert plain.shape[0] < one.shape[0] < full.shape[0]

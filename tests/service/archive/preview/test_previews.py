@@ -11,6 +11,7 @@ import pytest
 from service.archive.preview import page
 from service.archive.preview.overlay import PANEL, crop_box, fitted_landmarks, overlay
 from service.archive.preview.render import render, turned_camera
+from service.archive.preview.shading import Lamps, side_lamp
 from service.archive.preview.sheet import (
     MADE_UP_COLOUR,
     MIRRORED_COLOUR,
@@ -21,6 +22,7 @@ from service.archive.preview.sheet import (
     sheet,
 )
 from service.archive.surface import vertex_normals
+from service.colour import srgb_to_linear
 from service.geometry.camera import Camera
 from service.texture.result import MIRRORED, SEEN
 from tests.service.archive.toys import toy_avatar, toy_head
@@ -62,6 +64,32 @@ def test_the_texture_is_the_right_way_round() -> None:
     assert drawn[80, 110, 0] > 0.5 > drawn[80, 110, 1], "image right is the subject's left"
     assert drawn[80, 50, 1] > 0.5 > drawn[80, 50, 0]
     assert drawn[25, 110, 2] > 0.5 > drawn[95, 110, 2], "up is up"
+
+
+@pytest.mark.parametrize(("azimuth", "brighter"), [(-70, slice(30, 60)), (70, slice(100, 130))])
+def test_albedo_is_lit_from_where_the_lamp_stands(azimuth: int, brighter: slice) -> None:
+    white = np.full((16, 24, 3), 200, np.uint8)
+    drawn = render(HEAD, HEAD.mean, NORMALS, FRONT, white, lamps=side_lamp(azimuth)).colour[60, :, 1]
+    darker = slice(160 - brighter.stop, 160 - brighter.start)
+    assert drawn[brighter].mean() > drawn[darker].mean() + 0.2
+
+
+def test_lit_albedo_is_albedo_times_light() -> None:
+    """Ambient light alone, without gloss: the linear colour is that of the albedo times that of the light."""
+    albedo = np.full((16, 24, 3), (200, 120, 60), np.uint8)
+    even = Lamps((((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),), (0.5, 0.25, 1.0))  # the lamp is behind the head, and dark
+    found = srgb_to_linear(render(HEAD, HEAD.mean, NORMALS, FRONT, albedo, lamps=even).colour[60, 80])
+    wanted = srgb_to_linear(albedo[0, 0] / np.float32(255)) * np.array([0.5, 0.25, 1.0])
+    np.testing.assert_allclose(found, wanted, atol=2e-3)
+
+
+def test_a_lamp_at_the_surface_itself_and_vertices_at_the_camera_give_no_nan() -> None:
+    """Directions of length 0 would divide by 0, and the whole view would be black or white."""
+    points = HEAD.mean * np.float32(0)
+    light, gloss = side_lamp(180).on(HEAD, points, np.zeros_like(points))
+    assert np.isfinite(light).all() and np.isfinite(gloss).all() and gloss.max() <= 1
+    none = Lamps((((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), (0.1, 0.1, 0.1))
+    assert all(np.isfinite(values).all() for values in none.on(HEAD, HEAD.mean, NORMALS))
 
 
 @pytest.mark.parametrize("yaw", TEXTURED_YAWS)

@@ -1,0 +1,110 @@
+"""Light on the head in previews: at its vertices, which lie a few pixels apart, and without cast shadows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.materials import material_of
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+Triple = tuple[float, float, float]
+
+CLAY = (0.50, 0.47, 0.44)
+"""Linear RGB of the untextured skin."""
+_PART_CLAY = {
+    "eye": (0.72, 0.72, 0.72),
+    "teeth": (0.68, 0.66, 0.60),
+    "tongue": (0.42, 0.28, 0.26),
+    "lashes": (0.26, 0.24, 0.22),
+}
+
+_WRAP = 0.25
+"""Cosine by which light reaches round the side that looks away: a soft terminator, as under a large lamp."""
+_GLOSS, _SHARPNESS = 0.05, 24
+
+_DARKEST = 0.82
+"""Factor on coded colours of a texture where its surface is seen edge on; 1 where it faces the camera."""
+
+
+@dataclass(frozen=True)
+class Lamps:
+    """Large lamps far away.
+
+    Attributes:
+        lamps: of each, the direction to it in camera axes (x right, y down, z away) and its linear RGB; the first one
+            is the key, whose mirror image is seen.
+        ambient: linear RGB from everywhere.
+    """
+
+    lamps: tuple[tuple[Triple, Triple], ...]
+    ambient: Triple
+
+    def on(
+        self, head: HeadModel, in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]
+    ) -> tuple[Float, Float]:
+        """(V, 3) linear light that a white matt surface would show, and (V, 1) gloss, which any surface shows.
+
+        Args:
+            head: which parts are sheets, seen from both sides.
+            in_camera: (V, 3) vertices, camera axes.
+            normals: (V, 3) unit, camera axes.
+        """
+        view = _unit(-in_camera)
+        # Sheets show their backs too. Elsewhere a normal that looks away is at the outline, and turning it would flash.
+        sheets = np.zeros((len(normals), 1), bool)
+        sheets[head.triangles[double_sided(head)]] = True
+        facing = np.where(sheets & ((normals * view).sum(1, keepdims=True) < 0), -normals, normals)
+        light = np.tile(np.array(self.ambient), (len(facing), 1))
+        towards = _unit(np.array([direction for direction, _ in self.lamps]))
+        for direction, (_, colour) in zip(towards, self.lamps, strict=True):
+            light += np.clip((facing @ direction + _WRAP) / (1 + _WRAP), 0, 1)[:, None] ** 1.5 * np.array(colour)
+        half = _unit(towards[0] + view)
+        gloss = _GLOSS * np.clip((facing * half).sum(1, keepdims=True), 0, 1) ** _SHARPNESS
+        return light.astype(np.float32), gloss.astype(np.float32)
+
+
+STUDIO = Lamps(
+    (
+        ((-0.55, -0.60, -0.58), (0.86, 0.84, 0.80)),
+        ((0.80, -0.15, -0.58), (0.16, 0.18, 0.22)),
+        ((0.30, -0.45, 0.84), (0.30, 0.32, 0.36)),
+    ),
+    (0.15, 0.15, 0.17),
+)
+"""Key, fill and rim."""
+
+
+def side_lamp(azimuth_deg: float) -> Lamps:
+    """A strong lamp above eye level, ``azimuth_deg`` from the camera (> 0: at the image's right), and faint sky."""
+    angle = np.radians(azimuth_deg)
+    key = (0.9 * float(np.sin(angle)), -0.45, -0.9 * float(np.cos(angle)))
+    return Lamps(((key, (1.5, 1.46, 1.4)), ((0.0, -1.0, 0.3), (0.25, 0.27, 0.31))), (0.12, 0.125, 0.14))
+
+
+def baked(in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Float:
+    """(V, 1) factor on the coded colours of a texture that has its light in it; arguments as :meth:`Lamps.on`."""
+    cosine = (normals * _unit(-in_camera)).sum(1, keepdims=True)
+    return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
+
+
+def clay_colours(head: HeadModel) -> Float:
+    """(V, 3) linear albedo of each vertex by its part."""
+    colours = np.tile(np.array(CLAY, np.float32), (len(head.mean), 1))
+    for index, name in enumerate(head.part_names):
+        colours[head.triangles[head.triangle_part == index]] = _PART_CLAY.get(material_of(name).name, CLAY)
+    return colours
+
+
+def double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
+    """(T,) True for triangles of double-sided parts."""
+    return np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]
+
+
+def _unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """(N, 3) of length 1; 0 stays 0."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-9), np.float64)
