@@ -17,9 +17,9 @@ from service.head.model import HeadModel
 from service.photo.photo import Photo
 from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
-from service.texture.plausible import Skin, learn_skin, plausibility
+from service.texture.judge import judge, lit_skin
+from service.texture.plausible import Skin
 from service.texture.result import MIRRORED, SEEN, Texture
-from service.texture.scraps import scraps
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 from service.texture.zones import Zones
@@ -28,9 +28,6 @@ Float = npt.NDArray[np.float32]
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
 """Skin of a photo that shows none, sRGB."""
-
-SQUARELY = 0.3
-"""Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
 
 DARKEST = 1e-3
 """Linear value of the darkest white of an eye: its light is divided by."""
@@ -54,8 +51,8 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
-    trust, seen, skin = _judge(chart, unwrapped, zones)
-    lit = _lit(chart, unwrapped, zones, skin)
+    trust, seen, skin = judge(chart, unwrapped, zones)
+    lit = lit_skin(chart, unwrapped, zones, skin)
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
@@ -88,55 +85,6 @@ def _require_finite(fit: Fit) -> None:
     for name, values in numbers.items():
         if not np.isfinite(values).all():
             raise NumericFault(f"the fit's {name} is not finite: {int((~np.isfinite(values)).sum())} bad values")
-
-
-def _judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Float, Skin | None]:
-    """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
-    seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
-    skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
-    if skin is None:
-        return seen, seen, None
-    likely = np.ones_like(seen)
-    own = np.flatnonzero(seen > 0)
-    likely[own] = plausibility(skin, unwrapped.colour[own], unwrapped.normal[own])
-    likely = _calm(chart, likely, seen)
-    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
-    excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
-    likely = excused + (1 - excused) * likely
-    # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
-    squarely = opacity(unwrapped.weight - SQUARELY)
-    kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
-    shown = seen * (kept + (1 - kept) * likely)
-    whole = ~scraps(chart, shown, zones)
-    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
-
-
-def _lit(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:
-    """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
-
-    In the face itself dark may be shade and bright a highlight; where hair is to be expected, dark is hair. Lips, lids
-    and brows count as skin. Without a model of the skin everything does.
-    """
-    likely = np.ones(len(unwrapped.weight), np.float32)
-    if skin is None:
-        return likely
-    shown = np.flatnonzero(unwrapped.weight > 0)
-    face = (zones.face * (1 - zones.scalp))[shown]
-    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
-    calm = _calm(chart, likely, opacity(unwrapped.weight))
-    return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
-
-
-def _calm(chart: Chart, likely: Float, seen: Float) -> Float:
-    """Plausibility (N,) without specks: moles and pores do not count, and what is judged foreign grows a little."""
-    import cv2
-
-    sigma = max(chart.width / 576 * 2.5, 0.5)
-    stacked = chart.spread(np.stack([likely * seen, seen], 1))
-    soft = np.asarray(cv2.GaussianBlur(stacked, (0, 0), sigma)).reshape(-1, 2)[chart.texels]
-    mean = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
-    t = np.clip((mean - 0.5) / 0.3, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
 def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:

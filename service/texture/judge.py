@@ -1,0 +1,67 @@
+"""What the photo shows on each texel: skin, hair, or something in front of the face; and whose light can be told."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import Chart
+from service.texture.complete import opacity
+from service.texture.plausible import Skin, learn_skin, plausibility
+from service.texture.scraps import scraps
+from service.texture.unwrap import Unwrapped
+from service.texture.zones import Zones
+
+Float = npt.NDArray[np.float32]
+
+SQUARELY = 0.3
+"""Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
+
+
+def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Float, Skin | None]:
+    """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
+    seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
+    skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
+    if skin is None:
+        return seen, seen, None
+    likely = np.ones_like(seen)
+    own = np.flatnonzero(seen > 0)
+    likely[own] = plausibility(skin, unwrapped.colour[own], unwrapped.normal[own])
+    likely = _calm(chart, likely, seen)
+    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
+    excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
+    likely = excused + (1 - excused) * likely
+    # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
+    squarely = opacity(unwrapped.weight - SQUARELY)
+    kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
+    shown = seen * (kept + (1 - kept) * likely)
+    whole = ~scraps(chart, shown, zones)
+    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
+
+
+def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:
+    """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
+
+    In the face itself dark may be shade and bright a highlight; where hair is to be expected, dark is hair. Lips, lids
+    and brows count as skin. Without a model of the skin everything does.
+    """
+    likely = np.ones(len(unwrapped.weight), np.float32)
+    if skin is None:
+        return likely
+    shown = np.flatnonzero(unwrapped.weight > 0)
+    face = (zones.face * (1 - zones.scalp))[shown]
+    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
+    calm = _calm(chart, likely, opacity(unwrapped.weight))
+    return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
+
+
+def _calm(chart: Chart, likely: Float, seen: Float) -> Float:
+    """Plausibility (N,) without specks: moles and pores do not count, and what is judged foreign grows a little."""
+    import cv2
+
+    sigma = max(chart.width / 576 * 2.5, 0.5)
+    stacked = chart.spread(np.stack([likely * seen, seen], 1))
+    soft = np.asarray(cv2.GaussianBlur(stacked, (0, 0), sigma)).reshape(-1, 2)[chart.texels]
+    mean = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
+    t = np.clip((mean - 0.5) / 0.3, 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
