@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
-from service.reflectance.diffuse_albedo import LIT, MADE_UP
 from service.reflectance.displacement import Steps
 from service.reflectance.planes import Codes, Planes
-from service.reflectance.subject import EYES, GEOMETRY, GEOMETRY_SIZE, Subject
+from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
 
 Float = npt.NDArray[np.float32]
@@ -26,7 +25,7 @@ GRID = 64
 
 FILE = "material.npz"
 
-ARRAYS = ("texture", "geometry", "lit", "made_up", "eyes", "steps", "skin")
+ARRAYS = ("texture", "geometry", "clues", "steps", "skin")
 """What the file holds beside the window: fields of :class:`Material`."""
 
 
@@ -79,9 +78,7 @@ class Material:
         window: that stages are measured on.
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
-        lit: (h, w) in [0, 1] of the whole chart, 1 where the texture is skin in the photo's light.
-        made_up: the same, 1 where it is skin that the photo does not show.
-        eyes: (4, h, w) of the whole chart, the same in all texels, see ``service.reflectance.subject.EYES``.
+        clues: (7, h, w) of the whole chart, see ``service.reflectance.subject.CLUES``.
         steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
     """
@@ -90,9 +87,7 @@ class Material:
     window: Window
     texture: Codes
     geometry: Float
-    lit: Float
-    made_up: Float
-    eyes: Float
+    clues: Float
     steps: Float
     skin: npt.NDArray[np.uint8]
 
@@ -122,7 +117,7 @@ class Material:
         side = self.window.pixels(width)
         planes = Planes((side, side))
         planes.add_coarse(GEOMETRY, self.window.planes(self.geometry))
-        planes.add_coarse(EYES, self.eyes)
+        planes.add_coarse(CLUES, self.window.planes(self.clues))
         return planes
 
     def whole_texture(self) -> Planes:
@@ -130,9 +125,7 @@ class Material:
         planes = Planes((self.texture.shape[1], self.texture.shape[0]))
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
-        planes.add_coarse([LIT], self.lit[None])
-        planes.add_coarse([MADE_UP], self.made_up[None])
-        planes.add_coarse(EYES, self.eyes)
+        planes.add_coarse(CLUES, self.clues)
         return planes
 
     def enlarged(self, width: int) -> Codes:
@@ -170,9 +163,7 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     codes = texture.astype(np.uint16) * np.uint16(257)
     side = window.pixels(FULL_SIZE[0])
     mask = np.asarray(resized_mask(skin, side))
-    lit = np.ones((1, 1), np.float32) if subject.lit is None else subject.lit
-    made_up = np.zeros((1, 1), np.float32) if subject.made_up is None else subject.made_up
-    Material(folder, window, codes, subject.geometry, lit, made_up, subject.eyes, steps, mask).save()
+    Material(folder, window, codes, subject.geometry, subject.clues, steps, mask).save()
 
 
 def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:

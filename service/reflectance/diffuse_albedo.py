@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
+from service.reflectance.brows import under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
-from service.reflectance.subject import EYES
+from service.reflectance.subject import BROWS, EYES, LIT, MADE_UP
 from service.reflectance.translate import Job, translate
 from service.reflectance.unseen import continued, like_seen_skin, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
@@ -27,12 +28,6 @@ Float = npt.NDArray[np.float32]
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
 TEXTURE = ("texture_r", "texture_g", "texture_b")
-LIT = "lit_skin"
-"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
-
-MADE_UP = "made_up_skin"
-"""Channel that is 1 where the texture is skin that no photo showed."""
-
 LID_SHADE = "lid_shade"
 """Channel of what the lids leave of the light on the eyes, on sRGB values; 1 on all else."""
 
@@ -73,7 +68,8 @@ class Found:
 def found_by(network: Network, planes: Planes) -> Found:
     """Ask the context network about the planes of a whole chart.
 
-    ``LIT`` may be missing, where all of it is lit, and ``MADE_UP``, where nothing is made up.
+    Of the planes of ``service.reflectance.subject.CLUES`` any may be missing: then all of it is lit, nothing made up,
+    and there are no brows.
     """
     what = network.description
     size = what.whole or planes.size
@@ -89,6 +85,8 @@ def found_by(network: Network, planes: Planes) -> Found:
     if MADE_UP in planes.channels:
         texture = linear.T.reshape(3, *lit.shape)
         everywhere = like_seen_skin(everywhere, texture, light, lit, planes.shrunk([MADE_UP], size)[0])
+    if BROWS in planes.channels:
+        everywhere = under_brows(everywhere, light, lit, planes.shrunk([BROWS], size)[0])
     return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 

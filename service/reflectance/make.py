@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.diffuse_albedo import LID_SHADE, LIT, MADE_UP, diffuse_albedo, needs_context
+from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
@@ -30,7 +30,7 @@ from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
-from service.reflectance.subject import EYES, GEOMETRY, Subject
+from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
@@ -86,11 +86,7 @@ def make_reflectance(
         del small
     planes = Planes(size)
     planes.add_coarse(GEOMETRY, geometry)
-    if subject.lit is not None:
-        planes.add_coarse([LIT], subject.lit[None])
-    if subject.made_up is not None:
-        planes.add_coarse([MADE_UP], subject.made_up[None])
-    planes.add_coarse(EYES, subject.eyes)
+    planes.add_coarse(CLUES, subject.clues)
     skin = subject.skin(size)
     made = _Maps()
 

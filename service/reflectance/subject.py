@@ -11,6 +11,7 @@ import numpy.typing as npt
 from service.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, chart_points
 from service.head.model import HeadModel
+from service.reflectance.brows import brow_plane
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 from service.texture.zones import vertex_mask
@@ -32,6 +33,18 @@ GEOMETRY = (
 
 EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
 """Logarithm of the light that the whites of the eyes show, the same in all texels, and 1 where it is known, else 0."""
+
+LIT = "lit_skin"
+"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
+
+MADE_UP = "made_up_skin"
+"""Channel that is 1 where the texture is skin that no photo showed."""
+
+BROWS = "brows"
+"""Channel that is 1 where brows may lie."""
+
+CLUES = (LIT, MADE_UP, *EYES, BROWS)
+"""Channels of :attr:`Subject.clues`: what photo and head tell of where the light can be read from."""
 
 _SHIFT = 4
 
@@ -113,6 +126,18 @@ class Subject:
         """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
         weight = self.chart.interpolate(vertex_mask(self.head, "eyelid_left", "eyelid_right"))[..., 0]
         return np.asarray(weight * self.chart.mask, np.float32)
+
+    @property
+    def clues(self) -> Float:
+        """(7, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        import cv2
+
+        def whole(plane: Float | None, usual: float) -> Float:
+            drawn = np.full((1, 1), usual, np.float32) if plane is None else plane
+            return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
+
+        eyes = np.broadcast_to(self.eyes[:, :1, :1], (len(EYES), *GEOMETRY_SIZE[::-1]))
+        return np.concatenate([whole(self.lit, 1.0), whole(self.made_up, 0.0), eyes, brow_plane(self.chart)[None]])
 
     def bare(self, size: tuple[int, int]) -> Float:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""

@@ -1,0 +1,51 @@
+"""Light on the skin under the brows, which no photo shows.
+
+Brows are dark hair at a place where shade is to be expected. A network that has seen brows of medium depth takes the
+rest of a darker one for shade, and bleaches it. So its findings there do not count: light goes on from the skin around.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.geometry.chart import Chart
+from service.reflectance.unseen import continued
+from service.texture.zones import vertex_mask
+
+Float = npt.NDArray[np.float32]
+
+ASIDE = 1 / 192
+"""How far beside the model's brows those of the photo may lie, as a share of the chart's width: 2 mm."""
+
+NONE, SURE = 0.02, 0.3
+"""Up to which a soft mask counts as 0, and from which as 1."""
+
+
+def brow_plane(chart: Chart) -> Float:
+    """(h, w) float32 in [0, 1], 1 as far as brows may lie beside the head's; 0 if it names none."""
+    import cv2
+
+    radius = max(round(chart.width * ASIDE), 1)
+    soft = chart.interpolate(vertex_mask(chart.head, "brow_left", "brow_right")[:, None])[..., 0] * chart.mask
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(cv2.dilate(np.clip(soft / np.float32(SURE), 0, 1).astype(np.float32), kernel))
+
+
+def under_brows(everywhere: Float, light: Float, lit: Float, brow: Float) -> Float:
+    """(C, h, w) log light whose brows have the light of the skin around them; as it was where there are none.
+
+    Args:
+        everywhere: (C, h, w) that is to be changed.
+        light: (C, h, w) what the network found.
+        lit: (h, w) in [0, 1], where that is to be believed.
+        brow: (h, w) in [0, 1], of :func:`brow_plane`.
+    """
+    import cv2
+
+    # Not by soft weights: the nearest texels, however little they weigh, would decide, and they are half brow.
+    beside = np.where(brow > NONE, np.float32(0), lit).astype(np.float32)
+    if beside.sum() < 1 or not brow.any():
+        return everywhere
+    soft = np.minimum(np.asarray(cv2.GaussianBlur(brow, (0, 0), 1.0), np.float32), brow) * lit
+    return np.asarray(everywhere + soft * (continued(light, beside) - everywhere), np.float32)
