@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
-from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
-from service.archive.preview.render import render, turned_camera
-from service.archive.preview.shading import side_lamp
-from service.archive.surface import vertex_normals
+from service.archive.preview.page import GREY, INK, WARNING, Image, blank, place, write
+from service.archive.preview.views import TILE, clay, relit, textured
 
-What = TypeVar("What")
-
-TILE = (256, 306)
-"""Width and height of a view of the head."""
 _GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
 _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
 
 _MAPS_A_ROW = 3
-VIEWED = (768, 512)
-"""Width and height of the albedo in views of the head: a texel is smaller than their pixels."""
-
 _RELIEF_MM = 0.15
 """Height that is black or white in the sheet's picture of the relief."""
-
-TEXTURED_YAWS = (-90, -45, 0, 45, 90)
-
-RELIT = ((-45, -80), (0, -70), (0, 0), (0, 70), (45, 80))
-"""Yaw of the head and azimuth of the lamp of the views of the albedo, degrees."""
 
 SEEN_COLOUR = (46, 134, 96)
 MIRRORED_COLOUR = (66, 122, 186)
@@ -43,20 +27,20 @@ MADE_UP_COLOUR = (206, 202, 196)
 
 def sheet(avatar: Avatar) -> Image:
     """(h, w, 3) uint8 sRGB: textured from five sides, in other light, clay, the facts of the fit, the maps."""
-    maps, relit = list(_maps(avatar)), list(_relit(avatar))
+    maps, in_lamps = list(_maps(avatar)), list(relit(avatar))
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
-    high = (3 if relit else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
+    high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
     page = blank(_WIDTH, _TITLE + high + _MARGIN)
     write(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
     origin = "no photo" if avatar.given else "one photo"
     write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     columns = list(_columns(TILE[0]))
-    for views in (list(_textured(avatar)), relit):
+    for views in (list(textured(avatar)), in_lamps):
         for x, (caption, picture) in zip(columns, views, strict=False):
             _tile(page, picture, caption, x, y)
         y += view_high if views else 0
-    for x, (caption, picture) in zip(columns, _clay(avatar), strict=False):
+    for x, (caption, picture) in zip(columns, clay(avatar), strict=False):
         _tile(page, picture, caption, x, y)
     _facts(page, avatar, columns[3] + 16, y + 8)
     y += view_high
@@ -78,73 +62,6 @@ def _map_size() -> tuple[int, int]:
 def _tile(page: Image, picture: Image, caption: str, x: int, y: int) -> None:
     place(page, picture, x, y)
     write(page, caption, x, y + picture.shape[0] + 18, 14, GREY)
-
-
-def _textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    fit = avatar.fit
-    normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind = backdrop(*TILE)
-
-    def view(yaw: int) -> tuple[str, Image]:
-        camera = turned_camera(fit.vertices, yaw, *TILE)
-        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture)
-        side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
-        return side, to_pixels(drawn.over(behind))
-
-    yield from _side_by_side(view, TEXTURED_YAWS)
-
-
-def _relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """The diffuse albedo in lamps that the photo did not have; nothing where there is none."""
-    albedo = _small_albedo(avatar)
-    if albedo is None:
-        return
-    fit = avatar.fit
-    normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind = backdrop(*TILE)
-
-    def view(what: tuple[int, int]) -> tuple[str, Image]:
-        yaw, azimuth = what
-        camera = turned_camera(fit.vertices, yaw, *TILE)
-        drawn = render(avatar.head, fit.vertices, normals, camera, albedo, lamps=side_lamp(azimuth))
-        side = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
-        return f"Albedo, lamp {side}", to_pixels(drawn.over(behind))
-
-    yield from _side_by_side(view, RELIT)
-
-
-def _small_albedo(avatar: Avatar) -> Image | None:
-    """(h, w, 3) uint8 sRGB of the diffuse albedo, as fine as the views show it; None where there is none."""
-    import cv2
-
-    made = avatar.reflectance
-    if made is None or made.diffuse_albedo is None:
-        return None
-    codes = np.asarray(cv2.resize(made.diffuse_albedo, VIEWED, interpolation=cv2.INTER_AREA), np.float32)
-    return np.rint(codes / 257).astype(np.uint8)
-
-
-def _clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    behind = backdrop(*TILE)
-    views = (
-        ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
-        ("Shape, neutral", avatar.fit.neutral, 0),
-        ("Shape, neutral, 45°", avatar.fit.neutral, 45),
-    )
-
-    def view(what: tuple[str, npt.NDArray[np.float32], int]) -> tuple[str, Image]:
-        caption, vertices, yaw = what
-        normals = vertex_normals(vertices, avatar.head.triangles)
-        drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
-        return caption, to_pixels(drawn.over(behind))
-
-    yield from _side_by_side(view, views)
-
-
-def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What]) -> Iterator[tuple[str, Image]]:
-    """Views in order, drawn on two threads: most of a view is numpy, which lets other threads run."""
-    with ThreadPoolExecutor(2) as pool:
-        yield from pool.map(view, what)
 
 
 def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:

@@ -16,11 +16,10 @@ from service.archive.preview.sheet import (
     MADE_UP_COLOUR,
     MIRRORED_COLOUR,
     SEEN_COLOUR,
-    TEXTURED_YAWS,
-    TILE,
     confidence_colours,
     sheet,
 )
+from service.archive.preview.views import TEXTURED_YAWS, TILE
 from service.archive.surface import vertex_normals
 from service.colour import srgb_to_linear
 from service.geometry.camera import Camera

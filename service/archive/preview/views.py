@@ -1,0 +1,98 @@
+"""The head from several sides for ``preview/sheet.jpg``: as the photo shows it, in other light, as clay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from service.archive.avatar import Avatar
+from service.archive.preview.page import Image, backdrop, to_pixels
+from service.archive.preview.render import render, turned_camera
+from service.archive.preview.shading import side_lamp
+from service.archive.surface import vertex_normals
+
+What = TypeVar("What")
+
+TILE = (256, 306)
+"""Width and height of a view of the head."""
+
+TEXTURED_YAWS = (-90, -45, 0, 45, 90)
+
+RELIT = ((-45, -80), (0, -70), (0, 0), (0, 70), (45, 80))
+"""Yaw of the head and azimuth of the lamp of the views of the albedo, degrees."""
+
+VIEWED = (768, 512)
+"""Width and height of the albedo in views of the head: a texel is smaller than their pixels."""
+
+
+def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
+    fit = avatar.fit
+    normals = vertex_normals(fit.vertices, avatar.head.triangles)
+    behind = backdrop(*TILE)
+
+    def view(yaw: int) -> tuple[str, Image]:
+        camera = turned_camera(fit.vertices, yaw, *TILE)
+        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture)
+        side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
+        return side, to_pixels(drawn.over(behind))
+
+    yield from _side_by_side(view, TEXTURED_YAWS)
+
+
+def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    """The diffuse albedo in lamps that the photo did not have; nothing where there is none."""
+    albedo = _small_albedo(avatar)
+    if albedo is None:
+        return
+    fit = avatar.fit
+    normals = vertex_normals(fit.vertices, avatar.head.triangles)
+    behind = backdrop(*TILE)
+
+    def view(what: tuple[int, int]) -> tuple[str, Image]:
+        yaw, azimuth = what
+        camera = turned_camera(fit.vertices, yaw, *TILE)
+        drawn = render(avatar.head, fit.vertices, normals, camera, albedo, lamps=side_lamp(azimuth))
+        side = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
+        return f"Albedo, lamp {side}", to_pixels(drawn.over(behind))
+
+    yield from _side_by_side(view, RELIT)
+
+
+def _small_albedo(avatar: Avatar) -> Image | None:
+    """(h, w, 3) uint8 sRGB of the diffuse albedo, as fine as the views show it; None where there is none."""
+    import cv2
+
+    made = avatar.reflectance
+    if made is None or made.diffuse_albedo is None:
+        return None
+    codes = np.asarray(cv2.resize(made.diffuse_albedo, VIEWED, interpolation=cv2.INTER_AREA), np.float32)
+    return np.rint(codes / 257).astype(np.uint8)
+
+
+def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+    """The shape alone, in the photo's expression and at rest."""
+    behind = backdrop(*TILE)
+    views = (
+        ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
+        ("Shape, neutral", avatar.fit.neutral, 0),
+        ("Shape, neutral, 45°", avatar.fit.neutral, 45),
+    )
+
+    def view(what: tuple[str, npt.NDArray[np.float32], int]) -> tuple[str, Image]:
+        caption, vertices, yaw = what
+        normals = vertex_normals(vertices, avatar.head.triangles)
+        drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
+        return caption, to_pixels(drawn.over(behind))
+
+    yield from _side_by_side(view, views)
+
+
+def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What]) -> Iterator[tuple[str, Image]]:
+    """Views in order, drawn on two threads: most of a view is numpy, which lets other threads run."""
+    with ThreadPoolExecutor(2) as pool:
+        yield from pool.map(view, what)
