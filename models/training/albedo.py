@@ -38,6 +38,16 @@ def unlit(texture: Tensor, light: Tensor) -> Tensor:
     return srgb(linear(texture).clamp(min=DARKEST) * torch.exp(-light.clamp(-4.0, 4.0)))
 
 
+def context_light(texture: Tensor, albedo: Tensor, cells: int) -> Tensor:
+    """(N, 3, cells, cells) log light of coded square patches as coarsely as the context can tell it."""
+    return functional.interpolate(log_light(texture, albedo), (cells, cells), mode="area")
+
+
+def cells_of(side: int) -> int:
+    """Cells of the context along a patch of ``side`` texels of the full chart, at least 2."""
+    return max(round(side / CONTEXT_CELL), 2)
+
+
 def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
     """L1 of coded albedo and, a fifth as much, of its logarithm (method: method.md 3.4)."""
     coded = (albedo - truth).abs()
@@ -84,9 +94,8 @@ class DeltaTask:
 
     def _degrade(self, batch: Batch, generator: torch.Generator) -> None:
         texture, albedo = batch["texture"], batch["albedo"]
-        cells = max(round(self.side / CONTEXT_CELL), 2)
-        light = functional.interpolate(log_light(texture, albedo), (cells, cells), mode="area")
-        size = len(texture)
+        cells, size = cells_of(self.side), len(texture)
+        light = context_light(texture, albedo, cells)
         amount = uniform(generator, 0.0, 0.16, size, 1, 1, 1)
         shared = smooth_field((size, 1, cells, cells), max(cells // 4, 2), generator)
         apart = smooth_field((size, 3, cells, cells), max(cells // 4, 2), generator)

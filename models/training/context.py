@@ -13,6 +13,7 @@ from models.networks.configs import CONTEXT_CHANNELS
 from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.degrade import blur, gain, half_mirrored, noisy
+from models.training.paint import Painter
 from models.training.skins import SWAPPED, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
@@ -73,7 +74,7 @@ class ContextTask:
 
     def __init__(self, data: Path) -> None:
         self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
-        self.lids = lid_zones()
+        self.lids, self.painter = lid_zones(), Painter()
 
     def refresh(self) -> None:
         """Read captures that came since the last time."""
@@ -92,6 +93,7 @@ class ContextTask:
             names = ["texture", "albedo"]
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
+        batch["texture"], batch["albedo"] = self.painter(batch["texture"], batch["albedo"], generator)
         batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
         texture = gain(batch["texture"], generator)
         batch["clean"] = texture

@@ -10,14 +10,26 @@ from torch.nn import functional
 
 from models.colour import linear, srgb
 from models.networks.stages import Psi, Rho, Sigma
-from models.training.degrade import blur, gain, noisy
+from models.training.albedo import cells_of, context_light, log_light
+from models.training.creases import Creases
+from models.training.degrade import blur, gain, lost_detail, noisy
 from models.training.store import Patches
 from models.training.tasks import Batch, byte, channels, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
 from service.reflectance.subject import GEOMETRY
 
-HAIR_WEIGHT = 0.3
-"""Normals of hair are half chance; they count less."""
+SHADE_LEFT, SHADE_MEASURED = (0.0, 1.1), 0.8
+"""Range of the share of fine shade, finer than delta's context tells, that is left in the albedo which rho and sigma
+train on, and the share in held-out albedo. delta takes away little of it: a crease of the photo stays a dark line."""
+PHOTOS_DETAIL, DETAIL_MEASURED = (3.0, 10.67), 8.0
+"""Texels of the full chart below which a photo shows no shade of its own: super-resolution makes colour there. Range in
+training, where up to all of it may be there, and value in held-out albedo, where none is."""
+
+HAIR_WEIGHT = 0.6
+"""Normals of hair are half chance; they count less. Not much less: blurred strands must not be taken for creases."""
+
+BLURRED = 0.5
+"""Share of crops for rho and sigma whose colour is as coarse as a photo's, too."""
 
 
 TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
@@ -54,6 +66,23 @@ def retoned(albedo: Tensor, generator: torch.Generator) -> Tensor:
     return srgb((linear(albedo) * torch.exp(-chosen * depth * channel)).clamp(0.0, 1.0))
 
 
+def shaded(albedo: Tensor, texture: Tensor, share: Tensor, finest: Tensor, factor: float) -> Tensor:
+    """sRGB-coded albedo (N, 3, h, w) with a share (N, 1, 1, 1) of the fine shade of its texture.
+
+    Args:
+        albedo: of a patch.
+        texture: of it in some light.
+        share: of its shade that is left.
+        finest: (N, 1, 1, 1) share of that which is finer than ``factor`` texels.
+        factor: see ``PHOTOS_DETAIL``.
+    """
+    light = log_light(texture, albedo)
+    coarse = context_light(texture, albedo, cells_of(albedo.shape[2]))
+    fine = light - functional.interpolate(coarse, albedo.shape[2:], mode="bilinear", align_corners=False)
+    fine = lost_detail(fine.clamp(-2.0, 2.0), finest, factor)
+    return srgb((linear(albedo) * torch.exp(share * fine)).clamp(0.0, 1.0))
+
+
 def angles(found: Tensor, truth: Tensor) -> Tensor:
     """(N, 1, h, w) degrees between unit normals."""
     cosine = (found * truth).sum(1, keepdim=True)
@@ -68,7 +97,7 @@ class _AlbedoTask:
 
     def __init__(self, data: Path, side: int = 256) -> None:
         wanted = ("albedo", "mask", "hair", "geometry", *self.wanted)
-        self.train, self.test = Patches(data / "train", wanted), Patches(data / "held-out", wanted)
+        self.train, self.test = (Patches(data / part, wanted, unlit_too=True) for part in ("train", "held-out"))
         self.side = side
 
     def refresh(self) -> None:
@@ -80,14 +109,25 @@ class _AlbedoTask:
     def batch(self, size: int, generator: torch.Generator) -> Batch:
         """Random crops."""
         batch = patch_batch(self.train, size, self.side, generator)
-        albedo = gain(batch["albedo"], generator, 0.08)
+        share, finest = uniform(generator, *SHADE_LEFT, size, 1, 1, 1), uniform(generator, 0.0, 1.0, size, 1, 1, 1)
+        seen = self.seen(batch, share, finest, float(uniform(generator, *PHOTOS_DETAIL, 1)))
+        albedo = gain(seen, generator, 0.08)
         albedo = blur(albedo, float(uniform(generator, -1.0, 0.5, 1)))
         batch["albedo"] = noisy(albedo, generator, 1.0 / 255.0)
         return batch
 
     def held_out(self) -> list[Batch]:
-        """Fixed crops, clean."""
-        return fixed_batches(self.test, self.side)
+        """Fixed crops without noise."""
+        batches = fixed_batches(self.test, self.side)
+        for batch in batches:
+            ones = torch.ones(len(batch["albedo"]), 1, 1, 1)
+            batch["albedo"] = self.seen(batch, SHADE_MEASURED * ones, 0.0 * ones, DETAIL_MEASURED)
+        return batches
+
+    def seen(self, batch: Batch, share: Tensor, finest: Tensor, factor: float) -> Tensor:
+        """Albedo as the network is given it; arguments as :func:`shaded`."""
+        del share, finest, factor
+        return batch["albedo"]
 
     def seeds(self) -> list[int]:
         """The subject of each item of the held-out batches."""
@@ -151,9 +191,24 @@ class NormalTask(_AlbedoTask):
     """Grey albedo and shape normals -> normals."""
 
     def __init__(self, data: Path, target: str, side: int = 256) -> None:
-        self.target, self.wanted = target, (target,)
+        self.target, self.wanted = target, (target, "texture")
         self.slow = tuple(n for n in (Rho if target == "specular_normal" else Sigma).channels if n in GEOMETRY)
         super().__init__(data, side)
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random crops, most of which have creases drawn over them."""
+        batch = super().batch(size, generator)
+        kept = (torch.rand(size, 1, 1, 1, generator=generator) / BLURRED).clamp(max=1.0)
+        coarse = float(uniform(generator, *PHOTOS_DETAIL, 1))
+        batch["albedo"] = lost_detail(batch["albedo"], kept, coarse).clamp(0.0, 1.0)
+        creases = Creases.draw(size, self.side, batch["chart_width"], batch["hair"], generator)
+        batch["albedo"] = creases.seen(batch["albedo"])
+        batch[self.target] = creases.onto(batch[self.target], diffuse=self.target == "diffuse_normal")
+        return batch
+
+    def seen(self, batch: Batch, share: Tensor, finest: Tensor, factor: float) -> Tensor:
+        """Albedo with fine shade, which tells of relief as much as colour does."""
+        return shaded(batch["albedo"], batch["texture"], share, finest, factor)
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Unit normals."""

@@ -51,11 +51,20 @@ class Wholes:
 
 @dataclass
 class Patches:
-    """Windows of the chart; each item has the arrays of ``models.training.capture`` that were asked for."""
+    """Windows of the chart; each item has the arrays of ``models.training.capture`` that were asked for.
+
+    Attributes:
+        folder: of captures.
+        wanted: names of arrays.
+        full_size_only: leaves out windows of smaller charts.
+        unlit_too: takes windows that were not lit as well; their ``texture`` is their albedo.
+        items: that have been read.
+    """
 
     folder: Path
     wanted: tuple[str, ...]
     full_size_only: bool = False
+    unlit_too: bool = False
     items: list[Arrays] = field(default_factory=list)
     _seen: set[str] = field(default_factory=set)
 
@@ -68,12 +77,16 @@ class Patches:
         for path in _new(self.folder, self._seen):
             with np.load(path) as file:
                 for i in range(int(file["patches"])):
-                    if not all(f"patch{i}_{name}" in file for name in self.wanted):
+                    lit = f"patch{i}_texture" in file
+                    needed = [name for name in self.wanted if lit or not (self.unlit_too and name == "texture")]
+                    if not all(f"patch{i}_{name}" in file for name in needed):
                         continue
                     window = file[f"patch{i}_window"]
                     if self.full_size_only and window[4] != 6144:
                         continue
-                    item = {name: file[f"patch{i}_{name}"] for name in self.wanted}
+                    item = {name: file[f"patch{i}_{name}"] for name in needed}
+                    if "texture" in self.wanted and not lit:
+                        item["texture"] = item["albedo"]
                     item["window"], item["seed"] = window, np.array(int(path.name.split("_")[0]))
                     if (file[f"patch{i}_mask"] > 127).mean() > 0.2:
                         self.items.append(item)

@@ -96,9 +96,10 @@ def enlarged(cells: np.ndarray, scale: int, crop: Crop) -> Tensor:
 
 
 def crop_of(item: Arrays, crop: Crop) -> Batch:
-    """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit."""
+    """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit; texels along its whole chart."""
     scale = int(item["window"][4]) // GEOMETRY_SIZE[0]
-    result = {"geometry": enlarged(item["geometry"], scale, crop)}
+    width = torch.full((1, 1, 1), float(item["window"][4]))
+    result = {"geometry": enlarged(item["geometry"], scale, crop), "chart_width": width}
     for name in ("albedo", "specular", "mask", "hair", "texture"):
         if name in item:
             result[name] = byte(crop.cut(item[name]))

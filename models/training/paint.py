@@ -1,0 +1,104 @@
+"""Marks of the skin that no light made: brows, lips, beards and lids of every depth of colour, and blotches.
+
+The light stage draws all of them, but at fixed places of the chart and within what its subjects have. A network that
+knows by heart how dark a brow is takes the rest of a darker one for shade, and bleaches it. Painted on texture and
+albedo alike, marks leave the light as it is: so the network has to tell them from shade.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from models.colour import linear, srgb
+from models.networks.context import HEIGHT, WIDTH
+from models.training.degrade import smooth_field
+from models.training.tasks import choice, uniform
+from service.geometry.chart import Chart
+from service.head.files import load_head
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark on a region of the left half of the face, and its mirror image.
+
+    Attributes:
+        regions: of the head model.
+        depth: range of -log(albedo with / without it) at its darkest; below 0 it is paler than the skin.
+        colour: of that, by channel.
+        shift: standard deviation of its place, texels of the context's chart: people and fits differ.
+        patchy: standard deviation of its depth within the mark, as a share.
+    """
+
+    regions: tuple[str, ...]
+    depth: tuple[float, float]
+    colour: tuple[float, float, float]
+    shift: float
+    patchy: float
+
+
+MARKS = (
+    Mark(("brow_left",), (-0.3, 1.4), (0.95, 1.0, 1.05), 2.0, 0.3),
+    Mark(("lips",), (-0.2, 0.9), (0.4, 1.0, 0.9), 0.7, 0.1),
+    Mark(("beard",), (-0.5, 0.9), (0.95, 1.0, 0.95), 2.0, 0.12),
+    Mark(("eyelid_upper_left",), (-0.2, 0.6), (0.85, 1.0, 1.0), 1.0, 0.2),
+    Mark(("eyelid_lower_left",), (-0.2, 0.4), (0.85, 1.0, 0.95), 1.0, 0.2),
+)
+PAINTED = 0.7
+"""Share of the charts that have each mark."""
+BLOTCHES, BLOTCH_CELLS = 0.05, (6, 12, 24, 48)
+"""Standard deviation of the logarithm of blotches, itself random, and how many of them lie across a chart."""
+
+
+class Painter:
+    """Paints charts; knows where the marks are."""
+
+    def __init__(self) -> None:
+        head = load_head(None)
+        chart = Chart.build(head, WIDTH, HEIGHT)
+        layers = [np.max([head.region(name) for name in mark.regions], axis=0) for mark in MARKS]
+        values = chart.interpolate(np.stack(layers, 1)) * chart.mask[..., None]
+        self.places = torch.from_numpy(np.ascontiguousarray(np.moveaxis(values, 2, 0)).astype(np.float32))
+
+    def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same marks; the light between them stays as it was."""
+        density = self.density(len(texture), generator)
+        # What is bright already has no room for paler marks; the light would change where one of both is cut off.
+        most = torch.maximum(linear(texture), linear(albedo)).clamp(min=1e-4)
+        factor = torch.minimum(torch.exp(-density), 1.0 / most)
+        return srgb(linear(texture) * factor), srgb(linear(albedo) * factor)
+
+    def density(self, count: int, generator: torch.Generator) -> Tensor:
+        """(N, 3, h, w) -log of what the marks leave of the albedo."""
+        height, width = self.places.shape[1:]
+        shape = (count, 1, height, width)
+        logs = torch.zeros(count, 3, height, width)
+        for place, mark in zip(self.places, MARKS, strict=True):
+            shift = mark.shift * torch.randn(count, 2, generator=generator) * torch.tensor([2.0 / width, 2.0 / height])
+            size = torch.exp(0.1 * torch.randn(count, 2, generator=generator))
+            where = _moved(place.expand(count, 1, -1, -1), shift, size)
+            amount = uniform(generator, *mark.depth, count, 1, 1, 1)
+            amount = amount * (torch.rand(count, 1, 1, 1, generator=generator) < PAINTED)
+            patches = (1.0 + mark.patchy * smooth_field(shape, 40, generator)).clamp(min=0.0)
+            colour = torch.tensor(mark.colour) * torch.exp(0.1 * torch.randn(count, 3, generator=generator))
+            logs = logs + torch.maximum(where, where.flip(-1)) * amount * patches * colour[..., None, None]
+        cells = BLOTCH_CELLS[choice(generator, len(BLOTCH_CELLS))]
+        depth = BLOTCHES * torch.randn(count, 1, 1, 1, generator=generator)
+        tint = 1.0 + 0.4 * torch.randn(count, 3, 1, 1, generator=generator)
+        return logs + depth * tint * smooth_field(shape, cells, generator)
+
+
+def _moved(image: Tensor, shift: Tensor, size: Tensor) -> Tensor:
+    """(N, 1, h, w) of which each is moved by (N, 2), halves of the chart, and enlarged by (N, 2) about its middle."""
+    weight = image[:1].sum((0, 1))
+    total = weight.sum().clamp(min=1e-6)
+    axes = (torch.linspace(-1.0, 1.0, n) for n in (image.shape[3], image.shape[2]))
+    middle = torch.stack([(weight.sum(dim) * axis).sum() / total for dim, axis in zip((0, 1), axes, strict=True)])
+    zoom = torch.diag_embed(1.0 / size)
+    offset = middle - (zoom @ (middle + shift)[..., None])[..., 0]
+    grid = functional.affine_grid(torch.cat([zoom, offset[..., None]], 2), list(image.shape), align_corners=False)
+    return functional.grid_sample(image, grid, align_corners=False)
