@@ -31,6 +31,8 @@ from service.runtime.sessions import MODELS
 
 TONES = (("dark", -90.0, -30.0), ("brown", -30.0, 10.0), ("tan", 10.0, 28.0), ("light", 28.0, 90.0))
 MARK = ("<!-- held-out -->", "<!-- /held-out -->")
+CREASES_SEED = 17
+
 EVALUATED = ("delta_context", "delta", "psi", "rho", "sigma", "zeta")
 
 Row = dict[str, float]
@@ -136,7 +138,8 @@ def dark_is_deep(batch: Batch) -> Tensor:
 
 
 def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
-    """Angles and detail of normals."""
+    """Angles and detail of normals, as they are and with creases drawn over the skin."""
+    generator = torch.Generator().manual_seed(CREASES_SEED)
 
     def measure(batch: Batch) -> Row:
         truth = batch[task.target]
@@ -150,10 +153,13 @@ def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
             return float((angles(normal, truth) * weight).sum() / count)
 
         deep = task.measure(dark_is_deep(batch), batch)
+        creased = task.creased(batch, generator)
+        lines = task.measure(task.predict(network, creased), creased)
         return {
             "network deg": -numbers["score"], "flat deg": -numbers["flat"], "blurred truth deg": mean_angle(soft),
             "dark is deep deg": -deep["score"], "detail": numbers["detail"], "correlation": numbers["correlation"],
-            "dark is deep correlation": deep["correlation"],
+            "dark is deep correlation": deep["correlation"], "creased: network deg": -lines["score"],
+            "creased: flat deg": -lines["flat"], "creased: correlation": lines["correlation"],
         }  # fmt: skip
 
     return measure

@@ -26,11 +26,7 @@ PHOTOS_DETAIL, DETAIL_MEASURED = (3.0, 10.67), 8.0
 training, where up to all of it may be there, and value in held-out albedo, where none is."""
 
 HAIR_WEIGHT = 0.6
-"""Normals of hair are half chance; they count less. Not much less: blurred strands must not be taken for creases."""
-
-BLURRED = 0.5
-"""Share of crops for rho and sigma whose colour is as coarse as a photo's, too."""
-
+"""Normals of hair are half chance; they count less. Not much less: strands must not be taken for creases."""
 
 TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
 """Standard deviation of the logarithm by which crops for psi change their tone, and how much more blue changes."""
@@ -197,14 +193,13 @@ class NormalTask(_AlbedoTask):
 
     def batch(self, size: int, generator: torch.Generator) -> Batch:
         """Random crops, most of which have creases drawn over them."""
-        batch = super().batch(size, generator)
-        kept = (torch.rand(size, 1, 1, 1, generator=generator) / BLURRED).clamp(max=1.0)
-        coarse = float(uniform(generator, *PHOTOS_DETAIL, 1))
-        batch["albedo"] = lost_detail(batch["albedo"], kept, coarse).clamp(0.0, 1.0)
-        creases = Creases.draw(size, self.side, batch["chart_width"], batch["hair"], generator)
-        batch["albedo"] = creases.seen(batch["albedo"])
-        batch[self.target] = creases.onto(batch[self.target], diffuse=self.target == "diffuse_normal")
-        return batch
+        return self.creased(super().batch(size, generator), generator)
+
+    def creased(self, batch: Batch, generator: torch.Generator) -> Batch:
+        """The same crops, most of them with creases drawn over them."""
+        creases = Creases.draw(len(batch["albedo"]), self.side, batch["chart_width"], batch["hair"], generator)
+        normal = creases.onto(batch[self.target], diffuse=self.target == "diffuse_normal")
+        return {**batch, "albedo": creases.seen(batch["albedo"]), self.target: normal}
 
     def seen(self, batch: Batch, share: Tensor, finest: Tensor, factor: float) -> Tensor:
         """Albedo with fine shade, which tells of relief as much as colour does."""

@@ -11,6 +11,8 @@ torch = pytest.importorskip("torch")
 
 from models.lightstage.split import HELD_OUT, TRAIN, subject_part  # noqa: E402
 from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
+from models.training.average import main as average  # noqa: E402
+from models.training.average import mean_of  # noqa: E402
 from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
 from models.training.degrade import blur, half_mirrored, lost_detail, noisy  # noqa: E402
 from models.training.reflectance import NormalTask, angles, local_strength, retoned  # noqa: E402
@@ -18,7 +20,7 @@ from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
 from models.training.train import TASKS, Run, Trainer, go  # noqa: E402
-from service.errors import ModelFault  # noqa: E402
+from service.errors import ModelFault, UsageError  # noqa: E402
 from service.reflectance.subject import GEOMETRY  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -199,6 +201,27 @@ def test_a_run_begins_with_the_weights_of_another(data: Path, tmp_path: Path) ->
     other = Trainer(Run("rho", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0), NormalTask(data, "specular_normal", 64), "cpu")
     with pytest.raises(ModelFault, match="psi"):
         other.begin_with(tmp_path)
+
+
+def test_the_mean_of_two_runs_is_a_run(data: Path, tmp_path: Path) -> None:
+    """It can be measured and gone on with; runs of different networks have no mean."""
+    for value in (0.25, 0.75):
+        trainer = Trainer(Run("psi", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0), TASKS["psi"](data, 64), "cpu")
+        with torch.no_grad():
+            for weights in trainer.average.parameters():
+                weights.fill_(value)
+        (tmp_path / str(value)).mkdir()
+        trainer.save(tmp_path / str(value))
+    both = [tmp_path / "0.25", tmp_path / "0.75"]
+    average(both, tmp_path / "mean", data)
+    made = torch.load(tmp_path / "mean" / "checkpoint.pt", weights_only=True)
+    assert all(bool((w == 0.5).all()) for w in made["average"].values() if w.is_floating_point())
+    assert '"mean_of": 2' in (tmp_path / "mean" / "log.jsonl").read_text()
+    with pytest.raises(UsageError, match="two or more"):
+        average(both[:1], tmp_path / "none", data)
+    with pytest.raises(ModelFault, match="different networks"):
+        mean_of([{"a": torch.zeros(2)}, {"a": torch.zeros(3)}])
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from service.colour import linear_to_srgb
@@ -9,10 +11,14 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.brows import NONE, brow_plane, under_brows
 from service.reflectance.diffuse_albedo import CONTEXT, found_by
+from service.reflectance.normals import SPECULAR, tangent_normals
 from service.reflectance.planes import FULL_CODE, Planes
+from service.reflectance.result import unpack_normals
 from service.reflectance.subject import BROWS, CLUES, GEOMETRY, Subject
+from service.reflectance.translate import Job
 from service.runtime.networks import Engine, open_network
 from tests.service.archive.toys import toy_head
+from tests.service.reflectance.toys import toy_folder
 
 HEAD = load_head(None)
 SIZE = (288, 192)
@@ -73,3 +79,25 @@ def test_a_darker_brow_is_darker_in_the_albedo() -> None:
     change = (lights[1] - lights[0])[depth > 0.5]
     assert change.mean() > -0.15, f"{-change.mean():.2f} of {1.2 * depth[depth > 0.5].mean():.2f} was taken for shade"
     assert BROWS in CLUES
+
+
+def test_relief_is_flatter_in_brows_and_the_same_elsewhere(tmp_path: Path) -> None:
+    """Strands are dark lines, which a network that knows creases would carve into the skin."""
+    engine, size = Engine(threads=1, folder=toy_folder(tmp_path)), (48, 32)
+    rng = np.random.default_rng(3)
+    brow = np.zeros((32, 48), np.float32)
+    brow[:, :16] = 1
+    found = []
+    for clues in (None, brow):
+        planes = Planes(size)
+        planes.add_codes("albedo", np.full((32, 48, 3), 30000, np.uint16))
+        planes.add_coarse(GEOMETRY, rng.normal(size=(len(GEOMETRY), 32, 48)).astype(np.float32))
+        if clues is not None:
+            planes.add_coarse([BROWS], clues[None])
+        job = Job(planes, np.full((32, 48), 255, np.uint8), engine, 256, lambda _: None)
+        found.append(unpack_normals(tangent_normals(SPECULAR, job)))
+        rng = np.random.default_rng(3)
+    plain, flatter = (np.linalg.norm(each[..., :2], axis=2) for each in found)
+    assert np.array_equal(plain[:, 20:], flatter[:, 20:])
+    assert flatter[:, :14].mean() < 0.7 * plain[:, :14].mean()
+    assert plain.max() > 0.1
