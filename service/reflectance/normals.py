@@ -6,34 +6,34 @@ import numpy as np
 import numpy.typing as npt
 
 from service.reflectance.result import NORMAL_ONE
-from service.reflectance.subject import BROWS
+from service.reflectance.subject import COVERED
 from service.reflectance.translate import Job, translate
 
 Float = npt.NDArray[np.float32]
 
 SPECULAR, DIFFUSE = "rho", "sigma"
 
-UNDER_BROWS = 0.35
-"""Share of the relief that is left where brows are: strands are dark lines, as creases are, and skin under them is not
-seen."""
+UNDER_COVER = 0.45
+"""Share of the relief that is left under brows, hair and glasses: strands and frames are dark lines, as creases are,
+and the skin under them is not seen."""
 
 STEEPEST_Z = 0.17
 """Normals tilt by 80 degrees at most: beyond, a slope means nothing, and 8 bits cannot tell it from the horizon."""
 
 
 def tangent_normals(name: str, job: Job) -> npt.NDArray[np.int16]:
-    """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin, flatter in brows.
+    """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin, flatter where it is covered.
 
     Raises:
         ModelFault: the network is missing, changed, or does not fit.
     """
     result = np.zeros((*job.skin.shape, 2), np.int16)
-    brows = job.planes.read([BROWS]) if BROWS in job.planes.channels else None
+    covered = job.planes.read([COVERED]) if COVERED in job.planes.channels else None
 
     def keep(place: tuple[slice, slice], values: Float, skin: Float) -> None:
-        if brows is not None:
+        if covered is not None:
             rows, columns = (np.arange(s.start, s.stop) for s in place)
-            skin = skin * (1 - np.float32(1 - UNDER_BROWS) * brows(rows, columns)[0])
+            skin = skin * (1 - np.float32(1 - UNDER_COVER) * covered(rows, columns)[0])
         result[place] = pack_normals(skin * values[0], skin * values[1], skin * values[2] + (1 - skin))
 
     translate(name, job, 3, keep)

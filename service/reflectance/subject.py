@@ -43,8 +43,14 @@ MADE_UP = "made_up_skin"
 BROWS = "brows"
 """Channel that is 1 where brows may lie."""
 
-CLUES = (LIT, MADE_UP, *EYES, BROWS)
-"""Channels of :attr:`Subject.clues`: what photo and head tell of where the light can be read from."""
+COVERED = "covered_skin"
+"""Channel that is 1 where brows, strands of hair or glasses cover the skin of the face."""
+
+CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED)
+"""Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
+
+BROW_SOFT = 5.0
+"""Standard deviation of the blur over which relief fades into brows, texels of ``GEOMETRY_SIZE``."""
 
 _SHIFT = 4
 
@@ -129,7 +135,7 @@ class Subject:
 
     @property
     def clues(self) -> Float:
-        """(7, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        """(8, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
         def whole(plane: Float | None, usual: float) -> Float:
@@ -137,7 +143,11 @@ class Subject:
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
         eyes = np.broadcast_to(self.eyes[:, :1, :1], (len(EYES), *GEOMETRY_SIZE[::-1]))
-        return np.concatenate([whole(self.lit, 1.0), whole(self.made_up, 0.0), eyes, brow_plane(self.chart)[None]])
+        lit, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
+        # Softly: relief that ends at a line would show as a patch.
+        beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
+        covered = np.maximum(beneath, (1 - lit) * (1 - made_up) * self.bare(GEOMETRY_SIZE))
+        return np.concatenate([lit, made_up, eyes, brows, covered])
 
     def bare(self, size: tuple[int, int]) -> Float:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
