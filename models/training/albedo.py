@@ -11,7 +11,7 @@ from torch.nn import functional
 from models.colour import linear, srgb
 from models.networks.context import DARKEST
 from models.networks.stages import Delta
-from models.training.degrade import gain, lost_detail, noisy, smooth_field
+from models.training.degrade import PHOTOS_DETAIL, gain, lost_detail, noisy, smooth_field
 from models.training.store import Patches
 from models.training.tasks import (
     Batch,
@@ -102,7 +102,7 @@ class DeltaTask:
         light = light + amount * (shared + 0.4 * apart)
         batch["context"] = functional.interpolate(light, texture.shape[2:], mode="bilinear", align_corners=False)
         share = uniform(generator, 0.0, 1.15, size, 1, 1, 1)
-        factor = float(uniform(generator, 3.0, 10.67, 1))
+        factor = float(uniform(generator, *PHOTOS_DETAIL, 1))
         batch["albedo"] = lost_detail(albedo, share, factor).clamp(0.0, 1.0)
         batch["texture"] = noisy(lost_detail(texture, share, factor).clamp(0.0, 1.0), generator, 1.0 / 255.0)
 

@@ -16,10 +16,11 @@ from torch.nn import functional
 from models.colour import linear, srgb
 from models.training.degrade import blur
 from models.training.tasks import choice, uniform
+from service.levels import FULL_SIZE
 
 TEXEL_MM = 0.068
 """Of the full chart, on the cheeks."""
-FULL_WIDTH = 6144
+FULL_WIDTH = FULL_SIZE[0]
 
 CREASED = 0.6
 """Share of crops that have creases."""

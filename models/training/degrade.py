@@ -10,6 +10,9 @@ from torch.nn import functional
 
 LARGEST_GAIN = 0.35
 
+PHOTOS_DETAIL = (3.0, 10.67)
+"""Range of the size, in texels of the full chart, below which detail is not the photo's: super-resolution makes it."""
+
 
 def gain(texture: Tensor, generator: torch.Generator, strength: float = 0.12) -> Tensor:
     """sRGB-coded textures (N, 3, h, w) as another exposure and white balance would have given them."""

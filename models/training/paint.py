@@ -27,14 +27,14 @@ class Mark:
     """A mark on a region of the left half of the face, and its mirror image.
 
     Attributes:
-        regions: of the head model.
+        region: of the head model.
         depth: range of -log(albedo with / without it) at its darkest; below 0 it is paler than the skin.
         colour: of that, by channel.
         shift: standard deviation of its place, texels of the context's chart: people and fits differ.
         patchy: standard deviation of its depth within the mark, as a share.
     """
 
-    regions: tuple[str, ...]
+    region: str
     depth: tuple[float, float]
     colour: tuple[float, float, float]
     shift: float
@@ -42,11 +42,11 @@ class Mark:
 
 
 MARKS = (
-    Mark(("brow_left",), (-0.3, 1.4), (0.95, 1.0, 1.05), 2.0, 0.3),
-    Mark(("lips",), (-0.2, 0.9), (0.4, 1.0, 0.9), 0.7, 0.1),
-    Mark(("beard",), (-0.5, 0.9), (0.95, 1.0, 0.95), 2.0, 0.12),
-    Mark(("eyelid_upper_left",), (-0.2, 0.6), (0.85, 1.0, 1.0), 1.0, 0.2),
-    Mark(("eyelid_lower_left",), (-0.2, 0.4), (0.85, 1.0, 0.95), 1.0, 0.2),
+    Mark("brow_left", (-0.3, 1.4), (0.95, 1.0, 1.05), 2.0, 0.3),
+    Mark("lips", (-0.2, 0.9), (0.4, 1.0, 0.9), 0.7, 0.1),
+    Mark("beard", (-0.5, 0.9), (0.95, 1.0, 0.95), 2.0, 0.12),
+    Mark("eyelid_upper_left", (-0.2, 0.6), (0.85, 1.0, 1.0), 1.0, 0.2),
+    Mark("eyelid_lower_left", (-0.2, 0.4), (0.85, 1.0, 0.95), 1.0, 0.2),
 )
 PAINTED = 0.7
 """Share of the charts that have each mark."""
@@ -60,7 +60,7 @@ class Painter:
     def __init__(self) -> None:
         head = load_head(None)
         chart = Chart.build(head, WIDTH, HEIGHT)
-        layers = [np.max([head.region(name) for name in mark.regions], axis=0) for mark in MARKS]
+        layers = [head.region(mark.region) for mark in MARKS]
         values = chart.interpolate(np.stack(layers, 1)) * chart.mask[..., None]
         self.places = torch.from_numpy(np.ascontiguousarray(np.moveaxis(values, 2, 0)).astype(np.float32))
 

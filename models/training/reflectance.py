@@ -12,7 +12,7 @@ from models.colour import linear, srgb
 from models.networks.stages import Psi, Rho, Sigma
 from models.training.albedo import cells_of, context_light, log_light
 from models.training.creases import Creases
-from models.training.degrade import blur, gain, lost_detail, noisy
+from models.training.degrade import PHOTOS_DETAIL, blur, gain, lost_detail, noisy
 from models.training.store import Patches
 from models.training.tasks import Batch, byte, channels, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
@@ -21,9 +21,8 @@ from service.reflectance.subject import GEOMETRY
 SHADE_LEFT, SHADE_MEASURED = (0.0, 1.1), 0.8
 """Range of the share of fine shade, finer than delta's context tells, that is left in the albedo which rho and sigma
 train on, and the share in held-out albedo. delta takes away little of it: a crease of the photo stays a dark line."""
-PHOTOS_DETAIL, DETAIL_MEASURED = (3.0, 10.67), 8.0
-"""Texels of the full chart below which a photo shows no shade of its own: super-resolution makes colour there. Range in
-training, where up to all of it may be there, and value in held-out albedo, where none is."""
+DETAIL_MEASURED = 8.0
+"""Value of ``PHOTOS_DETAIL`` in held-out albedo: none of the shade finer than that is there."""
 
 HAIR_WEIGHT = 0.6
 """Normals of hair are half chance; they count less. Not much less: strands must not be taken for creases."""
@@ -104,30 +103,22 @@ class _AlbedoTask:
 
     def batch(self, size: int, generator: torch.Generator) -> Batch:
         """Random crops."""
-        batch = patch_batch(self.train, size, self.side, generator)
-        share, finest = uniform(generator, *SHADE_LEFT, size, 1, 1, 1), uniform(generator, 0.0, 1.0, size, 1, 1, 1)
-        seen = self.seen(batch, share, finest, float(uniform(generator, *PHOTOS_DETAIL, 1)))
-        albedo = gain(seen, generator, 0.08)
+        batch = self._crops(size, generator)
+        albedo = gain(batch["albedo"], generator, 0.08)
         albedo = blur(albedo, float(uniform(generator, -1.0, 0.5, 1)))
         batch["albedo"] = noisy(albedo, generator, 1.0 / 255.0)
         return batch
 
     def held_out(self) -> list[Batch]:
-        """Fixed crops without noise."""
-        batches = fixed_batches(self.test, self.side)
-        for batch in batches:
-            ones = torch.ones(len(batch["albedo"]), 1, 1, 1)
-            batch["albedo"] = self.seen(batch, SHADE_MEASURED * ones, 0.0 * ones, DETAIL_MEASURED)
-        return batches
-
-    def seen(self, batch: Batch, share: Tensor, finest: Tensor, factor: float) -> Tensor:
-        """Albedo as the network is given it; arguments as :func:`shaded`."""
-        del share, finest, factor
-        return batch["albedo"]
+        """Fixed crops, clean."""
+        return fixed_batches(self.test, self.side)
 
     def seeds(self) -> list[int]:
         """The subject of each item of the held-out batches."""
         return [int(item["seed"]) for item in fixed_items(self.test)]
+
+    def _crops(self, size: int, generator: torch.Generator) -> Batch:
+        return patch_batch(self.train, size, self.side, generator)
 
 
 class PsiTask(_AlbedoTask):
@@ -201,9 +192,21 @@ class NormalTask(_AlbedoTask):
         normal = creases.onto(batch[self.target], diffuse=self.target == "diffuse_normal")
         return {**batch, "albedo": creases.seen(batch["albedo"]), self.target: normal}
 
-    def seen(self, batch: Batch, share: Tensor, finest: Tensor, factor: float) -> Tensor:
-        """Albedo with fine shade, which tells of relief as much as colour does."""
-        return shaded(batch["albedo"], batch["texture"], share, finest, factor)
+    def held_out(self) -> list[Batch]:
+        """Fixed crops without noise, with the shade of a photo's detail."""
+        batches = super().held_out()
+        for batch in batches:
+            share, none = torch.full((len(batch["albedo"]), 1, 1, 1), SHADE_MEASURED), torch.zeros(1, 1, 1, 1)
+            batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, none, DETAIL_MEASURED)
+        return batches
+
+    def _crops(self, size: int, generator: torch.Generator) -> Batch:
+        """With fine shade left in the albedo, which tells of relief as much as colour does."""
+        batch = super()._crops(size, generator)
+        share, finest = uniform(generator, *SHADE_LEFT, size, 1, 1, 1), uniform(generator, 0.0, 1.0, size, 1, 1, 1)
+        factor = float(uniform(generator, *PHOTOS_DETAIL, 1))
+        batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, finest, factor)
+        return batch
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Unit normals."""

@@ -106,10 +106,10 @@ class Subject:
 
     @property
     def eyes(self) -> Float:
-        """(4, 2, 2) float32 channels ``EYES``, the same at all texels; all 0 where the light is not known."""
+        """(4, 1, 1) float32 channels ``EYES``, the same at all texels; all 0 where the light is not known."""
         known = self.eye_light is not None and bool((np.asarray(self.eye_light) > 0).all())
         logs = np.log(np.asarray(self.eye_light, np.float64)) if known else np.zeros(3)
-        return np.broadcast_to(np.append(logs, float(known))[:, None, None], (4, 2, 2)).astype(np.float32)
+        return np.append(logs, float(known))[:, None, None].astype(np.float32)
 
     @cached_property
     def geometry(self) -> Float:
@@ -142,7 +142,7 @@ class Subject:
             drawn = np.full((1, 1), usual, np.float32) if plane is None else plane
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
-        eyes = np.broadcast_to(self.eyes[:, :1, :1], (len(EYES), *GEOMETRY_SIZE[::-1]))
+        eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
         lit, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)

@@ -82,12 +82,13 @@ def render(
     in_camera = camera.to_camera(vertices)
     points = camera.project(vertices) * (width / camera.width, height / camera.height)
     turned = np.asarray(normals) @ camera.rotation.T
-    if texture is not None and lamps is None:
+    if texture is None:
+        light, gloss = (lamps or STUDIO).on(head, in_camera, turned)
+        shade = linear_to_srgb(clay_colours(head) * light + gloss)
+    elif lamps is None:
         shade = baked(in_camera, turned)
     else:
-        light, gloss = (lamps or STUDIO).on(head, in_camera, turned)
-        lit = np.concatenate([light, gloss], 1)
-        shade = lit if texture is not None else linear_to_srgb(clay_colours(head) * light + gloss)
+        shade = np.concatenate(lamps.on(head, in_camera, turned), 1)
     picture = np.zeros((height, width, 4), np.float32)
     nearest = np.full((height, width), np.inf, np.float32)
     for layer in _layers(head):

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.materials import material_of
+from service.geometry.normals import normalise
 from service.head.model import HeadModel
+from service.scene.scene import Triple
 
 Float = npt.NDArray[np.float32]
-Triple = tuple[float, float, float]
 
 CLAY = (0.50, 0.47, 0.44)
 """Linear RGB of the untextured skin."""
@@ -21,6 +22,9 @@ _PART_CLAY = {
     "tongue": (0.42, 0.28, 0.26),
     "lashes": (0.26, 0.24, 0.22),
 }
+
+_NOWHERE = (0.0, 0.0, 0.0)
+"""Unit vector of what has no direction: light from there does not count."""
 
 _WRAP = 0.25
 """Cosine by which light reaches round the side that looks away: a soft terminator, as under a large lamp."""
@@ -53,16 +57,16 @@ class Lamps:
             in_camera: (V, 3) vertices, camera axes.
             normals: (V, 3) unit, camera axes.
         """
-        view = _unit(-in_camera)
+        view = normalise(-in_camera, _NOWHERE)
         # Sheets show their backs too. Elsewhere a normal that looks away is at the outline, and turning it would flash.
         sheets = np.zeros((len(normals), 1), bool)
         sheets[head.triangles[double_sided(head)]] = True
         facing = np.where(sheets & ((normals * view).sum(1, keepdims=True) < 0), -normals, normals)
         light = np.tile(np.array(self.ambient), (len(facing), 1))
-        towards = _unit(np.array([direction for direction, _ in self.lamps]))
+        towards = normalise(np.array([direction for direction, _ in self.lamps]), _NOWHERE)
         for direction, (_, colour) in zip(towards, self.lamps, strict=True):
             light += np.clip((facing @ direction + _WRAP) / (1 + _WRAP), 0, 1)[:, None] ** 1.5 * np.array(colour)
-        half = _unit(towards[0] + view)
+        half = normalise(towards[0] + view, _NOWHERE)
         gloss = _GLOSS * np.clip((facing * half).sum(1, keepdims=True), 0, 1) ** _SHARPNESS
         return light.astype(np.float32), gloss.astype(np.float32)
 
@@ -87,7 +91,7 @@ def side_lamp(azimuth_deg: float) -> Lamps:
 
 def baked(in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Float:
     """(V, 1) factor on the coded colours of a texture that has its light in it; arguments as :meth:`Lamps.on`."""
-    cosine = (normals * _unit(-in_camera)).sum(1, keepdims=True)
+    cosine = (normals * normalise(-in_camera, _NOWHERE)).sum(1, keepdims=True)
     return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
 
 
@@ -102,9 +106,3 @@ def clay_colours(head: HeadModel) -> Float:
 def double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
     """(T,) True for triangles of double-sided parts."""
     return np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]
-
-
-def _unit(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """(N, 3) of length 1; 0 stays 0."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, 1e-9), np.float64)

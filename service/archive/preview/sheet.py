@@ -10,7 +10,7 @@ import numpy.typing as npt
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, blank, place, write
-from service.archive.preview.views import TILE, clay, relit, textured
+from service.archive.preview.views import TILE, clay, relit, small_albedo, textured
 
 _GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
 _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
@@ -95,7 +95,7 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         return np.repeat(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)[..., None], 3, 2)
 
     if made.diffuse_albedo is not None:
-        yield "Diffuse albedo", np.rint(small(made.diffuse_albedo) / 257).astype(np.uint8)
+        yield "Diffuse albedo", small_albedo(made.diffuse_albedo, _map_size())
     if made.specular_albedo is not None:
         yield "Specular albedo", grey(small(made.specular_albedo) * np.float32(1 / 65535))
     for caption, normals in (("Specular", made.specular_normal), ("Diffuse", made.diffuse_normal)):

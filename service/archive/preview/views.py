@@ -46,10 +46,10 @@ def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     """The diffuse albedo in lamps that the photo did not have; nothing where there is none."""
-    albedo = _small_albedo(avatar)
-    if albedo is None:
+    made, fit = avatar.reflectance, avatar.fit
+    if made is None or made.diffuse_albedo is None:
         return
-    fit = avatar.fit
+    albedo = small_albedo(made.diffuse_albedo, VIEWED)
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
     behind = backdrop(*TILE)
 
@@ -63,15 +63,12 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     yield from _side_by_side(view, RELIT)
 
 
-def _small_albedo(avatar: Avatar) -> Image | None:
-    """(h, w, 3) uint8 sRGB of the diffuse albedo, as fine as the views show it; None where there is none."""
+def small_albedo(codes: npt.NDArray[np.uint16], size: tuple[int, int]) -> Image:
+    """``size`` (width, height) uint8 sRGB of a diffuse albedo (H, W, 3), whose codes are 16 bits."""
     import cv2
 
-    made = avatar.reflectance
-    if made is None or made.diffuse_albedo is None:
-        return None
-    codes = np.asarray(cv2.resize(made.diffuse_albedo, VIEWED, interpolation=cv2.INTER_AREA), np.float32)
-    return np.rint(codes / 257).astype(np.uint8)
+    small = np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.float32)
+    return np.rint(small / 257).astype(np.uint8)
 
 
 def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:

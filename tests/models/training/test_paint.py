@@ -38,8 +38,8 @@ def test_marks_lie_where_they_belong_and_reach_their_depth() -> None:
     for place, mark in zip(PAINTER.places, MARKS, strict=True):
         inside = place > 0.9
         depth = density[:, 1][:, inside].mean(1)
-        assert mark.depth[0] - 0.4 < float(depth.min()) < float(depth.max()) < mark.depth[1] + 0.4, mark.regions
-        assert float(depth.max()) > 0.6 * mark.depth[1], mark.regions
+        assert mark.depth[0] - 0.4 < float(depth.min()) < float(depth.max()) < mark.depth[1] + 0.4, mark.region
+        assert float(depth.max()) > 0.6 * mark.depth[1], mark.region
     nowhere = (torch.maximum(PAINTER.places, PAINTER.places.flip(-1)).amax(0) == 0).clone()
     nowhere[30:] = False  # the upper rim of the chart is far from all marks
     assert float(density[:, :, nowhere].abs().mean()) < 0.1
