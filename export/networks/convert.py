@@ -108,7 +108,7 @@ def to_onnx(part: Part) -> Any:
         warnings.simplefilter("ignore")  # deprecation of the exporter that needs no further packages
         torch.onnx.export(
             part.module, (example,), buffer, input_names=["maps"], output_names=["result"], opset_version=OPSET,
-            dynamic_axes=axes, dynamo=False,
+            dynamic_axes=axes, dynamo=False, do_constant_folding=False,  # weights keep their names: training can go on
         )  # fmt: skip
     model = store_half(onnx.load_from_string(buffer.getvalue()))
     model.metadata_props.add(key=KEY, value=json.dumps(part.description, sort_keys=True))

@@ -81,8 +81,9 @@ class CoarseToFine(nn.Module):
         self.head = nn.Conv2d(local, out, 7, padding=3)
         nn.init.normal_(self.head.weight, std=0.02)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(N, channels, H, W) -> (N, out, H, W); H and W multiples of ``size.stride``."""
+    def forward(self, x: Tensor, added: Tensor | None = None) -> Tensor:
+        """``added`` and x, together (N, channels, H, W) -> (N, out, H, W); H and W multiples of ``size.stride``."""
+        x = x if added is None else torch.cat([added, x], 1)
         coarse = self.coarse(nn.functional.avg_pool2d(x, 2))
         return cast(Tensor, self.head(self.fine(self.enter(x) + coarse)))
 

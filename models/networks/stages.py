@@ -12,6 +12,7 @@ from models.networks.blocks import rounded_up
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
+from service.colour import LUMA
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 ALBEDO = ("albedo_r", "albedo_g", "albedo_b")
@@ -34,9 +35,11 @@ STEEPEST = 3.0
 
 
 def detail_of(grey: Tensor) -> Tensor:
-    """(N, 1, H, W) enlarged difference from the mean of the neighbourhood."""
-    mean = nn.functional.avg_pool2d(grey, WINDOW, stride=1, padding=WINDOW // 2, count_include_pad=False)
-    return (grey - mean) * DETAIL_GAIN
+    """(N, 1, H, W) difference from the mean of the neighbourhood; columns first, then rows, which is far fewer sums."""
+    half = WINDOW // 2
+    mean = nn.functional.avg_pool2d(grey, (WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)
+    mean = nn.functional.avg_pool2d(mean, (1, WINDOW), stride=1, padding=(0, half), count_include_pad=False)
+    return grey - mean
 
 
 BodySize = TranslatorSize | CoarseToFineSize
@@ -55,16 +58,29 @@ class StageNet(nn.Module):
         channels: names of the input channels in order; values as in ``service`` (all about [-1, 1]).
         outputs: names of the output channels.
         detail: how many of the first channels carry detail of single texels.
+        grey: share of each of the first channels in the grey whose enlarged detail the body gets too; empty for none.
     """
 
     channels: tuple[str, ...]
     outputs: tuple[str, ...]
     detail: int
+    grey: tuple[float, ...] = ()
 
-    def __init__(self, size: BodySize, out: int, added: int = 0) -> None:
+    def __init__(self, size: BodySize, out: int) -> None:
         super().__init__()
+        added = 1 if self.grey else 0
         self.body = _body(self.detail + added, len(self.channels) + added, out, size)
         self.reach = WINDOW // 2 if added else 0
+        shares = torch.zeros(1, len(self.channels), 1, 1)
+        shares[0, : len(self.grey), 0, 0] = torch.tensor(self.grey)
+        self.register_buffer("shares", shares * DETAIL_GAIN, persistent=False)
+
+    def looked_at(self, x: Tensor) -> Tensor:
+        """What the body makes of the channels (N, C, H, W) and of their detail -> (N, out, H, W)."""
+        if not self.grey:
+            return cast(Tensor, self.body(x))
+        # By a convolution: runtimes are slow at picking single planes.
+        return cast(Tensor, self.body(x, detail_of(nn.functional.conv2d(x, cast(Tensor, self.shares)))))
 
     @property
     def stride(self) -> int:
@@ -92,7 +108,7 @@ class Delta(StageNet):
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, 14, H, W) -> (N, 3, H, W)."""
-        light = x[:, 3:6] + self.body(x)
+        light = x[:, 3:6] + self.looked_at(x)
         texture = linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST)
         return srgb(texture * torch.exp(-light.clamp(-4.0, 4.0))) * 2.0 - 1.0
 
@@ -109,27 +125,28 @@ class Psi(StageNet):
     channels = (*ALBEDO, *POSITION)
     outputs = ("specular_albedo",)
     detail = 3
+    grey = tuple(float(share) for share in LUMA)
 
     def __init__(self, size: BodySize) -> None:
-        super().__init__(size, 1, added=1)
+        super().__init__(size, 1)
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, 6, H, W) -> (N, 1, H, W)."""
-        grey = 0.2126 * x[:, :1] + 0.7152 * x[:, 1:2] + 0.0722 * x[:, 2:3]
-        return torch.tanh(self.body(torch.cat([detail_of(grey), x], 1)))
+        return torch.tanh(self.looked_at(x))
 
 
 class NormalNet(StageNet):
     """Predicts slopes, so that every output is a unit normal that faces outwards."""
 
     detail = 1
+    grey = (1.0,)
 
     def __init__(self, size: BodySize) -> None:
-        super().__init__(size, 2, added=1)
+        super().__init__(size, 2)
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, C, H, W) -> (N, 3, H, W) unit normals in the mesh's tangent space, +Y up."""
-        slopes = STEEPEST * torch.tanh(self.body(torch.cat([detail_of(x[:, :1]), x], 1)) / STEEPEST)
+        slopes = STEEPEST * torch.tanh(self.looked_at(x) / STEEPEST)
         length = torch.rsqrt(slopes.square().sum(1, keepdim=True) + 1.0)
         return cast(Tensor, torch.cat([slopes * length, length], 1))
 

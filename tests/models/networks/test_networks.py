@@ -16,7 +16,8 @@ from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize  # noq
 from models.networks.configs import CONFIGS, CONTEXT_CHANNELS, NETWORKS, Zeta, build, parameters  # noqa: E402
 from models.networks.context import HEIGHT, WIDTH  # noqa: E402
 from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss  # noqa: E402
-from models.networks.stages import StageNet  # noqa: E402
+from models.networks.stages import WINDOW, StageNet, detail_of  # noqa: E402
+from models.networks.translator import Stem  # noqa: E402
 from service.errors import UsageError  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -71,6 +72,25 @@ def test_halo_is_not_much_wider_than_the_reach(name: str) -> None:
     reached = (x.grad.abs().sum((0, 1, 2)) > 0).nonzero().flatten()
     reach = max(middle - int(reached.min()), int(reached.max()) - middle)
     assert reach <= network.halo() <= reach + 4 * network.stride
+
+
+@pytest.mark.parametrize("added", [0, 2])
+def test_one_strided_convolution_equals_unshuffle_mean_and_convolution(added: int) -> None:
+    """Also at the border, where a kernel that was put together wrongly by one texel would see other zeros."""
+    torch.manual_seed(0)
+    stem = Stem(detail=3, slow=4, width=5).double()
+    x = torch.rand(2, 7, 12, 20, dtype=torch.float64) - 0.3
+    parts = [nn.functional.pixel_unshuffle(x[:, :3], 2), nn.functional.avg_pool2d(x[:, 3:], 2)]
+    expected = nn.functional.conv2d(torch.cat(parts, 1), stem.weight, stem.bias, padding=1)
+    found = stem(x[:, added:], x[:, :added]) if added else stem(x)
+    assert torch.allclose(found, expected, atol=1e-12)
+
+
+def test_detail_is_measured_from_the_mean_of_a_square() -> None:
+    """At the border of a tile the mean is of the texels that there are: zeros counted in would look like a cliff."""
+    grey = torch.rand(1, 1, 40, 33, dtype=torch.float64)
+    mean = nn.functional.avg_pool2d(grey, WINDOW, stride=1, padding=WINDOW // 2, count_include_pad=False)
+    assert torch.allclose(detail_of(grey), grey - mean, atol=1e-12)
 
 
 def test_coarse_to_fine_halo() -> None:
