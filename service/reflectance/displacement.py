@@ -7,6 +7,7 @@ and errors of integration are coarse.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,9 @@ from service.reflectance.cliffs import cliff_part
 from service.reflectance.integrate import MOST_STEPS, TOLERANCE, divergence, solve
 from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.result import MID, SCALE_MM, Integration, unpack_normals
+from service.reflectance.texels import interpolated
 
 Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 COARSEST_MM = 6.0
@@ -133,22 +134,24 @@ def coarse_part(height: Float, mask: Mask, steps: Steps) -> Float:
 
     width = min(_COARSE_WIDTH, height.shape[1])
     size = (width, max(width * height.shape[0] // height.shape[1], 1))
-    weight = np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float64)
-    total = np.asarray(cv2.resize(height, size, interpolation=cv2.INTER_AREA), np.float64)  # 0 outside the mask
+    weight = np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
+    total = np.asarray(cv2.resize(height, size, interpolation=cv2.INTER_AREA), np.float32)  # 0 outside the mask
     mm = np.asarray(cv2.resize(steps.texel_mm(), size, interpolation=cv2.INTER_AREA)) * (steps.width / size[0])
     sigma = COARSEST_MM / np.maximum(mm, 1e-3)
-    level = np.interp(np.log(sigma), np.log(_SIGMAS), np.arange(len(_SIGMAS)))
-    smooth = np.zeros_like(total)
+    level = np.interp(np.log(sigma), np.log(_SIGMAS), np.arange(len(_SIGMAS))).astype(np.float32)
+    smooth = np.zeros(total.shape, np.float32)
     for index, width_px in enumerate(_SIGMAS):
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
             smooth += share * _local_planes(total, weight, width_px)
-    result = np.asarray(cv2.resize(smooth.astype(np.float32), height.shape[::-1], interpolation=cv2.INTER_LINEAR))
+    result = np.asarray(cv2.resize(smooth, height.shape[::-1], interpolation=cv2.INTER_LINEAR))
     return np.asarray(result * mask, np.float32)
 
 
-def _local_planes(total: Array, weight: Array, sigma: float) -> Array:
+def _local_planes(total: Float, weight: Float, sigma: float) -> Float:
     """(h, w) value at each texel of the plane that fits the heights around it.
+
+    All moments are about that texel: about the map's corner they would be differences of large numbers.
 
     Args:
         total: (h, w) height times weight.
@@ -157,19 +160,23 @@ def _local_planes(total: Array, weight: Array, sigma: float) -> Array:
     """
     import cv2
 
-    def around(values: Array) -> Array:
-        return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))
+    place = np.arange(-round(4 * sigma), round(4 * sigma) + 1) / sigma
+    gauss = np.exp(-0.5 * place * place)
+    kernels = [(gauss / gauss.sum() * place**power).astype(np.float32) for power in range(3)]
 
-    y, x = (axis / sigma for axis in np.mgrid[: weight.shape[0], : weight.shape[1]].astype(np.float64))
-    mass = np.maximum(around(weight), 1e-9)
-    mx, my, mh = (around(values) / mass for values in (weight * x, weight * y, total))
-    xx = around(weight * x * x) / mass - mx * mx + _RIDGE
-    yy = around(weight * y * y) / mass - my * my + _RIDGE
-    xy = around(weight * x * y) / mass - mx * my
-    xh, yh = around(total * x) / mass - mx * mh, around(total * y) / mass - my * mh
+    def around(values: Float, x: int, y: int) -> Float:
+        """Sum over the neighbourhood of values times x and y to some power."""
+        return np.asarray(cv2.sepFilter2D(values, -1, kernels[x], kernels[y], borderType=cv2.BORDER_CONSTANT))
+
+    mass = np.maximum(around(weight, 0, 0), 1e-9)
+    mx, my, mh = around(weight, 1, 0) / mass, around(weight, 0, 1) / mass, around(total, 0, 0) / mass
+    xx = around(weight, 2, 0) / mass - mx * mx + _RIDGE
+    yy = around(weight, 0, 2) / mass - my * my + _RIDGE
+    xy = around(weight, 1, 1) / mass - mx * my
+    xh, yh = around(total, 1, 0) / mass - mx * mh, around(total, 0, 1) / mass - my * mh
     determinant = xx * yy - xy * xy
     along, down = (yy * xh - xy * yh) / determinant, (xx * yh - xy * xh) / determinant
-    return np.asarray(mh + along * (x - mx) + down * (y - my))
+    return np.asarray(mh - along * mx - down * my, np.float32)
 
 
 def encode(height: Float) -> npt.NDArray[np.uint16]:
@@ -187,10 +194,9 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Mask) -> tu
     height, width = mask.shape
     right, down, usable = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32), mask.copy()
     columns = np.arange(width)
-    from service.reflectance.planes import interpolated
-
     to_texel = np.float32(steps.width / width)
-    for first in range(0, height, _BAND):
+
+    def fill(first: int) -> None:
         band = slice(first, min(first + _BAND, height))
         rows = np.arange(band.start, band.stop)
         along, lean, across = (
@@ -201,6 +207,9 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Mask) -> tu
         right[band] = s * along
         down[band] = -(s * lean + t * across)
         usable[band] &= believed & (along > 0) & (across > 0)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(fill, range(0, height, _BAND)))
     return right, down, usable
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.reflectance.planes import interpolated
 from service.reflectance.result import NORMAL_ONE, unpack_normals
 from service.reflectance.subject import Subject
+from service.reflectance.texels import interpolated
 
 _BAND = 256
 

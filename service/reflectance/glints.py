@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.levels import TEXTURE_SIZE
-from service.reflectance.planes import FULL_CODE, Codes, interpolated
+from service.reflectance.planes import FULL_CODE, Codes
+from service.reflectance.texels import interpolated
 from service.runtime.tiles import Indices
 
 Float = npt.NDArray[np.float32]

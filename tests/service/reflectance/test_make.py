@@ -15,10 +15,10 @@ from service.errors import ModelFault, NumericFault
 from service.reflectance.diffuse_albedo import BRIGHTEST
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import ROLES, STAGES, Plan
-from service.reflectance.planes import interpolated
 from service.reflectance.result import MID, Reflectance, unpack_normals
 from service.reflectance.specular_albedo import ELSEWHERE
 from service.reflectance.subject import GEOMETRY, Subject
+from service.reflectance.texels import interpolated
 from service.runtime.networks import Engine
 from service.texture.parts import eye_shade
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject

@@ -5,7 +5,8 @@ import pytest
 
 from service.colour import LUMA
 from service.errors import ModelFault
-from service.reflectance.planes import Planes, from_codes, interpolated, to_codes
+from service.reflectance.planes import Planes, from_codes, to_codes
+from service.reflectance.texels import interpolated
 from service.runtime.tiles import reflected
 
 
