@@ -15,6 +15,7 @@ from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.brows import under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
+from service.reflectance.hue import within_skin
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
 from service.reflectance.subject import BROWS, EYES, LIT, MADE_UP
@@ -76,10 +77,10 @@ def found_by(network: Network, planes: Planes) -> Found:
     light = run_whole(network, planes.shrunk(what.channels, size))
     lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(light.shape[1:], np.float32)
     weight = lit * planes.shrunk(["mask"], size)[0]
-    if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
-        light = less_overexposed(light, weight)
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
     linear = srgb_to_linear(coded)
+    if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
+        light = within_skin(less_overexposed(light, weight), linear.T.reshape(3, *lit.shape), weight)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = continued(light, lit)
     if MADE_UP in planes.channels:
