@@ -80,7 +80,8 @@ def found_by(network: Network, planes: Planes) -> Found:
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
     linear = srgb_to_linear(coded)
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
-        light = within_skin(less_overexposed(light, weight), linear.T.reshape(3, *lit.shape), weight)
+        light = less_overexposed(light, weight)
+    light = within_skin(light, linear.T.reshape(3, *lit.shape), weight)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = continued(light, lit)
     if MADE_UP in planes.channels:

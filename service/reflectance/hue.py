@@ -1,8 +1,8 @@
-"""How red and how yellow skin can be, where no white of an eye tells the tint of the light.
+"""How red and how yellow skin can be.
 
-Skin alone does not tell warm light from a warm skin. But melanin and blood leave little choice: measured with
-spectrophotometers, the reddest fair cheek has twice as much red as green, and only dark skin has more. What a network
-finds beyond that is the light's.
+Skin alone does not tell warm light from warm skin, nor a photo's saturation from either. But melanin and blood leave
+little choice: as spectrophotometers find it, the reddest fair cheek has twice as much red as green, and only dark skin
+has more. What a network finds beyond that is the light's or the camera's.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def within_skin(light: Float, linear: Float, lit: Float) -> Float:
     do not matter.
 
     Args:
-        light: (3, h, w) log light of a face that shows no white of an eye.
+        light: (3, h, w) log light that was found.
         linear: (3, h, w) linear RGB texture.
         lit: (h, w) in [0, 1], where the light is to be believed.
     """

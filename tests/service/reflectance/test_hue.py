@@ -1,4 +1,4 @@
-"""Where no eyes are seen, skin does not come out redder or yellower than skin can be; all else stays as found."""
+"""Skin does not come out redder or yellower than skin can be; all else stays as it was found."""
 
 from __future__ import annotations
 
