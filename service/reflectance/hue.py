@@ -31,10 +31,11 @@ FEW = 50
 
 
 def within_skin(light: Float, linear: Float, lit: Float) -> Float:
-    """(3, h, w) log light with more red and less blue, so that the skin is no redder or yellower than skin can be.
+    """(3, h, w) log light with another tint, so that the skin is no redder or yellower than skin can be.
 
-    Only these two channels change: what is in excess was their light. Skin is judged by its median, so lips and brows
-    do not matter.
+    Half of what the skin's luminance would lose with its red comes back: red that is in excess makes skin too bright,
+    but the network also takes redder skin for darker skin. Skin is judged by its median, so lips and brows do not
+    matter.
 
     Args:
         light: (3, h, w) log light that was found.
@@ -48,8 +49,9 @@ def within_skin(light: Float, linear: Float, lit: Float) -> Float:
     red, green, blue = (float(value) for value in np.median(chosen, 1))
     luminance = float(np.log(LUMA @ np.exp([red, green, blue])))
     share = float(np.clip((FAIR - luminance) / (FAIR - DARK), 0.0, 1.0))
-    tint = [_excess(red - green, REDDEST, share), 0.0, -_excess(green - blue, YELLOWEST, share)]
-    return np.asarray(light + np.array(tint, np.float32)[:, None, None], np.float32)
+    tint = np.array([_excess(red - green, REDDEST, share), 0.0, -_excess(green - blue, YELLOWEST, share)])
+    tint += 0.5 * (np.log(LUMA @ np.exp([red, green, blue] - tint)) - luminance)
+    return np.asarray(light + tint.astype(np.float32)[:, None, None], np.float32)
 
 
 def _excess(found: float, limits: tuple[float, float], share: float) -> float:

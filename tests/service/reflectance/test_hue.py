@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.colour import LUMA
 from service.reflectance.hue import BEYOND, FEW, REDDEST, YELLOWEST, within_skin
 
 LIT = np.ones((12, 16), np.float32)
@@ -33,7 +34,9 @@ def test_what_is_beyond_skin_is_the_lights() -> None:
     linear = seen((0.50, 0.15, 0.06))
     red, yellow = hue_of(linear, within_skin(DARK_LIGHT, linear, LIT))
     assert REDDEST[0] < red < REDDEST[1] - 0.1 and YELLOWEST[0] < yellow < YELLOWEST[1] - 0.1
-    assert (within_skin(DARK_LIGHT, linear, LIT)[1] == DARK_LIGHT[1]).all()
+    lights = (DARK_LIGHT, within_skin(DARK_LIGHT, linear, LIT))
+    before, after = (LUMA @ (linear * np.exp(-light))[:, 0, 0] for light in lights)
+    assert 0.8 * before < after < before
 
 
 def test_redder_findings_stay_redder() -> None:
