@@ -45,10 +45,10 @@ def detail_of(grey: Tensor) -> Tensor:
 BodySize = TranslatorSize | CoarseToFineSize
 
 
-def _body(detail: int, channels: int, out: int, size: BodySize) -> Translator | CoarseToFine:
+def _body(detail: int, channels: int, out: int, size: BodySize, added: int) -> Translator | CoarseToFine:
     if isinstance(size, TranslatorSize):
-        return Translator(detail, channels - detail, out, size)
-    return CoarseToFine(channels, out, size)
+        return Translator(detail + added, channels - detail, out, size, added)
+    return CoarseToFine(channels + added, out, size)
 
 
 class StageNet(nn.Module):
@@ -69,7 +69,7 @@ class StageNet(nn.Module):
     def __init__(self, size: BodySize, out: int) -> None:
         super().__init__()
         added = 1 if self.grey else 0
-        self.body = _body(self.detail + added, len(self.channels) + added, out, size)
+        self.body = _body(self.detail, len(self.channels), out, size, added)
         self.reach = WINDOW // 2 if added else 0
         shares = torch.zeros(1, len(self.channels), 1, 1)
         shares[0, : len(self.grey), 0, 0] = torch.tensor(self.grey)

@@ -32,30 +32,29 @@ class Stem(nn.Conv2d):
     are linear, so they run as one 6 x 6 convolution of stride 2: runtimes pass over the full-size planes once.
     """
 
-    def __init__(self, detail: int, slow: int, width: int) -> None:
+    def __init__(self, detail: int, slow: int, width: int, added: int = 0) -> None:
         super().__init__(4 * detail + slow, width, 3, padding=1)
-        self.detail = detail
+        self.detail, self.added = detail, added
 
     def forward(self, x: Tensor, added: Tensor | None = None) -> Tensor:
-        """(N, A, H, W) ``added`` and (N, C, H, W), together the channels in order -> (N, width, H / 2, W / 2)."""
+        """The first channels (N, added, H, W), if any come apart, and the others -> (N, width, H / 2, W / 2)."""
         fast, slow = self.weight[:, : 4 * self.detail], self.weight[:, 4 * self.detail :]
         spread = nn.functional.interpolate(slow, scale_factor=2.0, mode="nearest") * 0.25
         kernel = torch.cat([nn.functional.pixel_shuffle(fast, 2), spread], 1)
         if added is None:
             return nn.functional.conv2d(x, kernel, self.bias, stride=2, padding=2)
-        count = added.shape[1]
-        y = nn.functional.conv2d(x, kernel[:, count:], self.bias, stride=2, padding=2)
-        return y + nn.functional.conv2d(added, kernel[:, :count], stride=2, padding=2)
+        y = nn.functional.conv2d(x, kernel[:, self.added :], self.bias, stride=2, padding=2)
+        return y + nn.functional.conv2d(added, kernel[:, : self.added], stride=2, padding=2)
 
 
 class Translator(nn.Module):
-    """Detail channels and slow channels -> output channels."""
+    """Detail channels and slow channels -> output channels; the first ``added`` of the former come apart."""
 
-    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize) -> None:
+    def __init__(self, detail: int, slow: int, out: int, size: TranslatorSize, added: int = 0) -> None:
         super().__init__()
         widths, blocks = size.widths, size.blocks
         self.size = size
-        self.stem = Stem(detail, slow, widths[0])
+        self.stem = Stem(detail, slow, widths[0], added)
         self.down = nn.ModuleList()
         self.before = nn.ModuleList()
         self.up = nn.ModuleList()

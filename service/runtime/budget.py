@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,7 @@ class Speed:
         packing: seconds per megatexel of an 8-bit RGB PNG.
         networks: seconds per megapixel of input, halos left out, of each network that runs in tiles; seconds of one run
             of each that takes a whole map.
+        opening: seconds that loading each network takes, and its first run more than others.
         halos: (halo, scale) of each network in tiles.
         whole: names of networks that take whole maps.
     """
@@ -50,6 +51,7 @@ class Speed:
     transform: float
     packing: float
     networks: Mapping[str, float]
+    opening: Mapping[str, float]
     halos: Mapping[str, tuple[int, int]]
     whole: frozenset[str]
 
@@ -94,7 +96,7 @@ def estimate(speed: Speed, options: Options, plan: Plan) -> float:
     texels = width * height / 1e6
     seconds = FIT_WORK * speed.yardstick
     for name in plan.networks:
-        seconds += _network_seconds(speed, name, texels)
+        seconds += speed.opening[name] + _network_seconds(speed, name, texels)
     if "displacement" in plan.stages:
         seconds += (TRANSFORMS + (CLIFF_TRANSFORMS if plan.keep_cliffs else 0)) * speed.transform * texels
     deep = 3.0 if options.normal_bits == 16 else 1.0
@@ -113,16 +115,21 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     from service.archive.png import Rows, encode
 
     costs: dict[str, float] = {}
+    opening: dict[str, float] = {}
     halos: dict[str, tuple[int, int]] = {}
     whole = set()
     for name in networks:
+        begin = time.perf_counter()
         with open_network(name, engine) as network:
+            opened = time.perf_counter() - begin
             what = network.description
             small = name.startswith("zeta") or what.whole is not None
             side = SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE
             shape = (side, side) if what.whole is None else what.whole[::-1]
             maps = np.zeros((len(what.channels), *shape), np.float32)
-            seconds = _best_of_two(lambda: network.run(maps))  # noqa: B023 - called at once
+            first, second = _twice(lambda: network.run(maps))  # noqa: B023 - called at once
+            seconds = min(first, second)
+            opening[name] = opened + first - seconds
             if what.whole is not None:
                 whole.add(name)
                 costs[name] = seconds
@@ -133,10 +140,11 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     plane = noise[..., 0].astype(np.float32)
     area = plane.size / 1e6
     return Speed(
-        yardstick=_best_of_two(_yardstick),
-        transform=_best_of_two(lambda: idctn(dctn(plane, workers=2), workers=2)) / area,
-        packing=_best_of_two(lambda: encode(Rows.of(noise), srgb=False)) / area,
+        yardstick=min(_twice(_yardstick)),
+        transform=min(_twice(lambda: idctn(dctn(plane, workers=2), workers=2))) / area,
+        packing=min(_twice(lambda: encode(Rows.of(noise), srgb=False))) / area,
         networks=costs,
+        opening=opening,
         halos=halos,
         whole=frozenset(whole),
     )
@@ -152,13 +160,13 @@ def _network_seconds(speed: Speed, name: str, texels: float) -> float:
     return cost * area * ((side + 2 * halo) / side) ** 2
 
 
-def _best_of_two(work: object) -> float:
+def _twice(work: Callable[[], object]) -> tuple[float, float]:
     seconds = []
     for _ in range(2):
         begin = time.perf_counter()
-        work()  # type: ignore[operator]
+        work()
         seconds.append(time.perf_counter() - begin)
-    return min(seconds)
+    return seconds[0], seconds[1]
 
 
 def _yardstick() -> float:

@@ -19,6 +19,7 @@ from models.training.train import Run  # noqa: E402
 from service.errors import ModelFault  # noqa: E402
 from service.runtime.describe import KEY, Description  # noqa: E402
 from service.runtime.networks import Engine, open_network  # noqa: E402
+from service.runtime.sessions import fold  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -56,6 +57,16 @@ def test_a_file_says_what_it_is(tmp_path: Path) -> None:
     found = Description.parse(text, "rho")
     assert json.loads(text)["network"] == "rho" and found.halo % found.stride == 0
     assert found.outputs == ("specular_normal_x", "specular_normal_y", "specular_normal_z")
+
+
+def test_the_kernels_of_every_convolution_are_known_when_the_file_is_loaded(tmp_path: Path) -> None:
+    """One that follows from the shape of an input is put together anew for every tile, and cannot be quantised."""
+    for network in ("delta", "psi", "rho"):
+        write(run_of(network, tmp_path), tmp_path / "models")
+        fold(network, (tmp_path / "models" / f"{network}.onnx").read_bytes(), tmp_path / "folded.onnx")
+        graph = onnx.load(str(tmp_path / "folded.onnx")).graph
+        known = {tensor.name for tensor in graph.initializer}
+        assert all(node.input[1] in known for node in graph.node if node.op_type == "Conv"), network
 
 
 def test_a_network_that_differs_is_refused() -> None:

@@ -78,7 +78,7 @@ def test_halo_is_not_much_wider_than_the_reach(name: str) -> None:
 def test_one_strided_convolution_equals_unshuffle_mean_and_convolution(added: int) -> None:
     """Also at the border, where a kernel that was put together wrongly by one texel would see other zeros."""
     torch.manual_seed(0)
-    stem = Stem(detail=3, slow=4, width=5).double()
+    stem = Stem(detail=3, slow=4, width=5, added=added).double()
     x = torch.rand(2, 7, 12, 20, dtype=torch.float64) - 0.3
     parts = [nn.functional.pixel_unshuffle(x[:, :3], 2), nn.functional.avg_pool2d(x[:, 3:], 2)]
     expected = nn.functional.conv2d(torch.cat(parts, 1), stem.weight, stem.bias, padding=1)

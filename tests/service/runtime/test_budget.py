@@ -18,6 +18,7 @@ SPEED = Speed(
     transform=0.03,
     packing=0.08,
     networks={**dict.fromkeys(TILED, 0.5), "zeta_body": 1.0, "delta_context": 0.2},
+    opening=dict.fromkeys((*TILED, "zeta_body", "delta_context"), 0.2),
     halos=TILED,
     whole=frozenset({"zeta_body", "delta_context"}),
 )
