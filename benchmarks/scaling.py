@@ -23,7 +23,7 @@ from models.tables import tell
 from service.bench.pareto import Line, line
 
 MARK = ("<!-- scaling -->", "<!-- /scaling -->")
-SETTLED = 2
+SETTLED = 3
 """Photos after which memory may not grow."""
 
 _REPEATS = """
@@ -100,7 +100,7 @@ def tables(sizes: dict[int, tuple[float, float]], photos: list[tuple[float, floa
 def main(
     photo: Annotated[Path, typer.Argument(help="A photo of a face.")],
     widths: Annotated[str, typer.Option(help="Of maps, multiples of 3, with commas between.")] = "768,1536,3072,6144",
-    photos: Annotated[int, typer.Option(min=SETTLED, help="Avatars that one process makes.")] = 6,
+    photos: Annotated[int, typer.Option(min=SETTLED, help="Avatars that one process makes.")] = 10,
     small: Annotated[int, typer.Option(help="Width of the maps of those.")] = 768,
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:

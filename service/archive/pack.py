@@ -24,6 +24,7 @@ from service.archive.obj import mtl_bytes, obj_bytes
 from service.archive.pictures import colours, normal_picture, specular_picture
 from service.archive.usd import usda_bytes
 from service.archive.version import GENERATOR
+from service.runtime.memory import release
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
@@ -39,10 +40,13 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         NumericFault: a result holds NaN or infinity.
     """
     members = archive_members(avatar, timings=timings)
-    if isinstance(target, Path):
-        write_file(target, members)
-    else:
-        write_stream(target, members)
+    try:
+        if isinstance(target, Path):
+            write_file(target, members)
+        else:
+            write_stream(target, members)
+    finally:
+        release()  # a process that makes many avatars would keep what each left behind in pieces
 
 
 def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:

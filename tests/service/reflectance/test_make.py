@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,14 @@ from tests.service.runtime.toynets import toy_net, write_models
 
 SIZE = (240, 160)
 ALL = Plan.of(ROLES)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_bf16_to_miss() -> Iterator[None]:
+    """On a processor with bf16 and without OpenVINO every run says so."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("service.reflectance.make.lacks_openvino", lambda: False)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +172,15 @@ def test_detail_is_made_up_as_strongly_as_asked(engine: Engine, subject: Subject
     none, some, full = (albedo(1, detail) for detail in (0.0, 0.5, 1.0))
     assert np.array_equal(none, albedo(2, 0.0)) and not np.array_equal(full, albedo(2, 1.0))
     assert 0 < np.abs(some - none).mean() < np.abs(full - none).mean()
+
+
+def test_bf16_that_is_not_used_is_said(
+    engine: Engine, subject: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Users of a fast processor would never learn that a package is missing."""
+    monkeypatch.setattr("service.reflectance.make.lacks_openvino", lambda: True)
+    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    assert "bf16-needs-openvino" in make_reflectance(noise(), subject, plan, (96, 64), engine).fallbacks
 
 
 def test_a_network_with_other_channels_needs_no_change_of_code(tmp_path: Path, subject: Subject) -> None:
