@@ -21,7 +21,7 @@ OVER_BUDGET = "over-budget"
 SAMPLE = 256
 """Inner side of the tile that is measured."""
 
-FIT_WORK = 40.0
+FIT_WORK = 90.0
 """Everything before the networks, and meshes and previews after them, in units of :func:`_yardstick`."""
 
 FINE_MESH_WORK = 60.0
