@@ -59,22 +59,32 @@ def draw(bench: Bench, path: Path) -> None:
 
 
 def _panel(axis: Any, title: str, points: Sequence[tuple[str, float, Any, bool]]) -> None:
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
     if not points:
         axis.set_title(f"{title}: nothing")
         return
     kind = points[0][2].kind
-    places = []
-    for label, seconds, loss, best in points:
+    best_value = LEAST[kind]
+    sign = -1 if kind == "colour" else 1
+    line: list[tuple[float, float]] = []
+    for label, seconds, loss, best in sorted(points, key=lambda point: point[1]):
         value = loss.shown(loss.at_full)
-        value = value if kind == "colour" else max(value, LEAST[kind])
-        places.append((seconds, value, best))
+        value = value if kind == "colour" else max(value, best_value)
         axis.plot(seconds, value, "o", color="tab:red" if best else "tab:gray", markersize=7 if best else 4)
-        axis.annotate(label, (seconds, value), fontsize=6, xytext=(4, 3), textcoords="offset points")
-    front = sorted((seconds, value) for seconds, value, is_front in places if is_front)
-    axis.plot([seconds for seconds, _ in front], [value for _, value in front], "-", color="tab:red", linewidth=1)
+        if best and (not line or sign * value < sign * line[-1][1]):  # the front may have a third quantity: bytes
+            line.append((seconds, value))
+        if best or value != best_value:  # of many without a loss the tables tell
+            place = (5, 4) if best else (5, -8)
+            axis.annotate(label, (seconds, value), fontsize=6, xytext=place, textcoords="offset points")
+    axis.plot([seconds for seconds, _ in line], [value for _, value in line], "-", color="tab:red", linewidth=1)
     axis.set_title(title)
     axis.set_xlabel("seconds for a whole chart")
     axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.margins(x=0.18, y=0.1)
     axis.set_ylabel(f"loss against the reference, {UNITS[kind]}")
     if kind == "colour":
         axis.invert_yaxis()
