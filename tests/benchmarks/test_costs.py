@@ -14,8 +14,8 @@ def test_straight_lines_and_growing_memory_are_told() -> None:
     sizes = {width: (2.0 + 3.0 * width * width * 2 / 3e6, 400.0) for width in (768, 1536, 3072)}
     lines = scaling.tables(sizes, [(2.0, 300.0), (1.0, 310.0), (1.0, 310.0), (1.0, 355.0)], 768)
     assert "2.0 s + 3.00 s / Mtexel, off by 0 % at most." in lines
-    assert lines[-1].endswith("Memory grew by 45 MiB after photo 2.")
-    assert "Too few points for a line." in scaling.tables({768: (1.0, 1.0)}, [(1.0, 1.0), (1.0, 1.0)], 768)
+    assert lines[-1].endswith("Memory grew by 45 MiB after photo 3.")
+    assert "Too few points for a line." in scaling.tables({768: (1.0, 1.0)}, [(1.0, 1.0)] * 3, 768)
 
 
 def test_a_wrong_choice_of_the_rule_is_told() -> None:
