@@ -7,7 +7,6 @@ discriminator, the log) does not ship and begins afresh.
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +19,7 @@ from torch import Tensor
 from models.networks.configs import CONFIGS, NETWORKS, build
 from models.training.train import TASKS, Run, Trainer
 from service.errors import ModelFault, UsageError
-from service.runtime.sessions import MODELS
+from service.runtime.sessions import MODELS, model_table
 
 HALF = "_f16"
 """Ending of the names of weights that are stored as float16 (``export.faces.onnx_tools.store_half``)."""
@@ -67,11 +66,13 @@ def restored(network: str, config: str, folder: Path = MODELS) -> dict[str, Tens
 
 
 def steps_of(network: str, folder: Path = MODELS) -> int:
-    """Steps that the shipped weights were trained for, as ``models.json`` says; 0 where it does not."""
+    """Steps that the shipped weights were trained for, as ``models.json`` says; 0 where it does not.
+
+    Raises:
+        ModelFault: the table is missing or not what it should be.
+    """
     name = "zeta_body" if network == "zeta" else network
-    entries = json.loads((folder / "models.json").read_text(encoding="utf-8"))["models"]
-    said = next((entry["source"] for entry in entries if entry["name"] == name), "")
-    found = re.search(r"(\d+) steps", said)
+    found = re.search(r"(\d+) steps", str(model_table(folder).get(name, {}).get("source", "")))
     return int(found[1]) if found else 0
 
 
@@ -79,7 +80,6 @@ def main(
     network: Annotated[str, typer.Argument(help=f"One of: {', '.join(NETWORKS)}.")],
     output: Annotated[Path, typer.Option("-o", help="Folder of the new run.")],
     config: Annotated[str, typer.Option(help="Size of the network that ships.")] = "compact",
-    data: Annotated[Path, typer.Option(help="Folder of captures, unread here.")] = Path("build/captures"),
     side: Annotated[int, typer.Option(min=64, help="Of the training crops that it is measured on, texels.")] = 256,
 ) -> None:
     """Write a run whose last step left the weights of the service."""
@@ -88,11 +88,10 @@ def main(
     if (output / "checkpoint.pt").exists():
         raise UsageError(f"{output} has a checkpoint; name another folder")
     steps = steps_of(network)
-    trainer = Trainer(Run(network, config, steps, 1, side, 1e-4, 1, 0.0, 0.0), TASKS[network](data, side), "cpu")
+    task = TASKS[network](output, side)  # reads nothing: a run that has not begun needs no captures
+    trainer = Trainer(Run(network, config, steps, 1, side, 1e-4, 1, 0.0, 0.0), task, "cpu")
     trainer.step = steps
-    state = restored(network, config)
-    trainer.network.load_state_dict(state)
-    trainer.average.load_state_dict(state)
+    trainer.take(restored(network, config))
     output.mkdir(parents=True, exist_ok=True)
     trainer.save(output)
     typer.echo(f"{output}: {network} {config} as it ships")

@@ -173,6 +173,11 @@ class Trainer:
             self.judge.load_state_dict(content["judge"])
             self.judge_optimiser.load_state_dict(content["judge_optimiser"])
 
+    def take(self, state: dict[str, Tensor]) -> None:
+        """Set the weights, and their moving average, to ``state``."""
+        for network in (self.network, self.average):
+            network.load_state_dict(state)
+
     def begin_with(self, folder: Path) -> list[str]:
         """Take the averaged weights of another run for a first state; names of the parts that it lacks.
 
@@ -185,8 +190,7 @@ class Trainer:
         own = self.network.state_dict()
         fitting = {name: value for name, value in content["average"].items()
                    if name in own and own[name].shape == value.shape}  # fmt: skip
-        for network in (self.network, self.average):
-            network.load_state_dict(own | fitting)
+        self.take(own | fitting)
         if self.judge is not None and "judge" in content:
             self.judge.load_state_dict(content["judge"])
         return sorted(set(own) - set(fitting))

@@ -79,13 +79,13 @@ def found_by(network: Network, planes: Planes) -> Found:
     weight = lit * planes.shrunk(["mask"], size)[0]
     coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
     linear = srgb_to_linear(coded)
+    texture = linear.T.reshape(3, *lit.shape)
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
         light = less_overexposed(light, weight)
-    light = within_skin(light, linear.T.reshape(3, *lit.shape), weight)
+    light = within_skin(light, texture, weight)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = continued(light, lit)
     if MADE_UP in planes.channels:
-        texture = linear.T.reshape(3, *lit.shape)
         everywhere = like_seen_skin(everywhere, texture, light, lit, planes.shrunk([MADE_UP], size)[0])
     if BROWS in planes.channels:
         everywhere = under_brows(everywhere, light, lit, planes.shrunk([BROWS], size)[0])

@@ -48,7 +48,14 @@ def to_codes(values: Float) -> Codes:
 
 def from_codes(codes: Codes) -> Float:
     """Inverse of :func:`to_codes`: float32 in [-1, 1]."""
-    return codes * np.float32(2 / FULL_CODE) - np.float32(1)
+    values = codes.astype(np.float32)
+    _decode(values)
+    return values
+
+
+def _decode(values: Float) -> None:
+    values *= np.float32(2 / FULL_CODE)
+    values -= np.float32(1)
 
 
 @dataclass
@@ -126,8 +133,7 @@ class Planes:
 
 def _read_codes(plane: Codes, rows: Indices, columns: Indices, into: Float) -> None:
     pick(plane, rows, columns, into)
-    into *= np.float32(2 / FULL_CODE)
-    into -= np.float32(1)
+    _decode(into)
 
 
 def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: Float) -> None:

@@ -40,7 +40,7 @@ def test_the_network_is_the_one_that_ships(network: str) -> None:
 
 def test_training_goes_on_from_it(tmp_path: Path) -> None:
     """As a run of its own and as what another run begins with."""
-    main("psi", tmp_path / "run", config="compact", data=tmp_path, side=64)
+    main("psi", tmp_path / "run", config="compact", side=64)
     network, module, facts = load_run(tmp_path / "run")
     assert network == "psi" and facts["steps_done"] > 0
     trainer = Trainer(Run("psi", "compact", 9, 1, 64, 1e-3, 0, 0.0, 0.0), TASKS["psi"](tmp_path, 64), "cpu")
@@ -56,7 +56,7 @@ def test_what_cannot_be_restored_is_said(tmp_path: Path) -> None:
     with pytest.raises(ModelFault, match=r"psi\.onnx does not exist"):
         restored("psi", "compact", tmp_path)
     with pytest.raises(UsageError, match="eta"):
-        main("eta", tmp_path / "run", config="compact", data=tmp_path, side=64)
+        main("eta", tmp_path / "run", config="compact", side=64)
     (tmp_path / "checkpoint.pt").touch()
     with pytest.raises(UsageError, match="another folder"):
-        main("psi", tmp_path, config="compact", data=tmp_path, side=64)
+        main("psi", tmp_path, config="compact", side=64)
