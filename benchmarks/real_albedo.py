@@ -48,6 +48,7 @@ from service.options import Options
 from service.photo.gate import read_photo
 from service.runtime.sessions import MODELS
 from service.texture.make import make_texture
+from service.texture.result import Texture
 
 MARK = ("<!-- real-albedo -->", "<!-- /real-albedo -->")
 HIFI = ("", "_1", "_2")
@@ -59,15 +60,20 @@ BRIGHT = (0.8, 0.38)
 """Quantile of the face's linear values that a photo exposes to that value."""
 SEED = 3
 
-Byte = npt.NDArray[np.uint8]
-
 
 @dataclass(frozen=True)
 class RealSkin:
-    """A skin on the chart: (1, 3, h, w) sRGB-coded albedo and (1, 1, h, w) 1 where the photo showed the face."""
+    """A skin on the chart.
+
+    Attributes:
+        albedo: (1, 3, h, w) sRGB-coded.
+        face: (1, 1, h, w) 1 where the photo showed the face.
+        lit: (1, 1, h, w) in [0, 1], 1 where it showed skin and no hair.
+    """
 
     albedo: Tensor
     face: Tensor
+    lit: Tensor
 
 
 def skins(data: Path, out: Path) -> dict[str, RealSkin]:
@@ -94,17 +100,18 @@ def on_chart(head: TexturedHead, coloured: Mapping[str, TexturedHead], out: Path
         albedo, _ = true_albedo(one, position, mask)
         pixels = np.rint(255 * linear_to_srgb(np.clip(albedo, 0, 1).astype(np.float32))).astype(np.uint8)
         texture = make_texture(replace(photo, pixels=pixels), model, fit, chart)
-        found[name] = _small(texture.texture, texture.confidence, chart.mask)
+        found[name] = _small(texture, chart.mask)
     return found
 
 
-def _small(texture: Byte, confidence: Byte, mask: npt.NDArray[np.bool_]) -> RealSkin:
+def _small(texture: Texture, mask: npt.NDArray[np.bool_]) -> RealSkin:
     size = (WIDTH, HEIGHT)
-    small = np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.float32) / 255
-    seen = np.where(mask, confidence, 0).astype(np.uint8)
+    small = np.asarray(cv2.resize(texture.texture, size, interpolation=cv2.INTER_AREA), np.float32) / 255
+    seen, lit = (np.where(mask, one, 0).astype(np.uint8) for one in (texture.confidence, texture.lit_skin))
     face = (cv2.resize(seen, size, interpolation=cv2.INTER_AREA) >= SEEN) & (small.max(2) > HAIR)
+    shown = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32) / 255
     albedo = torch.from_numpy(np.ascontiguousarray(np.moveaxis(small, 2, 0)))[None]
-    return RealSkin(albedo, torch.from_numpy(face.astype(np.float32))[None, None])
+    return RealSkin(albedo, *(torch.from_numpy(p.astype(np.float32))[None, None] for p in (face, shown)))
 
 
 def lit(task: ContextTask, skin: RealSkin, generator: torch.Generator) -> list[Batch]:
@@ -117,7 +124,7 @@ def lit(task: ContextTask, skin: RealSkin, generator: torch.Generator) -> list[B
         shown = linear(skin.albedo) * torch.exp(light)
         level = torch.quantile(shown.mean(1, keepdim=True)[skin.face > 0.5], BRIGHT[0]).clamp(min=1e-4)
         texture = srgb((shown * (BRIGHT[1] / level)).clamp(0.0, 1.0))
-        batch |= {"texture": texture, "clean": texture, "albedo": skin.albedo}
+        batch |= {"texture": texture, "clean": texture, "albedo": skin.albedo, "lit": skin.lit}
         batch["eyes"] = eye_light(log_light(texture, skin.albedo), task.lids, torch.ones(1), generator)
         batches.append(batch)
     return batches

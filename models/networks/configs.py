@@ -15,10 +15,10 @@ from models.networks.rcan import RcanBody, RcanSize, RcanTail
 from models.networks.stages import DEPTH, MASK, OBJECT, POSITION, TEXTURE, BodySize, Delta, DeltaBlind, Psi, Rho, Sigma
 from models.networks.translator import TranslatorSize
 from service.errors import UsageError
-from service.reflectance.subject import EYES
+from service.reflectance.subject import EYES, LIT
 
 NETWORKS = ("zeta", "delta_context", "delta", "delta_blind", "psi", "rho", "sigma")
-CONTEXT_CHANNELS = (*TEXTURE, *EYES, *DEPTH, *OBJECT, *POSITION, *MASK)
+CONTEXT_CHANNELS = (*TEXTURE, *EYES, *DEPTH, *OBJECT, *POSITION, LIT)
 ZETA_CHANNELS = (*TEXTURE, *POSITION, *MASK)
 
 

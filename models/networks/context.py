@@ -31,6 +31,12 @@ USUAL = 0.16
 CLIPPED = 0.97
 """Code from which light may be lost to overexposure."""
 
+SURE = 0.7
+"""Share of lit skin from which a texel is looked at: at a hairline the others have the colour of hair."""
+
+HALVINGS, NEAR = 4, 0.02
+"""How often the chart is halved to fill what is no lit skin, and the share of lit skin that half settles a texel."""
+
 
 @dataclass(frozen=True)
 class ContextSize:
@@ -38,6 +44,30 @@ class ContextSize:
 
     widths: tuple[int, ...]
     blocks: tuple[int, ...]
+
+
+def filled(values: Tensor, lit: Tensor) -> Tensor:
+    """(N, C, h, w) values where lit, (N, 1, h, w) in [0, 1], and smoothly continued from there to all else.
+
+    Pull and push: means of lit texels at ever coarser sizes, each filled from the next. What the values are where
+    nothing is lit does not matter at all. 0 where no texel of a chart is lit. Sides are multiples of 2 ** HALVINGS.
+    """
+    sums, weights = [values * lit], [lit]
+    for _ in range(HALVINGS):
+        sums.append(nn.functional.avg_pool2d(sums[-1], 2))
+        weights.append(nn.functional.avg_pool2d(weights[-1], 2))
+    wide = {"kernel_size": 5, "stride": 1, "padding": 2}
+    total = sums[-1].sum((2, 3), keepdim=True) / (weights[-1].sum((2, 3), keepdim=True) + 1e-6)
+    result = _settled(nn.functional.avg_pool2d(sums[-1], **wide), nn.functional.avg_pool2d(weights[-1], **wide), total)
+    for number, (part, weight) in enumerate(zip(reversed(sums), reversed(weights), strict=True)):
+        if number:
+            result = nn.functional.interpolate(result, scale_factor=2.0, mode="bilinear", align_corners=False)
+        result = _settled(part, weight, result)
+    return lit * values + (1.0 - lit) * result
+
+
+def _settled(part: Tensor, weight: Tensor, coarser: Tensor) -> Tensor:
+    return (part + NEAR * coarser) / (weight + NEAR)
 
 
 class NormBlock(nn.Module):
@@ -59,8 +89,8 @@ class NormBlock(nn.Module):
 class ContextNet(nn.Module):
     """Texture (sRGB-coded, [-1, 1]), light of the eyes, geometry -> log of (texture / diffuse albedo), linear values.
 
-    The last channel is the mask. A texture that is brighter by a factor gives a light that is brighter by that factor,
-    as long as nothing is clipped.
+    The last channel is the lit skin: of all else, hair or made-up colour, the texture is not looked at. A texture that
+    is brighter by a factor gives a light that is brighter by that factor, as long as nothing is clipped.
     """
 
     def __init__(self, channels: int, size: ContextSize) -> None:
@@ -87,12 +117,12 @@ class ContextNet(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(N, 3 + 4 + geometry, 192, 288) -> (N, 3, 192, 288)."""
         logs = torch.log(linear(x[:, :3] * 0.5 + 0.5).clamp(min=DARKEST))
-        mask = x[:, -1:].clamp(0.0, 1.0)
-        level = (logs.mean(1, keepdim=True) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-3)
+        lit = ((x[:, -1:] - SURE) / (1.0 - SURE)).clamp(0.0, 1.0)
+        level = (logs.mean(1, keepdim=True) * lit).sum((2, 3), keepdim=True) / (lit.sum((2, 3), keepdim=True) + 1e-3)
         level = level - math.log(USUAL)
         light, known = x[:, 3:6], x[:, 6:7]
-        colours = (logs - level).clamp(-6.0, 2.0)
-        clipped = (x[:, :3].amax(1, keepdim=True) * 0.5 + 0.5 > CLIPPED).to(x.dtype)
+        colours = filled((logs - level).clamp(-6.0, 2.0), lit)
+        clipped = lit * (x[:, :3].amax(1, keepdim=True) * 0.5 + 0.5 > CLIPPED).to(x.dtype)
         seen = [srgb(torch.exp(colours)) * 2.0 - 1.0, colours * 0.4 + 0.8, clipped, (light - level) * known, x[:, 6:]]
         y = self.stem(nn.functional.pixel_unshuffle(torch.cat(seen, 1), 2))
         kept = []

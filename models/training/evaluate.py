@@ -81,7 +81,7 @@ def divided(batch: Batch) -> Tensor:
 
     The shading is the best fit of second-degree harmonics of the normal to the texture's luminance.
     """
-    texture, mask = batch["clean"], channels(batch, ("mask",))
+    texture, mask = batch["clean"], batch["lit"]
     result = []
     normals = channels(batch, ("normal_object_x", "normal_object_y", "normal_object_z"))
     for image, normal, inside in zip(texture, normals, mask, strict=True):
@@ -97,14 +97,15 @@ def divided(batch: Batch) -> Tensor:
 
 
 def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row]:
-    """Albedo of the whole chart by its low-frequency light alone."""
+    """Albedo of the skin that a photo would show by its low-frequency light alone."""
 
     def measure(batch: Batch) -> Row:
         light = task.predict(network, batch)
-        mask = channels(batch, ("mask",))
+        mask, everything = batch["lit"], channels(batch, ("mask",))
         albedo = batch["albedo"]
         true = log_light(batch["clean"], albedo)
         found = unlit(batch["clean"], light)
+        bare = unlit(batch["clean"], task.predict(network, batch | {"lit": everything}))
         blind = task.predict(network, batch | {"eyes": torch.zeros_like(batch["eyes"])})
         gain, gain_blind = (
             ((one - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
@@ -114,6 +115,7 @@ def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row
             "network dB": psnr(found, albedo, mask),
             "network, no eyes seen dB": psnr(unlit(batch["clean"], blind), albedo, mask),
             "network, best gain dB": psnr(unlit(batch["clean"], light - gain), albedo, mask),
+            "network, all skin seen dB": psnr(bare, albedo, everything),
             "log light off by": abs(float(gain.mean())),
             "log light off by, no eyes seen": abs(float(gain_blind.mean())),
             "texture itself dB": psnr(batch["texture"], albedo, mask),

@@ -13,7 +13,7 @@ from models.training.tasks import byte
 SWAPPED, ALIKE = 0.5, 0.3
 """Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
 
-SCALE = (0.36, 0.22)
+SCALE = (0.50, 0.35)
 """Mean and standard deviation of log(albedo as captured / albedo of the light stage). The stage's skin is as light as
 spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie at 65 to 75, the same hue being
 brighter there by a quarter or more, and calibrations differ from each other by as much."""

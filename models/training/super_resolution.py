@@ -60,7 +60,7 @@ class ZetaTask:
         """Random crops."""
         crops = []
         for _ in range(size):
-            pair = self._pair(self.train.items[choice(generator, len(self.train.items))])
+            pair = self.pair(self.train.items[choice(generator, len(self.train.items))])
             row, column = (choice(generator, SMALL - self.side + 1) for _ in range(2))
             crops.append(self._cut(pair, row, column, bool(torch.rand(1, generator=generator) < 0.5)))
         batch = {name: torch.stack([c[name] for c in crops]) for name in crops[0]}
@@ -80,7 +80,7 @@ class ZetaTask:
         generator = torch.Generator().manual_seed(1)
         batches = []
         for i in range(0, len(items), 4):
-            pairs = [self._pair(item) for item in items[i : i + 4]]
+            pairs = [self.pair(item) for item in items[i : i + 4]]
             batch = {name: torch.stack([p[name] for p in pairs]) for name in pairs[0]}
             batch["small"] = as_fitted(batch["small"], generator)
             batch["noise"] = torch.randn(len(pairs), self.noise, SMALL, SMALL, generator=generator)
@@ -111,13 +111,23 @@ class ZetaTask:
         return plain + 2.0 * known
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
-        """Without noise: PSNR against bicubic. With it: likeness when made small again, and share of fine detail."""
+        """Without noise: PSNR beside bicubic's, of all and made small again, which is what a small texture can know.
+
+        With it: likeness when made small again, and share of fine detail.
+        """
         truth, mask = batch["large"], self._mask(batch)
         cubic = functional.interpolate(batch["small"], scale_factor=float(SCALE), mode="bicubic").clamp(0.0, 1.0)
-        back = functional.interpolate(result, scale_factor=1.0 / SCALE, mode="area")
+        back, cubic_back, known = (
+            functional.interpolate(image, scale_factor=1.0 / SCALE, mode="area") for image in (result, cubic, truth)
+        )
         fine = [((x - blur(x, 2.0)) * mask).std() for x in (result, cubic, truth)]
         if not made_up(batch).any():
-            return {"score": psnr(result, truth, mask), "bicubic": psnr(cubic, truth, mask)}
+            return {
+                "score": psnr(result, truth, mask),
+                "bicubic": psnr(cubic, truth, mask),
+                "small_again": psnr(back, known, batch["mask"]),
+                "small_again_bicubic": psnr(cubic_back, known, batch["mask"]),
+            }
         return {
             "with_detail": psnr(result, truth, mask),
             "consistency_255": float((back - batch["small"]).abs().mean() * 255.0),
@@ -140,7 +150,8 @@ class ZetaTask:
         # Detail is a few codes strong; enlarged, the discriminator need not learn to see it.
         return torch.cat([(image - base) * 8.0, base * 2.0 - 1.0], 1)
 
-    def _pair(self, item: Arrays) -> Batch:
+    def pair(self, item: Arrays) -> Batch:
+        """Small and large texture of a patch, with mask and geometry at the small one's size."""
         texture, mask = byte(item["texture"])[None], byte(item["mask"])[None]
         cells = torch.from_numpy(item["geometry"].astype("float32"))[None, :, 1:-1, 1:-1]
         large = functional.interpolate(texture, (SMALL * SCALE, SMALL * SCALE), mode="area")

@@ -35,7 +35,7 @@ EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
 """Logarithm of the light that the whites of the eyes show, the same in all texels, and 1 where it is known, else 0."""
 
 LIT = "lit_skin"
-"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair or was made up."""
+"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair, eyes, or was made up."""
 
 MADE_UP = "made_up_skin"
 """Channel that is 1 where the texture is skin that no photo showed."""
@@ -143,10 +143,12 @@ class Subject:
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
-        lit, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
+        own = np.asarray(self.chart.part == self.head.part_names.index("skin"), np.float32)
+        shown, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
+        lit = shown * own if (shown * own).any() else own[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
-        covered = np.maximum(beneath, (1 - lit) * (1 - made_up) * self.bare(GEOMETRY_SIZE))
+        covered = np.maximum(beneath, (1 - shown) * (1 - made_up) * self.bare(GEOMETRY_SIZE))
         return np.concatenate([lit, made_up, eyes, brows, covered])
 
     def bare(self, size: tuple[int, int]) -> Float:

@@ -32,7 +32,7 @@ def task(tmp_path: Path) -> ContextTask:
 def test_a_right_network_is_right_and_a_bright_light_is_dark_skin(
     task: ContextTask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    skin = RealSkin(torch.full((1, 3, HEIGHT, WIDTH), 0.7), torch.ones(1, 1, HEIGHT, WIDTH))
+    skin = RealSkin(torch.full((1, 3, HEIGHT, WIDTH), 0.7), *2 * [torch.ones(1, 1, HEIGHT, WIDTH)])
     (batch,) = lit(task, skin, torch.Generator().manual_seed(1))
     shown = linear(batch["texture"]).mean(1)
     assert float(torch.quantile(shown, BRIGHT[0])) == pytest.approx(BRIGHT[1], rel=0.02), "exposed as a photo is"

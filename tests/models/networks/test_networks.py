@@ -14,7 +14,7 @@ from models.colour import linear, srgb  # noqa: E402
 from models.networks.blocks import initialise, shuffle_head  # noqa: E402
 from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize  # noqa: E402
 from models.networks.configs import CONFIGS, CONTEXT_CHANNELS, NETWORKS, Zeta, build, parameters  # noqa: E402
-from models.networks.context import HEIGHT, WIDTH  # noqa: E402
+from models.networks.context import HEIGHT, WIDTH, filled  # noqa: E402
 from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss  # noqa: E402
 from models.networks.stages import WINDOW, StageNet, detail_of  # noqa: E402
 from models.networks.translator import Stem  # noqa: E402
@@ -193,6 +193,44 @@ def test_context_knows_no_exposure() -> None:
     dim[:, 3:6] -= math.log(2.0)
     with torch.no_grad():
         assert (network(x) - network(dim) - math.log(2.0)).abs().max() < 1e-3
+
+
+def test_context_does_not_look_at_hair() -> None:
+    """Whatever lies where no lit skin is seen: a fringe or a collar would else be taken for shade or for a lamp."""
+    torch.manual_seed(4)
+    network = build("delta_context", "slim").eval()
+    nn.init.normal_(network.head.weight, std=0.3)
+    x = torch.rand(1, len(CONTEXT_CHANNELS), 64, 96) * 2 - 1
+    x[:, -1] = (x[:, 4] > 0).float()
+    hidden = (x[:, -1:] == 0).expand(-1, 3, -1, -1)
+    with torch.no_grad():
+        found = network(x)
+        for colour in (-1.0, 0.2, 1.0):
+            other = x.clone()
+            other[:, :3][hidden] = colour
+            assert torch.equal(network(other), found)
+        x[:, :3][~hidden] = 0.2
+        assert not torch.equal(network(x), found), "it does look at skin"
+
+
+def test_filling_goes_on_from_lit_skin() -> None:
+    """One colour stays that colour all over; nothing is brighter or darker than what is lit; lit skin stays."""
+    generator = torch.Generator().manual_seed(5)
+    lit = torch.zeros(2, 1, 64, 96)
+    lit[:, :, 20:40, 30:70] = torch.rand(2, 1, 20, 40, generator=generator).round()
+    lit[1, :, 20:40, 50:] = 0.0
+    flat = torch.where(lit > 0, -2.0, 9.0)
+    assert (filled(flat, lit) + 2.0).abs().max() < 1e-3
+    values = torch.rand(2, 3, 64, 96, generator=generator)
+    result = filled(values, lit)
+    where = (lit > 0).expand_as(values)
+    assert torch.equal(result[where], values[where])
+    for one, seen, chosen in zip(result, values, where, strict=True):
+        assert seen[chosen].min() - 1e-3 <= one.min() and one.max() <= seen[chosen].max() + 1e-3
+    slope = torch.linspace(0.0, 1.0, 96).expand(2, 1, 64, 96)
+    left, right = filled(slope, lit)[0, 0, :, 5].mean(), filled(slope, lit)[0, 0, :, 90].mean()
+    assert left < 0.48 < 0.55 < right, "each side goes on from the skin that is nearer"
+    assert not filled(values, torch.zeros_like(lit)).any(), "no skin at all: nothing is divided by its area"
 
 
 @pytest.mark.parametrize("value", [-1.0, 1.0])

@@ -174,9 +174,7 @@ def test_detail_is_made_up_as_strongly_as_asked(engine: Engine, subject: Subject
     assert 0 < np.abs(some - none).mean() < np.abs(full - none).mean()
 
 
-def test_bf16_that_is_not_used_is_said(
-    engine: Engine, subject: Subject, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bf16_that_is_not_used_is_said(engine: Engine, subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """Users of a fast processor would never learn that a package is missing."""
     monkeypatch.setattr("service.reflectance.make.lacks_openvino", lambda: True)
     plan = Plan.of(["diffuse_albedo"], super_resolution=False)
