@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from models.networks.rcan import SCALE
 from models.tables import tell
-from models.training.super_resolution import SMALL, ZetaTask, as_fitted
+from models.training.super_resolution import SMALL, ZetaTask, as_fitted, bicubic, large_mask
 from models.training.tasks import Batch, psnr
 
 MARK = ("<!-- enlarging -->", "<!-- /enlarging -->")
@@ -29,11 +29,6 @@ RIDGE = 1e-4
 """Share of the mean square of the inputs that steadies the least squares."""
 INSIDE = 0.9
 SEED = 1
-
-
-def bicubic(small: Tensor) -> Tensor:
-    """(1, 3, h, w) -> (1, 3, 8 h, 8 w)."""
-    return functional.interpolate(small, scale_factor=float(SCALE), mode="bicubic")
 
 
 def inputs(small: Tensor) -> Tensor:
@@ -69,7 +64,7 @@ def scores(pairs: list[Batch], weights: Tensor) -> tuple[float, float]:
     found = []
     for pair in pairs:
         small, large = pair["small"][None], pair["large"][None]
-        mask = functional.interpolate(pair["mask"][None], scale_factor=float(SCALE), mode="nearest")
+        mask = large_mask({"mask": pair["mask"][None]})
         both = (bicubic(small), estimated(small, weights))
         found.append([psnr(image.clamp(0.0, 1.0), large, mask) for image in both])
     cubic, linear = np.median(found, 0)

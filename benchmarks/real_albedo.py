@@ -35,7 +35,7 @@ from models.lightstage.references import read
 from models.networks.context import HEIGHT, WIDTH
 from models.tables import tell
 from models.training.albedo import log_light, unlit
-from models.training.context import ContextTask, eye_light
+from models.training.context import ContextTask, best_gain, eye_light
 from models.training.degrade import blur
 from models.training.evaluate import Shipped
 from models.training.tasks import Batch, channels, psnr
@@ -132,11 +132,10 @@ def lit(task: ContextTask, skin: RealSkin, generator: torch.Generator) -> list[B
 
 def judged(task: ContextTask, network: nn.Module, batch: Batch, face: Tensor) -> tuple[float, float, float, float]:
     """PSNR with eyes, without them, with them after the best gain; and log(light found / true)."""
-    true = log_light(batch["clean"], batch["albedo"])
     light, blind = (
         task.predict(network, batch | {"eyes": eyes}) for eyes in (batch["eyes"], torch.zeros_like(batch["eyes"]))
     )
-    gain = ((light - true) * face).sum((2, 3), keepdim=True) / face.sum().clamp(min=1)
+    gain = best_gain(light, batch | {"lit": face})
     scores = (psnr(unlit(batch["clean"], one), batch["albedo"], face) for one in (light, blind, light - gain))
     return (*scores, float(gain.mean()))  # type: ignore[return-value]
 

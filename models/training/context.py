@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from models.networks.configs import CONTEXT_CHANNELS
-from models.networks.context import HEIGHT, WIDTH
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.cover import Cover
 from models.training.degrade import blur, gain, half_mirrored, noisy
 from models.training.paint import Painter
+from models.training.regions import region_planes
 from models.training.skins import SWAPPED, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
 from service.fit.eye_white import BETWEEN_LIDS
-from service.geometry.chart import Chart
-from service.head.files import load_head
 from service.reflectance.subject import EYES
 
 EYES_KNOWN = 0.85
@@ -47,13 +44,8 @@ HELD_OUT_SEED, MOST_HELD_OUT = 11, 100
 
 def lid_zones() -> Tensor:
     """(2, h, w) weights of the skin round either eye on the context's chart, each of sum 1."""
-    head = load_head(None)
-    chart = Chart.build(head, WIDTH, HEIGHT)
-    zones = []
-    for side in ("left", "right"):
-        weight = chart.interpolate(head.region(f"eyelid_{side}")[:, None])[..., 0] * chart.mask
-        zones.append(torch.from_numpy(np.asarray(weight / weight.sum(), np.float32)))
-    return torch.stack(zones)
+    zones = region_planes(("eyelid_left",), ("eyelid_right",))
+    return zones / zones.sum((1, 2), keepdim=True)
 
 
 def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
@@ -154,11 +146,9 @@ class ContextTask:
         How bright skin is cannot be told well; without the second part that would drown what light does to its shape.
         """
         weight = batch["lit"] + UNSEEN * (channels(batch, ("mask",)) - batch["lit"])
-        evenly = result - best_gain(result, batch)
-        return sum(
-            (albedo_loss(unlit(batch["clean"], light), batch["albedo"], weight) for light in (result, evenly)),
-            torch.zeros(()),
-        )
+        lights = (result, result - best_gain(result, batch))
+        plain, evenly = (albedo_loss(unlit(batch["clean"], light), batch["albedo"], weight) for light in lights)
+        return plain + evenly
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
         """PSNR of the albedo of seen skin: the network's, its after the best gain, and the texture's own."""

@@ -14,11 +14,9 @@ from torch import Tensor
 
 from models.networks.context import HEIGHT, WIDTH
 from models.training.degrade import blur, smooth_field
+from models.training.regions import context_chart, region_planes
 from models.training.tasks import choice, uniform
-from service.geometry.chart import Chart
-from service.head.files import load_head
 from service.reflectance.subject import GEOMETRY
-from service.texture.zones import vertex_mask
 
 BARE = 0.08
 """Share of the charts of which all skin is seen, as on rendered scans."""
@@ -45,12 +43,9 @@ class Cover:
     """Hides skin; knows where hair and collars are to be expected."""
 
     def __init__(self) -> None:
-        head = load_head(None)
-        chart = Chart.build(head, WIDTH, HEIGHT)
-        zones = [vertex_mask(head, *names) for names in (("scalp",), ("neck",), ("mouth_inner", "eye_socket"))]
-        planes = np.moveaxis(chart.interpolate(np.stack(zones, 1)), 2, 0).astype(np.float32)
-        self.scalp, self.neck, self.hidden = (torch.from_numpy(np.ascontiguousarray(p))[None, None] for p in planes)
-        self.skin = torch.from_numpy((chart.part == head.part_names.index("skin")).astype(np.float32))[None, None]
+        chart = context_chart()
+        self.scalp, self.neck, self.hidden = region_planes(("scalp",), ("neck",), ("mouth_inner", "eye_socket"))
+        self.skin = torch.from_numpy((chart.part == chart.head.part_names.index("skin")).astype(np.float32))
 
     def __call__(self, geometry: Tensor, generator: torch.Generator) -> Tensor:
         """(N, 1, h, w) in [0, 1]: 1 where the photo shows skin; 0 on eyes and teeth and outside the islands.

@@ -20,8 +20,8 @@ from torch.nn import functional
 
 from models.lightstage.skin.subject import Subject
 from models.tables import write_between
-from models.training.albedo import log_light, unlit
-from models.training.context import ContextTask
+from models.training.albedo import unlit
+from models.training.context import ContextTask, best_gain
 from models.training.degrade import blur
 from models.training.reflectance import NormalTask, angles, grey
 from models.training.tasks import Batch, Task, channels, psnr
@@ -103,14 +103,10 @@ def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row
         light = task.predict(network, batch)
         mask, everything = batch["lit"], channels(batch, ("mask",))
         albedo = batch["albedo"]
-        true = log_light(batch["clean"], albedo)
         found = unlit(batch["clean"], light)
         bare = unlit(batch["clean"], task.predict(network, batch | {"lit": everything}))
         blind = task.predict(network, batch | {"eyes": torch.zeros_like(batch["eyes"])})
-        gain, gain_blind = (
-            ((one - true) * mask).sum((2, 3), keepdim=True) / (mask.sum((2, 3), keepdim=True) + 1e-6)
-            for one in (light, blind)
-        )
+        gain, gain_blind = (best_gain(one, batch) for one in (light, blind))
         return {
             "network dB": psnr(found, albedo, mask),
             "network, no eyes seen dB": psnr(unlit(batch["clean"], blind), albedo, mask),

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from models.colour import linear, srgb
-from models.networks.context import HEIGHT, WIDTH
 from models.training.degrade import smooth_field
+from models.training.regions import region_planes
 from models.training.tasks import choice, uniform
-from service.geometry.chart import Chart
-from service.head.files import load_head
 
 
 @dataclass(frozen=True)
@@ -58,11 +55,7 @@ class Painter:
     """Paints charts; knows where the marks are."""
 
     def __init__(self) -> None:
-        head = load_head(None)
-        chart = Chart.build(head, WIDTH, HEIGHT)
-        layers = [head.region(mark.region) for mark in MARKS]
-        values = chart.interpolate(np.stack(layers, 1)) * chart.mask[..., None]
-        self.places = torch.from_numpy(np.ascontiguousarray(np.moveaxis(values, 2, 0)).astype(np.float32))
+        self.places = region_planes(*((mark.region,) for mark in MARKS))
 
     def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same marks; the light between them stays as it was."""

@@ -16,7 +16,8 @@ SWAPPED, ALIKE = 0.5, 0.3
 SCALE = (0.50, 0.35)
 """Mean and standard deviation of log(albedo as captured / albedo of the light stage). The stage's skin is as light as
 spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie at 65 to 75, the same hue being
-brighter there by a quarter or more, and calibrations differ from each other by as much."""
+brighter there by a quarter or more, and calibrations differ from each other by as much. The range is wider than that:
+in a narrow one the network learns how bright skin is from its hue, and heeds the whites of the eyes little."""
 
 HUE = 0.05
 """Standard deviation of the same by channel, less its mean."""

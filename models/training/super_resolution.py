@@ -38,6 +38,16 @@ def as_fitted(small: Tensor, generator: torch.Generator) -> Tensor:
     return noisy(blur(small, float(uniform(generator, -0.6, 0.7, 1))), generator)
 
 
+def bicubic(small: Tensor) -> Tensor:
+    """(N, 3, h, w) -> (N, 3, 8 h, 8 w), a little beyond [0, 1] where it overshoots."""
+    return functional.interpolate(small, scale_factor=float(SCALE), mode="bicubic")
+
+
+def large_mask(batch: Batch) -> Tensor:
+    """(N, 1, 8 h, 8 w) mask of the large textures."""
+    return functional.interpolate(batch["mask"], scale_factor=float(SCALE), mode="nearest")
+
+
 class ZetaTask:
     """Pairs of patches; the small one is the large one by area, then blurred and noisy as fitted textures are.
 
@@ -103,7 +113,7 @@ class ZetaTask:
 
         Without noise the plain difference counts by its square: the median of a skin with sparse pores has none.
         """
-        truth, mask = batch["large"], self._mask(batch)
+        truth, mask = batch["large"], large_mask(batch)
         noisy = made_up(batch).float().view(-1, 1, 1, 1)
         apart = (result - truth) * mask
         plain = (PLAIN_WEIGHT * noisy * apart.abs() + SQUARE_WEIGHT * (1.0 - noisy) * apart.square()).mean()
@@ -115,8 +125,8 @@ class ZetaTask:
 
         With it: likeness when made small again, and share of fine detail.
         """
-        truth, mask = batch["large"], self._mask(batch)
-        cubic = functional.interpolate(batch["small"], scale_factor=float(SCALE), mode="bicubic").clamp(0.0, 1.0)
+        truth, mask = batch["large"], large_mask(batch)
+        cubic = bicubic(batch["small"]).clamp(0.0, 1.0)
         back, cubic_back, known = (
             functional.interpolate(image, scale_factor=1.0 / SCALE, mode="area") for image in (result, cubic, truth)
         )
@@ -172,7 +182,3 @@ class ZetaTask:
                 part = part.flip(-1) * (FLIPPED.view(-1, 1, 1) if name == "geometry" else 1.0)
             result[name] = part
         return result
-
-    @staticmethod
-    def _mask(batch: Batch) -> Tensor:
-        return functional.interpolate(batch["mask"], scale_factor=float(SCALE), mode="nearest")

@@ -143,21 +143,25 @@ class Subject:
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
-        own = np.asarray(self.chart.part == self.head.part_names.index("skin"), np.float32)
         shown, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
-        lit = shown * own if (shown * own).any() else own[None]  # of a photo without lit skin all of it has to count
+        lit = shown * self.own_skin
+        lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
         covered = np.maximum(beneath, (1 - shown) * (1 - made_up) * self.bare(GEOMETRY_SIZE))
         return np.concatenate([lit, made_up, eyes, brows, covered])
 
+    @property
+    def own_skin(self) -> Float:
+        """(h, w) float32 at ``GEOMETRY_SIZE``: 1 on the part "skin", 0 on eyes, teeth and outside the islands."""
+        return np.asarray(self.chart.part == self.head.part_names.index("skin"), np.float32)
+
     def bare(self, size: tuple[int, int]) -> Float:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
         import cv2
 
-        own = self.chart.part == self.head.part_names.index("skin")
         hair = self.chart.interpolate(vertex_mask(self.head, "scalp"))[..., 0]
-        smooth = self.chart.fill_outside(np.asarray(own * (1 - np.clip(hair, 0, 1)), np.float32))
+        smooth = self.chart.fill_outside(np.asarray(self.own_skin * (1 - np.clip(hair, 0, 1)), np.float32))
         return np.asarray(cv2.resize(smooth, size, interpolation=cv2.INTER_AREA), np.float32)
 
     def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
