@@ -18,18 +18,18 @@ import typer
 from torch import Tensor, nn
 from torch.nn import functional
 
-from models.lightstage.skin.subject import Subject
+from models.lightstage.tones import TONES, tone
 from models.tables import write_between
 from models.training.albedo import unlit
 from models.training.context import ContextTask, best_gain
 from models.training.degrade import blur
-from models.training.reflectance import NormalTask, angles, grey
+from models.training.normals import NormalTask, angles
+from models.training.reflectance import grey
 from models.training.tasks import Batch, Task, channels, psnr
 from models.training.train import TASKS
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
 
-TONES = (("dark", -90.0, -30.0), ("brown", -30.0, 10.0), ("tan", 10.0, 28.0), ("light", 28.0, 90.0))
 MARK = ("<!-- held-out -->", "<!-- /held-out -->")
 CREASES_SEED = 17
 
@@ -62,12 +62,6 @@ class ShippedZeta(nn.Module):
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """(N, 7, h, w) and noise -> (N, 3, 8h, 8w)."""
         return cast(Tensor, self.tail(torch.cat([self.body(maps), noise, maps[:, :3]], 1)))
-
-
-def tone(seed: int) -> str:
-    """Name of the class of a subject's skin."""
-    angle = Subject.sample(seed).tone.typology_angle_deg
-    return next((name for name, low, high in TONES if low <= angle < high), TONES[-1][0])
 
 
 def flat_colour(texture: Tensor, albedo: Tensor, mask: Tensor) -> float:

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from itertools import count as upwards
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +22,7 @@ import typer
 
 from models.lightstage.poses import EXPRESSIONS
 from models.lightstage.split import FIRST_SEED, HELD_OUT, TRAIN, subject_part
+from models.lightstage.tones import TONES, tone
 from models.training.capture import Recipe, Sitting, Studio, capture
 from service.errors import UsageError
 
@@ -26,6 +30,20 @@ from service.errors import UsageError
 def pose_of(seed: int, round_: int) -> str:
     """The expression of a subject in a round; every subject goes through all of them."""
     return EXPRESSIONS[(seed * 3 + round_) % len(EXPRESSIONS)]
+
+
+def seeds_of(part: str, first: int = FIRST_SEED, tone_class: str | None = None) -> Iterator[int]:
+    """Seeds of a part of the split from ``first`` on, without end; of one class of skin tone if that is asked for.
+
+    Raises:
+        UsageError: there is no such part or tone.
+    """
+    names = [name for name, _, _ in TONES]
+    if part not in (TRAIN, HELD_OUT):
+        raise UsageError(f"part is {part!r}; it has to be {TRAIN!r} or {HELD_OUT!r}")
+    if tone_class not in (None, *names):
+        raise UsageError(f"tone is {tone_class!r}; it has to be one of: {', '.join(names)}")
+    return (s for s in upwards(first) if subject_part(s) == part and tone_class in (None, tone(s)))
 
 
 def draw(seed: int, pose: str, part: str, folder: Path, device: str, recipe: Recipe) -> Path | None:
@@ -58,22 +76,20 @@ def main(
     first: Annotated[int, typer.Option(help="First subject's seed.")] = FIRST_SEED,
     count: Annotated[int, typer.Option(min=1, help="Subjects of this part.")] = 140,
     part: Annotated[str, typer.Option(help="train or held-out.")] = TRAIN,
+    tone_class: Annotated[str | None, typer.Option("--tone", help="Skin tone: dark, brown, tan or light.")] = None,
     rounds: Annotated[int, typer.Option(min=1, max=len(EXPRESSIONS), help="Expressions of each subject.")] = 1,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     threads: Annotated[int, typer.Option(min=1, help="Of each job.")] = 1,
     whole_only: Annotated[bool, typer.Option(help="No patches: a third of the time, for the context alone.")] = False,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
-    """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions."""
+    """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions.
+
+    Raises:
+        UsageError: there is no such part or tone.
+    """
     recipe = Recipe(block=0, draft_width=0) if whole_only else Recipe()
-    if part not in (TRAIN, HELD_OUT):
-        raise UsageError(f"part is {part!r}; it has to be {TRAIN!r} or {HELD_OUT!r}")
-    seeds: list[int] = []
-    seed = first
-    while len(seeds) < count:
-        if subject_part(seed) == part:
-            seeds.append(seed)
-        seed += 1
+    seeds = list(islice(seeds_of(part, first, tone_class), count))
     for round_ in range(rounds):
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
             shares = [seeds[i::jobs] for i in range(jobs)]

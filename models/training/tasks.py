@@ -124,7 +124,11 @@ def patch_batch(patches: Patches, size: int, side: int, generator: torch.Generat
     return stack([crop_of(i, Crop.random(side, int(i["window"][2]), generator)) for i in items])
 
 
-def fixed_items(patches: Patches, most: int = 24) -> list[Arrays]:
+MOST_HELD_OUT = 160
+"""Held-out patches at most; with 24 of them a skin tone had three."""
+
+
+def fixed_items(patches: Patches, most: int = MOST_HELD_OUT) -> list[Arrays]:
     """Patches evenly taken from all."""
     return patches.items[:: max(len(patches.items) // most, 1)][:most]
 

@@ -27,7 +27,8 @@ from models.networks.discriminator import Discriminator, fool_loss, judge_loss, 
 from models.networks.stages import DeltaBlind
 from models.training.albedo import DeltaTask
 from models.training.context import ContextTask
-from models.training.reflectance import NormalTask, PsiTask
+from models.training.normals import NormalTask
+from models.training.specular_albedo import PsiTask
 from models.training.super_resolution import ZetaTask
 from models.training.tasks import Batch, Task
 from service.errors import ModelFault, UsageError

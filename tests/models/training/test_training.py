@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,18 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from models.lightstage.skin.subject import Subject  # noqa: E402
 from models.lightstage.split import HELD_OUT, TRAIN, subject_part  # noqa: E402
+from models.lightstage.tones import TONES, tone  # noqa: E402
 from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
 from models.training.average import main as average  # noqa: E402
 from models.training.average import mean_of  # noqa: E402
 from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
 from models.training.degrade import blur, half_mirrored, lost_detail, noisy  # noqa: E402
-from models.training.reflectance import NormalTask, angles, local_strength, retoned  # noqa: E402
+from models.training.factory import seeds_of  # noqa: E402
+from models.training.normals import NormalTask, angles  # noqa: E402
+from models.training.reflectance import local_strength  # noqa: E402
+from models.training.specular_albedo import PsiTask, of_usual_gloss, retoned  # noqa: E402
 from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
@@ -237,13 +243,46 @@ def test_a_real_capture() -> None:
 
 
 def test_crops_for_psi_change_their_tone_and_stay_colours() -> None:
-    """Half of them; darker loses more blue than red, as melanin does; black and white stay finite and in range."""
+    """Darker and lighter; darker loses more blue than red, as melanin does; black and white stay in range."""
     skin = torch.tensor([0.75, 0.6, 0.5]).view(1, 3, 1, 1).expand(400, 3, 4, 4)
     made = retoned(skin, torch.Generator().manual_seed(7))
-    same = (made - skin).abs().amax((1, 2, 3)) < 1e-5
-    assert 0.4 < float(same.float().mean()) < 0.6
+    assert 0.4 < float((made[:, 0, 0, 0] < skin[:, 0, 0, 0]).float().mean()) < 0.6
+    assert float(made[:, 0, 0, 0].std()) > 0.05
     darker = made[(made[:, 0] < 0.7).all((1, 2))]
     assert len(darker) and (darker[:, 2] / darker[:, 0] < 0.5 / 0.75).all()
     for level in (0.0, 1.0):
         extreme = retoned(torch.full((50, 3, 2, 2), level), torch.Generator().manual_seed(8))
         assert extreme.isfinite().all() and extreme.min() >= 0.0 and extreme.max() <= 1.0
+
+
+def test_psi_is_not_asked_how_glossy_a_subject_is(data: Path) -> None:
+    """Two subjects who differ in gloss alone train it on one map; what is measured keeps their own."""
+    subjects = [Subject.sample(seed) for seed in range(1000, 1040)]
+    dull, shiny = (pick(range(40), key=lambda i: subjects[i].gloss.scale) for pick in (min, max))
+    level = np.array([[[0.3, 0.6]]], np.float32)
+    shown = [
+        {"seed": np.array(1000 + i), "specular": np.rint(255 * level * subjects[i].gloss.scale).astype(np.uint8)}
+        for i in (dull, shiny)
+    ]
+    assert np.ptp([item["specular"] for item in shown], axis=0).min() > 10
+    made = [of_usual_gloss(item)["specular"].astype(int) for item in shown]
+    assert np.abs(made[0] - made[1]).max() <= 1 and np.abs(made[0] - 255 * level).max() <= 1.5
+    white = of_usual_gloss({"seed": np.array(1000 + dull), "specular": np.full((1, 2, 2), 255, np.uint8)})
+    assert white["specular"].min() == 255
+    task = PsiTask(data, 64)
+    task.refresh()
+    once = [item["specular"].copy() for item in task.train.items]
+    task.refresh()
+    assert all(np.array_equal(a["specular"], b) for a, b in zip(task.train.items, once, strict=True))
+
+
+def test_subjects_can_be_drawn_by_tone() -> None:
+    """So that each class of a table has as many as it needs; a class or part that is not there is named."""
+    for name, _, _ in TONES:
+        seeds = list(islice(seeds_of(HELD_OUT, 1136, name), 3))
+        assert seeds[0] >= 1136 and all(tone(s) == name and subject_part(s) == HELD_OUT for s in seeds)
+    assert {tone(s) for s in islice(seeds_of(TRAIN), 40)} == {name for name, _, _ in TONES}
+    with pytest.raises(UsageError, match=r"tone is 'blue'.*dark, brown, tan, light"):
+        seeds_of(TRAIN, tone_class="blue")
+    with pytest.raises(UsageError, match="part is 'test'"):
+        seeds_of("test")

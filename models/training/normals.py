@@ -1,0 +1,125 @@
+"""Task of rho and sigma: specular and diffuse normals from grey albedo and the normals of the shape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from models.colour import linear, srgb
+from models.networks.stages import Rho, Sigma
+from models.training.albedo import cells_of, context_light, log_light
+from models.training.creases import Creases
+from models.training.degrade import PHOTOS_DETAIL, blur, lost_detail
+from models.training.reflectance import STRENGTH_WEIGHT, AlbedoTask, grey, local_strength
+from models.training.tasks import Batch, channels, uniform
+from service.reflectance.subject import GEOMETRY
+
+SHADE_LEFT, SHADE_MEASURED = (0.0, 1.1), 0.8
+"""Range of the share of fine shade, finer than delta's context tells, that is left in the albedo which rho and sigma
+train on, and the share in held-out albedo. delta takes away little of it: a crease of the photo stays a dark line."""
+DETAIL_MEASURED = 8.0
+"""Value of ``PHOTOS_DETAIL`` in held-out albedo: none of the shade finer than that is there."""
+
+HAIR_WEIGHT = 0.6
+"""Normals of hair are half chance; they count less. Not much less: strands must not be taken for creases."""
+
+
+def shaded(albedo: Tensor, texture: Tensor, share: Tensor, finest: Tensor, factor: float) -> Tensor:
+    """sRGB-coded albedo (N, 3, h, w) with a share (N, 1, 1, 1) of the fine shade of its texture.
+
+    Args:
+        albedo: of a patch.
+        texture: of it in some light.
+        share: of its shade that is left.
+        finest: (N, 1, 1, 1) share of that which is finer than ``factor`` texels.
+        factor: see ``PHOTOS_DETAIL``.
+    """
+    light = log_light(texture, albedo)
+    coarse = context_light(texture, albedo, cells_of(albedo.shape[2]))
+    fine = light - functional.interpolate(coarse, albedo.shape[2:], mode="bilinear", align_corners=False)
+    fine = lost_detail(fine.clamp(-2.0, 2.0), finest, factor)
+    return srgb((linear(albedo) * torch.exp(share * fine)).clamp(0.0, 1.0))
+
+
+def angles(found: Tensor, truth: Tensor) -> Tensor:
+    """(N, 1, h, w) degrees between unit normals."""
+    cosine = (found * truth).sum(1, keepdim=True)
+    sine = torch.linalg.cross(found, truth, dim=1).square().sum(1, keepdim=True).sqrt()
+    return torch.rad2deg(torch.atan2(sine, cosine))
+
+
+class NormalTask(AlbedoTask):
+    """Grey albedo and shape normals -> normals."""
+
+    def __init__(self, data: Path, target: str, side: int = 256) -> None:
+        self.target, self.wanted = target, (target, "texture")
+        self.slow = tuple(n for n in (Rho if target == "specular_normal" else Sigma).channels if n in GEOMETRY)
+        super().__init__(data, side)
+
+    def batch(self, size: int, generator: torch.Generator) -> Batch:
+        """Random crops, most of which have creases drawn over them."""
+        return self.creased(super().batch(size, generator), generator)
+
+    def creased(self, batch: Batch, generator: torch.Generator) -> Batch:
+        """The same crops, most of them with creases drawn over them."""
+        creases = Creases.draw(len(batch["albedo"]), self.side, batch["chart_width"], batch["hair"], generator)
+        normal = creases.onto(batch[self.target], diffuse=self.target == "diffuse_normal")
+        return {**batch, "albedo": creases.seen(batch["albedo"]), self.target: normal}
+
+    def held_out(self) -> list[Batch]:
+        """Fixed crops without noise, with the shade of a photo's detail."""
+        batches = super().held_out()
+        for batch in batches:
+            share, none = torch.full((len(batch["albedo"]), 1, 1, 1), SHADE_MEASURED), torch.zeros(1, 1, 1, 1)
+            batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, none, DETAIL_MEASURED)
+        return batches
+
+    def _crops(self, size: int, generator: torch.Generator) -> Batch:
+        """With fine shade left in the albedo, which tells of relief as much as colour does."""
+        batch = super()._crops(size, generator)
+        share, finest = uniform(generator, *SHADE_LEFT, size, 1, 1, 1), uniform(generator, 0.0, 1.0, size, 1, 1, 1)
+        factor = float(uniform(generator, *PHOTOS_DETAIL, 1))
+        batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, finest, factor)
+        return batch
+
+    def predict(self, network: nn.Module, batch: Batch) -> Tensor:
+        """Unit normals."""
+        inputs = torch.cat([grey(batch["albedo"]) * 2.0 - 1.0, channels(batch, self.slow)], 1)
+        result: Tensor = network(inputs)
+        return result
+
+    def loss(self, result: Tensor, batch: Batch) -> Tensor:
+        """L1 of slopes, of their differences between neighbours, and 1 - cosine."""
+        truth = batch[self.target]
+        weight = batch["mask"] * (1.0 - (1.0 - HAIR_WEIGHT) * batch["hair"])
+        weight = weight / (weight.mean() + 1e-3)
+        found, wanted = (n[:, :2] / n[:, 2:].clamp(min=0.1) for n in (result, truth))
+        slopes = ((found - wanted).abs() * weight).mean()
+        edges = sum(((found.diff(dim=d) - wanted.diff(dim=d)).abs()).mean() for d in (2, 3))
+        cosine = ((1.0 - (result * truth).sum(1, keepdim=True)) * weight).mean()
+        strength = ((local_strength(found) - local_strength(wanted)).abs() * weight).mean()
+        return slopes + 0.5 * edges + cosine + STRENGTH_WEIGHT * strength
+
+    def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
+        """Mean angle against that of the flat map; share of fine detail; correlation of fine slopes."""
+        truth = batch[self.target]
+        weight = batch["mask"] * (batch["hair"] < 0.3)
+        count = weight.sum() + 1e-6
+        flat = torch.zeros_like(truth)
+        flat[:, 2] = 1.0
+        error, none = (float((angles(n, truth) * weight).sum() / count) for n in (result, flat))
+        fine = [(n[:, :2] / n[:, 2:].clamp(min=0.1)) for n in (result, truth)]
+        fine = [(n - blur(n, 6.0)) * weight for n in fine]
+        a, b = (n.flatten() for n in fine)
+        correlation = float((a * b).sum() / ((a * a).sum() * (b * b).sum()).sqrt().clamp(min=1e-9))
+        return {
+            "score": -error, "flat": -none, "detail": float(a.std() / (b.std() + 1e-9)), "correlation": correlation
+        }  # fmt: skip
+
+    def sheet(self, result: Tensor, batch: Batch) -> Tensor:
+        """Albedo, result and truth one below the other."""
+        rows = [batch["albedo"], result * 0.5 + 0.5, batch[self.target] * 0.5 + 0.5]
+        return torch.cat([torch.cat(list(row), 2) for row in rows], 1)
