@@ -14,7 +14,8 @@ import torch
 import typer
 from torch import Tensor
 
-from models.training.train import TASKS, Run, Trainer, write_sheet
+from models.training.train import TASKS, write_sheet
+from models.training.trainer import Run, Trainer
 from service.errors import ModelFault, UsageError
 
 Weights = dict[str, Tensor]

@@ -17,7 +17,8 @@ import typer
 from torch import Tensor
 
 from models.networks.configs import CONFIGS, NETWORKS, build
-from models.training.train import TASKS, Run, Trainer
+from models.training.train import TASKS
+from models.training.trainer import Run, Trainer
 from service.errors import ModelFault, UsageError
 from service.runtime.sessions import MODELS, model_table
 

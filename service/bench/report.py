@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from service.bench.loss import UNITS, Loss
 from service.bench.result import Bench, Row, WholeRow
-from service.bench.run import sized
 from service.bench.variants import STAGES
 from service.bench.whole import COMPARED, WRITING
+from service.bench.whole_rows import sized
 from service.runtime.networks import Engine
 
 MARK = ("<!-- bench -->", "<!-- /bench -->")

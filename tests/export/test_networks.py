@@ -15,7 +15,7 @@ onnx = pytest.importorskip("onnx")
 from export.faces.onnx_tools import ParityError  # noqa: E402
 from export.networks.convert import check, load_run, parts_of, rounded, to_onnx, write  # noqa: E402
 from models.networks.configs import build  # noqa: E402
-from models.training.train import Run  # noqa: E402
+from models.training.trainer import Run  # noqa: E402
 from service.errors import ModelFault  # noqa: E402
 from service.runtime.describe import KEY, Description  # noqa: E402
 from service.runtime.networks import Engine, open_network  # noqa: E402

@@ -13,7 +13,8 @@ pytest.importorskip("onnx")
 from export.networks.convert import load_run, parts_of  # noqa: E402
 from models.networks.configs import NETWORKS, build  # noqa: E402
 from models.training.restore import main, restored  # noqa: E402
-from models.training.train import TASKS, Run, Trainer  # noqa: E402
+from models.training.train import TASKS  # noqa: E402
+from models.training.trainer import Run, Trainer  # noqa: E402
 from service.errors import ModelFault, UsageError  # noqa: E402
 from service.runtime.networks import Engine, open_network  # noqa: E402
 

@@ -25,7 +25,8 @@ from models.training.specular_albedo import PsiTask, of_usual_gloss, retoned  # 
 from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
-from models.training.train import TASKS, Run, Trainer, go  # noqa: E402
+from models.training.train import TASKS, go  # noqa: E402
+from models.training.trainer import Run, Trainer  # noqa: E402
 from service.errors import ModelFault, UsageError  # noqa: E402
 from service.reflectance.subject import GEOMETRY  # noqa: E402
 

@@ -15,7 +15,8 @@ from service.bench.plot import draw
 from service.bench.rates import Rates
 from service.bench.report import as_markdown
 from service.bench.result import Bench, Row
-from service.bench.run import _rule_notes, bench
+from service.bench.run import bench
+from service.bench.stage_rows import rule_notes
 from service.bench.stages import Measured
 from service.bench.variants import INT8, STAGES, Extent, Family, reference
 from service.errors import ModelFault, UsageError
@@ -85,10 +86,10 @@ def test_a_rule_that_is_wrong_on_this_machine_is_told(monkeypatch: pytest.Monkey
     plain = reference("rho")
     other = replace(plain, runtime="openvino")
     folder = Family("none", Path(), ())
-    monkeypatch.setattr("service.bench.run.choose_engine", lambda **_: Engine(threads=1))
+    monkeypatch.setattr("service.bench.stage_rows.choose_engine", lambda **_: Engine(threads=1))
     told = "rho: --runtime auto takes onnxruntime fp32; openvino fp32 was 3.00 times as fast in this run"
-    assert _rule_notes([Row(plain, slow), Row(other, fast)], 1, folder) == [told]
-    assert _rule_notes([Row(plain, fast), Row(other, slow)], 1, folder) == []
+    assert rule_notes([Row(plain, slow), Row(other, fast)], 1, folder) == [told]
+    assert rule_notes([Row(plain, fast), Row(other, slow)], 1, folder) == []
 
 
 def test_what_is_not_installed_is_left_out_and_told(toys: Family, monkeypatch: pytest.MonkeyPatch) -> None:
