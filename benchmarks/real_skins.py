@@ -4,6 +4,10 @@ DIR holds ``hifi3d_uv/`` (three pairs of albedo and tangent normals) and ``lee_p
 normals), which no training sees. Cheeks and foreheads are enlarged to the network's own texels per mm, rho reads
 normals off the grey albedo, and both are compared in the bands of wavelengths that the scans resolve. Printed beside
 it: a flat map, and "dark is deep", the albedo itself taken for a height.
+
+Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
+A second table asks the scans themselves whether their slopes along both belong to one height: correlation of the mixed
+derivatives over the face, 1 for a height, -1 if y points the other way, 0 if they have nothing to do with each other.
 """
 
 from __future__ import annotations
@@ -18,7 +22,8 @@ import numpy.typing as npt
 import typer
 
 from models.lightstage.measures import BANDS_MM, Patch, band
-from models.lightstage.references import reference_patches
+from models.lightstage.references import reference_faces, reference_patches
+from models.tables import tell
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
 from service.runtime.networks import Engine, open_network
@@ -30,11 +35,15 @@ PPM = 14.0
 PLACES_MM = {"cheek right": (-42.0, -20.0), "cheek left": (42.0, -20.0), "forehead": (0.0, 60.0)}
 """Where on the head a patch is, from the middle between the eyes: x to the subject's left, y up."""
 
+MARK = ("<!-- real-skin -->", "<!-- /real-skin -->")
+SHOWN = BANDS_MM[1:]
+"""Bands of wavelengths, in mm, that at least one scan resolves."""
+
 Array = npt.NDArray[np.float64]
 
 
-def predicted(patch: Patch, folder: Path = MODELS) -> tuple[Array, Array]:
-    """(2, h, w) slopes that rho reads off a patch, and those of "dark is deep", both at the patch's own resolution."""
+def predicted(patch: Patch, folder: Path = MODELS) -> Array:
+    """(2, h, w) slopes that rho reads off a patch, at the patch's own resolution."""
     scale = PPM / patch.texels_per_mm
     coded = linear_to_srgb(patch.albedo.astype(np.float32))
     side = round(patch.albedo.shape[0] * scale / 16) * 16
@@ -49,9 +58,7 @@ def predicted(patch: Patch, folder: Path = MODELS) -> tuple[Array, Array]:
         normal = network.run(np.stack(planes))
     size = patch.albedo.shape[1::-1]
     slopes = np.stack([cv2.resize(-normal[k] / normal[2], size, interpolation=cv2.INTER_AREA) for k in (0, 1)])
-    height = np.asarray(coded @ LUMA, np.float64)
-    rows, columns = np.gradient(height)
-    return slopes.astype(np.float64), np.stack([columns, -rows])
+    return slopes.astype(np.float64)
 
 
 def _position(x: float, y: float) -> dict[str, float]:
@@ -75,6 +82,40 @@ def compare(found: Array, truth: Array, ppm: float, low: float, high: float) -> 
     return (float((a * b).sum()) / power if power > 1e-20 else 0.0), ratio
 
 
+def by_axis(found: Array, truth: Array, ppm: float, low: float, high: float) -> str:
+    """Correlations of slopes in a band along x / along y."""
+    return " / ".join(f"{compare(found[k : k + 1], truth[k : k + 1], ppm, low, high)[0]:.2f}" for k in (0, 1))
+
+
+def of_one_height(slopes: Array, ppm: float, low: float, high: float) -> float:
+    """Correlation of d(slope x) / dy with d(slope y) / dx in a band: 1 for the slopes of a height; 0 of a flat map."""
+    x, y = (band(plane, ppm, low, high) for plane in slopes)
+    across, along = -np.gradient(x, axis=0), np.gradient(y, axis=1)
+    power = float(np.sqrt((across * across).sum() * (along * along).sum()))
+    return float((across * along).sum()) / power if power > 1e-20 else 0.0
+
+
+def scans_themselves(data: Path) -> list[str]:
+    """Rows of the second table, bands as in the first."""
+    rows = []
+    for face in reference_faces(data):
+        truth = np.asarray(face.slope)
+        cells = [f"{of_one_height(truth, face.texels_per_mm, *limits):.2f}" for limits in resolved(face)]
+        rows.append(f"| {face.name} | " + " | ".join(["-"] * (len(SHOWN) - len(cells)) + cells) + " |")
+    return rows
+
+
+def resolved(patch: Patch) -> list[tuple[float, float]]:
+    """Bands that a patch's texels resolve at least half of."""
+    return [(low, high) for low, high in SHOWN if 2.0 / patch.texels_per_mm <= 0.5 * (low + high)]
+
+
+def dark_is_deep(patch: Patch) -> Array:
+    """(2, h, w) slopes along x and up of the coded albedo taken for a height."""
+    rows, columns = np.gradient(np.asarray(linear_to_srgb(patch.albedo.astype(np.float32)) @ LUMA, np.float64))
+    return np.stack([columns, -rows])
+
+
 def tilt(slopes: Array) -> float:
     """Mean tilt in degrees."""
     return float(np.degrees(np.arctan(np.hypot(*slopes))).mean())
@@ -92,25 +133,26 @@ def error(found: Array, truth: Array) -> float:
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of the scans; else $AVATARME_BENCH_DATA.")] = None,
     folder: Annotated[Path, typer.Option(help="Folder of the ONNX files.")] = MODELS,
+    write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
-    """Print one line a patch, as a Markdown table."""
+    """Print the tables."""
     place = data or Path(os.environ.get("AVATARME_BENCH_DATA", ""))
-    typer.echo("| patch | rho deg | flat deg | " + " | ".join(
-        f"{low}-{high} mm: correlation, strength, dark is deep" for low, high in BANDS_MM[1:]) + " |")  # fmt: skip
-    typer.echo("|---" * (3 + len(BANDS_MM[1:])) + "|")
+    lines = ["| patch | rho deg | flat deg | " + " | ".join(
+        f"{low}-{high} mm: correlation x / y, strength, dark is deep" for low, high in SHOWN) + " |"]  # fmt: skip
+    lines.append("|---" * (3 + len(SHOWN)) + "|")
     for patch in reference_patches(place):
-        found, deep = predicted(patch, folder)
+        found, deep = predicted(patch, folder), dark_is_deep(patch)
         truth = np.asarray(patch.slope)
-        cells = []
-        for low, high in BANDS_MM[1:]:
-            if 2.0 / patch.texels_per_mm > 0.5 * (low + high):
-                cells.append("-")
-                continue
-            correlation, ratio = compare(found, truth, patch.texels_per_mm, low, high)
-            other, _ = compare(deep, truth, patch.texels_per_mm, low, high)
-            cells.append(f"{correlation:.2f}, {ratio:.2f}, {other:.2f}")
+        cells = ["-"] * (len(SHOWN) - len(resolved(patch)))
+        for low, high in resolved(patch):
+            limits = patch.texels_per_mm, low, high
+            ours, theirs = (by_axis(slopes, truth, *limits) for slopes in (found, deep))
+            cells.append(f"{ours}, {compare(found, truth, *limits)[1]:.2f}, {theirs}")
         numbers = f"{error(found, truth):.2f} | {tilt(truth):.2f}"
-        typer.echo(f"| {patch.name} | {numbers} | " + " | ".join(cells) + " |")
+        lines.append(f"| {patch.name} | {numbers} | " + " | ".join(cells) + " |")
+    heading = " | ".join(f"{low}-{high} mm" for low, high in SHOWN)
+    lines += ["", f"| slopes of one height? | {heading} |", "|---" * (1 + len(SHOWN)) + "|", *scans_themselves(place)]
+    tell("\n".join(lines), MARK, write)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ SCAN_PPM = 2.65
 """Lee Perry-Smith's chart of 1024^2: 167 texels between the eyes."""
 
 _HIFI = (("cheek right", 540, 900), ("cheek left", 1252, 900), ("forehead", 896, 470))
+_HIFI_FACE, _SCAN_FACE = (464, 330, 1120), (300, 100, 400)
+"""Left and upper end and side of the faces, texels."""
 _SCAN = (("cheek right", 385, 320), ("cheek left", 595, 320), ("forehead", 480, 150))
 
 
@@ -62,3 +64,15 @@ def reference_patches(data: Path) -> list[Patch]:
     albedo = linear(read(data / "lee_perry_smith" / "color.jpg"))
     normal = normals(read(data / "lee_perry_smith" / "normal.jpg"))
     return patches + [_cut(f"LPS {n}", albedo, normal, x, y, 64, SCAN_PPM) for n, x, y in _SCAN]
+
+
+def reference_faces(data: Path) -> list[Patch]:
+    """The whole faces that :func:`reference_patches` cuts from, about 150 mm wide; edges of the charts are left out."""
+    faces = []
+    for number, end in enumerate(("", "_1", "_2"), 1):
+        albedo = linear(read(data / "hifi3d_uv" / f"albedo{end}.png"))
+        normal = normals(read(data / "hifi3d_uv" / f"normal{end}.png"))
+        faces.append(_cut(f"hifi3d {number}", albedo, normal, *_HIFI_FACE, HIFI_PPM))
+    scan = data / "lee_perry_smith"
+    colour, relief = linear(read(scan / "color.jpg")), normals(read(scan / "normal.jpg"))
+    return [*faces, _cut("LPS", colour, relief, *_SCAN_FACE, SCAN_PPM)]

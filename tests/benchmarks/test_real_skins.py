@@ -1,0 +1,59 @@
+"""Measures of relief on real skin, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")  # the light stage's measures come with it
+
+from benchmarks.real_skins import by_axis, compare, dark_is_deep, error, of_one_height, tilt
+from models.lightstage.measures import Patch
+
+PPM, LIMITS = 8.0, (8.0, 0.5, 4.0)
+
+
+def relief(seed: int = 0, side: int = 128) -> np.ndarray:
+    """Slopes along x and up of a smooth random height."""
+    import cv2
+
+    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=(side, side)), (0, 0), 3.0)
+    rows, columns = np.gradient(height)
+    return np.stack([columns, -rows])
+
+
+def test_slopes_of_a_height_are_told_from_others() -> None:
+    """With y turned around, as in maps whose green points down, a scan would call every pit a bump in one direction."""
+    slopes = relief()
+    assert of_one_height(slopes, *LIMITS) > 0.97
+    assert of_one_height(slopes * np.array([1.0, -1.0])[:, None, None], *LIMITS) < -0.97
+    strangers = np.stack([relief(1)[0], relief(2)[1]])
+    assert abs(of_one_height(strangers, *LIMITS)) < 0.3
+    assert of_one_height(np.zeros((2, 64, 64)), *LIMITS) == 0.0
+
+
+def test_axes_are_compared_apart() -> None:
+    """Right along x and wrong along y is nothing on the whole; only apart it shows."""
+    truth = relief()
+    found = truth * np.array([1.0, -1.0])[:, None, None]
+    assert by_axis(found, truth, *LIMITS) == "1.00 / -1.00"
+    assert abs(compare(found, truth, *LIMITS)[0]) < 0.2
+    assert compare(2.0 * truth, truth, *LIMITS) == pytest.approx((1.0, 2.0))
+    assert compare(np.zeros_like(truth), truth, *LIMITS) == (0.0, 0.0)
+    assert by_axis(truth, np.zeros_like(truth), *LIMITS) == "0.00 / 0.00"
+
+
+def test_dark_is_deep_of_a_grey_slope() -> None:
+    """Brighter to the right and upwards is higher there; black is flat."""
+    rows, columns = np.indices((32, 32)) / 64.0
+    grey = 0.2 + 0.3 * columns + 0.1 * (0.5 - rows)
+    x, up = dark_is_deep(Patch("slope", np.repeat(grey[..., None], 3, 2), None, PPM))
+    assert (x > 0).all() and (up > 0).all() and x.mean() > 2.0 * up.mean()
+    assert not dark_is_deep(Patch("black", np.zeros((8, 8, 3)), None, PPM)).any()
+
+
+def test_angles_of_planes() -> None:
+    plane = np.stack([np.full((4, 4), np.tan(np.radians(20.0))), np.zeros((4, 4))])
+    assert tilt(plane) == pytest.approx(20.0)
+    assert error(plane, np.zeros_like(plane)) == pytest.approx(20.0)
+    assert error(plane, plane) == pytest.approx(0.0, abs=1e-5)
