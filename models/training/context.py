@@ -39,7 +39,7 @@ MISFITTED, MISFIT = 0.5, 0.3
 UNSEEN = 0.2
 """Weight in training of skin that the photo does not show, which the network has to guess the light of."""
 
-HELD_OUT_SEED, MOST_HELD_OUT = 11, 160
+HELD_OUT_SEED, MOST_HELD_OUT = 11, 200
 
 
 def lid_zones() -> Tensor:

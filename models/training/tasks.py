@@ -124,7 +124,7 @@ def patch_batch(patches: Patches, size: int, side: int, generator: torch.Generat
     return stack([crop_of(i, Crop.random(side, int(i["window"][2]), generator)) for i in items])
 
 
-MOST_HELD_OUT = 160
+MOST_HELD_OUT = 200
 """Held-out patches at most; with 24 of them a skin tone had three."""
 
 

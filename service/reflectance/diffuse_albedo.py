@@ -15,6 +15,7 @@ from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.brows import under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
+from service.reflectance.grading import even_hue
 from service.reflectance.hue import within_skin
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
@@ -82,7 +83,7 @@ def found_by(network: Network, planes: Planes) -> Found:
     texture = linear.T.reshape(3, *lit.shape)
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
         light = less_overexposed(light, weight)
-    light = within_skin(light, texture, weight)
+    light = within_skin(even_hue(light, texture, weight), texture, weight)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = continued(light, lit)
     if MADE_UP in planes.channels:
