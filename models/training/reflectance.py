@@ -13,7 +13,6 @@ from models.training.store import Patches
 from models.training.tasks import Batch, fixed_batches, fixed_items, patch_batch, uniform
 from service.colour import LUMA
 
-STRENGTH_WEIGHT = 0.4
 STRENGTH_WINDOW = 16
 """Texels over which the strength of relief is compared."""
 

@@ -10,7 +10,7 @@ from models.colour import linear, srgb
 from models.lightstage.skin.subject import Subject
 from models.networks.stages import Psi
 from models.training.degrade import blur
-from models.training.reflectance import STRENGTH_WEIGHT, AlbedoTask, local_strength
+from models.training.reflectance import AlbedoTask, local_strength
 from models.training.store import Arrays
 from models.training.tasks import Batch, byte, channels
 from service.reflectance.subject import GEOMETRY
@@ -18,6 +18,9 @@ from service.reflectance.subject import GEOMETRY
 TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
 """Standard deviation of the logarithm by which crops for psi change their tone, and how much more blue changes: what
 reflects at the surface does not depend on pigment."""
+
+STRENGTH_WEIGHT = 0.4
+"""What the strength of fine detail counts for beside its place."""
 
 
 def retoned(albedo: Tensor, generator: torch.Generator) -> Tensor:
