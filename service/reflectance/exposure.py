@@ -16,7 +16,7 @@ USUAL, SPREAD = -0.82, 0.72
 """Mean and standard deviation of log(light on the face) over photos whose whites of the eyes are seen: linear values
 that a white diffuse surface has; ``benchmarks.eye_whites --photos``."""
 UNSURE = 0.44
-"""Standard deviation of the network's error in it where it sees no eyes; the median of its size is 0.34, and stands in
+"""Standard deviation of the network's error in it where it sees no eyes; the median of its size is 0.29, and stands in
 docs/training.md."""
 SHARE = UNSURE**2 / (UNSURE**2 + SPREAD**2)
 """What is taken off of a light beyond the usual one: the mean of two normal distributions."""
