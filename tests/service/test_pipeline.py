@@ -24,4 +24,4 @@ def test_the_memory_of_the_caller_is_not_counted() -> None:
     child = subprocess.run(
         [sys.executable, "-c", FROM_A_LARGE_PROGRAM, OWN_PEAK], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert 20 < float(child.stdout) < 500
+    assert 5 < float(child.stdout) < 500, "an interpreter has some 10 to 30 MB"
