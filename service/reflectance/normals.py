@@ -13,7 +13,7 @@ Float = npt.NDArray[np.float32]
 
 SPECULAR, DIFFUSE = "rho", "sigma"
 
-UNDER_COVER = 0.45
+UNDER_COVER = 0.25
 """Share of the relief that is left under brows, hair and glasses: strands and frames are dark lines, as creases are,
 and the skin under them is not seen."""
 

@@ -44,7 +44,7 @@ BROWS = "brows"
 """Channel that is 1 where brows may lie."""
 
 COVERED = "covered_skin"
-"""Channel that is 1 where brows, strands of hair or glasses cover the skin of the face."""
+"""Channel that is 1 where brows, hair or glasses cover the skin, and on the scalp."""
 
 CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED)
 """Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
@@ -148,7 +148,8 @@ class Subject:
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
-        covered = np.maximum(beneath, (1 - shown) * (1 - made_up) * self.bare(GEOMETRY_SIZE))
+        # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
+        covered = np.maximum(1 - (shown + made_up - shown * made_up) * self.bare(GEOMETRY_SIZE), beneath)
         return np.concatenate([lit, made_up, eyes, brows, covered])
 
     @property

@@ -118,3 +118,6 @@ def test_hair_and_glasses_cover_skin_and_made_up_skin_is_bare() -> None:
     assert clues[COVERED][232:264][(skin & beside)[232:264]].min() > 0.9
     assert clues[COVERED][420:][(skin & beside)[420:]].max() < 0.02, "made up"
     assert clues[COVERED][300:380][(skin & beside)[300:380]].max() < 0.02, "lit"
+    scalp = (subject.bare((768, 512)) < 0.01) & (subject.own_skin > 0)
+    assert scalp.sum() > 1000
+    assert clues[COVERED][scalp].min() > 0.98, "fair hair is taken for lit skin, and its strands for creases"
