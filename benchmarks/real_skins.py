@@ -77,9 +77,13 @@ def compare(found: Array, truth: Array, ppm: float, low: float, high: float) -> 
     """Correlation of slopes in a band, and the ratio of their strengths."""
     a = np.concatenate([band(plane, ppm, low, high).ravel() for plane in found])
     b = np.concatenate([band(plane, ppm, low, high).ravel() for plane in truth])
+    return correlation(a, b), float(np.sqrt((a * a).sum() / max(float((b * b).sum()), 1e-20)))
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Of values whose mean is 0; 0 where one of both has none."""
     power = float(np.sqrt((a * a).sum() * (b * b).sum()))
-    ratio = float(np.sqrt((a * a).sum() / max(float((b * b).sum()), 1e-20)))
-    return (float((a * b).sum()) / power if power > 1e-20 else 0.0), ratio
+    return float((a * b).sum()) / power if power > 1e-20 else 0.0
 
 
 def by_axis(found: Array, truth: Array, ppm: float, low: float, high: float) -> str:
@@ -90,9 +94,7 @@ def by_axis(found: Array, truth: Array, ppm: float, low: float, high: float) -> 
 def of_one_height(slopes: Array, ppm: float, low: float, high: float) -> float:
     """Correlation of d(slope x) / dy with d(slope y) / dx in a band: 1 for the slopes of a height; 0 of a flat map."""
     x, y = (band(plane, ppm, low, high) for plane in slopes)
-    across, along = -np.gradient(x, axis=0), np.gradient(y, axis=1)
-    power = float(np.sqrt((across * across).sum() * (along * along).sum()))
-    return float((across * along).sum()) / power if power > 1e-20 else 0.0
+    return correlation(-np.gradient(x, axis=0), np.gradient(y, axis=1))
 
 
 def scans_themselves(data: Path) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,10 +20,30 @@ HIFI_PPM = 7.6
 SCAN_PPM = 2.65
 """Lee Perry-Smith's chart of 1024^2: 167 texels between the eyes."""
 
-_HIFI = (("cheek right", 540, 900), ("cheek left", 1252, 900), ("forehead", 896, 470))
-_HIFI_FACE, _SCAN_FACE = (464, 330, 1120), (300, 100, 400)
-"""Left and upper end and side of the faces, texels."""
-_SCAN = (("cheek right", 385, 320), ("cheek left", 595, 320), ("forehead", 480, 150))
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things are on a chart.
+
+    Attributes:
+        texels_per_mm: resolution.
+        side: of the patches, texels.
+        places: name, left and upper end of each patch.
+        face: left and upper end and side of the face.
+    """
+
+    texels_per_mm: float
+    side: int
+    places: tuple[tuple[str, int, int], ...]
+    face: tuple[int, int, int]
+
+
+HIFI = Layout(
+    HIFI_PPM, 256, (("cheek right", 540, 900), ("cheek left", 1252, 900), ("forehead", 896, 470)), (464, 330, 1120)
+)
+SCAN = Layout(
+    SCAN_PPM, 64, (("cheek right", 385, 320), ("cheek left", 595, 320), ("forehead", 480, 150)), (300, 100, 400)
+)
 
 
 def read(path: Path) -> npt.NDArray[np.uint8]:
@@ -48,31 +70,37 @@ def normals(image: npt.NDArray[np.uint8]) -> Array:
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6))
 
 
-def _cut(name: str, albedo: Array, normal: Array, x: int, y: int, size: int, ppm: float) -> Patch:
-    window = (slice(y, y + size), slice(x, x + size))
-    slope = slopes(normal[window])
-    return Patch(name, albedo[window], slope - slope.mean((1, 2), keepdims=True), ppm)
+@dataclass(frozen=True)
+class _Scan:
+    name: str
+    albedo: Array
+    normal: Array
+    layout: Layout
+
+    def cut(self, name: str, x: int, y: int, size: int) -> Patch:
+        window = (slice(y, y + size), slice(x, x + size))
+        slope = slopes(self.normal[window])
+        return Patch(name, self.albedo[window], slope - slope.mean((1, 2), keepdims=True), self.layout.texels_per_mm)
+
+
+def _scans(data: Path) -> Iterator[_Scan]:
+    """One after the other, as each takes some hundred megabytes."""
+    for number, end in enumerate(("", "_1", "_2"), 1):
+        colour, relief = (data / "hifi3d_uv" / f"{kind}{end}.png" for kind in ("albedo", "normal"))
+        yield _Scan(f"hifi3d {number}", linear(read(colour)), normals(read(relief)), HIFI)
+    colour, relief = (data / "lee_perry_smith" / f"{kind}.jpg" for kind in ("color", "normal"))
+    yield _Scan("LPS", linear(read(colour)), normals(read(relief)), SCAN)
 
 
 def reference_patches(data: Path) -> list[Patch]:
     """Cheeks and foreheads of four real people, about 33 and 24 mm wide."""
-    patches = []
-    for number, end in enumerate(("", "_1", "_2"), 1):
-        albedo = linear(read(data / "hifi3d_uv" / f"albedo{end}.png"))
-        normal = normals(read(data / "hifi3d_uv" / f"normal{end}.png"))
-        patches += [_cut(f"hifi3d {number} {n}", albedo, normal, x, y, 256, HIFI_PPM) for n, x, y in _HIFI]
-    albedo = linear(read(data / "lee_perry_smith" / "color.jpg"))
-    normal = normals(read(data / "lee_perry_smith" / "normal.jpg"))
-    return patches + [_cut(f"LPS {n}", albedo, normal, x, y, 64, SCAN_PPM) for n, x, y in _SCAN]
+    return [
+        scan.cut(f"{scan.name} {name}", x, y, scan.layout.side)
+        for scan in _scans(data)
+        for name, x, y in scan.layout.places
+    ]
 
 
 def reference_faces(data: Path) -> list[Patch]:
     """The whole faces that :func:`reference_patches` cuts from, about 150 mm wide; edges of the charts are left out."""
-    faces = []
-    for number, end in enumerate(("", "_1", "_2"), 1):
-        albedo = linear(read(data / "hifi3d_uv" / f"albedo{end}.png"))
-        normal = normals(read(data / "hifi3d_uv" / f"normal{end}.png"))
-        faces.append(_cut(f"hifi3d {number}", albedo, normal, *_HIFI_FACE, HIFI_PPM))
-    scan = data / "lee_perry_smith"
-    colour, relief = linear(read(scan / "color.jpg")), normals(read(scan / "normal.jpg"))
-    return [*faces, _cut("LPS", colour, relief, *_SCAN_FACE, SCAN_PPM)]
+    return [scan.cut(scan.name, *scan.layout.face) for scan in _scans(data)]

@@ -16,7 +16,7 @@ from models.training.paint import Painter
 from models.training.regions import region_planes
 from models.training.skins import SWAPPED, recalibrated, relit
 from models.training.store import Arrays, Wholes
-from models.training.tasks import FLIPPED, Batch, byte, channels, choice, psnr, uniform
+from models.training.tasks import FLIPPED, MOST_HELD_OUT, Batch, byte, channels, choice, psnr, uniform
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.subject import EYES
 
@@ -39,7 +39,7 @@ MISFITTED, MISFIT = 0.5, 0.3
 UNSEEN = 0.2
 """Weight in training of skin that the photo does not show, which the network has to guess the light of."""
 
-HELD_OUT_SEED, MOST_HELD_OUT = 11, 200
+HELD_OUT_SEED = 11
 
 
 def lid_zones() -> Tensor:

@@ -125,12 +125,12 @@ def patch_batch(patches: Patches, size: int, side: int, generator: torch.Generat
 
 
 MOST_HELD_OUT = 200
-"""Held-out patches at most; with 24 of them a skin tone had three."""
+"""Held-out patches or charts at most; with 24 of them a skin tone had three."""
 
 
-def fixed_items(patches: Patches, most: int = MOST_HELD_OUT) -> list[Arrays]:
+def fixed_items(patches: Patches) -> list[Arrays]:
     """Patches evenly taken from all."""
-    return patches.items[:: max(len(patches.items) // most, 1)][:most]
+    return patches.items[:: max(len(patches.items) // MOST_HELD_OUT, 1)][:MOST_HELD_OUT]
 
 
 def fixed_batches(patches: Patches, side: int) -> list[Batch]:

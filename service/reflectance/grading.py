@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.hue import FEW
+
 Float = npt.NDArray[np.float32]
 
 USUAL = 0.2
@@ -24,9 +26,6 @@ LEAST_SPREAD = 0.05
 
 DARKEST = 0.003
 """Linear value below which 8 bits do not tell a hue."""
-
-FEW = 50
-"""Texels below which nothing is judged."""
 
 ODD = 2.5
 """Median distances from the line beyond which a texel is lips, brow or paint, and does not count."""
@@ -50,14 +49,9 @@ def even_hue(light: Float, linear: Float, lit: Float) -> Float:
     log_albedo = np.log(linear[:, chosen].astype(np.float64)) - light[:, chosen]
     low, high = np.quantile(at, (0.02, 0.98))
     along = (np.clip(strength, low, high) - np.float32(at.mean())).astype(np.float32)
-    result = light
-    for channel in (0, 2):
-        slope = _slope(at, log_albedo[channel] - log_albedo[1])
-        beyond = float(np.sign(slope) * np.clip(abs(slope) - USUAL, 0.0, MOST))
-        if beyond:
-            result = result.copy() if result is light else result
-            result[channel] += np.float32(beyond) * along
-    return result
+    slopes = np.array([_slope(at, log_albedo[channel] - log_albedo[1]) for channel in range(3)])
+    beyond = np.sign(slopes) * np.clip(np.abs(slopes) - USUAL, 0.0, MOST)
+    return np.asarray(light + beyond.astype(np.float32)[:, None, None] * along, np.float32)
 
 
 def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:

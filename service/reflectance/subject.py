@@ -149,7 +149,8 @@ class Subject:
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
-        covered = np.maximum(1 - (shown + made_up - shown * made_up) * self.bare(GEOMETRY_SIZE), beneath)
+        known = 1 - (1 - shown) * (1 - made_up)
+        covered = np.maximum(beneath, 1 - known * self.bare(GEOMETRY_SIZE))
         return np.concatenate([lit, made_up, eyes, brows, covered])
 
     @property

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.reflectance.grading import FEW, MOST, USUAL, even_hue
+from service.reflectance.grading import MOST, USUAL, even_hue
+from service.reflectance.hue import FEW
 
 SKIN = np.array([0.45, 0.25, 0.18], np.float32)[:, None, None]
 LIT = np.ones((24, 32), np.float32)
