@@ -142,6 +142,10 @@ def installed(networks: Collection[str]) -> bool:
     return set(networks) <= set(model_table())
 
 
+SPACES = " \t\r\n"
+"""What may stand around a number; ``strip`` alone also takes separators and spaces that are not ASCII."""
+
+
 def parse_maps(text: str) -> tuple[str, ...]:
     """``"texture,confidence"`` -> names; they are checked by :class:`Options`."""
     return tuple(name.strip().replace("-", "_") for name in text.split(","))
@@ -153,7 +157,7 @@ def parse_size(text: str) -> tuple[int, int]:
     Raises:
         UsageError: the text is not two whole numbers with an x between.
     """
-    width, cross, height = text.strip().lower().partition("x")
+    width, cross, height = text.strip(SPACES).lower().partition("x")
     if not cross or not _digits(width) or not _digits(height):
         raise UsageError(f"size is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field="size")
     return int(width), int(height)
@@ -165,11 +169,12 @@ def parse_face(text: str) -> int | Literal["largest"]:
     Raises:
         UsageError: it is neither.
     """
-    if text.strip().lower() == "largest":
+    bare = text.strip(SPACES)
+    if bare.lower() == "largest":
         return "largest"
-    if not _digits(text.strip()):
+    if not _digits(bare):
         raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
-    return int(text.strip())  # int() leaves separators like U+001F, which strip() takes
+    return int(bare)
 
 
 def _check_maps(maps: tuple[str, ...]) -> None:

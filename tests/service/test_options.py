@@ -144,6 +144,7 @@ def test_the_knobs_reach_the_fit() -> None:
 
 @given(st.text(max_size=20))
 @example("0\x1f")
+@example("0\xa0")
 def test_any_text_is_parsed_or_refused(text: str) -> None:
     """No other exception, and no number that Python alone would read (``1_0``, Arabic digits, a sign)."""
     for parse in (parse_size, parse_face):
