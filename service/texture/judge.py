@@ -31,7 +31,7 @@ def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Floa
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
     excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
     likely = excused + (1 - excused) * likely
-    # Glasses or a fringe on the face belong to the likeness; at its rim the same colours are background.
+    # A fringe or make-up on the face belongs to the likeness; at its rim the same colours are background.
     squarely = opacity(unwrapped.weight - SQUARELY)
     kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
     shown = seen * (kept + (1 - kept) * likely)

@@ -17,6 +17,7 @@ from service.head.model import HeadModel
 from service.photo.photo import Photo
 from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
+from service.texture.glasses import frames
 from service.texture.judge import judge, lit_skin
 from service.texture.plausible import Skin
 from service.texture.result import MIRRORED, SEEN, Texture
@@ -51,8 +52,11 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
+    worn = frames(chart, unwrapped, zones)
+    bare = np.where(worn, np.float32(0), np.float32(1))
     trust, seen, skin = judge(chart, unwrapped, zones)
-    lit = lit_skin(chart, unwrapped, zones, skin)
+    trust, seen = trust * bare, seen * bare
+    lit = lit_skin(chart, unwrapped, zones, skin) * bare
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
@@ -69,7 +73,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     own, reflected, lit_map = np.moveaxis(chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1)), 2, 0)
     shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
-    warnings = ("little-seen",) if fraction < LITTLE_SEEN else ()
+    warnings = ("little-seen",) * (fraction < LITTLE_SEEN) + ("glasses-removed",) * bool(worn.any())
     return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white)
 
 

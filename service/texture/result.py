@@ -34,7 +34,8 @@ class Texture:
             in front of the face, growing towards it.
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
-        warnings: stable codes: ``little-seen`` when under a quarter of the face shows.
+        warnings: stable codes: ``little-seen`` when under a quarter of the face shows, ``glasses-removed`` when skin
+            was made up in place of the frame of glasses.
         white: (3,) float32 linear RGB, positive, of a white diffuse surface in the light that eyes and mouth were
             painted in; None for a texture of other origin.
     """

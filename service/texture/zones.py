@@ -19,7 +19,7 @@ class Zones:
 
     Attributes:
         skin: bool, texel of the part "skin".
-        face: the face proper, where hair, glasses and make-up are part of the likeness.
+        face: the face proper, where hair and make-up are part of the likeness.
         features: lips and lids, which are not skin-coloured by right.
         scalp: where hair is expected.
         neck: below the jaw.

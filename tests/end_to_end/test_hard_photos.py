@@ -14,7 +14,9 @@ import pytest
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
 from service.errors import FaceCutOff, FaceTooSmall, NoFace
+from service.geometry.chart import Chart
 from service.texture.result import SEEN
+from service.texture.zones import Zones
 from tests.end_to_end.command import ROOT
 from tests.end_to_end.conftest import Pixels
 
@@ -114,6 +116,27 @@ def test_dark_glasses_do_not_move_the_face(portrait: Pixels, plain: Avatar, make
     assert "eyes-covered" in avatar.all_warnings()
     difference = difference_mm(avatar, plain)
     assert np.median(difference) < 2.0 and np.percentile(difference, 95) < 4.0
+    whole(avatar)
+
+
+def test_glasses_leave_the_skin_and_the_archive_says_so(portrait: Pixels, plain: Avatar, make: Make) -> None:
+    """Their frame in the albedo is a tattoo. Nothing but the skin under and beside it may change by their going."""
+    worn, frame = portrait.copy(), np.zeros(portrait.shape[:2], np.uint8)
+    centres = [plain.face.landmarks[list(corners), :2].mean(0) for corners in EYES]
+    apart = float(centres[1][0] - centres[0][0])
+    for x, y in centres:
+        cv2.ellipse(frame, (int(x), int(y) + 2), (int(0.4 * apart), int(0.3 * apart)), 0, 0, 360, 1, 2)
+    ends = [(int(x + turn * 0.4 * apart), int(y)) for turn, (x, y) in zip((1, -1), centres, strict=True)]
+    cv2.line(frame, ends[0], ends[1], 1, 2)
+    worn[frame > 0] = (30, 26, 24)
+    avatar = make(worn)
+    assert "glasses-removed" in avatar.all_warnings() and "glasses-removed" not in plain.all_warnings()
+    assert np.median(difference_mm(avatar, plain)) < 2.0
+    chart = Chart.build(avatar.head, *avatar.texture.lit_skin.shape[::-1])
+    zones = Zones.of(chart)
+    bare = zones.skin & (zones.features < 0.3) & (zones.face > 0.7)
+    before, after = (a.texture.texture.reshape(-1, 3)[chart.texels][bare].astype(int) for a in (plain, avatar))
+    assert ((before - after).min(1) > 50).mean() < 0.005, "2 % with the frame left in"
     whole(avatar)
 
 
