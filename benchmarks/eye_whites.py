@@ -5,8 +5,11 @@ light on the lids is by them.
 
 Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
 light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
-Mean and spread of the logarithm of their ratio are ``SHADE`` of ``models.training.context``. DIR is that of
-``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
+DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
+
+With ``--stage N`` the heads are N held-out subjects of the light stage, and the ratio that
+``models.lightstage.light.whites`` computes from head and light is set beside the one that the photo shows. Slope, mean
+and spread are ``SHADE`` of ``models.training.context``.
 """
 
 from __future__ import annotations
@@ -15,14 +18,20 @@ import argparse
 import math
 import os
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.heads import IctHeads, TexturedHead
-from benchmarks.render import LIGHTS, Shot, take_once
+from benchmarks.render import LAMPS, LIGHTS, Shot, environment, take_once
 from benchmarks.shoot import data_folder
+from benchmarks.subjects import stage_head
+from models.lightstage.light.whites import Whites
+from models.lightstage.split import HELD_OUT
+from models.lightstage.stage import Stage
+from models.training.factory import seeds_of
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
@@ -31,7 +40,11 @@ from service.fit.fit import fit_face
 from service.fit.gaze import Iris
 from service.fit.settings import FitSettings
 from service.head.files import load_head
+from service.head.model import HeadModel
 from service.photo.gate import read_photo
+from service.scene.environment import HEIGHT, WIDTH, Illumination
+from service.scene.scene import PointLight
+from service.scene.sphere import pixel_directions
 
 Float = npt.NDArray[np.float64]
 
@@ -43,7 +56,7 @@ AROUND = (3.4, 2.6)
 
 
 def lid_light(radiance: Float, irises: tuple[Iris, ...]) -> Float:
-    """(3,) mean log light on the skin round the eyes, from linear (H, W, 3) of a head of known albedo."""
+    """(3,) log of the mean light on the skin round the eyes, from linear (H, W, 3) of a head of known albedo."""
     import cv2
 
     found = []
@@ -54,8 +67,56 @@ def lid_light(radiance: Float, irises: tuple[Iris, ...]) -> Float:
         opening = np.zeros(near.shape, np.uint8)
         cv2.fillPoly(opening, [np.rint(iris.rim).astype(np.int32)], 1)
         lids = near & (cv2.dilate(opening, np.ones((5, 5), np.uint8)) == 0)
-        found.append(np.log(np.maximum(radiance[lids] / KNOWN_ALBEDO, 1e-4)).mean(0))
+        found.append(np.log(np.maximum(radiance[lids].mean(0) / KNOWN_ALBEDO, 1e-4)))
     return np.asarray(np.mean(found, 0))
+
+
+def lights_of(light: str, seed: int) -> Illumination:
+    """A light of ``benchmarks.render`` as the light stage has it."""
+    x, y, z = np.moveaxis(pixel_directions(HEIGHT, WIDTH), 2, 0)
+    image = environment(light, seed)
+    rows = (np.arccos(np.clip(y, -1, 1)) / np.pi * len(image)).astype(int).clip(0, len(image) - 1)
+    columns = (np.arctan2(x, -z) / (2 * np.pi) % 1 * image.shape[1]).astype(int) % image.shape[1]
+    lamps = []
+    if light in LAMPS:
+        at, radius, radiance = LAMPS[light]
+        sent = math.pi * radius**2 * np.array(radiance)
+        lamps.append(PointLight(at, (float(sent[0]), float(sent[1]), float(sent[2])), radius))
+    return Illumination(tuple(lamps), image[rows, columns].astype(np.float64))
+
+
+def computed_beside_measured(count: int, out: Path) -> None:
+    """Print both ratios for held-out subjects of the light stage in five lights, and how they hang together."""
+    stage, model, finder, rows = Stage.open(), load_head(), FaceFinder(), []
+    for seed in islice(seeds_of(HELD_OUT), count):
+        head = stage_head(seed)
+        whites = Whites.of(stage.head, stage.vertices(stage.skin(seed)))
+        for light in ("soft", *LAMPS):
+            photo_bytes, plain = shot_pair(
+                head, Shot(8.0, light, 1.2, 18.0, size=640), out / f"eyes_{head.name}_{light}"
+            )
+            found = read_off(photo_bytes, plain, finder, model)
+            if found is None or not np.isfinite(beside := whites.beside_lids(lights_of(light, 0))).any():
+                print(f"| {seed} | {light} | not seen | |", flush=True)
+                continue
+            rows.append((float(np.nanmean(beside)), float(found.mean())))
+            print(f"| {seed} | {light} | {rows[-1][1]:.2f} | computed {rows[-1][0]:.2f} |", flush=True)
+    computed, measured = np.array(rows).T
+    slope, shift = np.polyfit(computed, measured, 1)
+    rest = float((measured - slope * computed - shift).std())
+    print(f"log(eyes / lids): mean {measured.mean():.2f}, standard deviation {measured.std():.2f}; computed ", end="")
+    print(f"{computed.mean():.2f}, {computed.std():.2f}; slope {slope:.2f}, correlation ", end="")
+    print(f"{np.corrcoef(computed, measured)[0, 1]:.2f}, left {rest:.2f}; {len(rows)} photos")
+
+
+def read_off(photo_bytes: bytes, plain: Float, finder: FaceFinder, model: HeadModel) -> Float | None:
+    """(3,) log(light that the program reads off the whites / light on the lids); None where it sees no white."""
+    photo = read_photo(photo_bytes)
+    faces = finder.find(photo.pixels)
+    fit = fit_face(faces[0], photo, model, FitSettings(refine="landmarks")) if faces else None
+    if fit is None or fit.eye_light is None or fit.gaze is None:
+        return None
+    return np.asarray(np.log(fit.eye_light) - lid_light(plain, fit.gaze.irises))
 
 
 def shot_pair(head: TexturedHead, shot: Shot, path: Path) -> tuple[bytes, Float]:
@@ -98,10 +159,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data")
     parser.add_argument("--photos", type=Path)
+    parser.add_argument("--stage", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("build/bench"))
     parser.add_argument("--heads", type=int, default=10)
     arguments = parser.parse_args()
     os.nice(10)
+    if arguments.stage:
+        return computed_beside_measured(arguments.stage, arguments.out)
     if arguments.photos:
         return light_of_photos(arguments.photos)
     data, out = data_folder(arguments.data), arguments.out
@@ -115,13 +179,10 @@ def main() -> None:
         for light in LIGHTS:
             shot = Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
             photo_bytes, plain = shot_pair(head, shot, out / f"eyes{seed}_{light}")
-            photo = read_photo(photo_bytes)
-            faces = finder.find(photo.pixels)
-            fit = fit_face(faces[0], photo, model, FitSettings(refine="landmarks")) if faces else None
-            if fit is None or fit.eye_light is None or fit.gaze is None:
+            ratio = read_off(photo_bytes, plain, finder, model)
+            if ratio is None:
                 print(f"| {seed} | {light} | not seen | |")
                 continue
-            ratio = np.log(fit.eye_light) - lid_light(plain, fit.gaze.irises)
             rows.append(ratio)
             print(
                 f"| {seed} | {light} | {ratio.mean():.2f} | {np.round(ratio - ratio.mean(), 2).tolist()} |", flush=True

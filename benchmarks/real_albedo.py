@@ -35,9 +35,10 @@ from models.lightstage.references import read
 from models.networks.context import HEIGHT, WIDTH
 from models.tables import tell
 from models.training.albedo import log_light, unlit
-from models.training.context import ContextTask, best_gain, eye_light
+from models.training.context import ContextTask, best_gain
 from models.training.degrade import blur
 from models.training.evaluate import Shipped
+from models.training.eyes import eye_light
 from models.training.tasks import Batch, channels, psnr
 from service.colour import linear_to_srgb
 from service.faces.finder import FaceFinder
@@ -125,7 +126,7 @@ def lit(task: ContextTask, skin: RealSkin, generator: torch.Generator) -> list[B
         level = torch.quantile(shown.mean(1, keepdim=True)[skin.face > 0.5], BRIGHT[0]).clamp(min=1e-4)
         texture = srgb((shown * (BRIGHT[1] / level)).clamp(0.0, 1.0))
         batch |= {"texture": texture, "clean": texture, "albedo": skin.albedo, "lit": skin.lit}
-        batch["eyes"] = eye_light(log_light(texture, skin.albedo), task.lids, torch.ones(1), generator)
+        batch["eyes"] = eye_light(log_light(texture, skin.albedo), task.lids, batch["whites"], torch.ones(1), generator)
         batches.append(batch)
     return batches
 

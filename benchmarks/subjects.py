@@ -74,14 +74,14 @@ def stage(data: Path, out: Path) -> list[TexturedHead]:
     for seed in STAGE_SEEDS:
         file = out / f"stage{seed}.npz"
         if not file.is_file():
-            np.savez(file, **vars(_sitting(seed)))
+            np.savez(file, **vars(stage_head(seed)))
         with np.load(file) as kept:
             fields = {name: kept[name] for name in kept.files}
         found.append(TexturedHead(**fields | {"name": str(fields["name"]), "eye_radius": float(fields["eye_radius"])}))
     return found
 
 
-def _sitting(seed: int) -> TexturedHead:
+def stage_head(seed: int) -> TexturedHead:
     """A subject of the light stage; some ten seconds of a core."""
     from models.lightstage.skin.window import ChartWindow
     from models.lightstage.stage import Stage

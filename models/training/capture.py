@@ -17,6 +17,7 @@ from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.prior import sample_scene
 from models.lightstage.light.survey import survey
+from models.lightstage.light.whites import Whites
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
@@ -24,7 +25,7 @@ from models.lightstage.split import light_part
 from models.lightstage.stage import Stage
 from service.geometry.chart import Chart
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
-from service.scene.environment import names
+from service.scene.environment import illumination, names
 from service.scene.plan import plan as choose
 from service.scene.scene import Scene
 
@@ -81,6 +82,7 @@ class Sitting:
     geometry: Geometry
     small: SkinMaps
     channels: npt.NDArray[np.float32]
+    whites: Whites
 
     @classmethod
     def of(cls, studio: Studio, seed: int, pose: str, part: str, device: torch.device | str = "cpu") -> Sitting:
@@ -90,7 +92,8 @@ class Sitting:
         vertices = stage.vertices(skin)
         geometry = Geometry.of(stage.head, vertices, directions=160, device=device)
         channels = Subject(stage.head, vertices, studio.chart).geometry
-        return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels)
+        whites = Whites.of(stage.head, vertices)
+        return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels, whites)
 
     def scene(self, number: int) -> Scene:
         """The ``number``-th scene of this sitting that belongs to its part of the split, exposed."""
@@ -119,10 +122,12 @@ def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:
     window = ChartWindow.whole(*WHOLE)
     maps = sitting.skin.maps(window)
     lit = torch.stack([sitting.baked(maps, window, i) for i in range(recipe.lights)])
+    scenes = [sitting.scene(i) for i in range(recipe.lights)]
     result: Arrays = {
         "whole_albedo": _byte(srgb(maps.diffuse_albedo)),
         "whole_texture": _byte(lit),
         "whole_geometry": _whole(sitting.channels),
+        "whole_whites": np.stack([sitting.whites.beside_lids(illumination(scene)) for scene in scenes]),
     }
     patches = [*_block(sitting, recipe), *_draft(sitting, recipe)]
     for i, patch in enumerate(patches):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import torch
@@ -12,26 +11,12 @@ from models.networks.configs import CONTEXT_CHANNELS
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.cover import Cover
 from models.training.degrade import blur, gain, half_mirrored, noisy
+from models.training.eyes import KNOWN, eye_light, lid_zones
 from models.training.paint import Painter
-from models.training.regions import region_planes
 from models.training.skins import SWAPPED, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, MOST_HELD_OUT, Batch, byte, channels, choice, psnr, uniform
-from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.subject import EYES
-
-EYES_KNOWN = 0.85
-"""Share of training charts with whites of the eyes to be seen."""
-
-SHADE = (math.log(BETWEEN_LIDS), 0.43)
-"""Mean and standard deviation of log(light that the whites show / light on the lids): measured on renderings of heads
-with eyes, under sky and hard lamps, by ``benchmarks.eye_whites``."""
-
-TINT = 0.08
-"""Standard deviation of the light's tint by whites: eyes have vessels, teeth are more or less yellow."""
-
-MISTAKEN, MISTAKE = 0.10, (-0.9, 0.5)
-"""Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
 
 MISFITTED, MISFIT = 0.5, 0.3
 """Share of training charts whose head is told to be partly another's, as a fit errs, and the largest part of that."""
@@ -40,32 +25,6 @@ UNSEEN = 0.2
 """Weight in training of skin that the photo does not show, which the network has to guess the light of."""
 
 HELD_OUT_SEED = 11
-
-
-def lid_zones() -> Tensor:
-    """(2, h, w) weights of the skin round either eye on the context's chart, each of sum 1."""
-    zones = region_planes(("eyelid_left",), ("eyelid_right",))
-    return zones / zones.sum((1, 2), keepdim=True)
-
-
-def eye_light(light: Tensor, zones: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
-    """(N, 4) channels ``EYES`` as a photo would give them: the light of the lids, less what they shade, and errors.
-
-    Args:
-        light: (N, 3, h, w) log light of the skin.
-        zones: of :func:`lid_zones`.
-        known: (N,) 1 where the whites are seen; the light is 0 elsewhere.
-        generator: which eye is seen, shade and errors.
-    """
-    n = len(light)
-    both = torch.einsum("nchw,ehw->nec", light, zones)
-    share = torch.tensor([0.0, 0.5, 0.5, 1.0])[torch.randint(4, (n,), generator=generator)][:, None]
-    shade = SHADE[0] + SHADE[1] * torch.randn(n, 1, generator=generator)
-    wrong = (torch.rand(n, 1, generator=generator) < MISTAKEN).float()
-    shade = shade + wrong * (MISTAKE[0] + MISTAKE[1] * torch.randn(n, 1, generator=generator))
-    tint = TINT * torch.randn(n, 3, generator=generator)
-    seen = share * both[:, 0] + (1.0 - share) * both[:, 1] + shade + tint
-    return torch.cat([seen * known[:, None], known[:, None]], 1)
 
 
 def misfitted(geometry: Tensor, generator: torch.Generator) -> Tensor:
@@ -101,6 +60,9 @@ class ContextTask:
         flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
         for name in batch:
             signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
+            if name == "whites":
+                batch[name] = torch.where(flip[..., 0], batch[name].flip(1), batch[name])
+                continue
             batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
         if torch.rand(1, generator=generator) < 0.35:
             names = ["texture", "albedo"]
@@ -110,8 +72,8 @@ class ContextTask:
         batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
         texture = gain(batch["texture"], generator)
         batch["clean"] = texture
-        known = (torch.rand(size, generator=generator) < EYES_KNOWN).float()
-        batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, known, generator)
+        known = (torch.rand(size, generator=generator) < KNOWN).float()
+        batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, batch["whites"], known, generator)
         texture = blur(texture, float(uniform(generator, -0.4, 0.9, 1)))
         batch["texture"] = noisy(texture, generator)
         batch["lit"] = self.cover(batch["geometry"], generator)
@@ -127,7 +89,7 @@ class ContextTask:
             batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
             batch["clean"] = batch["texture"]
             light = log_light(batch["texture"], batch["albedo"])
-            batch["eyes"] = eye_light(light, self.lids, torch.ones(len(light)), generator)
+            batch["eyes"] = eye_light(light, self.lids, batch["whites"], torch.ones(len(light)), generator)
             batch["lit"] = self.cover(batch["geometry"], generator)
         return batches
 
@@ -182,4 +144,6 @@ class ContextTask:
         texture = torch.stack([byte(item["texture"][light]) for item, light in pairs])
         geometry = torch.stack([torch.from_numpy(item["geometry"].astype("float32")) for item, _ in pairs])
         albedo = torch.stack([byte(item["albedo"]) for item, _ in pairs])
-        return {"texture": texture, "clean": texture, "albedo": albedo, "geometry": geometry, "lit": geometry[:, -1:]}
+        whites = torch.stack([torch.from_numpy(item["whites"][light].astype("float32")) for item, light in pairs])
+        batch = {"texture": texture, "clean": texture, "albedo": albedo, "geometry": geometry, "lit": geometry[:, -1:]}
+        return batch | {"whites": whites}

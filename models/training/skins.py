@@ -38,7 +38,8 @@ def relit(item: Arrays, light: int, other: Arrays) -> Arrays:
     if float((apart * mask).sum().abs() / (3.0 * mask.sum() + 1.0)) < ALIKE:
         texture, albedo = srgb(linear(texture) * torch.exp(apart)), skin
     coded = {"texture": texture[None], "albedo": albedo}
-    return {**item, **{name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}}
+    shown = {name: (values * 255.0).round().byte().numpy() for name, values in coded.items()}
+    return {**item, "whites": item["whites"][light][None], **shown}
 
 
 def recalibrated(texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -20,7 +20,8 @@ class Wholes:
     """Whole charts at 288 x 192, each under several lights.
 
     Each item has ``albedo`` (3, h, w) uint8 sRGB, ``texture`` (L, 3, h, w) uint8 sRGB and ``geometry`` (11, h, w)
-    float16; texels outside the islands have the value of the nearest inside.
+    float16; texels outside the islands have the value of the nearest inside. ``whites`` is (L, 2, 3) float32, the light
+    on the whites of the eyes (``models.lightstage.light.whites``).
     """
 
     folder: Path
@@ -31,11 +32,15 @@ class Wholes:
         """Read the files that came since the last time.
 
         Raises:
-            ModelFault: there is no capture.
+            ModelFault: there is no capture, or one of an older version.
         """
         for path in _new(self.folder, self._seen):
             with np.load(path) as file:
-                albedo, texture, geometry = (file[f"whole_{n}"] for n in ("albedo", "texture", "geometry"))
+                if "whole_whites" not in file:
+                    raise ModelFault(f"{path} has no whole_whites; it is of an older version, draw it anew")
+                albedo, texture, geometry, whites = (
+                    file[f"whole_{n}"] for n in ("albedo", "texture", "geometry", "whites")
+                )
             index = nearest_inside(geometry[-1] > 0.5).ravel()
             size = albedo.shape[1:]
             self.items.append(
@@ -43,6 +48,7 @@ class Wholes:
                     "albedo": albedo.reshape(3, -1)[:, index].reshape(3, *size),
                     "texture": texture.reshape(len(texture), 3, -1)[..., index].reshape(len(texture), 3, *size),
                     "geometry": geometry,
+                    "whites": whites,
                     "seed": np.array(int(path.name.split("_")[0])),
                 }
             )

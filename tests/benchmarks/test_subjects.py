@@ -40,7 +40,7 @@ def test_subjects_of_the_stage_are_made_once(tmp_path: Path, monkeypatch: pytest
         seeds.append(seed)
         return staged(f"stage{seed}", head, head.mean.astype(np.float64), np.full((8, 12, 3), 0.3))
 
-    monkeypatch.setattr("benchmarks.subjects._sitting", sitting)
+    monkeypatch.setattr("benchmarks.subjects.stage_head", sitting)
     first, again = stage(tmp_path, tmp_path), stage(tmp_path, tmp_path)
     assert seeds == list(STAGE_SEEDS) and [one.name for one in again] == [f"stage{seed}" for seed in seeds]
     assert all(subject_part(seed) == HELD_OUT for seed in seeds), "training has seen them"

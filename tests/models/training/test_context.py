@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from models.training.context import MISFIT, MISFITTED, SHADE, best_gain, eye_light, lid_zones, misfitted  # noqa: E402
+from models.lightstage.split import HELD_OUT, TRAIN  # noqa: E402
+from models.training.capture import WHOLE  # noqa: E402
+from models.training.context import MISFIT, MISFITTED, ContextTask, best_gain, misfitted  # noqa: E402
+from models.training.eyes import COMPUTED, ERROR, FAITH, SHADE, eye_light, lid_zones  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -18,17 +24,53 @@ def test_lids_lie_on_either_side() -> None:
     assert torch.allclose(left.flip(-1), right, atol=2e-3)
 
 
-def test_eyes_show_the_light_of_the_lids_less_the_shade() -> None:
-    """On average; and nothing where they are not seen."""
+def test_eyes_show_the_light_that_reaches_them() -> None:
+    """That of the lids and what brows and lids leave of it, on average; and nothing where they are not seen."""
     zones = lid_zones()
-    light = torch.full((500, 3, *zones.shape[1:]), 0.7)
+    light = torch.full((800, 3, *zones.shape[1:]), 0.7)
+    whites = torch.full((800, 2, 3), COMPUTED)
+    whites[400:] -= 1.0
     generator = torch.Generator().manual_seed(1)
-    seen = eye_light(light, zones, torch.ones(500), generator)
-    middle, spread = seen[:, 1].median(), (seen[:, 1].quantile(0.84) - seen[:, 1].quantile(0.16)) / 2
-    assert float(middle) == pytest.approx(0.7 + SHADE[0], abs=0.15), "mistakes are the exception"
-    assert float(spread) == pytest.approx(SHADE[1], rel=0.35)
+    seen = eye_light(light, zones, whites, torch.ones(800), generator)
+    usual, deep = seen[:400, 1], seen[400:, 1]
+    spread = (usual.quantile(0.84) - usual.quantile(0.16)) / 2
+    assert float(usual.median()) == pytest.approx(0.7 + SHADE, abs=0.12), "mistakes are the exception"
+    assert float(usual.median() - deep.median()) == pytest.approx(FAITH, abs=0.12)
+    assert float(spread) == pytest.approx(ERROR, rel=0.35)
     assert float((seen[:, 0] - seen[:, 1]).std()) < 0.12, "the eyes tell the tint better than the strength"
-    assert not eye_light(light[:4], zones, torch.zeros(4), generator).any()
+    assert not eye_light(light[:4], zones, whites[:4], torch.zeros(4), generator).any()
+
+
+def test_closed_eyes_tell_nothing_and_the_open_one_is_seen() -> None:
+    """NaN of a closed eye must not reach the network, nor may it halve the light of the other."""
+    zones = lid_zones()
+    light = torch.zeros(600, 3, *zones.shape[1:])
+    whites = torch.full((600, 2, 3), COMPUTED)
+    whites[:300, 0], whites[300:] = torch.nan, torch.nan
+    seen = eye_light(light, zones, whites, torch.ones(600), torch.Generator().manual_seed(2))
+    assert seen.isfinite().all() and (seen[:300, 3] == 1.0).all() and not seen[300:].any()
+    assert float(seen[:300, 1].median()) == pytest.approx(SHADE, abs=0.12)
+
+
+def test_the_whites_turn_over_with_the_chart(tmp_path: Path) -> None:
+    """A chart that is flipped shows its right eye's light on the left."""
+    width, height = WHOLE
+    rng = np.random.default_rng(3)
+    whites = np.zeros((1, 2, 3), np.float32)
+    whites[:, 1] = np.nan
+    for part in (TRAIN, HELD_OUT):
+        (tmp_path / part).mkdir()
+        np.savez(
+            tmp_path / part / "5_neutral.npz",
+            whole_albedo=np.full((3, height, width), 120, np.uint8),
+            whole_texture=rng.integers(60, 200, (1, 3, height, width), dtype=np.uint8),
+            whole_geometry=np.ones((11, height, width), np.float16),
+            whole_whites=whites,
+        )
+    task = ContextTask(tmp_path)
+    task.refresh()
+    closed = task.batch(16, torch.Generator().manual_seed(4))["whites"].isnan().all(2)
+    assert closed[:, 0].any() and closed[:, 1].any() and (closed.sum(1) == 1).all()
 
 
 def test_misfitted_heads_are_between_two_and_mostly_their_own() -> None:

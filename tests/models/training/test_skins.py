@@ -22,6 +22,7 @@ def item(albedo: float, texture: float) -> Arrays:
         "albedo": np.full((3, 8, 12), round(albedo * 255), np.uint8),
         "texture": np.full((2, 3, 8, 12), round(texture * 255), np.uint8),
         "geometry": np.ones((11, 8, 12), np.float16),
+        "whites": np.arange(12, dtype=np.float32).reshape(2, 2, 3),
     }
 
 
@@ -35,6 +36,7 @@ def test_the_light_stays_when_the_skin_changes() -> None:
         for each in (one, mixed)
     )
     assert torch.allclose(before, after, atol=0.02)
+    assert (mixed["whites"] == one["whites"][1:]).all(), "the eyes are in the light that was taken"
     kept = relit(one, 1, far)
     assert (kept["albedo"] == one["albedo"]).all() and ALIKE < 1.0
 

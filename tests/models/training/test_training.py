@@ -44,6 +44,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "whole_albedo": rng.integers(60, 200, (3, height, width), dtype=np.uint8),
             "whole_texture": rng.integers(60, 200, (2, 3, height, width), dtype=np.uint8),
             "whole_geometry": np.ones((len(GEOMETRY), height, width), np.float16),
+            "whole_whites": np.zeros((2, 2, 3), np.float32),
             "patches": np.array(2),
         }
         for i in range(2):
@@ -144,6 +145,14 @@ def test_no_captures_is_said(tmp_path: Path) -> None:
         Wholes(tmp_path).refresh()
 
 
+def test_a_capture_of_an_older_version_is_named(tmp_path: Path, data: Path) -> None:
+    """One without the light on the whites would train the context on whites that follow from nothing."""
+    with np.load(next((data / TRAIN).iterdir())) as file:
+        np.savez(tmp_path / "3_neutral.npz", **{n: file[n] for n in file.files if n != "whole_whites"})
+    with pytest.raises(ModelFault, match=r"3_neutral\.npz has no whole_whites"):
+        Wholes(tmp_path).refresh()
+
+
 @pytest.mark.parametrize("network", sorted(TASKS))
 def test_every_network_takes_a_step(network: str, data: Path) -> None:
     """And its loss is finite, with the discriminator too."""
@@ -239,6 +248,7 @@ def test_a_real_capture() -> None:
     arrays = capture(sitting, Recipe(lights=1, patch=128, block=1, lit=1, draft_width=0))
     assert int(arrays["patches"]) == 1
     assert arrays["whole_texture"].shape == (1, 3, WHOLE[1], WHOLE[0])
+    assert arrays["whole_whites"].shape == (1, 2, 3) and np.abs(arrays["whole_whites"]).max() < 4.0
     assert arrays["patch0_albedo"].std() > 0 and "patch0_texture" in arrays
     assert np.abs(arrays["patch0_specular_normal"].astype(np.int32)).mean() < 0.3 * 32767
 

@@ -1,0 +1,67 @@
+"""What the whites of the eyes tell delta's context of a chart's light in training, with a photo's errors."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from models.training.regions import region_planes
+from service.fit.eye_white import BETWEEN_LIDS
+
+KNOWN = 0.85
+"""Share of training charts with whites of the eyes to be seen, if the eyes are open."""
+
+SHADE = math.log(BETWEEN_LIDS)
+"""Mean of log(light that the whites show / light on the lids), as the program reads it off rendered photos."""
+
+COMPUTED, FAITH = -0.43, 0.8
+"""Mean of the same as ``models.lightstage.light.whites`` computes it for training's captures, and by how much more the
+whites show where it is more by one: skin lights the whites too, which evens out."""
+
+ERROR = 0.3
+"""Standard deviation of what is left. ``SHADE``, ``FAITH`` and ``ERROR`` are set by ``benchmarks.eye_whites``."""
+
+BRIGHTEST, DARKEST = 4.0, 1e-3
+"""Log light, and light, beyond which an 8-bit texture tells nothing."""
+
+TINT = 0.08
+"""Standard deviation of the light's tint by whites: eyes have vessels, teeth are more or less yellow."""
+
+MISTAKEN, MISTAKE = 0.10, (-0.9, 0.5)
+"""Share of training charts whose whites are lids, lashes or shadow in truth, and how far that is off, in logarithms."""
+
+
+def lid_zones() -> Tensor:
+    """(2, h, w) weights of the skin round either eye on the context's chart, the left one first, each of sum 1."""
+    zones = region_planes(("eyelid_left",), ("eyelid_right",))
+    return zones / zones.sum((1, 2), keepdim=True)
+
+
+def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
+    """(N, 4) channels ``EYES`` as a photo would give them: the light of the lids, what reaches the whites, and errors.
+
+    Args:
+        light: (N, 3, h, w) log light of the skin.
+        zones: of :func:`lid_zones`.
+        whites: (N, 2, 3) log light on the whites less that on the lids (``models.lightstage.light.whites``); NaN for a
+            closed eye.
+        known: (N,) 1 where the whites are seen if they are open; the light is 0 elsewhere.
+        generator: which eye is seen, and errors.
+    """
+    n = len(light)
+    open_ = whites.isfinite().all(2).float()
+    lids = torch.einsum("nchw,ehw->nec", light.clamp(max=BRIGHTEST).exp(), zones).clamp(min=DARKEST).log()
+    each = lids + SHADE + FAITH * (torch.nan_to_num(whites) - COMPUTED)
+    share = torch.tensor([0.0, 0.5, 0.5, 1.0])[torch.randint(4, (n,), generator=generator)]
+    weight = torch.stack([share, 1.0 - share], 1) * open_
+    weight = torch.where(weight.sum(1, keepdim=True) > 0.0, weight, open_)  # the only open eye is seen
+    weight = weight / weight.sum(1, keepdim=True).clamp(min=1e-6)
+    error = ERROR * torch.randn(n, 1, generator=generator)
+    wrong = (torch.rand(n, 1, generator=generator) < MISTAKEN).float()
+    error = error + wrong * (MISTAKE[0] + MISTAKE[1] * torch.randn(n, 1, generator=generator))
+    tint = TINT * torch.randn(n, 3, generator=generator)
+    seen = (each * weight[..., None]).sum(1) + error + tint
+    known = (known * open_.amax(1))[:, None]
+    return torch.cat([seen * known, known], 1)
