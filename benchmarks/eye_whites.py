@@ -8,8 +8,8 @@ light that ``service.fit.whites`` reads off the first photo is set beside the li
 DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 
 With ``--stage N`` the heads are N held-out subjects of the light stage, and the ratio that
-``models.lightstage.light.whites`` computes from head and light is set beside the one that the photo shows. Slope, mean
-and spread are ``SHADE`` of ``models.training.context``.
+``models.lightstage.light.whites`` computes from head and light is set beside the one that the photo shows. Slope, shift
+and spread of what is left are ``FAITH``, ``LESS`` and ``ERROR`` of ``models.training.eyes``.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def computed_beside_measured(count: int, out: Path) -> None:
     slope, shift = np.polyfit(computed, measured, 1)
     rest = float((measured - slope * computed - shift).std())
     print(f"log(eyes / lids): mean {measured.mean():.2f}, standard deviation {measured.std():.2f}; computed ", end="")
-    print(f"{computed.mean():.2f}, {computed.std():.2f}; slope {slope:.2f}, correlation ", end="")
+    print(f"{computed.mean():.2f}, {computed.std():.2f}; slope {slope:.2f}, shift {shift:.2f}, correlation ", end="")
     print(f"{np.corrcoef(computed, measured)[0, 1]:.2f}, left {rest:.2f}; {len(rows)} photos")
 
 
