@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 from service.archive.avatar import Avatar
@@ -31,6 +32,7 @@ from service.options import Options
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
+from service.runtime.ahead import loading_ahead
 from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
 from service.runtime.tiles import DEFAULT_TILE
@@ -87,11 +89,15 @@ def make_avatar(
         yield
         timings[name] = time.perf_counter() - begin
 
-    # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-    with ThreadPoolExecutor(3) as pool:
+    # The gate decodes in a process of its own; meanwhile this one loads what the later stages need. Networks are left
+    # until they are needed where tiles are small, for want of memory.
+    engine = choose_engine(options.runtime, precision=options.level.precision)
+    early = plan.networks if tile >= DEFAULT_TILE else ()
+    with ThreadPoolExecutor(3) as pool, loading_ahead(early, engine) as engine:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
         head_job = pool.submit(_head_and_chart, options, head_file)
+        pool.submit(import_module, "scipy.optimize")
         with stage("decode"):
             photo = stages.keep("decode", lambda: read_photo(data))
         with stage("detect"):
@@ -100,27 +106,26 @@ def make_avatar(
         with stage("fit"):
             head, chart = head_job.result()
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings()))
-    with stage("texture"):
-        texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart))
-    with stage("compare"):
-        compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
-        similarity = stages.keep("compare", compare)
-    reflectance = None
-    if plan.stages:
-        engine = choose_engine(options.runtime, precision=options.level.precision)
-        reflectance = make_reflectance(
-            texture.texture,
-            Subject.in_photo(head, fit, texture),
-            plan,
-            options.map_size,
-            engine,
-            seed=options.seed,
-            detail=options.detail,
-            tile=tile,
-            progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
-            stages=stages,
-        )
-        timings |= reflectance.timings_s
+        with stage("texture"):
+            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart))
+        with stage("compare"):
+            compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
+            similarity = stages.keep("compare", compare)
+        reflectance = None
+        if plan.stages:
+            reflectance = make_reflectance(
+                texture.texture,
+                Subject.in_photo(head, fit, texture),
+                plan,
+                options.map_size,
+                engine,
+                seed=options.seed,
+                detail=options.detail,
+                tile=tile,
+                progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
+                stages=stages,
+            )
+            timings |= reflectance.timings_s
     return Avatar(
         photo=photo,
         face=face,

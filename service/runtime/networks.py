@@ -5,7 +5,8 @@ float32. In float32 it is ahead of onnxruntime where the processor has AVX-512, 
 ``ENLARGING``; ``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a
 measurement at every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
-A network is loaded when a stage begins and released when it ends, so the memory of a run is that of its largest stage.
+A network is loaded when a stage begins, or before (``service.runtime.ahead``), and released when it ends, so the memory
+of a run is that of its largest stage.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, Protocol
@@ -40,6 +41,21 @@ sooner on onnxruntime."""
 _BF16 = frozenset({"amx_bf16", "avx512_bf16"})
 
 
+class _Compiled(Protocol):
+    def __call__(self, maps: Float, /) -> Float: ...
+
+
+Loaded = tuple[Description, _Compiled]
+"""A network's description, and what computes it."""
+
+
+class Loader(Protocol):
+    """Has networks that were loaded before they are needed."""
+
+    def take(self, name: str) -> Loaded | None:
+        """One of them, which it forgets; None if it has not got it. Raises as :func:`load`."""
+
+
 @dataclass(frozen=True)
 class Engine:
     """How networks are computed.
@@ -50,6 +66,7 @@ class Engine:
         threads: compute threads, >= 1.
         folder: where models.json and the files are.
         exceptions: names of networks that OpenVINO computes, in fp32, whatever ``runtime`` says.
+        ahead: has loaded some networks already, or none.
     """
 
     runtime: RuntimeName = "onnxruntime"
@@ -57,6 +74,7 @@ class Engine:
     threads: int = 2
     folder: Path = MODELS
     exceptions: frozenset[str] = frozenset()
+    ahead: Loader | None = field(default=None, compare=False, repr=False)
 
     def of(self, name: str) -> Engine:
         """What network ``name`` runs on, without exceptions."""
@@ -67,10 +85,6 @@ class Engine:
     def told(self, names: Iterable[str]) -> dict[str, str]:
         """Runtime and precision of each network in words, for example "openvino bf16"."""
         return {name: f"{one.runtime} {one.precision}" for name in names for one in [self.of(name)]}
-
-
-class _Compiled(Protocol):
-    def __call__(self, maps: Float, /) -> Float: ...
 
 
 @dataclass(frozen=True)
@@ -160,17 +174,22 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
     Raises:
         ModelFault: the file is missing, not the one of models.json, has no description, or cannot be loaded.
     """
-    engine = engine.of(name)
-    data = checked_bytes(name, engine.folder)
-    description = _description(name, data, engine.folder)
-    compiled = (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
+    description, compiled = (engine.ahead.take(name) if engine.ahead else None) or load(name, engine)
     held = [compiled]
     del compiled
     try:
-        yield Network(name, description, engine, lambda maps: held[0](maps))
+        yield Network(name, description, engine.of(name), lambda maps: held[0](maps))
     finally:
         held.clear()  # whoever keeps the Network, in a traceback for example, does not keep the weights
         release()
+
+
+def load(name: str, engine: Engine) -> Loaded:
+    """What :func:`open_network` opens; raises as it does."""
+    engine = engine.of(name)
+    data = checked_bytes(name, engine.folder)
+    description = _description(name, data, engine.folder)
+    return description, (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
 def describe(name: str, folder: Path = MODELS) -> Description:
