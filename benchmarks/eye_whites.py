@@ -7,9 +7,9 @@ Heads with skins and eyes are photographed under sky and hard lamps, each a seco
 light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
 DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 
-With ``--stage N`` the heads are N held-out subjects of the light stage, and the ratio that
-``models.lightstage.light.whites`` computes from head and light is set beside the one that the photo shows. Slope, shift
-and spread of what is left are ``FAITH``, ``LESS`` and ``ERROR`` of ``models.training.eyes``.
+Beside their ratio stands the one that ``models.lightstage.light.whites`` computes from head and light. Slope, shift and
+spread of what is left are ``FAITH``, ``LESS`` and ``ERROR`` of ``models.training.eyes``. Heads are of ICT-FaceKit, or
+with ``--stage`` held-out subjects of the light stage, whose eyes lie deeper.
 """
 
 from __future__ import annotations
@@ -17,28 +17,30 @@ from __future__ import annotations
 import argparse
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.heads import IctHeads, TexturedHead
-from benchmarks.render import LAMPS, LIGHTS, Shot, environment, take_once
+from benchmarks.render import LAMPS, LIGHTS, Shot, environment, eyeball, lamps_of, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import stage_head
-from models.lightstage.light.whites import Whites
+from models.lightstage.light.whites import CAMERA_M, Whites, eye_in, reached
 from models.lightstage.split import HELD_OUT
-from models.lightstage.stage import Stage
 from models.training.factory import seeds_of
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
 from service.fit.eye_white import BETWEEN_LIDS
 from service.fit.fit import fit_face
-from service.fit.gaze import Iris
+from service.fit.gaze import IRIS_RADIUS_M, Iris
 from service.fit.settings import FitSettings
+from service.geometry.normals import normalise, vertex_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.gate import read_photo
@@ -78,35 +80,51 @@ def lights_of(light: str, seed: int) -> Illumination:
     rows = (np.arccos(np.clip(y, -1, 1)) / np.pi * len(image)).astype(int).clip(0, len(image) - 1)
     columns = (np.arctan2(x, -z) / (2 * np.pi) % 1 * image.shape[1]).astype(int) % image.shape[1]
     lamps = []
-    if light in LAMPS:
-        at, radius, radiance = LAMPS[light]
+    for at, radius, radiance in lamps_of(light, seed):
         sent = math.pi * radius**2 * np.array(radiance)
         lamps.append(PointLight(at, (float(sent[0]), float(sent[1]), float(sent[2])), radius))
     return Illumination(tuple(lamps), image[rows, columns].astype(np.float64))
 
 
-def computed_beside_measured(count: int, out: Path) -> None:
-    """Print both ratios for held-out subjects of the light stage in five lights, and how they hang together."""
-    stage, model, finder, rows = Stage.open(), load_head(), FaceFinder(), []
-    for seed in islice(seeds_of(HELD_OUT), count):
-        head = stage_head(seed)
-        whites = Whites.of(stage.head, stage.vertices(stage.skin(seed)))
-        for light in ("soft", *LAMPS):
-            photo_bytes, plain = shot_pair(
-                head, Shot(8.0, light, 1.2, 18.0, size=640), out / f"eyes_{head.name}_{light}"
-            )
-            found = read_off(photo_bytes, plain, finder, model)
-            if found is None or not np.isfinite(beside := whites.beside_lids(lights_of(light, 0))).any():
-                print(f"| {seed} | {light} | not seen | |", flush=True)
-                continue
-            rows.append((float(np.nanmean(beside)), float(found.mean())))
-            print(f"| {seed} | {light} | {rows[-1][1]:.2f} | computed {rows[-1][0]:.2f} |", flush=True)
-    computed, measured = np.array(rows).T
+def whites_of(head: TexturedHead) -> Whites:
+    """The eyes of a head as the light stage looks at them."""
+    import trimesh
+
+    balls = [eyeball(centre, head.eye_radius, np.zeros(3))[:2] for centre in head.eyes]
+    meshes = [trimesh.Trimesh(v, t, process=False) for v, t in ((head.vertices, head.triangles), *balls)]
+    mesh: Any = trimesh.util.concatenate(meshes)
+    normals, camera = vertex_normals(head.vertices, head.triangles), normalise(np.array(CAMERA_M) - head.vertices)
+    eyes = []
+    for index in np.argsort(-head.eyes[:, 0]):
+        apart = (head.vertices - head.eyes[index]) / (IRIS_RADIUS_M * np.array([*AROUND, np.inf]))
+        near = np.flatnonzero((np.linalg.norm(apart, axis=1) < 1) & (head.vertices[:, 2] > head.eyes[index, 2]))
+        lids = near[reached(mesh, head.vertices[near], normals[near], camera[near]) > 0]
+        eyes.append(eye_in(mesh, balls[index], head.eyes[index], head.vertices[lids], normals[lids]))
+    return Whites(tuple(eyes))
+
+
+def shots(count: int, staged: bool, data: Path, out: Path) -> Iterator[tuple[TexturedHead, Shot]]:
+    """Heads and photos to take: of ICT-FaceKit under sky and key lamp, or of the light stage in five lights."""
+    if staged:
+        for head in map(stage_head, islice(seeds_of(HELD_OUT), count)):
+            for light in ("soft", *LAMPS):
+                yield head, Shot(8.0, light, 1.2, 18.0, size=640)
+        return
+    heads, colours = IctHeads(data / "ict_facekit_head.npz"), np.asarray(np.load(out / "skin.npy"))
+    for seed in range(FIRST_SEED, FIRST_SEED + count):
+        head = heads.textured(f"{seed}", seed, colours)
+        for light in LIGHTS:
+            yield head, Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
+
+
+def print_fit(computed: Float, measured: Float, tint: Float) -> None:
+    """How both (N,) hang together."""
     slope, shift = np.polyfit(computed, measured, 1)
     rest = float((measured - slope * computed - shift).std())
-    print(f"log(eyes / lids): mean {measured.mean():.2f}, standard deviation {measured.std():.2f}; computed ", end="")
-    print(f"{computed.mean():.2f}, {computed.std():.2f}; slope {slope:.2f}, shift {shift:.2f}, correlation ", end="")
-    print(f"{np.corrcoef(computed, measured)[0, 1]:.2f}, left {rest:.2f}; {len(rows)} photos")
+    print(f"log(eyes / lids): mean {measured.mean():.2f}, standard deviation {measured.std():.2f}, ", end="")
+    print(f"tint {tint.std():.2f}; computed {computed.mean():.2f}, {computed.std():.2f}; slope {slope:.2f}, ", end="")
+    print(f"shift {shift:.2f}, correlation {np.corrcoef(computed, measured)[0, 1]:.2f}, left {rest:.2f}; ", end="")
+    print(f"{len(measured)} photos")
 
 
 def read_off(photo_bytes: bytes, plain: Float, finder: FaceFinder, model: HeadModel) -> Float | None:
@@ -159,39 +177,34 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data")
     parser.add_argument("--photos", type=Path)
-    parser.add_argument("--stage", type=int, default=0)
+    parser.add_argument("--stage", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("build/bench"))
     parser.add_argument("--heads", type=int, default=10)
     arguments = parser.parse_args()
     os.nice(10)
-    if arguments.stage:
-        return computed_beside_measured(arguments.stage, arguments.out)
     if arguments.photos:
         return light_of_photos(arguments.photos)
     data, out = data_folder(arguments.data), arguments.out
     if not (out / "skin.npy").is_file():
         raise SystemExit(f"{out}/skin.npy is missing; run benchmarks.shoot first")
-    colours = np.asarray(np.load(out / "skin.npy"))
-    heads, model, finder = IctHeads(data / "ict_facekit_head.npz"), load_head(), FaceFinder()
-    rows = []
-    for seed in range(FIRST_SEED, FIRST_SEED + arguments.heads):
-        head = heads.textured(f"eyes{seed}", seed, colours)
-        for light in LIGHTS:
-            shot = Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
-            photo_bytes, plain = shot_pair(head, shot, out / f"eyes{seed}_{light}")
-            ratio = read_off(photo_bytes, plain, finder, model)
-            if ratio is None:
-                print(f"| {seed} | {light} | not seen | |")
-                continue
-            rows.append(ratio)
-            print(
-                f"| {seed} | {light} | {ratio.mean():.2f} | {np.round(ratio - ratio.mean(), 2).tolist()} |", flush=True
-            )
-    table = np.stack(rows)
-    strength = table.mean(1)
-    tint = table - strength[:, None]
-    print(f"log(eyes / lids): mean {strength.mean():.2f}, standard deviation {strength.std():.2f}, ", end="")
-    print(f"tint {tint.std():.2f}; {len(rows)} photos")
+    model, finder = load_head(), FaceFinder()
+    rows: list[tuple[float, float, Float]] = []
+    whites: dict[str, Whites] = {}
+    for head, shot in shots(arguments.heads, arguments.stage, data, out):
+        photo_bytes, plain = shot_pair(head, shot, out / f"eyes_{head.name}_{shot.light}")
+        if head.name not in whites:
+            whites = {head.name: whites_of(head)}
+        beside = whites[head.name].beside_lids(lights_of(shot.light, shot.seed))
+        ratio = read_off(photo_bytes, plain, finder, model)
+        if ratio is None or not np.isfinite(beside).any():
+            print(f"| {head.name} | {shot.light} | not seen | |", flush=True)
+            continue
+        rows.append((float(np.nanmean(beside)), float(ratio.mean()), ratio - ratio.mean()))
+        print(f"| {head.name} | {shot.light} | {rows[-1][1]:.2f} | computed {rows[-1][0]:.2f} |", flush=True)
+    if len(rows) < 3:
+        raise SystemExit("the whites are seen in fewer than three photos; take more with --heads")
+    computed, measured, tint = (np.array(column) for column in zip(*rows, strict=True))
+    print_fit(computed, measured, tint)
 
 
 if __name__ == "__main__":

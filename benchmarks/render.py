@@ -25,13 +25,16 @@ Float = npt.NDArray[np.float64]
 
 LIGHTS = ("soft", "harsh")
 
-LAMPS: dict[str, tuple[tuple[float, float, float], float, tuple[float, float, float]]] = {
+Lamp = tuple[tuple[float, float, float], float, tuple[float, float, float]]
+"""A ball: centre in metres (+X is the subject's left), radius, radiance."""
+
+LAMPS: dict[str, Lamp] = {
     "left": ((1.6, 0.4, 1.0), 0.25, (12.0, 11.4, 10.6)),
     "right": ((-1.6, 0.4, 1.0), 0.25, (12.0, 11.4, 10.6)),
     "overhead": ((0.0, 1.9, 0.9), 0.25, (14.0, 13.3, 12.3)),
     "warm": ((0.9, 0.1, 1.7), 0.5, (3.6, 2.3, 1.2)),
 }
-"""Lights of one lamp in a dim room: centre in metres (+X is the subject's left), radius, radiance."""
+"""Lights of one lamp in a dim room."""
 
 _OLDEST_LLVM = 16
 
@@ -114,6 +117,17 @@ def environment(light: str, seed: int) -> npt.NDArray[np.float32]:
     sky = (0.35 + 0.45 * np.clip(up + 0.3, 0, 1)) * np.ones((32, 64, 3)) * tint
     sky = sky * (1 + 0.35 * np.cos(around - rng.uniform(0, 2 * np.pi)))
     return np.asarray(sky if light == "soft" else 0.12 * sky, np.float32)
+
+
+def lamps_of(light: str, seed: int) -> list[Lamp]:
+    """Lamps of a light: none, one of ``LAMPS``, or a key from one side and a weak fill from the other."""
+    if light in LAMPS:
+        return [LAMPS[light]]
+    if light != "harsh":
+        return []
+    side = 1 if seed % 2 else -1
+    key, fill = (45.0, 45.0 * 0.95, 45.0 * 0.88), (1.0, 0.95, 0.88)
+    return [((side * 1.2, 0.7, 1.2), 0.12, key), ((-side * 2.6, 0.2, 2.8), 0.6, fill)]
 
 
 def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
@@ -202,21 +216,13 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
         path = out.with_name(f"{out.name}.{name}.ply")
         write_ply(path, vertices, triangles, colours)
         scene[name] = {"type": "ply", "filename": str(path), "bsdf": bsdf}
-    if shot.light in LAMPS:
-        where, radius, radiance = LAMPS[shot.light]
-        scene["lamp"] = {"type": "sphere", "center": list(where), "radius": radius, "emitter": _emitter(radiance)}
-    side = 1 if shot.seed % 2 else -1
-    if shot.light == "harsh":
-        scene["key"] = {"type": "sphere", "center": [side * 1.2, 0.7, 1.2], "radius": 0.12, "emitter": _lamp(45.0)}
-        scene["fill"] = {"type": "sphere", "center": [-side * 2.6, 0.2, 2.8], "radius": 0.6, "emitter": _lamp(1.0)}
+    for number, (where, radius, radiance) in enumerate(lamps_of(shot.light, shot.seed)):
+        lamp = {"type": "sphere", "center": list(where), "radius": radius, "emitter": _emitter(radiance)}
+        scene[f"lamp{number}"] = lamp
     loaded = mi.load_dict(scene)
     for name in meshes:
         out.with_name(f"{out.name}.{name}.ply").unlink()
     return loaded
-
-
-def _lamp(radiance: float) -> dict[str, Any]:
-    return _emitter((radiance, radiance * 0.95, radiance * 0.88))
 
 
 def _emitter(radiance: tuple[float, float, float]) -> dict[str, Any]:

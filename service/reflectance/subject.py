@@ -12,6 +12,7 @@ from service.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, chart_points
 from service.head.model import HeadModel
 from service.reflectance.brows import brow_plane
+from service.reflectance.deep_eyes import in_usual_light
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 from service.texture.zones import vertex_mask
@@ -71,7 +72,8 @@ class Subject:
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
             None: all of it is.
         made_up: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
-        eye_light: (3,) linear RGB light that the whites of the eyes show (``service.fit.whites``); None: not known.
+        eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
+            (``service.reflectance.deep_eyes``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
     """
 
@@ -99,7 +101,8 @@ class Subject:
     @classmethod
     def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
         """The head of a photo, with all that fit and texture tell of its light."""
-        subject = cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light, texture.white)
+        eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
+        subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light, texture.white)
         made_up = np.asarray(texture.confidence == 0, np.float32)
         height, width = made_up.shape
         return replace(subject, made_up=made_up * subject.bare((width, height)))

@@ -70,7 +70,7 @@ class Eye:
             offset = place - self.position
             square = np.maximum((offset**2).sum(1), max(light.radius_m, 1e-3) ** 2)
             towards = normalise(offset)
-            total += _reached(self.mesh, self.position, self.normal, towards) / square
+            total += reached(self.mesh, self.position, self.normal, towards) / square
         return np.asarray(total[:, None] / len(places) * np.asarray(light.intensity))
 
 
@@ -116,24 +116,38 @@ def _eye(head: HeadModel, vertices: Array, side: str, mesh: Any) -> Eye | None:
     if ball is None or region not in head.region_names:
         return None
     own = head.triangles[head.triangle_part == head.part_names.index(f"eye_{side}")]
-    position = surface_points(vertices, own, SPACING_M).astype(np.float64)
-    normal, view = normalise(position - ball[0]), normalise(np.array(CAMERA_M) - position)
-    pole = position[np.argmax(position[:, 2])]
-    beside = np.linalg.norm(position - pole, axis=1) > BEYOND * IRIS_RADIUS_M
-    seen = beside & (_reached(mesh, position, normal, view) > FACING)
-    if seen.sum() < LEAST:
-        return None
     skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
     lids = np.flatnonzero(vertex_mask(head, region) > 0.5)
-    position = np.concatenate([position[seen], vertices[lids]])
-    normal = np.concatenate([normal[seen], vertex_normals(vertices, skin)[lids]])
+    return eye_in(mesh, (vertices, own), ball[0], vertices[lids], vertex_normals(vertices, skin)[lids])
+
+
+def eye_in(
+    mesh: Any, ball: tuple[Array, npt.NDArray[np.integer]], centre: Array, lids: Array, lid_normals: Array
+) -> Eye | None:
+    """An eye of a head that is given as meshes, in metres; None where too little of its white is seen from the front.
+
+    Args:
+        mesh: ``trimesh.Trimesh`` of skin and eyeballs.
+        ball: (V, 3) vertices and (T, 3) triangles of the eyeball.
+        centre: (3,) of the eyeball.
+        lids: (M, 3) points on the skin round the eye, M > 0.
+        lid_normals: (M, 3) unit normals there.
+    """
+    position = surface_points(*ball, SPACING_M).astype(np.float64)
+    normal, view = normalise(position - centre), normalise(np.array(CAMERA_M) - position)
+    pole = position[np.argmax(position[:, 2])]
+    beside = np.linalg.norm(position - pole, axis=1) > BEYOND * IRIS_RADIUS_M
+    seen = beside & (reached(mesh, position, normal, view) > FACING)
+    if seen.sum() < LEAST:
+        return None
+    position, normal = np.concatenate([position[seen], lids]), np.concatenate([normal[seen], lid_normals])
     sky = np.zeros((DIRECTIONS, len(position)))
     for row, direction in zip(sky, spread_directions(DIRECTIONS), strict=True):
-        row[:] = _reached(mesh, position, normal, np.broadcast_to(direction, position.shape))
+        row[:] = reached(mesh, position, normal, np.broadcast_to(direction, position.shape))
     return Eye(position, normal, int(seen.sum()), sky, mesh)
 
 
-def _reached(mesh: Any, position: Array, normal: Array, towards: Array) -> Array:
+def reached(mesh: Any, position: Array, normal: Array, towards: Array) -> Array:
     """(N,) cosine to unit directions ``towards`` (N, 3); 0 behind the horizon and where the head is in the way."""
     cosine = np.maximum((normal * towards).sum(1), 0.0)
     up = np.flatnonzero(cosine)
