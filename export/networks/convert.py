@@ -30,6 +30,7 @@ from models.networks.stages import CONTEXT, TEXTURE, StageNet
 from service.archive.container import replace_file
 from service.errors import ModelFault
 from service.runtime.describe import KEY
+from service.runtime.openvino_library import openvino_library
 
 OPSET = 18
 LICENCE = "Apache-2.0"
@@ -151,7 +152,7 @@ def _onnxruntime(data: bytes) -> Any:
 
 
 def _openvino(data: bytes) -> Any:
-    import openvino as ov
+    ov = openvino_library()
 
     core = ov.Core()
     compiled = core.compile_model(core.read_model(data), "CPU", {"INFERENCE_PRECISION_HINT": "f32"})

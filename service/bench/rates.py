@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.runtime.networks import has_bf16, has_openvino
+from service.runtime.networks import has_bf16
+from service.runtime.openvino_library import has_openvino, openvino_library
 
 SIDE = 1536
 """Of the matrices that are multiplied: too large for caches, a fraction of a second."""
@@ -68,7 +69,7 @@ def _numpy_product(side: int) -> float:
 
 
 def _openvino_product(side: int, threads: int, precision: str) -> float:
-    import openvino
+    openvino = openvino_library()
     from openvino import opset13
 
     shape, kind = openvino.Shape([side, side]), openvino.Type.f32

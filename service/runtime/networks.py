@@ -11,7 +11,6 @@ of a run is that of its largest stage.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,6 +24,7 @@ import numpy.typing as npt
 from service.errors import ModelFault, NumericFault, OutOfMemory, UsageError
 from service.runtime.describe import KEY, Description
 from service.runtime.memory import lacked_memory, release
+from service.runtime.openvino_library import has_openvino, openvino_library
 from service.runtime.sessions import MODELS, checked_bytes, native_session
 
 Float = npt.NDArray[np.float32]
@@ -198,12 +198,6 @@ def describe(name: str, folder: Path = MODELS) -> Description:
 
 
 @lru_cache(maxsize=1)
-def has_openvino() -> bool:
-    """Whether OpenVINO is installed."""
-    return importlib.util.find_spec("openvino") is not None
-
-
-@lru_cache(maxsize=1)
 def has_bf16() -> bool:
     """Whether the processor multiplies bfloat16 in hardware."""
     return any(has_feature(name) for name in _BF16)
@@ -242,8 +236,6 @@ def _onnxruntime(name: str, data: bytes, engine: Engine) -> _Compiled:
 
 
 def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
-    import openvino
-
     settings = {
         "INFERENCE_NUM_THREADS": engine.threads,
         "NUM_STREAMS": 1,
@@ -251,7 +243,7 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
         "INFERENCE_PRECISION_HINT": {"fp32": "f32", "bf16": "bf16"}[engine.precision],
     }
     try:
-        core = openvino.Core()
+        core = openvino_library().Core()
         request = core.compile_model(core.read_model(data), "CPU", settings).create_infer_request()
     except Exception as error:  # OpenVINO's own exception types are not public
         if lacked_memory(error):

@@ -10,7 +10,8 @@ import pytest
 
 from service.bench.loss import degrees
 from service.reflectance.planes import Planes
-from service.runtime.networks import Engine, has_bf16, has_openvino, open_network
+from service.runtime.networks import Engine, has_bf16, open_network
+from service.runtime.openvino_library import has_openvino
 from service.runtime.sessions import model_table
 from tests.service.runtime.test_tiles import tiled, untiled
 

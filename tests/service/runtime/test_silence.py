@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from service.runtime.openvino_library import has_openvino
+
 ROOT = Path(__file__).parents[3]
 
 PROGRAM = """
@@ -34,4 +36,27 @@ def test_a_loaded_network_leaves_no_trace(tmp_path: Path, given: str | None) -> 
         [sys.executable, "-c", PROGRAM], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     )
     assert child.stdout.strip() == "[]"
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+IMPORT = """
+import os, sys
+forks = []
+os.register_at_fork(before=lambda: forks.append(1))
+from service.runtime.openvino_library import openvino_library
+openvino_library().Core()
+print(len(forks), any(name.startswith("openvino_telemetry.") for name in sys.modules))
+"""
+
+
+@pytest.mark.skipif(not has_openvino(), reason="OpenVINO is not installed")
+def test_openvino_reports_to_nobody(tmp_path: Path) -> None:
+    """Its import writes an id under the home folder and forks a process that calls its makers, unless it is kept from
+    it. The fork hung the program where another thread multiplied matrices meanwhile.
+    """
+    environment = {**os.environ, "HOME": str(tmp_path)}
+    child = subprocess.run(
+        [sys.executable, "-c", IMPORT], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert child.stdout.split() == ["0", "False"]
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
