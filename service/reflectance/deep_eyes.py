@@ -23,8 +23,8 @@ of the radiance in head space: ``models.lightstage.light.whites``, with which a 
 USUAL = -0.91
 """log(light on the whites / on the lids) by these tables in usual light."""
 SLOPE = 1.25
-"""By how much more the whites show where it is more by one: one, and some more for the
-shadows of hard lamps, which harmonics blur."""
+"""By how much more the whites show where it is more by one: one, and some more for the shadows of hard lamps, which
+harmonics blur."""
 LEAST, MOST = 0.12, 0.6
 """Share of the lids' light that reaches whites in any case, from the skin around; and most that is allowed for, in
 logarithms."""
