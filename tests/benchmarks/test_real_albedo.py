@@ -25,7 +25,9 @@ def task(tmp_path: Path) -> ContextTask:
     ramp = np.broadcast_to(np.linspace(60, 180, WIDTH), (2, 3, HEIGHT, WIDTH)).astype(np.uint8)
     geometry = np.ones((11, HEIGHT, WIDTH), np.float16)
     albedo = np.full((3, HEIGHT, WIDTH), 128, np.uint8)
-    task.test.items.append({"albedo": albedo, "texture": ramp, "geometry": geometry, "seed": np.array(1)})
+    whites = np.zeros((len(ramp), 2, 3), np.float32)
+    item = {"albedo": albedo, "texture": ramp, "geometry": geometry, "whites": whites, "seed": np.array(1)}
+    task.test.items.append(item)
     return task
 
 
