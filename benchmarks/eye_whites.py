@@ -46,7 +46,7 @@ from service.head.model import HeadModel
 from service.photo.gate import read_photo
 from service.scene.environment import HEIGHT, WIDTH, Illumination
 from service.scene.scene import PointLight
-from service.scene.sphere import pixel_directions
+from service.scene.sphere import pixel_directions, pixel_of
 
 Float = npt.NDArray[np.float64]
 
@@ -75,10 +75,10 @@ def lid_light(radiance: Float, irises: tuple[Iris, ...]) -> Float:
 
 def lights_of(light: str, seed: int) -> Illumination:
     """A light of ``benchmarks.render`` as the light stage has it."""
-    x, y, z = np.moveaxis(pixel_directions(HEIGHT, WIDTH), 2, 0)
     image = environment(light, seed)
-    rows = (np.arccos(np.clip(y, -1, 1)) / np.pi * len(image)).astype(int).clip(0, len(image) - 1)
-    columns = (np.arctan2(x, -z) / (2 * np.pi) % 1 * image.shape[1]).astype(int) % image.shape[1]
+    # Mitsuba's columns begin behind the head and go round the other way.
+    at_pixel = pixel_of(pixel_directions(HEIGHT, WIDTH) * [-1, 1, 1], *image.shape[:2])
+    rows, columns = np.moveaxis(np.rint(at_pixel).astype(int), 2, 0) % np.array(image.shape[:2])[:, None, None]
     lamps = []
     for at, radius, radiance in lamps_of(light, seed):
         sent = math.pi * radius**2 * np.array(radiance)
@@ -103,18 +103,16 @@ def whites_of(head: TexturedHead) -> Whites:
     return Whites(tuple(eyes))
 
 
-def shots(count: int, staged: bool, data: Path, out: Path) -> Iterator[tuple[TexturedHead, Shot]]:
+def sittings(count: int, staged: bool, data: Path, out: Path) -> Iterator[tuple[TexturedHead, list[Shot]]]:
     """Heads and photos to take: of ICT-FaceKit under sky and key lamp, or of the light stage in five lights."""
     if staged:
         for head in map(stage_head, islice(seeds_of(HELD_OUT), count)):
-            for light in ("soft", *LAMPS):
-                yield head, Shot(8.0, light, 1.2, 18.0, size=640)
+            yield head, [Shot(8.0, light, 1.2, 18.0, size=640) for light in ("soft", *LAMPS)]
         return
     heads, colours = IctHeads(data / "ict_facekit_head.npz"), np.asarray(np.load(out / "skin.npy"))
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         head = heads.textured(f"{seed}", seed, colours)
-        for light in LIGHTS:
-            yield head, Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed)
+        yield head, [Shot(YAWS[seed % len(YAWS)], light, 0.9, 22.0, size=640, seed=seed) for light in LIGHTS]
 
 
 def print_fit(computed: Float, measured: Float, tint: Float) -> None:
@@ -189,18 +187,17 @@ def main() -> None:
         raise SystemExit(f"{out}/skin.npy is missing; run benchmarks.shoot first")
     model, finder = load_head(), FaceFinder()
     rows: list[tuple[float, float, Float]] = []
-    whites: dict[str, Whites] = {}
-    for head, shot in shots(arguments.heads, arguments.stage, data, out):
-        photo_bytes, plain = shot_pair(head, shot, out / f"eyes_{head.name}_{shot.light}")
-        if head.name not in whites:
-            whites = {head.name: whites_of(head)}
-        beside = whites[head.name].beside_lids(lights_of(shot.light, shot.seed))
-        ratio = read_off(photo_bytes, plain, finder, model)
-        if ratio is None or not np.isfinite(beside).any():
-            print(f"| {head.name} | {shot.light} | not seen | |", flush=True)
-            continue
-        rows.append((float(np.nanmean(beside)), float(ratio.mean()), ratio - ratio.mean()))
-        print(f"| {head.name} | {shot.light} | {rows[-1][1]:.2f} | computed {rows[-1][0]:.2f} |", flush=True)
+    for head, taken in sittings(arguments.heads, arguments.stage, data, out):
+        whites = whites_of(head)
+        for shot in taken:
+            photo_bytes, plain = shot_pair(head, shot, out / f"eyes_{head.name}_{shot.light}")
+            beside = whites.beside_lids(lights_of(shot.light, shot.seed))
+            ratio = read_off(photo_bytes, plain, finder, model)
+            if ratio is None or not np.isfinite(beside).any():
+                print(f"| {head.name} | {shot.light} | not seen | |", flush=True)
+                continue
+            rows.append((float(np.nanmean(beside)), float(ratio.mean()), ratio - ratio.mean()))
+            print(f"| {head.name} | {shot.light} | {rows[-1][1]:.2f} | computed {rows[-1][0]:.2f} |", flush=True)
     if len(rows) < 3:
         raise SystemExit("the whites are seen in fewer than three photos; take more with --heads")
     computed, measured, tint = (np.array(column) for column in zip(*rows, strict=True))

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -89,11 +89,9 @@ def make_avatar(
         yield
         timings[name] = time.perf_counter() - begin
 
-    # The gate decodes in a process of its own; meanwhile this one loads what the later stages need. Networks are left
-    # until they are needed where tiles are small, for want of memory.
     engine = choose_engine(options.runtime, precision=options.level.precision)
-    early = plan.networks if tile >= DEFAULT_TILE else ()
-    with ThreadPoolExecutor(3) as pool, loading_ahead(early, engine) as engine:
+    # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
+    with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
         head_job = pool.submit(_head_and_chart, options, head_file)
@@ -103,6 +101,9 @@ def make_avatar(
         with stage("detect"):
             find = lambda: choose_face(finder_job.result().find(photo.pixels), options.face, photo.size)  # noqa: E731
             face = stages.keep("detect", find)
+        # Only now, as many a photo is refused; and not at all where tiles are small, for want of memory.
+        early = plan.networks if tile >= DEFAULT_TILE else ()
+        engine = held.enter_context(loading_ahead(early, engine))
         with stage("fit"):
             head, chart = head_job.result()
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings()))

@@ -107,9 +107,8 @@ class Sitting:
                 return expose(self.small, self.geometry, scene, SMALL)
             candidate += 1
 
-    def baked(self, maps: SkinMaps, window: ChartWindow, number: int) -> Tensor:
+    def baked(self, maps: SkinMaps, window: ChartWindow, scene: Scene) -> Tensor:
         """(3, h, w) sRGB-coded texture of a window; light from beyond the window is that of its border."""
-        scene = self.scene(number)
         # Planned at the size that is baked: a small copy of the skin has no relief to cast shadows.
         plan = choose(scene, survey(maps, self.geometry, window))
         scale = self.skin.subject.gloss.scatter_scale
@@ -121,8 +120,8 @@ def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:
     recipe = recipe or Recipe()
     window = ChartWindow.whole(*WHOLE)
     maps = sitting.skin.maps(window)
-    lit = torch.stack([sitting.baked(maps, window, i) for i in range(recipe.lights)])
     scenes = [sitting.scene(i) for i in range(recipe.lights)]
+    lit = torch.stack([sitting.baked(maps, window, scene) for scene in scenes])
     result: Arrays = {
         "whole_albedo": _byte(srgb(maps.diffuse_albedo)),
         "whole_texture": _byte(lit),
@@ -187,7 +186,7 @@ def _patch(sitting: Sitting, maps: SkinMaps, window: ChartWindow, scene: int | N
         "window": np.array([window.x, window.y, window.width, window.height, window.chart_width]),
     }
     if scene is not None:
-        patch["texture"] = _byte(sitting.baked(maps, window, scene))
+        patch["texture"] = _byte(sitting.baked(maps, window, sitting.scene(scene)))
     return patch
 
 

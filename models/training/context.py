@@ -58,11 +58,9 @@ class ContextTask:
         """Random charts under random lights of theirs."""
         batch = self.of([self._pick(generator) for _ in range(size)])
         flip = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
-        for name in batch:
+        batch["whites"] = torch.where(flip[..., 0], batch["whites"].flip(1), batch["whites"])
+        for name in batch.keys() - {"whites"}:
             signs = FLIPPED.view(1, -1, 1, 1) if name == "geometry" else 1.0
-            if name == "whites":
-                batch[name] = torch.where(flip[..., 0], batch[name].flip(1), batch[name])
-                continue
             batch[name] = torch.where(flip, batch[name].flip(-1) * signs, batch[name])
         if torch.rand(1, generator=generator) < 0.35:
             names = ["texture", "albedo"]

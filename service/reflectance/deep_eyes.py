@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import LUMA
 from service.fit.light import BAND_GAIN, sh_basis
 from service.scene.sphere import spread_directions
 
@@ -41,7 +42,7 @@ def beside_lids(light: npt.NDArray[np.floating], rotation: npt.NDArray[np.floati
     """
     directions = spread_directions(_DIRECTIONS)
     turned = sh_basis(directions @ np.asarray(rotation, np.float64).T) / BAND_GAIN
-    grey = np.asarray(light, np.float64) @ np.array([0.2126, 0.7152, 0.0722])
+    grey = np.asarray(light, np.float64) @ LUMA
     in_head = np.linalg.lstsq(sh_basis(directions) / BAND_GAIN, turned @ grey, rcond=None)[0]
     whites, lids = float(WHITES @ in_head), float(LIDS @ in_head)
     if not np.isfinite([whites, lids]).all() or lids <= 1e-6:
