@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
+from service.reflectance.aglow import not_aglow
 from service.reflectance.brows import under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
 from service.reflectance.grading import even_hue
@@ -21,7 +22,7 @@ from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
 from service.reflectance.subject import BROWS, EYES, LIT, MADE_UP
 from service.reflectance.translate import Job, translate
-from service.reflectance.unseen import continued, like_seen_skin, seamless
+from service.reflectance.unseen import continued, like_seen_skin, not_deeper, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
 
@@ -84,8 +85,9 @@ def found_by(network: Network, planes: Planes) -> Found:
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
         light = less_overexposed(light, weight)
     light = within_skin(even_hue(light, texture, weight), texture, weight)
+    light = not_aglow(light, texture, weight)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
-    everywhere = continued(light, lit)
+    everywhere = not_deeper(continued(light, lit), light, weight)
     if MADE_UP in planes.channels:
         everywhere = like_seen_skin(everywhere, texture, light, lit, planes.shrunk([MADE_UP], size)[0])
     if BROWS in planes.channels:

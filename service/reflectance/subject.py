@@ -72,6 +72,7 @@ class Subject:
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
             None: all of it is.
         made_up: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
+        worn: (h, w) float32, 1 where the texture is a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
             (``service.reflectance.deep_eyes``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
@@ -84,6 +85,7 @@ class Subject:
     eye_light: npt.NDArray[np.floating] | None = None
     white: npt.NDArray[np.floating] | None = None
     made_up: Float | None = None
+    worn: Float | None = None
 
     @classmethod
     def of(
@@ -104,8 +106,9 @@ class Subject:
         eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
         subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light, texture.white)
         made_up = np.asarray(texture.confidence == 0, np.float32)
+        worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = made_up.shape
-        return replace(subject, made_up=made_up * subject.bare((width, height)))
+        return replace(subject, made_up=made_up * subject.bare((width, height)) * (1 - worn), worn=worn)
 
     @property
     def eyes(self) -> Float:
@@ -146,7 +149,8 @@ class Subject:
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
-        shown, made_up, brows = whole(self.lit, 1.0), whole(self.made_up, 0.0), brow_plane(self.chart)[None]
+        shown, made_up = whole(self.lit, 1.0), whole(self.made_up, 0.0)
+        brows = brow_plane(self.chart)[None] * (1 - whole(self.worn, 0.0))
         lit = shown * self.own_skin
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.

@@ -21,6 +21,9 @@ SEAM = 0.12
 GRAIN = 3.0
 """Standard deviation of the blur below which made-up skin keeps its own detail, texels of the context."""
 
+SHADED = 0.3
+"""Share of the lit skin that is in deeper shade than anything that its light is continued to."""
+
 DARKEST = 1e-3
 """Linear albedo at which logarithms stop."""
 
@@ -67,6 +70,24 @@ def seamless(light: Float) -> Float:
     far = np.clip(near, 0, 1).astype(np.float32)
     share = np.float32(0.5) * (1 - far * far * (3 - 2 * far))
     return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
+
+
+def not_deeper(everywhere: Float, light: Float, lit: Float) -> Float:
+    """(C, h, w) light that went on from lit skin, less deep than the shaded part of the face where that ends.
+
+    The shade under the brim of a cap, or of a fringe, is not that of the cap or of the hair above it.
+
+    Args:
+        everywhere: light of :func:`continued`.
+        light: as it was found.
+        lit: (h, w) in [0, 1], where the light is to be believed.
+    """
+    chosen = lit > 0.5
+    if not chosen.any():
+        return everywhere
+    floor = np.quantile(light.mean(0)[chosen], SHADED)
+    more = np.maximum(np.float32(floor) - everywhere.mean(0), 0) * (1 - np.clip(lit, 0, 1))
+    return np.asarray(everywhere + more, np.float32)
 
 
 def like_seen_skin(light: Float, texture: Float, found: Float, lit: Float, made_up: Float) -> Float:

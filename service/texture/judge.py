@@ -27,6 +27,9 @@ def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Floa
     likely = np.ones_like(seen)
     own = np.flatnonzero(seen > 0)
     likely[own] = plausibility(skin, unwrapped.colour[own], unwrapped.normal[own])
+    if skin.cover is not None:  # a cap goes on as skin does, and is the same on both sides
+        cover = plausibility(skin.cover, unwrapped.colour[own], unwrapped.normal[own])
+        likely[own] = np.maximum(likely[own], cover)
     likely = _calm(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
     excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
@@ -53,6 +56,22 @@ def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None
     likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
     calm = _calm(chart, likely, opacity(unwrapped.weight))
     return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
+
+
+def cap_or_mask(chart: Chart, colour: Float, normal: Float, skin: Skin) -> npt.NDArray[np.uint8] | None:
+    """(H, W) uint8, 255 where a texture has the colour of what is worn over the face; None where nothing is.
+
+    Args:
+        chart: of the head.
+        colour: (N, 3) sRGB, seen or made up.
+        normal: (N, 3) unit.
+        skin: the person's, and what is worn.
+    """
+    if skin.cover is None:
+        return None
+    like_cover, like_skin = (plausibility(model, colour, normal, face=1.0) for model in (skin.cover, skin))
+    share = np.asarray(like_cover * (1 - like_skin), np.float32)
+    return np.rint(255 * np.clip(chart.fill_outside(chart.spread(share[:, None])[..., 0]), 0, 1)).astype(np.uint8)
 
 
 def _calm(chart: Chart, likely: Float, seen: Float) -> Float:

@@ -18,7 +18,7 @@ from service.photo.photo import Photo
 from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
 from service.texture.glasses import frames
-from service.texture.judge import judge, lit_skin
+from service.texture.judge import cap_or_mask, judge, lit_skin
 from service.texture.plausible import Skin
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.shape import depth_map, shape_normals
@@ -52,8 +52,8 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
-    worn = frames(chart, unwrapped, zones)
-    bare = np.where(worn, np.float32(0), np.float32(1))
+    rims = frames(chart, unwrapped, zones)
+    bare = np.where(rims, np.float32(0), np.float32(1))
     trust, seen, skin = judge(chart, unwrapped, zones)
     trust, seen = trust * bare, seen * bare
     lit = lit_skin(chart, unwrapped, zones, skin) * bare
@@ -73,8 +73,10 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     own, reflected, lit_map = np.moveaxis(chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1)), 2, 0)
     shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
-    warnings = ("little-seen",) * (fraction < LITTLE_SEEN) + ("glasses-removed",) * bool(worn.any())
-    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white)
+    worn = None if skin is None else cap_or_mask(chart, colour, unwrapped.normal, skin)
+    told = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": rims.any(), "face-covered": worn is not None}
+    warnings = tuple(code for code, true in told.items() if true)
+    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white, worn)
 
 
 def _require_finite(fit: Fit) -> None:

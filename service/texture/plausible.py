@@ -6,7 +6,7 @@ but nothing may be continued or mirrored from them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,18 @@ CHROMA_SIGMAS = 3.5
 """Distance in a*, b* (at expected lightness) in robust standard deviations beyond which a texel is not skin."""
 
 LEAST_CHROMA_SIGMA = 3.0
+LEAST_MIDDLE = 40
+"""Texels of cheeks and nose from which on they tell what else of the face is skin: a cap covers half of a face."""
+
+AROUND = 1.5
+"""By how much colours of the whole face may spread more than those of cheeks and nose."""
+
+MUCH = 0.2
+"""Share of the face unlike cheeks and nose from which on it may be the skin, and they a mask."""
+
+USUAL_CHROMA = np.array([14.0, 16.0])
+"""a*, b* of skin in daylight."""
+
 RIDGE = 0.02
 """Share of the data's weight that keeps the shading model near plain ambient light."""
 
@@ -41,6 +53,7 @@ class Skin:
         limits: lowest and highest log luminance that the shading took on the face.
         chroma: (2,) median a*, b* at expected lightness.
         spread: (2,) their robust standard deviations.
+        worn: the same two of a cap or a mask that covers much of the face; None: there is none.
     """
 
     colour: Float
@@ -48,6 +61,12 @@ class Skin:
     limits: tuple[float, float]
     chroma: Array
     spread: Array
+    worn: tuple[Array, Array] | None = None
+
+    @property
+    def cover(self) -> Skin | None:
+        """What is worn as if it were the skin; None where nothing is."""
+        return None if self.worn is None else replace(self, chroma=self.worn[0], spread=self.worn[1], worn=None)
 
 
 def harmonics(normal: npt.NDArray[np.floating]) -> Array:
@@ -70,6 +89,8 @@ def learn_skin(colour: Float, normal: Float, weight: Float, zones: Zones) -> Ski
     if len(chosen) < LEAST_TEXELS:
         return None
     chosen = chosen[:: max(1, len(chosen) // 8000)]
+    bare, worn = _bare(srgb_to_linear(colour[chosen]), zones.middle[chosen] > 0.5)
+    chosen = chosen[bare]
     linear = srgb_to_linear(colour[chosen])
     lightness = np.log(np.maximum(luma(linear), 1e-3)).astype(np.float64)
     basis, t = harmonics(normal[chosen]), trust[chosen].astype(np.float64)
@@ -78,11 +99,39 @@ def learn_skin(colour: Float, normal: Float, weight: Float, zones: Zones) -> Ski
     near = np.abs(lightness - basis @ shading) < 0.5
     if near.sum() < LEAST_TEXELS // 2:
         near[:] = True
-    chroma = np.median(lab[near, 1:], 0).astype(np.float64)
-    spread = np.maximum(1.4826 * np.median(np.abs(lab[near, 1:] - chroma), 0), LEAST_CHROMA_SIGMA)
+    chroma, spread = _middle_and_spread(lab[near, 1:])
     low, high = np.percentile(basis @ shading, [2, 98])
-    middle = np.median(colour[chosen][near], 0).astype(np.float32)
-    return Skin(middle, shading, (float(low), float(high)), chroma, np.asarray(spread, np.float64))
+    typical = np.median(colour[chosen][near], 0).astype(np.float32)
+    return Skin(typical, shading, (float(low), float(high)), chroma, spread, worn)
+
+
+def _bare(linear: Float, middle: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.bool_], tuple[Array, Array] | None]:
+    """(N,) what of a face is skin, and a*, b* of a cap or a mask that covers much of it, if one does.
+
+    Args:
+        linear: (N, 3) RGB of the face.
+        middle: (N,) cheeks and nose.
+    """
+    everything = np.ones(len(middle), np.bool_)
+    if middle.sum() < LEAST_MIDDLE:
+        return everything, None
+    bright = np.maximum(luma(linear), 1e-3)
+    chroma = linear_to_lab(linear * (np.median(bright) / bright)[:, None])[:, 1:]
+    typical, spread = _middle_and_spread(chroma[middle])
+    like = np.sqrt((((chroma - typical) / (AROUND * spread)) ** 2).sum(1)) < CHROMA_SIGMAS
+    if like.mean() > 1 - MUCH:
+        return everything, None
+    other, other_spread = _middle_and_spread(chroma[~like])
+    if np.hypot(*(typical - USUAL_CHROMA)) <= np.hypot(*(other - USUAL_CHROMA)):
+        return np.asarray(like), (other, other_spread)
+    return np.asarray(~like), (typical, spread)
+
+
+def _middle_and_spread(chroma: Float) -> tuple[Array, Array]:
+    """(2,) median and robust standard deviation of a*, b* (N, 2)."""
+    middle = np.median(chroma, 0).astype(np.float64)
+    spread = np.maximum(1.4826 * np.median(np.abs(chroma - middle), 0), LEAST_CHROMA_SIGMA)
+    return middle, np.asarray(spread, np.float64)
 
 
 def _robust_fit(basis: Array, value: Array, weight: Array) -> Array:

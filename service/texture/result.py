@@ -35,9 +35,11 @@ class Texture:
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
         warnings: stable codes: ``little-seen`` when under a quarter of the face shows, ``glasses-removed`` when skin
-            was made up in place of the frame of glasses.
+            was made up in place of the frame of glasses, ``face-covered`` when something that is no skin, a cap or a
+            mask, covers over a fifth of the face; it stays in the maps.
         white: (3,) float32 linear RGB, positive, of a white diffuse surface in the light that eyes and mouth were
             painted in; None for a texture of other origin.
+        worn: (H, W) uint8, 255 where the texture has the colour of that cap or mask, seen or made up; None: nowhere.
     """
 
     texture: npt.NDArray[np.uint8]
@@ -50,3 +52,4 @@ class Texture:
     visible_fraction: float
     warnings: tuple[str, ...] = field(default=())
     white: npt.NDArray[np.float32] | None = None
+    worn: npt.NDArray[np.uint8] | None = None

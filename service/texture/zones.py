@@ -20,6 +20,7 @@ class Zones:
     Attributes:
         skin: bool, texel of the part "skin".
         face: the face proper, where hair and make-up are part of the likeness.
+        middle: cheeks and nose, which hats, fringes and beards leave free.
         features: lips and lids, which are not skin-coloured by right.
         scalp: where hair is expected.
         neck: below the jaw.
@@ -29,6 +30,7 @@ class Zones:
 
     skin: npt.NDArray[np.bool_]
     face: Float
+    middle: Float
     features: Float
     scalp: Float
     neck: Float
@@ -43,6 +45,7 @@ class Zones:
         brows = vertex_mask(head, "brow_left", "brow_right")
         rows = [
             vertex_mask(head, "face"),
+            vertex_mask(head, "cheek_left", "cheek_right", "nose"),
             np.maximum(np.maximum(vertex_mask(head, "lips"), brows), lids),
             vertex_mask(head, "scalp"),
             vertex_mask(head, "neck"),

@@ -14,6 +14,7 @@ from models.colour import linear  # noqa: E402
 from models.networks.context import HEIGHT, WIDTH  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
 from models.training.context import ContextTask  # noqa: E402
+from models.training.store import Arrays  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -26,7 +27,7 @@ def task(tmp_path: Path) -> ContextTask:
     geometry = np.ones((11, HEIGHT, WIDTH), np.float16)
     albedo = np.full((3, HEIGHT, WIDTH), 128, np.uint8)
     whites = np.zeros((len(ramp), 2, 3), np.float32)
-    item = {"albedo": albedo, "texture": ramp, "geometry": geometry, "whites": whites, "seed": np.array(1)}
+    item: Arrays = {"albedo": albedo, "texture": ramp, "geometry": geometry, "whites": whites, "seed": np.array(1)}
     task.test.items.append(item)
     return task
 

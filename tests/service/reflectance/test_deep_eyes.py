@@ -18,7 +18,7 @@ CAMERA = np.diag([1.0, -1.0, -1.0])
 def from_direction(direction: tuple[float, float, float], ambient: float = 1.0) -> np.ndarray:
     """Second-order light (9, 3): even, and more from a direction."""
     d = np.asarray(direction) / np.linalg.norm(direction)
-    return (np.eye(9)[0] * ambient + 0.4 * (sh_basis(d[None]) / BAND_GAIN)[0])[:, None] * np.ones(3)
+    return np.asarray((np.eye(9)[0] * ambient + 0.4 * (sh_basis(d[None]) / BAND_GAIN)[0])[:, None] * np.ones(3))
 
 
 def test_light_from_above_reaches_the_whites_less() -> None:
@@ -49,14 +49,14 @@ def test_usual_light_changes_nothing_and_no_light_is_said_to_be_more_than_it_can
     factor = np.exp(np.clip(-SLOPE * (beside_lids(above, HEAD) - USUAL), -MOST, MOST))
     assert np.allclose(more / shown, factor) and factor > 1.0
     assert in_usual_light(None, above, HEAD) is None
-    assert np.array_equal(in_usual_light(shown, None, HEAD), shown)
+    assert np.array_equal(np.asarray(in_usual_light(shown, None, HEAD)), shown)
 
 
 @pytest.mark.parametrize("light", [np.zeros((9, 3)), np.full((9, 3), np.nan), -from_direction((0, 0, 1))])
 def test_lids_without_light_tell_nothing(light: np.ndarray) -> None:
     """A ratio to no light, or to the negative light of a bad fit, would be NaN or infinite in the network's input."""
     assert beside_lids(light, HEAD) == USUAL
-    assert np.allclose(in_usual_light(np.ones(3), light, HEAD), 1.0)
+    assert np.allclose(np.asarray(in_usual_light(np.ones(3), light, HEAD)), 1.0)
 
 
 @pytest.mark.train

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.unseen import continued, like_seen_skin, seamless
+from service.reflectance.unseen import continued, like_seen_skin, not_deeper, seamless
 
 SHAPE = (96, 144)
 ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]
@@ -82,3 +82,18 @@ def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     assert like_seen_skin(light, texture, light, 0 * lit, 1 - lit) is light
     assert like_seen_skin(light, texture, light, lit, 0 * lit) is light
     assert np.isfinite(like_seen_skin(light, 0 * texture, light, lit, 1 - lit)).all()
+
+
+def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
+    """Carried on, it would make a cap glow; a quarter of the face lies in shade of one seventh."""
+    lit = np.zeros(SHAPE, np.float32)
+    lit[40:] = 1
+    light = np.zeros((3, *SHAPE), np.float32)
+    light[:, 40:54] = -2
+    light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
+    on = continued(light, lit)
+    result = not_deeper(on, light, lit)
+    assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
+    assert np.array_equal(result[:, 40:], on[:, 40:])
+    assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
+    assert np.array_equal(not_deeper(on, light, np.zeros_like(lit)), on)
