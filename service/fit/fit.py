@@ -11,6 +11,7 @@ from service.faces.face import Face
 from service.fit.basis import LandmarkModel
 from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
+from service.fit.lids import lids_on_rims
 from service.fit.result import Fit
 from service.fit.settings import FitSettings
 from service.fit.terms import Prior
@@ -89,8 +90,10 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     gaze = find_gaze(photo.pixels, face.landmarks, head, neutral, camera)
     if gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
-    vertices = head.shape(identity, expression)
+    # Landmarks lie on the lids where the network puts them on rendered heads, so the distance is that of before.
     coefficients = np.concatenate([identity, expression])
+    expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
+    vertices = head.shape(identity, expression)
     inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
     seen = (belief > 0) & np.isfinite(distance)

@@ -22,6 +22,7 @@ from service.geometry.chart import NO_PART
 from service.reflectance import normals
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
+from service.reflectance.eyeballs import draw_eyes
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
 from service.reflectance.missing_blue import lacks_blue
@@ -102,7 +103,8 @@ def make_reflectance(
 
         def unlit(told: Callable[[float], None]) -> Codes:
             bare = diffuse_albedo(full, job(told), subject.white)
-            return lids_on_lashes(without_glints(bare, full, skin, subject.lit), subject)
+            plain = lids_on_lashes(without_glints(bare, full, skin, subject.lit), subject)
+            return draw_eyes(plain, subject.head, detail)
 
         made.diffuse_albedo = run("diffuse_albedo", unlit)
         planes.drop("texture")

@@ -19,6 +19,7 @@ from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
 from service.texture.glasses import frames
 from service.texture.judge import cap_or_mask, judge, lit_skin
+from service.texture.lash_line import lash_line
 from service.texture.plausible import Skin
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.shape import depth_map, shape_normals
@@ -115,6 +116,10 @@ def _paint_parts(
     light = parts.judge_light(tone.sclera, None if skin is None else skin.colour, unwrapped.colour[face])
     colour, code = completed.colour.copy(), _confidence(completed)
 
+    socket = (np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin)[:, None]
+    colour += socket * (light.on(parts.SOCKET) * np.float32(parts.BETWEEN) - colour)
+    lashes = (lash_line(chart) * zones.skin * (1 - seen_weight))[:, None]
+    colour += lashes * (light.on(parts.LASHES) - colour)
     inside = (zones.mouth * zones.skin)[:, None]
     colour += inside * (mouth.paint_lining(chart, zones.mouth * zones.skin, light) - colour)
     for index, name in enumerate(chart.head.part_names):

@@ -25,6 +25,9 @@ SOCKET = np.array([0.62, 0.38, 0.35], np.float32)
 LASHES = np.array([0.12, 0.09, 0.08], np.float32)
 """sRGB colours under the light under which a sclera looks like ``SCLERA``."""
 
+BETWEEN = 0.7
+"""What the lids leave of the light on the flesh between them and the eyeball, on sRGB values."""
+
 LID_SHADE = ((-0.55, 0.75), (-0.30, 0.95), (-0.05, 1.0), (0.10, 0.87), (0.23, 0.55), (0.6, 0.4))
 """Height on the eyeball over its radius, and how much light the lids leave there (on sRGB values). In the texture,
 which is the photo's; the albedo is without."""
