@@ -20,7 +20,7 @@ from service.reflectance.grading import even_hue
 from service.reflectance.hue import within_skin
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
-from service.reflectance.subject import BROWS, EYES, LIT, MADE_UP
+from service.reflectance.subject import BROWS, EYES, LIDS, LIT, MADE_UP
 from service.reflectance.translate import Job, translate
 from service.reflectance.unseen import continued, like_seen_skin, not_deeper, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
@@ -72,7 +72,7 @@ def found_by(network: Network, planes: Planes) -> Found:
     """Ask the context network about the planes of a whole chart.
 
     Of the planes of ``service.reflectance.subject.CLUES`` any may be missing: then all of it is lit, nothing made up,
-    and there are no brows.
+    and there are no brows and lids.
     """
     what = network.description
     size = what.whole or planes.size
@@ -85,11 +85,14 @@ def found_by(network: Network, planes: Planes) -> Found:
     if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
         light = less_overexposed(light, weight)
     light = within_skin(even_hue(light, texture, weight), texture, weight)
-    light = not_aglow(light, texture, weight)
+    lids = planes.shrunk([LIDS], size)[0] if LIDS in planes.channels else np.zeros_like(lit)
+    light = not_aglow(light, texture, weight, lids)
     albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
     everywhere = not_deeper(continued(light, lit), light, weight)
     if MADE_UP in planes.channels:
-        everywhere = like_seen_skin(everywhere, texture, light, lit, planes.shrunk([MADE_UP], size)[0])
+        # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
+        made_up = planes.shrunk([MADE_UP], size)[0] * (1 - lids)
+        everywhere = like_seen_skin(everywhere, texture, light, lit, made_up)
     if BROWS in planes.channels:
         everywhere = under_brows(everywhere, light, lit, planes.shrunk([BROWS], size)[0])
     return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))

@@ -7,17 +7,15 @@ So eyes are drawn anew, in the colours that their albedo has.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
-from service.geometry.chart import chart_points
-from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.reflectance.diffuse_albedo import BRIGHTEST
+from service.reflectance.part_texels import PartTexels
 from service.reflectance.planes import FULL_CODE, Codes
 from service.texture.parts import IRIS_RADIUS_M, PUPIL_RADIUS_M, SOCKET, paint_eye
 
@@ -42,8 +40,7 @@ class Eyeball:
     """One eye on the map.
 
     Attributes:
-        box: rows and columns of the map that hold it.
-        inside: (h, w) bool of the box.
+        place: its texels.
         radius: (N,) float32 angle from the line of sight over that of the iris's rim, of the texels inside.
         turn: (N,) float32 radians round the line of sight.
         direction: (N, 3) float32 from the middle of the eye.
@@ -52,8 +49,7 @@ class Eyeball:
         texel: size of a texel near the iris in radii of the iris.
     """
 
-    box: tuple[slice, slice]
-    inside: npt.NDArray[np.bool_]
+    place: PartTexels
     radius: Float
     turn: Float
     direction: Float
@@ -61,43 +57,27 @@ class Eyeball:
     pupil: float
     texel: float
 
-
-def eyeballs(head: HeadModel, size: tuple[int, int]) -> Iterator[Eyeball]:
-    """The eyes of a head on its chart of a size (width, height); of imported heads there may be none."""
-    points = chart_points(head, *size)
-    for index, name in enumerate(head.part_names):
-        own = head.triangle_part == index
-        if not name.startswith("eye") or not own.any():
-            continue
-        corners, at = head.triangles[own], points[head.triangle_uv[own]]
-        low = np.maximum(np.floor(at.min((0, 1))).astype(int), 0)
-        high = np.minimum(np.ceil(at.max((0, 1))).astype(int) + 1, size)
-        if (high <= low).any():
-            continue
-        raster = rasterise(
-            at.reshape(-1, 2) - low, np.zeros(at.size // 2), np.arange(at.size // 2).reshape(-1, 3), *(high - low)
-        )
-        inside = raster.mask
-        mean = head.mean[np.unique(corners)].astype(np.float64)
-        middle, reach = (mean.min(0) + mean.max(0)) / 2, max(float(np.ptp(mean, axis=0).max()) / 2, 1e-6)
-        hit = head.mean[corners[raster.triangle[inside]]].astype(np.float64)
-        ray = np.einsum("nk,nki->ni", raster.barycentric[inside].astype(np.float64), hit) - middle
+    @classmethod
+    def of(cls, place: PartTexels) -> Eyeball | None:
+        """None where no texel of its iris is on the map."""
+        low, high = place.vertices.min(0), place.vertices.max(0)
+        reach = max(float((high - low).max()) / 2, 1e-6)
+        ray = place.points - (low + high) / 2
         ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-9)
         limbus, pupil = (float(np.arcsin(min(r / reach, 0.9))) for r in (IRIS_RADIUS_M, PUPIL_RADIUS_M))
-        radius = np.arccos(np.clip(ray[:, 2], -1, 1)) / limbus
+        radius = (np.arccos(np.clip(ray[:, 2], -1, 1)) / limbus).astype(np.float32)
         within = int((radius < 1).sum())
         if not within:
-            continue
-        yield Eyeball(
-            (slice(low[1], high[1]), slice(low[0], high[0])),
-            inside,
-            radius.astype(np.float32),
-            np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32),
-            ray.astype(np.float32),
-            float(np.degrees(limbus)),
-            float(np.degrees(pupil)),
-            float(np.sqrt(np.pi / within)),
-        )
+            return None
+        turn, texel = np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32), float(np.sqrt(np.pi / within))
+        return cls(place, radius, turn, ray.astype(np.float32), np.degrees(limbus), np.degrees(pupil), texel)
+
+
+def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[Eyeball]:
+    """The eyes of a head on its chart of a size (width, height); of imported heads there may be none."""
+    places = (PartTexels.of(head, name, size) for name in head.part_names if name.startswith("eye"))
+    found = (Eyeball.of(place) for place in places if place is not None)
+    return [eye for eye in found if eye is not None]
 
 
 def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
@@ -108,8 +88,8 @@ def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
         head: whose chart it is; stays as it is where it has no eyes, or too few texels of them.
         detail: strength of fibres and vessels, which are made up, in [0, 1]. The iris's colour is their seed.
     """
-    eyes = list(eyeballs(head, (albedo.shape[1], albedo.shape[0])))
-    shown = [albedo[eye.box][eye.inside] * np.float32(1 / FULL_CODE) for eye in eyes]
+    eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]))
+    shown = [albedo[eye.place.box][eye.place.inside] * np.float32(1 / FULL_CODE) for eye in eyes]
     tones = [_tone(eyes, shown, where) for where in (IRIS, SCLERA)]
     iris, sclera = tones
     if iris is None or sclera is None:
@@ -121,7 +101,7 @@ def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
         linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
         linear[:, 1:] *= 1 - np.float32(detail) * _vessels(eye, random)[:, None]
         drawn = np.rint(np.clip(linear_to_srgb(np.clip(linear, 0, BRIGHTEST)), 0, 1) * FULL_CODE)
-        albedo[eye.box][eye.inside] = drawn.astype(albedo.dtype)
+        albedo[eye.place.box][eye.place.inside] = drawn.astype(albedo.dtype)
     return albedo
 
 

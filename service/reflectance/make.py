@@ -33,6 +33,7 @@ from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
+from service.reflectance.teeth import draw_teeth
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
@@ -104,7 +105,7 @@ def make_reflectance(
         def unlit(told: Callable[[float], None]) -> Codes:
             bare = diffuse_albedo(full, job(told), subject.white)
             plain = lids_on_lashes(without_glints(bare, full, skin, subject.lit), subject)
-            return draw_eyes(plain, subject.head, detail)
+            return draw_teeth(draw_eyes(plain, subject.head, detail), subject.head, detail)
 
         made.diffuse_albedo = run("diffuse_albedo", unlit)
         planes.drop("texture")

@@ -47,7 +47,10 @@ BROWS = "brows"
 COVERED = "covered_skin"
 """Channel that is 1 where brows, hair or glasses cover the skin, and on the scalp."""
 
-CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED)
+LIDS = "lids"
+"""Channel that is 1 on the skin round the eyes."""
+
+CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED, LIDS)
 """Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
 
 BROW_SOFT = 5.0
@@ -141,7 +144,7 @@ class Subject:
 
     @property
     def clues(self) -> Float:
-        """(8, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        """(9, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
         def whole(plane: Float | None, usual: float) -> Float:
@@ -158,7 +161,7 @@ class Subject:
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
         known = 1 - (1 - shown) * (1 - made_up)
         covered = np.maximum(beneath, 1 - known * self.bare(GEOMETRY_SIZE))
-        return np.concatenate([lit, made_up, eyes, brows, covered])
+        return np.concatenate([lit, made_up, eyes, brows, covered, self.lids[None]])
 
     @property
     def own_skin(self) -> Float:

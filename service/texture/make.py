@@ -138,7 +138,7 @@ def _paint_parts(
     white = np.asarray(np.maximum(srgb_to_linear(sclera), DARKEST) / SCLERA_ALBEDO, np.float32)
     teeth = mouth.Teeth(chart)
     if len(teeth.own):
-        typical = np.median(completed.colour[face], 0) if face.any() else DEFAULT_SKIN
+        typical = DEFAULT_SKIN if skin is None else skin.colour
         measured = None if fit.mouth_rim is None else measure_teeth(photo.pixels, fit.mouth_rim, typical)
         tooth = light.on(mouth.TEETH) if measured is None else measured
         shown = unwrapped.colour[teeth.own]

@@ -36,7 +36,14 @@ def shade(depth: npt.NDArray[np.floating], half: float) -> Float:
 
 
 def crown_share(points: Points, vertices: Points, *, upper: bool) -> Float:
-    """(N,) 1 on the crown of a tooth, 0 on the gum.
+    """(N,) 1 on the crown of a tooth, 0 on the gum; arguments as of :func:`biting_height`."""
+    low, high = CROWN_M
+    height = biting_height(points, vertices, upper=upper)
+    return np.asarray(np.clip((high - height) / (high - low), 0.0, 1.0), np.float32)
+
+
+def biting_height(points: Points, vertices: Points, *, upper: bool) -> npt.NDArray[np.float64]:
+    """(N,) metres from the biting edge towards the gum.
 
     Args:
         points: (N, 3) metres on a row of teeth.
@@ -47,8 +54,7 @@ def crown_share(points: Points, vertices: Points, *, upper: bool) -> Float:
     apart = np.linalg.norm(points[:, None, [0, 2]] - vertices[None, :, [0, 2]], axis=2)
     near = apart <= np.maximum(NEIGHBOUR_M, apart.min(1, keepdims=True) + 1e-6)
     edge = np.where(near, sign * vertices[None, :, 1], np.inf).min(1)
-    low, high = CROWN_M
-    return np.asarray(np.clip((high - (sign * points[:, 1] - edge)) / (high - low), 0.0, 1.0), np.float32)
+    return np.asarray(sign * points[:, 1] - edge)
 
 
 class Teeth:

@@ -20,7 +20,7 @@ def blurred_eyes(size: tuple[int, int], iris: tuple[float, float, float]) -> np.
     albedo = np.full((size[1], size[0], 3), 30000, np.uint16)
     for eye in eyeballs(HEAD, size):
         colours = np.where(eye.radius[:, None] < 1.02, iris, WHITE)
-        albedo[eye.box][eye.inside] = np.rint(colours * FULL_CODE).astype(np.uint16)
+        albedo[eye.place.box][eye.place.inside] = np.rint(colours * FULL_CODE).astype(np.uint16)
     return albedo
 
 
@@ -33,14 +33,14 @@ def test_eyes_get_pupils_and_fibres_and_keep_their_colours(
     after = draw_eyes(before.copy(), HEAD) / FULL_CODE
     elsewhere = np.ones(after.shape[:2], bool)
     for eye in eyeballs(HEAD, size):
-        colours, r = after[eye.box][eye.inside], eye.radius
+        colours, r = after[eye.place.box][eye.place.inside], eye.radius
         ring = colours[(r > IRIS[0]) & (r < IRIS[1])]
         assert np.abs(np.median(ring, 0) - iris).max() < 0.08
         assert ring.std(0).max() > 0.02
         assert np.abs(np.median(colours[(r > SCLERA[0]) & (r < SCLERA[1])], 0) - WHITE).max() < 0.03
         assert colours[r < 0.2].max() < 0.25 * max(iris)
         assert colours.max() < 0.935  # sRGB of the brightest albedo
-        elsewhere[eye.box] &= ~eye.inside
+        elsewhere[eye.place.box] &= ~eye.place.inside
     assert np.array_equal(after[elsewhere] * FULL_CODE, before[elsewhere])
 
 

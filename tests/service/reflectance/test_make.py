@@ -117,7 +117,9 @@ def test_hard_textures(colour: str, engine: Engine, subject: Subject) -> None:
     assert np.abs(made.displacement.astype(int) - MID).max() <= 20000
 
 
-def test_parts_that_the_networks_have_not_seen(made: Reflectance, engine: Engine, subject: Subject) -> None:
+def test_parts_that_the_networks_have_not_seen(
+    made: Reflectance, engine: Engine, subject: Subject, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Eyes and boards: texture without one light (and the lids' shade on eyes) as albedo, flat normals, a constant
     specular albedo, no displacement."""
     part = subject.islands(SIZE)
@@ -128,6 +130,8 @@ def test_parts_that_the_networks_have_not_seen(made: Reflectance, engine: Engine
     for normals in (made.specular_normal, made.diffuse_normal):
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
+    for drawn in ("eyes", "teeth"):
+        monkeypatch.setattr(f"service.reflectance.make.draw_{drawn}", lambda albedo, head, detail: albedo)
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)

@@ -43,6 +43,7 @@ def test_a_cap_or_a_mask_over_much_of_a_face_is_no_skin(
     seen = (np.where(over[:, None], cover, skin_colour) * light).astype(np.float32)
     skin = learn_skin(seen, NORMAL, np.clip(NORMAL[:, 2], 0, 1) ** 2, ZONES)
     assert skin is not None
+    assert np.abs(skin.colour - np.array(skin_colour) * 0.75).max() < 0.05  # teeth are judged beside it
     likely = plausibility(skin, seen, NORMAL, face=1.0)
     assert np.median(likely[FACE & ~over]) > 0.95
     assert np.percentile(likely[FACE & over], 90) < 0.05
