@@ -12,10 +12,12 @@ from service.fit.basis import LandmarkModel
 from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
 from service.fit.lids import lids_on_rims
+from service.fit.lips import lips_on_rim
 from service.fit.result import Fit
 from service.fit.settings import FitSettings
+from service.fit.teeth import measure_teeth
 from service.fit.terms import Prior
-from service.fit.whites import light_by_whites
+from service.fit.whites import cheek_colour, light_by_whites
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 
@@ -93,8 +95,12 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     # Landmarks lie on the lids where the network puts them on rendered heads, so the distance is that of before.
     coefficients = np.concatenate([identity, expression])
     expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
-    vertices = head.shape(identity, expression)
+    mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
     inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
+    skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
+    teeth_seen = skin is None or measure_teeth(photo.pixels, mouth_rim, skin) is not None
+    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen)
+    vertices = head.shape(identity, expression)
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
     seen = (belief > 0) & np.isfinite(distance)
     share = belief[seen] > 0.05
@@ -113,7 +119,6 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:
         warnings.append("gaze-not-seen")
-    mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
     return Fit(
         camera,
         identity,

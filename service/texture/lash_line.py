@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
-from service.head.lid_edges import LidEdges
+from service.head.opening_edges import lid_edges
 
 Float = npt.NDArray[np.float32]
 
@@ -23,7 +23,7 @@ def lash_line(chart: Chart) -> Float:
     """(N,) opacity of the line at the inner texels, in [0, 1]; 0 all over on heads that name no lids."""
     weight = np.zeros((len(chart.head.mean), 1), np.float32)
     for side in ("left", "right"):
-        edges = LidEdges.of(chart.head, side)
+        edges = lid_edges(chart.head, side)
         for rows, opacity in () if edges is None else ((edges.upper, UPPER), (edges.lower, LOWER)):
             for row, share in zip(rows, opacity, strict=False):
                 weight[row, 0] = np.maximum(weight[row, 0], share)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from service.fit.gaze import RIMS, SIDES
-from service.fit.lids import BEFORE_LASHES_M, lids_on_rims
+from service.fit.lids import BEFORE_LASHES, lids_on_rims
 from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
-from service.head.lid_edges import ROWS, LidEdges
 from service.head.model import HeadModel
+from service.head.opening_edges import ROWS, lid_edges
 from tests.toyhead import sphere_head
 
 FOCAL = 2400.0
@@ -39,7 +39,7 @@ def units(head: HeadModel, **values: float) -> np.ndarray:
 
 def opening(head: HeadModel, vertices: np.ndarray, view: Camera, side: str, place: np.ndarray) -> np.ndarray:
     """(2, n) pixel rows of upper and lower edge at pixel columns, of an upright head seen from the front."""
-    edges = LidEdges.of(head, side)
+    edges = lid_edges(head, side)
     assert edges is not None
     found = []
     for lid, lowest in ((edges.upper, True), (edges.lower, False)):
@@ -56,7 +56,7 @@ def shown(head: HeadModel, vertices: np.ndarray, view: Camera) -> np.ndarray:
     """(468, 2) landmarks of which the eyes' rims are true, read off the mesh, and the others somewhere."""
     landmarks = np.full((468, 2), 500.0)
     for side in SIDES:
-        edges = LidEdges.of(head, side)
+        edges = lid_edges(head, side)
         assert edges is not None
         pixel = view.project(vertices[np.concatenate([*edges.upper, *edges.lower])])
         corners = pixel[[pixel[:, 0].argmax(), pixel[:, 0].argmin()]]
@@ -66,7 +66,7 @@ def shown(head: HeadModel, vertices: np.ndarray, view: Camera) -> np.ndarray:
         rim = np.zeros((16, 2))
         rim[0], rim[8] = outer, inner
         rim[LOWER] = np.stack([place, lower], 1)
-        rim[UPPER] = np.stack([place, upper - BEFORE_LASHES_M * FOCAL], 1)[::-1]
+        rim[UPPER] = np.stack([place, upper - BEFORE_LASHES * np.linalg.norm(inner - outer)], 1)[::-1]
         landmarks[list(RIMS[side])] = rim
     return landmarks
 
@@ -124,11 +124,11 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     toy = sphere_head(24, 48)
     none = np.zeros(len(toy.expression))
     assert np.array_equal(lids_on_rims(toy, toy.mean, none, camera(), good), none)
-    assert LidEdges.of(toy, "left") is None
+    assert lid_edges(toy, "left") is None
 
 
 def test_rows_of_a_lid_go_outwards_and_do_not_meet(head: HeadModel) -> None:
-    edges = LidEdges.of(head, "left")
+    edges = lid_edges(head, "left")
     assert edges is not None and len(edges.upper) == len(edges.lower) == ROWS
     rows = [*edges.upper, *edges.lower]
     assert len(np.unique(np.concatenate(rows))) == sum(map(len, rows))
