@@ -18,7 +18,7 @@ from service.head.opening_edges import lid_edges
 
 Array = npt.NDArray[np.float64]
 
-USED = (0.12, 0.88)
+USED = (0.08, 0.92)
 """Part of the way from the outer corner to the inner where the heads' eyes are open; people's are a little longer."""
 BEFORE_LASHES = 0.007
 """The network's upper rim lies on the roots of the lashes: this share of the eye's length above the opening."""
