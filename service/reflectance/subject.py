@@ -13,6 +13,7 @@ from service.geometry.chart import NO_PART, Chart, chart_points
 from service.head.model import HeadModel
 from service.reflectance.brows import brow_plane
 from service.reflectance.deep_eyes import in_usual_light
+from service.texture.lash_line import lash_line
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 from service.texture.zones import vertex_mask
@@ -45,7 +46,7 @@ BROWS = "brows"
 """Channel that is 1 where brows may lie."""
 
 COVERED = "covered_skin"
-"""Channel that is 1 where brows, hair or glasses cover the skin, and on the scalp."""
+"""Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
 
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
@@ -55,6 +56,9 @@ CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED, LIDS)
 
 BROW_SOFT = 5.0
 """Standard deviation of the blur over which relief fades into brows, texels of ``GEOMETRY_SIZE``."""
+
+LASHES_SOFT = 2.0
+"""The same beside lashes."""
 
 _SHIFT = 4
 
@@ -160,7 +164,10 @@ class Subject:
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
         known = 1 - (1 - shown) * (1 - made_up)
-        covered = np.maximum(beneath, 1 - known * self.bare(GEOMETRY_SIZE))
+        # Lashes are no groove.
+        lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
+        lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
+        covered = np.maximum(np.maximum(beneath, lashes), 1 - known * self.bare(GEOMETRY_SIZE))
         return np.concatenate([lit, made_up, eyes, brows, covered, self.lids[None]])
 
     @property

@@ -14,9 +14,10 @@ from service.head.opening_edges import lid_edges
 
 Float = npt.NDArray[np.float32]
 
-UPPER = (0.75, 0.75, 0.75, 0.6, 0.15)
-LOWER = (0.05, 0.1, 0.35, 0.3, 0.1)
-"""Opacity on the rows of vertices from the socket outwards. Lower lashes are shorter, and stand before a pale rim."""
+UPPER = (0.0, 0.25, 0.75, 0.6, 0.15)
+LOWER = (0.0, 0.1, 0.35, 0.3, 0.1)
+"""Opacity on the rows of vertices from the socket outwards; the underside of the lids stays flesh. Lower lashes are
+shorter, and stand before a pale rim."""
 
 
 def lash_line(chart: Chart) -> Float:

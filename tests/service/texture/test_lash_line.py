@@ -6,6 +6,7 @@ import numpy as np
 
 from service.geometry.chart import Chart
 from service.head.files import load_head
+from service.reflectance.subject import CLUES, COVERED, GEOMETRY_SIZE, Subject
 from service.texture.lash_line import lash_line
 from service.texture.make import make_texture
 from service.texture.zones import vertex_mask
@@ -46,5 +47,9 @@ def test_the_line_is_dark_above_and_faint_below_and_nowhere_else() -> None:
     )
     assert line[upper > 0.9].max() > 0.7 > 0.4 > line[lower > 0.9].max() > 0.2
     assert line[lids < 0.01].max() == 0
+    subject = Subject(HEAD, HEAD.mean, Chart.build(HEAD, *GEOMETRY_SIZE))
+    covered = dict(zip(CLUES, subject.clues, strict=True))[COVERED]
+    drawn = subject.chart.spread(lash_line(subject.chart)[:, None])[..., 0]
+    assert covered[drawn > 0.5].min() > 0.8  # no groove in the normals
     toy = Chart.build(sphere_head(24, 48), 192, 128)
     assert not lash_line(toy).any()
