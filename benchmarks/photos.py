@@ -80,7 +80,7 @@ def table(results: list[dict[str, Any]]) -> list[str]:
         yaw = r["fit"]["yaw_pitch_roll_deg"][0]
         lines.append(
             f"{r['photo']:34} {r['status']:4} {100 * fit['landmark_rms_iod']:5.2f} {yaw:6.1f}"
-            f" {alike['distance']:5.2f} {alike['centred_cosine']:5.2f}  {' '.join(fit['warnings'])}"
+            f" {alike['distance']:5.2f} {alike['centred_cosine']:5.2f}  {' '.join(r['warnings'])}"
         )
     return lines
 
