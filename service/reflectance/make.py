@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
+from service.reflectance.beyond import skin_goes_on
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.eyeballs import draw_eyes
@@ -104,7 +105,7 @@ def make_reflectance(
 
         def unlit(told: Callable[[float], None]) -> Codes:
             bare = diffuse_albedo(full, job(told), subject.white)
-            plain = lids_on_lashes(without_glints(bare, full, skin, subject.lit), subject)
+            plain = lids_on_lashes(skin_goes_on(without_glints(bare, full, skin, subject.lit), subject), subject)
             return draw_teeth(draw_eyes(plain, subject.head, detail), subject.head, detail)
 
         made.diffuse_albedo = run("diffuse_albedo", unlit)
