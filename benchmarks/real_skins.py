@@ -26,6 +26,7 @@ from models.lightstage.references import reference_faces, reference_patches
 from models.tables import tell
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
+from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
 
@@ -53,7 +54,7 @@ def predicted(patch: Patch, folder: Path = MODELS) -> Array:
     with open_network("rho", Engine(threads=1, folder=folder)) as network:
         position = _position(x, y)
         constant = {"normal_tangent_z": 1.0, "normal_tangent_x": 0.0, "normal_tangent_y": 0.0, **position}
-        planes = [grey if name == "albedo_grey" else np.full_like(grey, constant[name])
+        planes = [grey if name == SHADED_GREY else np.full_like(grey, constant[name])
                   for name in network.description.channels]  # fmt: skip
         normal = network.run(np.stack(planes))
     size = patch.albedo.shape[1::-1]

@@ -16,7 +16,7 @@ from service.colour import LUMA
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 ALBEDO = ("albedo_r", "albedo_g", "albedo_b")
-GREY = ("albedo_grey",)
+GREY = ("shaded_grey",)
 DEPTH = ("depth",)
 OBJECT = tuple(f"normal_object_{axis}" for axis in "xyz")
 TANGENT = tuple(f"normal_tangent_{axis}" for axis in "xyz")
@@ -152,14 +152,14 @@ class NormalNet(StageNet):
 
 
 class Rho(NormalNet):
-    """rho: grey albedo and tangent shape normals -> specular normals."""
+    """rho: grey albedo with its fine shade and tangent shape normals -> specular normals."""
 
     channels = (*GREY, *TANGENT, *POSITION)
     outputs = ("specular_normal_x", "specular_normal_y", "specular_normal_z")
 
 
 class Sigma(NormalNet):
-    """sigma: grey albedo and object-space shape normals -> diffuse normals."""
+    """sigma: grey albedo with its fine shade and object-space shape normals -> diffuse normals."""
 
     channels = (*GREY, *OBJECT, *POSITION)
     outputs = ("diffuse_normal_x", "diffuse_normal_y", "diffuse_normal_z")

@@ -17,9 +17,13 @@ from models.training.reflectance import AlbedoTask, grey, local_strength
 from models.training.tasks import Batch, channels, uniform
 from service.reflectance.subject import GEOMETRY
 
-SHADE_LEFT, SHADE_MEASURED = (0.0, 1.1), 0.8
-"""Range of the share of fine shade, finer than delta's context tells, that is left in the albedo which rho and sigma
-train on, and the share in held-out albedo. delta takes away little of it: a crease of the photo stays a dark line."""
+MOST_SHADE, SHADE_POWER, SHADE_MEASURED = 1.1, 0.35, 1.0
+"""What is left of the fine shade, finer than delta's context tells, in the albedo that rho and sigma train on: at most
+this share, of a power of chance that makes shares near the whole the usual ones; and the share in held-out albedo.
+The service hands over all of it (``service.reflectance.fine_shade``): a crease of the photo stays a dark line."""
+COARSEST = 3.0
+"""The context's light is smoother than its cells: its cells are up to so many times as large in training, so that
+more shade is left. In held-out albedo they have their size."""
 DETAIL_MEASURED = 8.0
 """Value of ``PHOTOS_DETAIL`` in held-out albedo: none of the shade finer than that is there."""
 
@@ -27,7 +31,9 @@ HAIR_WEIGHT = 0.6
 """Normals of hair are half chance; they count less. Not much less: strands must not be taken for creases."""
 
 
-def shaded(albedo: Tensor, texture: Tensor, share: Tensor, finest: Tensor, factor: float) -> Tensor:
+def shaded(
+    albedo: Tensor, texture: Tensor, share: Tensor, finest: Tensor, factor: float, coarser: float = 1.0
+) -> Tensor:
     """sRGB-coded albedo (N, 3, h, w) with a share (N, 1, 1, 1) of the fine shade of its texture.
 
     Args:
@@ -36,9 +42,10 @@ def shaded(albedo: Tensor, texture: Tensor, share: Tensor, finest: Tensor, facto
         share: of its shade that is left.
         finest: (N, 1, 1, 1) share of that which is finer than ``factor`` texels.
         factor: see ``PHOTOS_DETAIL``.
+        coarser: times the context's cells; shade finer than that is fine.
     """
     light = log_light(texture, albedo)
-    coarse = context_light(texture, albedo, cells_of(albedo.shape[2]))
+    coarse = context_light(texture, albedo, max(round(cells_of(albedo.shape[2]) / coarser), 2))
     fine = light - functional.interpolate(coarse, albedo.shape[2:], mode="bilinear", align_corners=False)
     fine = lost_detail(fine.clamp(-2.0, 2.0), finest, factor)
     return srgb((linear(albedo) * torch.exp(share * fine)).clamp(0.0, 1.0))
@@ -85,9 +92,10 @@ class NormalTask(AlbedoTask):
     def _crops(self, size: int, generator: torch.Generator) -> Batch:
         """With fine shade left in the albedo, which tells of relief as much as colour does."""
         batch = super()._crops(size, generator)
-        share, finest = uniform(generator, *SHADE_LEFT, size, 1, 1, 1), uniform(generator, 0.0, 1.0, size, 1, 1, 1)
-        factor = float(uniform(generator, *PHOTOS_DETAIL, 1))
-        batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, finest, factor)
+        share, finest = (uniform(generator, 0.0, 1.0, size, 1, 1, 1) for _ in range(2))
+        share = MOST_SHADE * share**SHADE_POWER
+        factor, coarser = (float(uniform(generator, *span, 1)) for span in (PHOTOS_DETAIL, (1.0, COARSEST)))
+        batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, finest, factor, coarser)
         return batch
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:

@@ -15,7 +15,9 @@ from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.diffuse_albedo import CONTEXT, PREFIX, found_by
+from service.reflectance.diffuse_albedo import CONTEXT, found_by, needs_context
+from service.reflectance.fine_shade import NAME as SHADED_GREY
+from service.reflectance.fine_shade import shaded_grey
 from service.reflectance.planes import Planes, to_codes
 from service.runtime.describe import Description
 from service.runtime.networks import Engine, Network, open_network
@@ -148,16 +150,20 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
     """What a translator reads in the window, and the seconds of delta's context, which sees the whole chart once."""
     planes = material.map_planes(variant.width)
     seconds = 0.0
-    if variant.stage == "delta":
+    if variant.stage == "delta" or SHADED_GREY in what.channels:
         planes.add_codes("texture", material.enlarged(variant.width))
-        if any(channel.startswith(PREFIX) for channel in what.channels):
+        if needs_context(engine):
             with open_network(CONTEXT, engine) as network:
                 whole = material.whole_texture()
                 found, seconds = _timed(lambda: found_by(network, whole), 1)
                 names = network.description.planes(len(found.light))
             planes.add_coarse(names, material.window.planes(found.light))
-    else:
-        planes.add_codes("albedo", material.albedo(variant.width))
+    if variant.stage != "delta":
+        seconds, albedo = 0.0, material.albedo(variant.width)
+        planes.add_codes("albedo", albedo)
+        if SHADED_GREY in what.channels:
+            planes.add_grey(SHADED_GREY, shaded_grey(planes, albedo))
+            planes.drop("texture")
     return planes, seconds
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import linear_to_srgb, srgb_to_linear
+from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.head.model import HeadModel
 from service.reflectance.diffuse_albedo import BRIGHTEST
 from service.reflectance.part_texels import PartTexels
@@ -23,6 +23,9 @@ Float = npt.NDArray[np.float32]
 
 IRIS, SCLERA = (0.5, 0.85), (1.25, 1.8)
 """Where the albedo tells the colours, in radii of the iris."""
+LIGHTEST_IRIS, MOST_IRIS, LEAST_IRIS = 0.2, 0.32, np.array([0.020, 0.014, 0.010], np.float32)
+"""Luminance of the palest iris, its largest channel, and the channels of the darkest, linear: a white that was seen in
+the shade of the lids, or skin that was taken for an iris, makes it glow."""
 FEW = 12
 """With fewer texels than this they are not told."""
 FIBRES, FIBRE_DEPTH = 28, 0.16
@@ -80,13 +83,16 @@ def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[Eyeball]:
     return [eye for eye in found if eye is not None]
 
 
-def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
+def draw_eyes(
+    albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: npt.NDArray[np.floating] | None = None
+) -> Codes:
     """The albedo, changed in place: eyes in the detail of the map and in the colours that they had.
 
     Args:
         albedo: (H, W, 3) codes of sRGB.
         head: whose chart it is; stays as it is where it has no eyes, or too few texels of them.
         detail: strength of fibres and vessels, which are made up, in [0, 1]. The iris's colour is their seed.
+        iris_albedo: (3,) linear; None: as on the map.
     """
     eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]))
     shown = [albedo[eye.place.box][eye.place.inside] * np.float32(1 / FULL_CODE) for eye in eyes]
@@ -94,6 +100,7 @@ def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
     iris, sclera = tones
     if iris is None or sclera is None:
         return albedo
+    iris = likely_iris(srgb_to_linear(iris) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
     for eye in eyes:
         # The same on both eyes but for the turn: a person's eyes are alike.
         random = np.random.default_rng(np.rint(iris * 255).astype(int))
@@ -103,6 +110,12 @@ def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0) -> Codes:
         drawn = np.rint(np.clip(linear_to_srgb(np.clip(linear, 0, BRIGHTEST)), 0, 1) * FULL_CODE)
         albedo[eye.place.box][eye.place.inside] = drawn.astype(albedo.dtype)
     return albedo
+
+
+def likely_iris(linear: Float) -> Float:
+    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are."""
+    excess = max(1.0, float(luma(linear)) / LIGHTEST_IRIS, float(linear.max()) / MOST_IRIS)
+    return linear_to_srgb(np.maximum(linear / np.float32(excess), LEAST_IRIS))
 
 
 def _tone(eyes: list[Eyeball], shown: list[Float], where: tuple[float, float]) -> Float | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.colour import LUMA, linear_to_srgb, luma, srgb_to_linear
 from service.levels import TEXTURE_SIZE
 from service.reflectance.planes import FULL_CODE, Codes
 from service.reflectance.texels import interpolated
@@ -40,7 +40,13 @@ STRIP = 512
 """Rows of the full map at a time."""
 
 
-def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], lit: Float | None = None) -> Codes:
+def without_glints(
+    albedo: Codes,
+    texture: Codes,
+    skin: npt.NDArray[np.uint8],
+    lit: Float | None = None,
+    grey: Codes | None = None,
+) -> Codes:
     """(H, W, 3) codes of sRGB albedo with the skin's own colour where highlights were, in place.
 
     Args:
@@ -48,6 +54,7 @@ def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], l
         texture: (H, W, 3) codes that it was made from.
         skin: (H, W) uint8, 255 where a texel is skin, 0 on eyes and teeth.
         lit: (h, w) of any size in [0, 1], where it is skin in the photo's light; None: everywhere.
+        grey: (H, W) codes of the same skin in grey, which is to change, in place, as the albedo's luma does.
     """
     import cv2
 
@@ -73,7 +80,11 @@ def without_glints(albedo: Codes, texture: Codes, skin: npt.NDArray[np.uint8], l
         chosen = (np.abs(added).max(-1) > 1e-4) & (skin[place] == 255)
         linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
         linear = np.maximum(linear + added[chosen], LEAST * linear)
-        albedo[place][chosen] = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
+        changed = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
+        if grey is not None:
+            more = (changed.astype(np.float32) - albedo[place][chosen]) @ LUMA
+            grey[place][chosen] = np.clip(grey[place][chosen] + more, 0, FULL_CODE).astype(np.uint16)
+        albedo[place][chosen] = changed
     return albedo
 
 

@@ -3,8 +3,9 @@
 ::
 
     T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
-                                             --rho--> specular normals --integrate--> displacement
-                                             --sigma--> diffuse normals
+          |
+          `- less the light that delta's context tells --rho--> specular normals --integrate--> displacement
+                                                       --sigma--> diffuse normals
 
 Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
 """
@@ -24,6 +25,8 @@ from service.reflectance.beyond import skin_goes_on
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.eyeballs import draw_eyes
+from service.reflectance.fine_shade import NAME as SHADED_GREY
+from service.reflectance.fine_shade import READERS, shaded_grey
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
 from service.reflectance.missing_blue import lacks_blue
@@ -103,15 +106,18 @@ def make_reflectance(
         if subject.white is not None:
             planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
 
-        def unlit(told: Callable[[float], None]) -> Codes:
+        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None]:
             bare = diffuse_albedo(full, job(told), subject.white)
-            plain = lids_on_lashes(skin_goes_on(without_glints(bare, full, skin, subject.lit), subject), subject)
-            return draw_teeth(draw_eyes(plain, subject.head, detail), subject.head, detail)
+            grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
+            plain = lids_on_lashes(skin_goes_on(without_glints(bare, full, skin, subject.lit, grey), subject), subject)
+            return draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail), grey
 
-        made.diffuse_albedo = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey = run("diffuse_albedo", unlit)
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
+        if grey is not None:
+            planes.add_grey(SHADED_GREY, grey)
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:

@@ -83,6 +83,13 @@ class Planes:
             lambda size: from_codes(_resized(codes, size)) @ LUMA,
         )
 
+    def add_grey(self, name: str, codes: Codes) -> None:
+        """One channel in [-1, 1] of (H, W) codes."""
+        self.channels[name] = Channel(
+            lambda rows, columns, into: _read_codes(codes, rows, columns, into),
+            lambda size: from_codes(_resized(codes, size)),
+        )
+
     def add_full(self, names: Sequence[str], values: npt.NDArray[np.floating]) -> None:
         """Channels of a (C, H, W) array as they are."""
         for name, plane in zip(names, np.asarray(values, np.float32), strict=True):

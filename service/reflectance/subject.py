@@ -83,6 +83,7 @@ class Subject:
         eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
             (``service.reflectance.deep_eyes``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
+        iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
     """
 
     head: HeadModel
@@ -93,6 +94,7 @@ class Subject:
     white: npt.NDArray[np.floating] | None = None
     made_up: Float | None = None
     worn: Float | None = None
+    iris: npt.NDArray[np.floating] | None = None
 
     @classmethod
     def of(
@@ -115,7 +117,8 @@ class Subject:
         made_up = np.asarray(texture.confidence == 0, np.float32)
         worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = made_up.shape
-        return replace(subject, made_up=made_up * subject.bare((width, height)) * (1 - worn), worn=worn)
+        made_up *= subject.bare((width, height)) * (1 - worn)
+        return replace(subject, made_up=made_up, worn=worn, iris=texture.iris)
 
     @property
     def eyes(self) -> Float:

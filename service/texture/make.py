@@ -17,6 +17,7 @@ from service.head.model import HeadModel
 from service.photo.photo import Photo
 from service.texture import mouth, parts
 from service.texture.complete import Completed, complete_skin, opacity
+from service.texture.eye_tone import EyeTone, measure_eyes
 from service.texture.glasses import frames
 from service.texture.judge import cap_or_mask, judge, lit_skin
 from service.texture.lash_line import lash_line
@@ -61,7 +62,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
-    colour, confidence, white = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
+    colour, confidence, white, iris = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(colour))
@@ -77,7 +78,9 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     worn = None if skin is None else cap_or_mask(chart, colour, unwrapped.normal, skin)
     told = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": rims.any(), "face-covered": worn is not None}
     warnings = tuple(code for code, true in told.items() if true)
-    return Texture(to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white, worn)
+    return Texture(
+        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white, worn, iris
+    )
 
 
 def _require_finite(fit: Fit) -> None:
@@ -105,13 +108,15 @@ def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
 
 def _paint_parts(
     photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
-) -> tuple[Float, Float, Float]:
-    """Colours (N, 3) and confidence codes (N,) of all parts, the skin's from ``completed``; and their light (3,)."""
+) -> tuple[Float, Float, Float, Float | None]:
+    """Colours (N, 3) and confidence codes (N,) of all parts, the skin's from ``completed``; their light (3,); the
+    albedo of the irises (3,), None where none was seen.
+    """
     seen_weight = opacity(unwrapped.weight)
     irises = () if fit.gaze is None else fit.gaze.irises
+    tone = measure_eyes(photo.pixels, irises)
     # Eyes without a visible iris point elsewhere than in the photo, which shows lids or glass in their place.
-    eyes_seen = seen_weight * float(fit.gaze is None or len(irises) > 0)
-    tone = parts.measure_eyes(photo.pixels, irises)
+    eyes_seen = seen_weight * float(fit.gaze is None or tone.iris is not None)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25)
     light = parts.judge_light(tone.sclera, None if skin is None else skin.colour, unwrapped.colour[face])
     colour, code = completed.colour.copy(), _confidence(completed)
@@ -145,7 +150,8 @@ def _paint_parts(
         share = seen_weight[teeth.own] * toothlike(shown, typical) * teeth.shows(shown, tooth)
         _lay_over(colour, code, teeth.own, teeth.paint(tooth, light), share, unwrapped.colour)
         colour[teeth.own] = mouth.no_bluer(colour[teeth.own], white)
-    return colour, code, white
+    iris = None if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / white, np.float32)
+    return colour, code, white, iris
 
 
 def _lay_over(
@@ -156,7 +162,7 @@ def _lay_over(
     code[own] = np.where(share > 0.05, np.rint(SEEN + (255 - SEEN) * share), 0)
 
 
-def _paint_eye(chart: Chart, index: int, light: parts.Light, tone: parts.EyeTone) -> Float:
+def _paint_eye(chart: Chart, index: int, light: parts.Light, tone: EyeTone) -> Float:
     """(n, 3) sRGB of an eye's texels in measured or plausible colours."""
     _, angle, limbus, pupil = parts.eye_angles(chart, index)
     sclera = light.on(parts.SCLERA) if tone.sclera is None else tone.sclera

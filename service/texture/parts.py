@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
-from service.fit.eye_white import inside_rim
-from service.fit.gaze import Iris
 from service.geometry.chart import Chart
 
 Float = npt.NDArray[np.float32]
@@ -35,8 +32,6 @@ CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 """The same sideways, towards the corners of the lids."""
 ALIKE = 0.45
 """RGB distance between photo and paint at which the photo counts for a third: far more is skin or a mirrored lamp."""
-
-LEAST_SAMPLES = 12
 
 
 @dataclass(frozen=True)
@@ -90,14 +85,6 @@ def eye_angles(chart: Chart, part: int) -> tuple[npt.NDArray[np.int64], Float, f
     return texels, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).astype(np.float32), float(limbus), float(pupil)
 
 
-@dataclass(frozen=True)
-class EyeTone:
-    """Colours measured on both eyes: (3,) sRGB each, None where too little of it was seen."""
-
-    sclera: Float | None
-    iris: Float | None
-
-
 def lid_shade(chart: Chart, part: int) -> Float:
     """(n, 1) light that the lids leave to an eye's texels, in the order of :func:`eye_angles`."""
     head = chart.head
@@ -124,38 +111,6 @@ def alike(seen: Float, painted: Float) -> Float:
     """(n,) in [0, 1] how well colours (n, 3) of the photo agree with the painted ones."""
     distance = ((seen - painted) ** 2).sum(1)
     return np.asarray(np.exp(-distance / ALIKE**2), np.float32)
-
-
-def measure_eyes(pixels: npt.NDArray[np.uint8], irises: Sequence[Iris]) -> EyeTone:
-    """Iris and pale sclera of what (H, W, 3) uint8 sRGB shows between the lids."""
-    none = np.zeros((0, 3), np.float32)
-    white, dark = [none], [none]
-    for iris in irises:
-        colour, at = inside_rim(pixels, iris.rim, 0.12 * iris.radius)
-        distance = np.linalg.norm(at - iris.centre, axis=1) / iris.radius
-        dark.append(colour[(distance > 0.38) & (distance < 0.85)])
-        white.append(colour[distance > 1.2])
-    return EyeTone(_pale(np.concatenate(white)), _middle(np.concatenate(dark)))
-
-
-def _pale(colours: Float) -> Float | None:
-    """Mean of what is bluest but for its top: neither lids, lashes and shadow nor mirrored lamps; None if not pale."""
-    if len(colours) < LEAST_SAMPLES:
-        return None
-    order = np.argsort(colours[:, 2], kind="stable")
-    low, high = (7 * len(order)) // 10, (19 * len(order)) // 20
-    bright = colours[order[low : max(high, low + 1)]].mean(0)
-    saturation = float(bright.max() - bright.min()) / max(float(bright.max()), 1e-3)
-    return bright.astype(np.float32) if saturation < 0.4 and bright.max() > 0.2 else None
-
-
-def _middle(colours: Float) -> Float | None:
-    """Mean of the brighter half without its top: the rest lies in the lid's shadow, the top mirrors lamps."""
-    if len(colours) < LEAST_SAMPLES:
-        return None
-    order = np.argsort(luma(colours), kind="stable")
-    low, high = len(order) // 2, (17 * len(order)) // 20
-    return np.asarray(colours[order[low : max(high, low + 1)]].mean(0), np.float32)
 
 
 def _blend(value: Float, low: float, high: float) -> Float:

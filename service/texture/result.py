@@ -39,6 +39,7 @@ class Texture:
             mask, covers over a fifth of the face; it stays in the maps.
         white: (3,) float32 linear RGB, positive, of a white diffuse surface in the light that eyes and mouth were
             painted in; None for a texture of other origin.
+        iris: (3,) float32 linear RGB >= 0, albedo of the irises as ``white`` gives it; None: none was seen.
         worn: (H, W) uint8, 255 where the texture has the colour of that cap or mask, seen or made up; None: nowhere.
     """
 
@@ -53,3 +54,4 @@ class Texture:
     warnings: tuple[str, ...] = field(default=())
     white: npt.NDArray[np.float32] | None = None
     worn: npt.NDArray[np.uint8] | None = None
+    iris: npt.NDArray[np.float32] | None = None

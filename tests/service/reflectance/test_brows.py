@@ -92,7 +92,7 @@ def test_relief_is_flatter_under_cover_and_the_same_elsewhere(tmp_path: Path) ->
     found = []
     for clues in (None, brow):
         planes = Planes(size)
-        planes.add_codes("albedo", np.full((32, 48, 3), 30000, np.uint16))
+        planes.add_grey("shaded_grey", np.full((32, 48), 30000, np.uint16))
         planes.add_coarse(GEOMETRY, rng.normal(size=(len(GEOMETRY), 32, 48)).astype(np.float32))
         if clues is not None:
             planes.add_coarse([COVERED], clues[None])

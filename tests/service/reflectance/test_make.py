@@ -131,7 +131,7 @@ def test_parts_that_the_networks_have_not_seen(
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
     for drawn in ("eyes", "teeth"):
-        monkeypatch.setattr(f"service.reflectance.make.draw_{drawn}", lambda albedo, head, detail: albedo)
+        monkeypatch.setattr(f"service.reflectance.make.draw_{drawn}", lambda albedo, *_: albedo)
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)

@@ -32,8 +32,8 @@ def toy_models() -> dict[str, bytes]:
         ),
         "delta": toy_net("delta", (*TEXTURE, *context, "depth", *OBJECT, *POSITION, "mask"), ALBEDO, seed=4),
         "psi": toy_net("psi", (*ALBEDO, *POSITION), ("specular_albedo",), seed=5),
-        "rho": toy_net("rho", ("albedo_grey", *TANGENT, *POSITION), XYZ, seed=6),
-        "sigma": toy_net("sigma", ("albedo_grey", *OBJECT, *POSITION), XYZ, seed=7),
+        "rho": toy_net("rho", ("shaded_grey", *TANGENT, *POSITION), XYZ, seed=6),
+        "sigma": toy_net("sigma", ("shaded_grey", *OBJECT, *POSITION), XYZ, seed=7),
     }
 
 

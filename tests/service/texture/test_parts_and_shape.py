@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, srgb_to_linear
-from service.fit.gaze import Iris
 from service.geometry.chart import Chart
 from service.texture import mouth, parts
 from service.texture.mesh_field import Graph, smooth_fit, splat
@@ -74,40 +73,6 @@ def test_eye_is_painted_from_pupil_to_sclera() -> None:
     assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
     white = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
     assert np.abs(colour[white] - parts.SCLERA).max() < 0.05
-
-
-def _eye_photo(radius: float) -> tuple[np.ndarray, Iris]:
-    """A blue-eyed photo with red lids: (120, 160, 3) uint8 and where its iris is."""
-    y, x = np.indices((120, 160)) + 0.5
-    turn = np.linspace(0, 2 * np.pi, 17)[:-1]
-    rim = np.stack([80 + 2.4 * radius * np.cos(turn), 60 + 1.0 * radius * np.sin(turn)], 1)
-    between = ((x - 80) / (2.4 * radius)) ** 2 + ((y - 60) / radius) ** 2 < 1
-    distance = np.hypot(x - 85, y - 60) / radius
-    image = np.where(between[..., None], [205, 195, 190], [170, 110, 95])
-    image = np.where((between & (distance < 1))[..., None], [60, 90, 130], image)
-    image = np.where((between & (distance < 0.35))[..., None], 5, image)
-    image = np.where((np.hypot(x - 87, y - 57) < 0.15 * radius)[..., None], 255, image)
-    return image.astype(np.uint8), Iris(np.array([85.0, 60.0]), radius, rim, 0.5)
-
-
-@pytest.mark.parametrize("radius", [3.5, 20.0])
-def test_colours_of_an_eye_are_those_between_the_lids(radius: float) -> None:
-    """Pupil, the lamp mirrored in it and the red lids beside it must not be mixed in."""
-    photo, iris = _eye_photo(radius)
-    tone = parts.measure_eyes(photo, [iris])
-    assert tone.iris is not None and np.abs(tone.iris * 255 - [60, 90, 130]).max() < 12
-    assert tone.sclera is not None and np.abs(tone.sclera * 255 - [205, 195, 190]).max() < 12
-
-
-def test_no_eye_has_no_colours() -> None:
-    photo, iris = _eye_photo(20.0)
-    assert parts.measure_eyes(photo, []) == parts.EyeTone(None, None)
-    lost = Iris(iris.centre, iris.radius, np.full((16, 2), np.nan), 0.5)
-    assert parts.measure_eyes(photo, [lost]) == parts.EyeTone(None, None)
-    beside = Iris(iris.centre + 1000, iris.radius, iris.rim + 1000, 0.5)
-    assert parts.measure_eyes(photo, [beside]) == parts.EyeTone(None, None)
-    red = np.full_like(photo, [170, 80, 70])
-    assert parts.measure_eyes(red, [iris]).sclera is None
 
 
 def test_lids_shade_the_eye_from_above() -> None:
