@@ -23,6 +23,7 @@ from models.tables import write_between
 from models.training.albedo import unlit
 from models.training.context import ContextTask, best_gain
 from models.training.degrade import blur
+from models.training.measures import colour_difference, light_left
 from models.training.normals import NormalTask, angles
 from models.training.reflectance import grey
 from models.training.tasks import Batch, Task, channels, psnr
@@ -106,9 +107,12 @@ def context_rows(task: ContextTask, network: nn.Module) -> Callable[[Batch], Row
             "network, no eyes seen dB": psnr(unlit(batch["clean"], blind), albedo, mask),
             "network, best gain dB": psnr(unlit(batch["clean"], light - gain), albedo, mask),
             "network, all skin seen dB": psnr(bare, albedo, everything),
+            "network, Delta E 2000": colour_difference(found, albedo, mask),
+            "network, light left": light_left(found, albedo, batch["clean"], mask),
             "log light off by": abs(float(gain.mean())),
             "log light off by, no eyes seen": abs(float(gain_blind.mean())),
             "texture itself dB": psnr(batch["texture"], albedo, mask),
+            "texture itself, Delta E 2000": colour_difference(batch["texture"], albedo, mask),
             "divided by shading dB": psnr(divided(batch), albedo, mask),
             "one true colour dB": flat_colour(batch["texture"], albedo, mask),
         }
