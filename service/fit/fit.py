@@ -9,6 +9,7 @@ import numpy as np
 from service.errors import FitFailed
 from service.faces.face import Face
 from service.fit.basis import LandmarkModel
+from service.fit.bite import teeth_drop, upper_row
 from service.fit.gaze import find_gaze, with_gaze
 from service.fit.landmarks import LandmarkFit, fit_landmarks
 from service.fit.lids import lids_on_rims
@@ -101,6 +102,10 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     teeth_seen = skin is None or measure_teeth(photo.pixels, mouth_rim, skin) is not None
     expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen)
     vertices = head.shape(identity, expression)
+    if skin is not None and (teeth := upper_row(head)).size:
+        drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
+        for shape in (vertices, neutral):
+            shape[teeth, 1] -= np.float32(drop)
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
     seen = (belief > 0) & np.isfinite(distance)
     share = belief[seen] > 0.05

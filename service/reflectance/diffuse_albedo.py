@@ -14,7 +14,7 @@ import numpy.typing as npt
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.aglow import not_aglow
-from service.reflectance.brows import under_brows
+from service.reflectance.brows import no_bluer, under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
 from service.reflectance.grading import even_hue
 from service.reflectance.hue import within_skin
@@ -136,16 +136,18 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
     between = None if found is None else found.between
     between = between if white is None else np.log(np.asarray(white, np.float32))
     result = np.zeros_like(texture)
-    shade = job.planes.read([LID_SHADE]) if LID_SHADE in job.planes.channels else None
+    shade, brows = (job.planes.read([one]) if one in job.planes.channels else None for one in (LID_SHADE, BROWS))
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
         if found is not None and found.blue is not None:
             albedo = _blue_again(albedo, texture[place], found.blue)
+        rows, columns = (np.arange(s.start, s.stop) for s in place)
+        if brows is not None:
+            albedo = no_bluer(albedo, brows(rows, columns)[0])
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:
-                rows, columns = (np.arange(s.start, s.stop) for s in place)
                 kept = without(between, kept, None if shade is None else shade(rows, columns)[0])
             albedo = kept + skin[..., None] * (albedo - kept)
         result[place] = to_codes(albedo)

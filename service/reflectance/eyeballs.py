@@ -113,7 +113,13 @@ def draw_eyes(
 
 
 def likely_iris(linear: Float) -> Float:
-    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are."""
+    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are, and not purple.
+
+    Brown, green, blue and grey have at least as much green as the geometric mean of red and blue. A purple one is brown
+    with the blue of the sky.
+    """
+    red, green, blue = np.maximum(linear, np.float32(1e-4))
+    linear = np.array([red, green, min(blue, green * green / red)], np.float32)
     excess = max(1.0, float(luma(linear)) / LIGHTEST_IRIS, float(linear.max()) / MOST_IRIS)
     return linear_to_srgb(np.maximum(linear / np.float32(excess), LEAST_IRIS))
 

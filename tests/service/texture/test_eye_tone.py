@@ -85,3 +85,12 @@ def test_no_iris_glows_and_none_is_black() -> None:
         assert luma(found) <= LIGHTEST_IRIS * 1.001 and found.max() <= MOST_IRIS * 1.001
         assert (found >= LEAST_IRIS * 0.999).all()
     assert np.allclose(found, [0.1, 0.05, 0.02], atol=1e-5), "the last is a plain brown"
+
+
+def test_no_iris_is_purple_and_blue_ones_stay() -> None:
+    """The sky in a brown one adds blue; warm light taken off a dark one does."""
+    for red, green, blue in ([0.05, 0.03, 0.06], [0.15, 0.12, 0.12], [0.02, 0.0, 0.05]):
+        found = srgb_to_linear(likely_iris(np.array([red, green, blue], np.float32)))
+        assert np.isfinite(found).all() and found[2] <= max(1.001 * found[1], LEAST_IRIS[2]) <= 1.01 * found[0]
+    for plain in ([0.12, 0.17, 0.23], [0.10, 0.12, 0.06], [0.15, 0.15, 0.15]):
+        assert np.allclose(srgb_to_linear(likely_iris(np.array(plain, np.float32))), plain, atol=1e-4)
