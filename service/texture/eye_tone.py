@@ -20,10 +20,11 @@ RIM = 0.12
 RING, WHITE, PUPIL = (0.5, 0.88), 1.2, 0.28
 """Radii of the iris between which it is measured, in the dark with wide pupils too, from which on the white is, and up
 to which the pupil is."""
-USUAL = (0.4, 0.8)
-"""Quantiles of an iris's luma that count: what is darker lies in the lid's shadow, what is brighter mirrors lamps."""
+USUAL, BLURRED = (0.4, 0.8), (0.2, 0.55)
+"""Quantiles of an iris's luma that count: what is darker lies in the lid's shadow, what is brighter mirrors lamps. Of
+one that the photo does not resolve more is brighter, as the white and the lamp run into it."""
 RESOLVED = (6.0, 10.0)
-"""Radius of the iris, in pixels, from which on the pupil begins to be told from it, and is."""
+"""Radius of an iris, in pixels, from which on its pupil begins to be told from it, and is."""
 MOST_MIRRORED = 0.7
 """Share of an iris's light that the cornea may mirror: of the darkest something has to be left."""
 LIKE_SKIN = 0.35
@@ -74,7 +75,10 @@ def _iris(colour: Float, distance: Float, radius: float, skin: Float) -> Float |
     if len(ring) < LEAST_SAMPLES:
         return None
     ring = ring[np.argsort(luma(ring), kind="stable")]
-    low, high = (int(share * len(ring)) for share in USUAL)
+    told = _resolved(radius)
+    low, high = (
+        int((blurred + told * (usual - blurred)) * len(ring)) for usual, blurred in zip(USUAL, BLURRED, strict=True)
+    )
     shown = np.asarray(ring[low : max(high, low + 1)].mean(0), np.float32)
     if len(skin) >= LEAST_SAMPLES and _lid(shown, np.median(srgb_to_linear(skin), axis=0)):
         return None
@@ -99,8 +103,12 @@ def _mirrored(pupil: Float, radius: float) -> float:
         return 0.0
     linear = srgb_to_linear(pupil)
     linear = linear[np.argsort(luma(linear), kind="stable")][: max(len(linear) // 2, 1)]
-    told = np.clip((radius - RESOLVED[0]) / (RESOLVED[1] - RESOLVED[0]), 0, 1)
-    return float(told * linear.mean(0).min())
+    return _resolved(radius) * float(linear.mean(0).min())
+
+
+def _resolved(radius: float) -> float:
+    """How well an iris of a radius in pixels is resolved, in [0, 1]."""
+    return float(np.clip((radius - RESOLVED[0]) / (RESOLVED[1] - RESOLVED[0]), 0, 1))
 
 
 def _pale(colours: Float) -> Float | None:
