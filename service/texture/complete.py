@@ -39,6 +39,14 @@ GRAIN = 0.6
 
 MOST_GRAIN = 0.02
 
+LIP = (0.35, 0.55)
+"""Of the region's soft mask, from which on a texel begins to be lip, and is: the mask fades out over skin, and a little
+where the lips turn in."""
+LIPS_ALIKE = 10 / 576
+"""Reach of the lips' own colour into lips that no photo shows, over the chart's width: closed lips hide their insides."""
+LEAST_LIP = 1e-3
+"""Weight of the mean of all seen lips beside that of those nearby."""
+
 
 @dataclass(frozen=True)
 class Completed:
@@ -86,6 +94,7 @@ def complete_skin(
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
     made_up = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
+    result += made_up * _redder(chart, colour, base, seen)
     result += made_up * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
@@ -121,6 +130,30 @@ def _fine(chart: Chart, colour: Float, seen: Float) -> Float:
     soft = np.asarray(cv2.GaussianBlur(both, (0, 0), max(chart.width / 480, 0.5))).reshape(-1, 2)[chart.texels]
     middle = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
     return np.asarray(np.minimum(np.abs(luma(colour) - middle), MOST_GRAIN), np.float32)
+
+
+def _redder(chart: Chart, colour: Float, base: Float, seen: Float) -> Float:
+    """(N, 3) by how much lips that are not seen differ from the base colour, which is skin there; 0 on all else.
+
+    Args:
+        chart: of the head; without a region "lips" all is 0.
+        colour: (N, 3) sRGB of the photo, read where ``seen`` (N,) > 0.
+        base: (N, 3) sRGB.
+        seen: opacity of the photo.
+    """
+    import cv2
+
+    lips = chart.inside(vertex_mask(chart.head, "lips")[:, None])[:, 0]
+    lips = np.clip((lips - LIP[0]) / (LIP[1] - LIP[0]), 0, 1).astype(np.float32)
+    weight = (lips * seen)[:, None]
+    if not float(weight.sum()) > 0:
+        return np.zeros_like(base)
+    shown = np.where(weight > 0, colour, 0) * weight
+    spread = chart.spread(np.concatenate([shown, weight], 1).astype(np.float32))
+    near = np.asarray(cv2.GaussianBlur(spread, (0, 0), chart.width * LIPS_ALIKE)).reshape(-1, 4)[chart.texels]
+    mean = shown.sum(0) / weight.sum()
+    own = (near[:, :3] + LEAST_LIP * mean) / (near[:, 3:] + LEAST_LIP)
+    return np.asarray(lips[:, None] * (own - base), np.float32)
 
 
 def _flip(chart: Chart, values: Float) -> Float:
