@@ -43,7 +43,7 @@ LIP = (0.35, 0.55)
 """Of the region's soft mask, from which on a texel begins to be lip, and is: the mask fades out over skin, and a little
 where the lips turn in."""
 LIPS_ALIKE = 10 / 576
-"""Reach of the lips' own colour into lips that no photo shows, over the chart's width: closed lips hide their insides."""
+"""Reach of the lips' own colour into lips that no photo shows, over the chart's width."""
 LEAST_LIP = 1e-3
 """Weight of the mean of all seen lips beside that of those nearby."""
 
