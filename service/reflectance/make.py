@@ -27,6 +27,7 @@ from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, di
 from service.reflectance.eyeballs import draw_eyes
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
+from service.reflectance.folds import without_folds
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
 from service.reflectance.missing_blue import lacks_blue
@@ -109,7 +110,8 @@ def make_reflectance(
         def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None]:
             bare = diffuse_albedo(full, job(told), subject.white)
             grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
-            plain = lids_on_lashes(skin_goes_on(without_glints(bare, full, skin, subject.lit, grey), subject), subject)
+            plain = without_folds(without_glints(bare, full, skin, subject.lit, grey), subject)
+            plain = lids_on_lashes(skin_goes_on(plain, subject), subject)
             return draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail), grey
 
         made.diffuse_albedo, grey = run("diffuse_albedo", unlit)
