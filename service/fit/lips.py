@@ -25,7 +25,7 @@ USED = (0.04, 0.96)
 """Part of the way from corner to corner where lips meet or part."""
 LEFT_OPEN = 0.02
 """Gap that the network leaves between closed lips, as a share of the mouth's width."""
-CLOSED = 0.06
+CLOSED = 0.085
 """Gap up to which a mouth without teeth to be seen is closed, likewise."""
 
 

@@ -1,8 +1,7 @@
-"""Brows: the light on the skin under them, which no photo shows, and their colour.
+"""Brows: the light on the skin under them, which no photo shows.
 
 Brows are dark hair at a place where shade is to be expected. A network that has seen brows of medium depth takes the
 rest of a darker one for shade, and bleaches it. So its findings there do not count: light goes on from the skin around.
-Nearly black, they tell no hue in a photo; without the light of a warm lamp they would be blue.
 """
 
 from __future__ import annotations
@@ -50,17 +49,3 @@ def under_brows(everywhere: Float, light: Float, lit: Float, brow: Float) -> Flo
         return everywhere
     soft = np.minimum(np.asarray(cv2.GaussianBlur(brow, (0, 0), 1.0), np.float32), brow) * lit
     return np.asarray(everywhere + soft * (continued(light, beside) - everywhere), np.float32)
-
-
-def no_bluer(albedo: Float, brow: Float) -> Float:
-    """(h, w, 3) albedo that has no more green than red and no more blue than green where there are brows.
-
-    Hair of any natural colour absorbs blue most, as both melanins do; so does the skin beneath.
-
-    Args:
-        albedo: (h, w, 3), coded or linear.
-        brow: (h, w) in [0, 1], of :func:`brow_plane`.
-    """
-    if not brow.any():
-        return albedo
-    return np.asarray(albedo + brow[..., None] * (np.minimum.accumulate(albedo, axis=2) - albedo), np.float32)

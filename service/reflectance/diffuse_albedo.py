@@ -14,13 +14,14 @@ import numpy.typing as npt
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.fit.eye_white import BETWEEN_LIDS
 from service.reflectance.aglow import not_aglow
-from service.reflectance.brows import no_bluer, under_brows
+from service.reflectance.brows import under_brows
 from service.reflectance.exposure import less_overexposed, mean_light
 from service.reflectance.grading import even_hue
+from service.reflectance.hair_hue import like_hair
 from service.reflectance.hue import within_skin
 from service.reflectance.missing_blue import missing, usual_blue, with_blue
 from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
-from service.reflectance.subject import BROWS, EYES, LIDS, LIT, MADE_UP
+from service.reflectance.subject import BROWS, EYES, HAIR, LIDS, LIT, MADE_UP
 from service.reflectance.translate import Job, translate
 from service.reflectance.unseen import continued, like_seen_skin, not_deeper, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
@@ -136,15 +137,16 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
     between = None if found is None else found.between
     between = between if white is None else np.log(np.asarray(white, np.float32))
     result = np.zeros_like(texture)
-    shade, brows = (job.planes.read([one]) if one in job.planes.channels else None for one in (LID_SHADE, BROWS))
+    shade = job.planes.read([LID_SHADE]) if LID_SHADE in job.planes.channels else None
+    hairy = job.planes.read([BROWS, HAIR]) if {BROWS, HAIR} <= set(job.planes.channels) else None
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
         if found is not None and found.blue is not None:
             albedo = _blue_again(albedo, texture[place], found.blue)
         rows, columns = (np.arange(s.start, s.stop) for s in place)
-        if brows is not None:
-            albedo = no_bluer(albedo, brows(rows, columns)[0])
+        if hairy is not None:
+            albedo = like_hair(albedo * np.float32(0.5) + np.float32(0.5), *hairy(rows, columns)) * 2 - 1
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:

@@ -48,10 +48,13 @@ BROWS = "brows"
 COVERED = "covered_skin"
 """Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
 
+HAIR = "hair"
+"""Channel that is 1 on the scalp and where skin is covered by what is no cap or mask: hair, as a rule. 0 on lips."""
+
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
 
-CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED, LIDS)
+CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED, HAIR, LIDS)
 """Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
 
 BROW_SOFT = 5.0
@@ -151,7 +154,7 @@ class Subject:
 
     @property
     def clues(self) -> Float:
-        """(9, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        """(10, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
         def whole(plane: Float | None, usual: float) -> Float:
@@ -166,12 +169,14 @@ class Subject:
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
-        known = 1 - (1 - shown) * (1 - made_up)
+        bare = (1 - (1 - shown) * (1 - made_up)) * self.bare(GEOMETRY_SIZE)
         # Lashes are no groove.
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
         lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
-        covered = np.maximum(np.maximum(beneath, lashes), 1 - known * self.bare(GEOMETRY_SIZE))
-        return np.concatenate([lit, made_up, eyes, brows, covered, self.lids[None]])
+        covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
+        lips = self.chart.interpolate(vertex_mask(self.head, "lips"))[..., 0]
+        hair = (1 - bare) * (1 - whole(self.worn, 0.0)) * np.clip(1 - 3 * lips, 0, 1)
+        return np.concatenate([lit, made_up, eyes, brows, covered, hair, self.lids[None]])
 
     @property
     def own_skin(self) -> Float:

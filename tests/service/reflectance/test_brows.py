@@ -11,7 +11,7 @@ import numpy as np
 from service.colour import linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.reflectance.brows import NONE, brow_plane, no_bluer, under_brows
+from service.reflectance.brows import NONE, brow_plane, under_brows
 from service.reflectance.diffuse_albedo import CONTEXT, found_by
 from service.reflectance.normals import SPECULAR, tangent_normals
 from service.reflectance.planes import FULL_CODE, Planes
@@ -121,15 +121,3 @@ def test_hair_and_glasses_cover_skin_and_made_up_skin_is_bare() -> None:
     scalp = (subject.bare((768, 512)) < 0.01) & (subject.own_skin > 0)
     assert scalp.sum() > 1000
     assert clues[COVERED][scalp].min() > 0.98, "fair hair is taken for lit skin, and its strands for creases"
-
-
-def test_brows_are_not_blue_and_other_places_keep_their_colour() -> None:
-    """Black hair is black in any light; divided by a warm one it had the opposite hue."""
-    albedo = np.tile(np.array([0.10, 0.12, 0.20], np.float32), (4, 6, 1))
-    brow = np.zeros((4, 6), np.float32)
-    brow[:, 3:] = 1
-    found = no_bluer(albedo, brow)
-    assert np.array_equal(found[:, :3], albedo[:, :3])
-    assert np.allclose(found[:, 3:], 0.10)
-    brown = np.tile(np.array([0.3, 0.2, 0.1], np.float32), (4, 6, 1))
-    assert np.array_equal(no_bluer(brown, brow), brown)

@@ -1,0 +1,48 @@
+"""Hair: a hue that hair has.
+
+Nearly black, brows and hair tell no hue in a photo: a warm lamp divided out of a black that it did not warm leaves
+blue, the shades of a film or a scan leave purple. Both melanins absorb blue most and red least.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.colour import luma
+
+Float = npt.NDArray[np.float32]
+
+BLACK, DARK = 0.12, 0.24
+"""sRGB luma up to which what covers skin is taken for hair whatever its hue, and from which it keeps it: cloth may."""
+
+REDDEST, MORE_RED = 1.25, 3.0
+"""Red over luma, on sRGB values, that black hair has at most; and by how much it grows with a luma over ``GREYEST``.
+
+Dark brown hair (60, 40, 30) has 1.38, auburn (90, 45, 30) has 1.63.
+"""
+GREYEST = 0.1
+
+
+def like_hair(albedo: Float, brow: Float, hair: Float) -> Float:
+    """(h, w, 3) albedo whose brows, and dark hair elsewhere, have no more green than red and no more blue than green.
+
+    Where it changes, its luma stays; dark hair is no redder than hair of its luma is.
+
+    Args:
+        albedo: (h, w, 3) sRGB in [0, 1].
+        brow: (h, w) in [0, 1], where brows may lie (``service.reflectance.brows.brow_plane``).
+        hair: (h, w) in [0, 1], where hair of the head or of a beard may lie.
+    """
+    if not (brow.any() or hair.any()):
+        return albedo
+    level = luma(albedo)
+    weight = np.maximum(brow, hair * np.clip((DARK - level) / np.float32(DARK - BLACK), 0, 1))
+    brown = np.minimum.accumulate(albedo, axis=2)
+    brown *= (level / np.maximum(luma(brown), np.float32(1e-4)))[..., None]
+    most = REDDEST + MORE_RED * np.maximum(level - np.float32(GREYEST), 0)
+    redness = brown[..., 0] - level
+    share = np.minimum((most - 1) * level / np.maximum(redness, np.float32(1e-4)), 1)[..., None]
+    # Black of one channel alone has no luma to be kept without it.
+    result = level[..., None] + share * (np.minimum(brown, 1) - level[..., None])
+    return np.asarray(albedo + weight[..., None] * (result - albedo), np.float32)
