@@ -34,15 +34,23 @@ def like_hair(albedo: Float, brow: Float, hair: Float) -> Float:
         brow: (h, w) in [0, 1], where brows may lie (``service.reflectance.brows.brow_plane``).
         hair: (h, w) in [0, 1], where hair of the head or of a beard may lie.
     """
-    if not (brow.any() or hair.any()):
+    may = np.maximum(brow, hair) > 0
+    if not may.any():
         return albedo
-    level = luma(albedo)
-    weight = np.maximum(brow, hair * np.clip((DARK - level) / np.float32(DARK - BLACK), 0, 1))
-    brown = np.minimum.accumulate(albedo, axis=2)
-    brown *= (level / np.maximum(luma(brown), np.float32(1e-4)))[..., None]
+    before = albedo[may]
+    level = luma(before)
+    weight = np.maximum(brow[may], hair[may] * np.clip((DARK - level) / np.float32(DARK - BLACK), 0, 1))
+    changed = albedo.copy()
+    changed[may] += weight[:, None] * (_brown(before, level) - before)
+    return changed
+
+
+def _brown(colour: Float, level: Float) -> Float:
+    """(N, 3) colours of hair nearest to colours (N, 3) of luma (N,)."""
+    brown = np.minimum.accumulate(colour, axis=1)
+    brown *= (level / np.maximum(luma(brown), np.float32(1e-4)))[:, None]
     most = REDDEST + MORE_RED * np.maximum(level - np.float32(GREYEST), 0)
-    redness = brown[..., 0] - level
-    share = np.minimum((most - 1) * level / np.maximum(redness, np.float32(1e-4)), 1)[..., None]
+    redness = brown[:, 0] - level
+    share = np.minimum((most - 1) * level / np.maximum(redness, np.float32(1e-4)), 1)[:, None]
     # Black of one channel alone has no luma to be kept without it.
-    result = level[..., None] + share * (np.minimum(brown, 1) - level[..., None])
-    return np.asarray(albedo + weight[..., None] * (result - albedo), np.float32)
+    return np.asarray(level[:, None] + share * (np.minimum(brown, 1) - level[:, None]), np.float32)
