@@ -38,7 +38,8 @@ from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
 from service.fit.eye_white import BETWEEN_LIDS
 from service.fit.fit import fit_face
-from service.fit.gaze import IRIS_RADIUS_M, Iris
+from service.fit.gaze import IRIS_RADIUS_M
+from service.fit.iris import Iris
 from service.fit.settings import FitSettings
 from service.geometry.normals import normalise, vertex_normals
 from service.head.files import load_head

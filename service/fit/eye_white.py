@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma, srgb_to_linear
-from service.fit.gaze import Iris
+from service.fit.iris import Iris
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]

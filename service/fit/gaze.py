@@ -1,8 +1,7 @@
-"""Where the eyes look: the iris is sought inside the lids, and both eyes are turned the same way.
+"""Where the eyes look: the direction in which both irises together are likeliest, and eyes that are turned to it.
 
-The landmark network gives the rim of the lids only. Inside it the iris is the disc of known size (11.7 mm in every
-adult) that is darkest against its surroundings in red, where blue irises are as dark as brown ones and lids as bright
-as sclera.
+One eye alone errs by the shade of a lid, a lamp it mirrors, a strand of hair. Both look nearly the same way, and what
+misleads one is elsewhere in the other.
 """
 
 from __future__ import annotations
@@ -12,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.fit.iris import Iris, Search, search
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 
 Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.float32]
 
 IRIS_RADIUS_M = 0.00585
 SIDES = ("left", "right")
@@ -28,40 +27,12 @@ RIMS = {
 LIDS = ("eyeBlink", "eyeSquint", "eyeWide")
 """Units that give the lids back what the units of the gaze take from them."""
 
-RADIUS_PX = 12
-"""Radius of the iris in the patch in which it is sought; REACH is the patch's half side in radii."""
-REACH = 4
-LEAST_RADIUS_PX = 2.0
-"""Irises smaller than this in the photo are not to be told from lashes."""
-RING = (1.1, 1.6)
-LEAST_DISC, LEAST_RING = 0.35, 0.06
-"""Share of disc and ring that has to lie between the lids."""
-LEAST_CONTRAST = 0.22
-"""Of ring and disc, as a share of the range of values between the lids."""
-OFF_CENTRE = (0.02, 0.20)
-"""Contrast that one radius away from the middle of the opening has to be worth: lids hide the iris above and below, so
-its height is known less well."""
-APART = np.array([14.0, 10.0])
-"""Degrees of yaw and pitch in which two eyes may differ; one of them is wrong where they do more."""
+APART = 0.5
+"""Radii of the iris by which one may lie beside where the common direction has it: eyes converge, fits err."""
+STEP_DEG = 2.0
+"""Of the directions that are tried."""
 WIDEST = np.array([38.0, 28.0])
 """Degrees beyond which no one looks without turning the head."""
-
-
-@dataclass(frozen=True)
-class Iris:
-    """An iris in the photo.
-
-    Attributes:
-        centre: (2,) photo pixels.
-        radius: photo pixels.
-        rim: (16, 2) photo pixels round the opening between the lids, in order.
-        contrast: how much darker it is than what surrounds it, in [0, 1].
-    """
-
-    centre: Array
-    radius: float
-    rim: Array
-    contrast: float
 
 
 @dataclass(frozen=True)
@@ -98,26 +69,44 @@ def find_gaze(
     Returns:
         The gaze; None for a head without eyeballs.
     """
-    seen: list[tuple[Iris, Array]] = []
-    for side in SIDES:
-        ball = eyeball(head, neutral, side)
+    balls = [eyeball(head, neutral, side) for side in SIDES]
+    eyes: list[tuple[Search, Array, float]] = []
+    for side, ball in zip(SIDES, balls, strict=True):
         if ball is None:
             return None
-        centre, radius = ball
         rim = np.asarray(landmarks, np.float64)[list(RIMS[side]), :2]
-        iris = find_iris(pixels, rim, _iris_px(camera, centre))
-        if iris is None:
-            continue
-        angles = _angles(camera, centre, radius, iris.centre)
-        if (np.abs(angles) < WIDEST).all():
+        found = search(pixels, rim, _iris_px(camera, ball[0]))
+        if found is not None:
+            eyes.append((found, *ball))
+    if not eyes:
+        return Gaze(0.0, 0.0)
+    direction = _common_direction(eyes, camera)
+    seen: list[tuple[Iris, Array]] = []
+    for found, centre, radius in eyes:
+        iris = found.best(camera.project((centre + radius * direction)[None])[0], APART)
+        angles = None if iris is None else _angles(camera, centre, radius, iris.centre)
+        if iris is not None and angles is not None and (np.abs(angles) < WIDEST).all():
             seen.append((iris, angles))
-    if len(seen) == 2 and (np.abs(seen[0][1] - seen[1][1]) > APART).any():
-        seen = [max(seen, key=lambda eye: eye[0].contrast)]
     if not seen:
         return Gaze(0.0, 0.0)
     weight = np.array([iris.contrast for iris, _ in seen])
     yaw, pitch = weight @ np.stack([angles for _, angles in seen]) / weight.sum()
     return Gaze(float(yaw), float(pitch), tuple(iris for iris, _ in seen))
+
+
+def _common_direction(eyes: list[tuple[Search, Array, float]], camera: Camera) -> Array:
+    """(3,) unit vector in the head's frame along which the eyes together look likeliest."""
+    import cv2
+
+    yaw, pitch = (np.radians(np.arange(-most, most + 1e-6, STEP_DEG)) for most in WIDEST)
+    x, y = (part.ravel() for part in np.meshgrid(yaw, pitch))
+    directions = np.stack([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)], 1)
+    total = np.zeros(len(directions))
+    for found, centre, radius in eyes:
+        at = found.to_patch(camera.project(centre + radius * directions)).astype(np.float32)
+        likely = found.spread(APART)
+        total += cv2.remap(likely, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[:, 0]
+    return np.asarray(directions[int(np.argmax(total))])
 
 
 def eyeball(head: HeadModel, vertices: npt.NDArray[np.floating], side: str) -> tuple[Array, float] | None:
@@ -149,73 +138,6 @@ def _angles(camera: Camera, centre: Array, radius: float, pixel: Array) -> Array
     inside = max(radius**2 - (float(middle @ middle) - along**2), 0.0)
     x, y, z = ((along - np.sqrt(inside)) * ray - middle) @ camera.rotation
     return np.asarray(np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))]))
-
-
-def find_iris(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Iris | None:
-    """The iris of known size inside the lids.
-
-    Args:
-        pixels: (H, W, 3) uint8 sRGB.
-        rim: (N, 2) pixels round the opening between the lids, in order.
-        radius_px: of the iris.
-
-    Returns:
-        None where the iris is too small, hidden, or not darker than what is around it.
-    """
-    import cv2
-
-    if not np.isfinite(rim).all() or not radius_px >= LEAST_RADIUS_PX:
-        return None
-    half = RADIUS_PX * REACH
-    scale = RADIUS_PX / radius_px
-    middle = 0.5 * (rim.min(0) + rim.max(0))
-    reach = (half + 1) / scale + 2
-    if (middle < reach).any() or (middle > np.array(pixels.shape[1::-1]) - reach).any():
-        return None
-    corner = np.floor(middle - reach).astype(int)
-    end = np.ceil(middle + reach).astype(int)
-    near = cv2.GaussianBlur(pixels[corner[1] : end[1], corner[0] : end[0]], (0, 0), max(0.15 * radius_px, 0.3))
-    # Pixel centres are at one half in the photo and at whole numbers in OpenCV and in the patch.
-    at = middle - corner - 0.5
-    matrix = np.array([[scale, 0, half - scale * at[0]], [0, scale, half - scale * at[1]]])
-    size = (2 * half + 1, 2 * half + 1)
-    patch = cv2.warpAffine(near, matrix, size)
-    mask = np.zeros(size[::-1], np.uint8)
-    corners = (rim - middle) * scale + half
-    cv2.fillPoly(mask, [np.rint(corners * 16).astype(np.int32)], 1, shift=4)
-    inside = mask > 0
-    if inside.sum() < RADIUS_PX**2:
-        return None
-    red = patch[..., 0].astype(np.float32)
-    low, high = np.percentile(red[inside], [3, 90])
-    if high - low < 8:
-        return None
-    value = np.clip((red - low) / (high - low), 0.0, 1.0)
-    score = _contrast(value, inside.astype(np.float32))
-    y, x = np.indices(score.shape, np.float32)
-    off = ((x - half) / RADIUS_PX) ** 2 * OFF_CENTRE[0] + ((y - half) / RADIUS_PX) ** 2 * OFF_CENTRE[1]
-    row, column = np.unravel_index(int(np.argmax(np.where(inside, score - off, -np.inf))), score.shape)
-    contrast = float(score[row, column])
-    if not contrast > LEAST_CONTRAST:
-        return None
-    return Iris(middle + (np.array([column, row]) - half) / scale, radius_px, rim, min(contrast, 1.0))
-
-
-def _contrast(value: Image, inside: Image) -> Image:
-    """Mean of the ring less mean of the disc about each pixel, counting what is inside; -1 where that is too little."""
-    import cv2
-
-    reach = int(np.ceil(RING[1] * RADIUS_PX))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    distance = np.hypot(x, y) / RADIUS_PX
-    means, enough = [], np.ones(value.shape, bool)
-    for kernel, least in ((distance <= 0.95, LEAST_DISC), ((distance >= RING[0]) & (distance <= RING[1]), LEAST_RING)):
-        k = kernel.astype(np.float32)
-        count = cv2.filter2D(inside, cv2.CV_32F, k, borderType=cv2.BORDER_CONSTANT)
-        total = cv2.filter2D(value * inside, cv2.CV_32F, k, borderType=cv2.BORDER_CONSTANT)
-        means.append(total / np.maximum(count, 1.0))
-        enough &= count >= least * k.sum()
-    return np.where(enough, means[1] - means[0], np.float32(-1)).astype(np.float32)
 
 
 def with_gaze(head: HeadModel, neutral: npt.NDArray[np.floating], expression: Array, gaze: Gaze) -> Array:

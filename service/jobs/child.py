@@ -89,7 +89,8 @@ def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
     from service.archive.avatar import Similarity
     from service.faces.face import Face
-    from service.fit.gaze import Gaze, Iris
+    from service.fit.gaze import Gaze
+    from service.fit.iris import Iris
     from service.fit.result import Fit
     from service.geometry.camera import Camera
     from service.photo.photo import Photo

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.fit.eye_white import BELOW, inside_rim
-from service.fit.gaze import Iris
+from service.fit.iris import Iris
 
 Float = npt.NDArray[np.float32]
 

@@ -8,7 +8,8 @@ import pytest
 
 from service.colour import linear_to_srgb, to_bytes
 from service.fit.eye_white import ALBEDO, BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, eye_white_light
-from service.fit.gaze import Gaze, Iris
+from service.fit.gaze import Gaze
+from service.fit.iris import Iris
 
 SKIN = np.array([0.12, 0.055, 0.035])
 MEAN = BETWEEN_LIDS / IN_THE_OPEN

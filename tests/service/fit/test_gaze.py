@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from service.fit.gaze import RIMS, SIDES, Gaze, eyeball, find_gaze, find_iris, with_gaze
+from service.fit.gaze import RIMS, SIDES, Gaze, eyeball, find_gaze, with_gaze
+from service.fit.iris import find_iris
 from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
@@ -76,9 +77,12 @@ def test_nothing_is_found_where_there_is_nothing() -> None:
     assert find_iris(drawn, closed, 8.0) is None
 
 
-def scene(head: HeadModel, gaze: Gaze, yaw: float, hide: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray, Camera]:
+def scene(
+    head: HeadModel, gaze: Gaze, yaw: float, hide: tuple[str, ...] = (), roll: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, Camera]:
     """Photo, landmarks and camera of a head that looks somewhere; hidden eyes are skin."""
-    rotation = np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.radians([0.0, yaw, 0.0]))
+    tilt = exp_rotation(np.radians([0.0, 0.0, roll]))
+    rotation = tilt @ np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.radians([0.0, yaw, 0.0]))
     camera = Camera(800, 600, 1500.0, np.array([400.0, 300.0]), rotation, np.array([0.0, 0.0, 1.0]))
     image = np.full((600, 800, 3), (190, 140, 120), np.uint8)
     landmarks = np.full((468, 3), 300.0)
@@ -88,7 +92,7 @@ def scene(head: HeadModel, gaze: Gaze, yaw: float, hide: tuple[str, ...] = ()) -
         ball = eyeball(head, head.mean, side)
         assert ball is not None
         ahead, pole = camera.project(np.stack([ball[0] + [0, 0, ball[1]], ball[0] + ball[1] * ray]))
-        rim = almond(ahead, 8.8)
+        rim = (almond(ahead, 8.8) - ahead) @ tilt[:2, :2].T + ahead
         landmarks[list(RIMS[side]), :2] = rim
         if side not in hide:
             draw(image, rim, pole, 8.8, (70, 50, 35))
@@ -103,6 +107,37 @@ def test_gaze_comes_back(head: HeadModel, yaw: float, angles: tuple[float, float
     assert found is not None and len(found.irises) == 2
     assert abs(found.yaw_deg - angles[0]) < 3
     assert abs(found.pitch_deg - angles[1]) < 5
+
+
+@pytest.mark.parametrize("roll", [-50.0, 35.0])
+def test_a_tilted_head_looks_where_it_looks(head: HeadModel, roll: float) -> None:
+    """Lids hide the iris above and below on the head, not in the photo."""
+    image, landmarks, camera = scene(head, Gaze(14.0, -4.0), 0.0, roll=roll)
+    found = find_gaze(image, landmarks, head, head.mean, camera)
+    assert found is not None and len(found.irises) == 2
+    assert abs(found.yaw_deg - 14.0) < 3
+    assert abs(found.pitch_deg + 4.0) < 5
+
+
+def test_one_eye_tells_the_iris_of_the_other_from_shade(head: HeadModel) -> None:
+    """A dark corner of one eye has more contrast than its own pale iris; alone it would be taken for it."""
+    image, landmarks, camera = scene(head, Gaze(-6.0, 0.0), 0.0)
+    rim = landmarks[list(RIMS["left"]), :2]
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    pale, _, _ = scene(head, Gaze(-6.0, 0.0), 0.0)
+    pale = np.rint(150 + 0.6 * (pale.astype(np.float64) - 150)).astype(np.uint8)
+    image[mask > 0] = pale[mask > 0]
+    corner = (int(rim[:, 0].max()) - 8, int(rim[:, 1].mean()))
+    shade = np.zeros_like(mask)
+    cv2.circle(shade, corner, 9, 1, -1)
+    image[(mask > 0) & (shade > 0)] = (25, 20, 18)
+    alone = find_iris(image, rim, 8.8)
+    assert alone is not None and np.linalg.norm(alone.centre - corner) < 6
+    found = find_gaze(image, landmarks, head, head.mean, camera)
+    assert found is not None
+    assert abs(found.yaw_deg + 6) < 5
+    assert all(np.linalg.norm(iris.centre - corner) > 8 for iris in found.irises)
 
 
 def test_one_eye_is_enough_and_none_is_said(head: HeadModel) -> None:

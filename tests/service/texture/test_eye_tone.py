@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb, luma, srgb_to_linear
-from service.fit.gaze import Iris
+from service.fit.iris import Iris
 from service.reflectance.eyeballs import LEAST_IRIS, LIGHTEST_IRIS, MOST_IRIS, likely_iris
 from service.texture.eye_tone import EyeTone, measure_eyes
 
