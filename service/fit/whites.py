@@ -2,7 +2,8 @@
 
 Whether skin is dark or dimly lit, or brown or lit by a lamp, a photo of skin alone cannot say. Eyes and teeth are
 white in everybody. Whatever is mistaken for them (lids, lips, lashes, shadow within the mouth) is redder than they are,
-so the palest of several is the most to be believed.
+and so are whites that a lamp from one side leaves to what the skin around sends. So the palest of several tells the
+hue; how strong the light is, all tell that are no lids.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import LUMA
 from service.fit.eye_white import BETWEEN_LIDS, eye_white_light
 from service.fit.gaze import Gaze
 from service.fit.teeth import teeth_light
@@ -20,8 +22,9 @@ CHEEKS = (50, 280)
 """Landmarks in the middle of the cheeks."""
 CHEEK_RADIUS = 0.12
 """Of the distance of the eyes."""
-REDDER = 1.3
-"""Times by which a white may have less blue over red than the palest, and still be one."""
+REDDER, SAME_HUE = 2.0, 1.3
+"""Times by which a white may have less blue over red than the palest, and still be one (1.5 in the shade of a lamp from
+one side; lids have 1.4 to 2.5), and by which it may and still tell the hue."""
 RANGE = (1e-3, 4.0)
 """Light outside it is not to be measured in 8 bits."""
 
@@ -44,7 +47,8 @@ def light_by_whites(
 
     Returns:
         (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive:
-        the geometric mean of the whites that are hardly redder than the palest. None where no white is seen well.
+        as strong as the whites are in the geometric mean, in the hue of the palest.
+        None where no white is seen well.
     """
     seen = [light for iris in (gaze.irises if gaze else ()) if (light := eye_white_light(pixels, iris)) is not None]
     skin = cheek_colour(pixels, landmarks, inter_ocular_px)
@@ -55,10 +59,11 @@ def light_by_whites(
 
 
 def palest(lights: Array) -> Array:
-    """(3,) light by (N, 3) positive ones, N > 0: the mean of those that are hardly redder than the palest."""
+    """(3,) light by (N, 3) positive ones, N > 0: their geometric mean in strength, that of the palest in hue."""
     pale = lights[:, 2] / lights[:, 0]
-    kept = lights[pale * REDDER >= pale.max()]
-    return np.asarray(np.clip(np.exp(np.log(kept).mean(0)), *RANGE), np.float64)
+    logs = np.log(lights)
+    hue, all_ = (logs[pale * redder >= pale.max()].mean(0) for redder in (SAME_HUE, REDDER))
+    return np.asarray(np.clip(np.exp(hue) * (np.exp(all_) @ LUMA) / (np.exp(hue) @ LUMA), *RANGE), np.float64)
 
 
 def cheek_colour(

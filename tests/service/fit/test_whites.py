@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.colour import LUMA
 from service.fit.eye_white import BETWEEN_LIDS
 from service.fit.whites import CHEEKS, RANGE, cheek_colour, light_by_whites, palest
 from tests.service.fit.test_eye_white import MEAN, photo_of
@@ -24,6 +25,15 @@ def test_what_is_redder_than_the_palest_does_not_count() -> None:
     assert np.allclose(palest(np.array([LIGHT, LIGHT * [1.0, 0.5, 0.4]])), LIGHT)
     assert np.allclose(palest(np.array([LIGHT, 4 * LIGHT])), 2 * LIGHT)
     assert np.allclose(palest(np.array([[90.0, 90.0, 90.0]])), RANGE[1])
+
+
+def test_a_white_in_the_shade_tells_how_strong_the_light_is_but_not_its_hue() -> None:
+    """A lamp from one side leaves the other eye what the skin around it sends. The lit eye alone says twice the light
+    of the face, and skin comes out dark."""
+    shade = 0.25 * LIGHT * [1.0, 0.8, 0.67]
+    found = palest(np.array([LIGHT, shade]))
+    assert np.allclose(found / LIGHT, (found / LIGHT)[0]), "the hue of the lit one"
+    assert np.isclose(found @ LUMA, np.sqrt((LIGHT @ LUMA) * (shade @ LUMA)), rtol=0.02)
 
 
 def test_teeth_speak_for_closed_eyes() -> None:
