@@ -26,6 +26,8 @@ IRIS, SCLERA = (0.5, 0.85), (1.25, 1.8)
 LIGHTEST_IRIS, MOST_IRIS, LEAST_IRIS = 0.2, 0.32, np.array([0.020, 0.014, 0.010], np.float32)
 """Luminance of the palest iris, its largest channel, and the channels of the darkest, linear: a white that was seen in
 the shade of the lids, or skin that was taken for an iris, makes it glow."""
+REDDEST_IRIS, LEAST_BLUE = 2.5, 0.4
+"""Red and blue over green, linear, of the brownest."""
 FEW = 12
 """With fewer texels than this they are not told."""
 FIBRES, FIBRE_DEPTH = 28, 0.16
@@ -113,13 +115,16 @@ def draw_eyes(
 
 
 def likely_iris(linear: Float) -> Float:
-    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are, and not purple.
+    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are, and neither purple nor red.
 
     Brown, green, blue and grey have at least as much green as the geometric mean of red and blue. A purple one is brown
-    with the blue of the sky.
+    with the blue of the sky, a red one is brown in the light of a lamp, or flashed at.
     """
     red, green, blue = np.maximum(linear, np.float32(1e-4))
     linear = np.array([red, green, min(blue, green * green / red)], np.float32)
+    if red > REDDEST_IRIS * green:
+        brown = np.array([REDDEST_IRIS, 1.0, max(linear[2] / green, LEAST_BLUE)], np.float32)
+        linear = brown * np.float32(luma(linear) / luma(brown))
     excess = max(1.0, float(luma(linear)) / LIGHTEST_IRIS, float(linear.max()) / MOST_IRIS)
     return linear_to_srgb(np.maximum(linear / np.float32(excess), LEAST_IRIS))
 

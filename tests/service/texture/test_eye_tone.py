@@ -94,3 +94,11 @@ def test_no_iris_is_purple_and_blue_ones_stay() -> None:
         assert np.isfinite(found).all() and found[2] <= max(1.001 * found[1], LEAST_IRIS[2]) <= 1.01 * found[0]
     for plain in ([0.12, 0.17, 0.23], [0.10, 0.12, 0.06], [0.15, 0.15, 0.15]):
         assert np.allclose(srgb_to_linear(likely_iris(np.array(plain, np.float32))), plain, atol=1e-4)
+
+
+def test_irises_are_not_red() -> None:
+    """The light of a lamp that was not all taken off, or a flash that the back of the eye sends back."""
+    for linear in ([0.084, 0.011, 0.005], [0.30, 0.05, 0.04], [0.2, 0.0, 0.0]):
+        found = srgb_to_linear(likely_iris(np.array(linear, np.float32)))
+        assert found[0] < 2.6 * found[1] and found[2] > 0.35 * found[1]
+        assert luma(found) <= luma(np.array(linear, np.float32)) + 0.02
