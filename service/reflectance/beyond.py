@@ -1,7 +1,8 @@
 """The albedo beyond the islands of the chart.
 
 A network speaks there too, of texels that it has never been asked about; another network would read the step at an
-island's border as a crease. So the skin goes on from inside, as in the texture.
+island's border as a crease. So the skin goes on from inside, as in the texture. What is drawn on eyes and teeth goes on
+too: a renderer that filters the map mixes texels beside an island into it, and a pale line would part the teeth.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from service.geometry.chart import NO_PART, nearest_inside
+from service.reflectance.part_texels import PartTexels
 from service.reflectance.planes import Codes
-from service.reflectance.subject import Subject
+from service.reflectance.subject import Subject, margin
 from service.reflectance.texels import interpolated
 
 STRIP = 256
@@ -45,4 +47,34 @@ def skin_goes_on(albedo: Codes, subject: Subject) -> Codes:
         fill = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
         chosen &= fill[..., 3] > 0.999
         albedo[rows[0] : rows[-1] + 1][chosen] = np.rint(fill[..., :3][chosen]).astype(albedo.dtype)
+    return albedo
+
+
+def parts_go_on(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: texels beside the islands of eyes and teeth have the colour of the nearest inside.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is.
+    """
+    import cv2
+
+    height, width = albedo.shape[:2]
+    names, reach = subject.head.part_names, margin(width) + 1
+    islands = subject.islands((width, height))
+    for index, name in enumerate(names):
+        place = PartTexels.of(subject.head, name, (width, height)) if name.startswith(("eye", "teeth")) else None
+        if place is None:
+            continue
+        ends = zip(place.box, (height, width), strict=True)
+        box = tuple(slice(max(one.start - reach, 0), min(one.stop + reach, most)) for one, most in ends)
+        inside = np.zeros(albedo[box].shape[:2], np.uint8)
+        top, left = (one.start - wide.start for one, wide in zip(place.box, box, strict=True))
+        inside[top : top + place.inside.shape[0], left : left + place.inside.shape[1]] = place.inside
+        distance, label = cv2.distanceTransformWithLabels(1 - inside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        nearest = np.zeros(int(label.max()) + 1, np.int64)
+        nearest[label[inside > 0]] = np.flatnonzero(inside)
+        beside = (inside == 0) & (distance <= reach) & np.isin(islands[box], (NO_PART, index))
+        colours = albedo[box].reshape(-1, 3)[nearest[label[beside]]]
+        albedo[box][beside] = colours
     return albedo

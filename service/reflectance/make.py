@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.beyond import skin_goes_on
+from service.reflectance.beyond import parts_go_on, skin_goes_on
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
 from service.reflectance.eyeballs import draw_eyes
@@ -112,7 +112,8 @@ def make_reflectance(
             grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
             plain = without_folds(without_glints(bare, full, skin, subject.lit, grey), subject)
             plain = lids_on_lashes(skin_goes_on(plain, subject), subject)
-            return draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail), grey
+            drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
+            return parts_go_on(drawn, subject), grey
 
         made.diffuse_albedo, grey = run("diffuse_albedo", unlit)
         planes.drop("texture")
