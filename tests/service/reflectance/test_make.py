@@ -130,8 +130,8 @@ def test_parts_that_the_networks_have_not_seen(
     for normals in (made.specular_normal, made.diffuse_normal):
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
-    for drawn in ("eyes", "teeth"):
-        monkeypatch.setattr(f"service.reflectance.make.draw_{drawn}", lambda albedo, *_: albedo)
+    for drawn in ("draw_eyes", "draw_teeth", "parts_go_on"):
+        monkeypatch.setattr(f"service.reflectance.make.{drawn}", lambda albedo, *_: albedo)
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)
