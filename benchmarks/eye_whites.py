@@ -36,7 +36,7 @@ from models.training.factory import seeds_of
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
 from service.faces.finder import FaceFinder
-from service.fit.eye_white import BETWEEN_LIDS
+from service.fit.eye_white import BETWEEN_LIDS, eye_white_light
 from service.fit.fit import fit_face
 from service.fit.gaze import IRIS_RADIUS_M
 from service.fit.iris import Iris
@@ -133,7 +133,8 @@ def read_off(photo_bytes: bytes, plain: Float, finder: FaceFinder, model: HeadMo
     fit = fit_face(faces[0], photo, model, FitSettings(refine="landmarks")) if faces else None
     if fit is None or fit.eye_light is None or fit.gaze is None:
         return None
-    return np.asarray(np.log(fit.eye_light) - lid_light(plain, fit.gaze.irises))
+    told = [iris for iris in fit.gaze.irises if eye_white_light(photo.pixels, iris) is not None]
+    return np.asarray(np.log(fit.eye_light) - lid_light(plain, tuple(told) or fit.gaze.irises))
 
 
 def shot_pair(head: TexturedHead, shot: Shot, path: Path) -> tuple[bytes, Float]:

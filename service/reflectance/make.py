@@ -31,6 +31,7 @@ from service.reflectance.folds import without_folds
 from service.reflectance.glints import without_glints
 from service.reflectance.lash_cards import lids_on_lashes
 from service.reflectance.missing_blue import lacks_blue
+from service.reflectance.photo_noise import without_noise
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Codes, Planes
 from service.reflectance.result import Integration, Reflectance
@@ -111,6 +112,7 @@ def make_reflectance(
             bare = diffuse_albedo(full, job(told), subject.white)
             grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
             plain = without_folds(without_glints(bare, full, skin, subject.lit, grey), subject)
+            grey = None if grey is None else without_noise(grey, planes, subject.pixel_mm)
             plain = lids_on_lashes(skin_goes_on(plain, subject), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return parts_go_on(drawn, subject), grey

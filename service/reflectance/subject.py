@@ -87,6 +87,7 @@ class Subject:
             (``service.reflectance.deep_eyes``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
         iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
+        pixel_mm: of the face, a pixel of the photo; None: not known.
     """
 
     head: HeadModel
@@ -98,6 +99,7 @@ class Subject:
     made_up: Float | None = None
     worn: Float | None = None
     iris: npt.NDArray[np.floating] | None = None
+    pixel_mm: float | None = None
 
     @classmethod
     def of(
@@ -121,7 +123,8 @@ class Subject:
         worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = made_up.shape
         made_up *= subject.bare((width, height)) * (1 - worn)
-        return replace(subject, made_up=made_up, worn=worn, iris=texture.iris)
+        pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
+        return replace(subject, made_up=made_up, worn=worn, iris=texture.iris, pixel_mm=pixel_mm)
 
     @property
     def eyes(self) -> Float:
