@@ -146,7 +146,7 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
             albedo = _blue_again(albedo, texture[place], found.blue)
         rows, columns = (np.arange(s.start, s.stop) for s in place)
         if hairy is not None:
-            albedo = like_hair(albedo * np.float32(0.5) + np.float32(0.5), *hairy(rows, columns)) * 2 - 1
+            albedo = like_hair(albedo, *hairy(rows, columns))
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:

@@ -30,24 +30,30 @@ def like_hair(albedo: Float, brow: Float, hair: Float) -> Float:
     Where it changes, its luma stays; dark hair is no redder than hair of its luma is.
 
     Args:
-        albedo: (h, w, 3) sRGB in [0, 1].
+        albedo: (h, w, 3) sRGB, 0 to 1 coded as -1 to 1.
         brow: (h, w) in [0, 1], where brows may lie (``service.reflectance.brows.brow_plane``).
         hair: (h, w) in [0, 1], where hair of the head or of a beard may lie.
     """
-    may = np.maximum(brow, hair) > 0
-    if not may.any():
+    if not (brow.any() or hair.any()):
         return albedo
-    before = albedo[may]
-    level = luma(before)
-    weight = np.maximum(brow[may], hair[may] * np.clip((DARK - level) / np.float32(DARK - BLACK), 0, 1))
-    changed = albedo.copy()
-    changed[may] += weight[:, None] * (_brown(before, level) - before)
+    # Only what is to change: a map has millions of texels, and most of them are right.
+    red, green, blue = (albedo[..., k] for k in range(3))
+    level = luma(albedo) * np.float32(0.5) + np.float32(0.5)
+    weight = np.maximum(brow, hair * np.clip((DARK - level) / np.float32(DARK - BLACK), 0, 1))
+    wrong = (green > red) | (blue > green) | (red + 1 > 2 * REDDEST * level)
+    at = np.flatnonzero(wrong & (weight > 0))
+    before = albedo.reshape(-1, 3)[at] * np.float32(0.5) + np.float32(0.5)
+    level, weight = level.ravel()[at], weight.ravel()[at]
+    changed = np.array(albedo, np.float32)
+    changed.reshape(-1, 3)[at] += 2 * weight[:, None] * (_brown(before, level) - before)
     return changed
 
 
 def _brown(colour: Float, level: Float) -> Float:
     """(N, 3) colours of hair nearest to colours (N, 3) of luma (N,)."""
-    brown = np.minimum.accumulate(colour, axis=1)
+    red, green, blue = colour.T
+    green = np.minimum(red, green)
+    brown = np.stack([red, green, np.minimum(green, blue)], 1)
     brown *= (level / np.maximum(luma(brown), np.float32(1e-4)))[:, None]
     most = REDDEST + MORE_RED * np.maximum(level - np.float32(GREYEST), 0)
     redness = brown[:, 0] - level
