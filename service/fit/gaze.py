@@ -69,9 +69,9 @@ def find_gaze(
     Returns:
         The gaze; None for a head without eyeballs.
     """
-    balls = [eyeball(head, neutral, side) for side in SIDES]
     eyes: list[tuple[Search, Array, float]] = []
-    for side, ball in zip(SIDES, balls, strict=True):
+    for side in SIDES:
+        ball = eyeball(head, neutral, side)
         if ball is None:
             return None
         rim = np.asarray(landmarks, np.float64)[list(RIMS[side]), :2]
@@ -84,8 +84,10 @@ def find_gaze(
     seen: list[tuple[Iris, Array]] = []
     for found, centre, radius in eyes:
         iris = found.best(camera.project((centre + radius * direction)[None])[0], APART)
-        angles = None if iris is None else _angles(camera, centre, radius, iris.centre)
-        if iris is not None and angles is not None and (np.abs(angles) < WIDEST).all():
+        if iris is None:
+            continue
+        angles = _angles(camera, centre, radius, iris.centre)
+        if (np.abs(angles) < WIDEST).all():
             seen.append((iris, angles))
     if not seen:
         return Gaze(0.0, 0.0)

@@ -99,8 +99,7 @@ class Search:
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / RADIUS_PX
         away = np.hypot(x, y)
         cost = np.where(away <= within, -ASIDE * away**2, -9.0)
-        merit = np.maximum(self.merit, 0)
-        return np.asarray(np.maximum(grey_dilation(merit, structure=cost, mode="constant"), 0), np.float32)
+        return np.asarray(grey_dilation(np.maximum(self.merit, 0), structure=cost, mode="constant"), np.float32)
 
 
 def search(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Search | None:
@@ -148,16 +147,6 @@ def search(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Searc
     aside, above = ((x - HALF) * along[0] + (y - HALF) * along[1], (y - HALF) * along[0] - (x - HALF) * along[1])
     off = (aside**2 * OFF_CENTRE[0] + above**2 * OFF_CENTRE[1]) / RADIUS_PX**2
     return Search(score, np.where(inside, score - off, -np.inf).astype(np.float32), middle, float(radius_px), rim)
-
-
-def find_iris(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Iris | None:
-    """The iris of one eye by itself; arguments as :func:`search`.
-
-    Returns:
-        None where the iris is too small, hidden, or not darker than what is around it.
-    """
-    found = search(pixels, rim, radius_px)
-    return None if found is None else found.best()
 
 
 def _contrast(value: Image, inside: Image) -> Image:

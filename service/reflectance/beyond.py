@@ -71,10 +71,7 @@ def parts_go_on(albedo: Codes, subject: Subject) -> Codes:
         inside = np.zeros(albedo[box].shape[:2], np.uint8)
         top, left = (one.start - wide.start for one, wide in zip(place.box, box, strict=True))
         inside[top : top + place.inside.shape[0], left : left + place.inside.shape[1]] = place.inside
-        distance, label = cv2.distanceTransformWithLabels(1 - inside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-        nearest = np.zeros(int(label.max()) + 1, np.int64)
-        nearest[label[inside > 0]] = np.flatnonzero(inside)
-        beside = (inside == 0) & (distance <= reach) & np.isin(islands[box], (NO_PART, index))
-        colours = albedo[box].reshape(-1, 3)[nearest[label[beside]]]
-        albedo[box][beside] = colours
+        near = np.asarray(cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)) <= reach
+        beside = (inside == 0) & near & np.isin(islands[box], (NO_PART, index))
+        albedo[box][beside] = albedo[box].reshape(-1, 3)[nearest_inside(inside > 0)[beside]]
     return albedo

@@ -39,15 +39,18 @@ def excess(grey: Float, skin: Float) -> Float:
         grey: sRGB-coded, in [0, 1].
         skin: (h, w) in [0, 1], lit and bare, from which the strength of the noise is taken.
     """
+    import cv2
+
     sound = np.nan_to_num(np.asarray(grey, np.float32), nan=0.0, posinf=1.0, neginf=0.0)
     known = skin > 0.9
     if known.sum() < LEAST_SKIN:
         return np.zeros_like(sound)
     weight = np.maximum(np.asarray(skin, np.float32), np.float32(1e-3))
-    smooth = _blurred(sound * weight, BAND) / np.maximum(_blurred(weight, BAND), np.float32(1e-6))
+    both = np.asarray(cv2.GaussianBlur(np.dstack([sound * weight, weight]), (0, 0), BAND), np.float32)
+    smooth = both[..., 0] / np.maximum(both[..., 1], np.float32(1e-6))
     detail = (sound - smooth) / np.maximum(smooth, np.float32(0.02))
     usual = 1.4826 * float(np.median(np.abs(detail[known])))
-    energy = _blurred(np.minimum(detail * detail, 1), NEAR)
+    energy = np.asarray(cv2.GaussianBlur(np.minimum(detail * detail, 1), (0, 0), NEAR), np.float32)
     share = np.minimum((NOISE * usual) ** 2 / np.maximum(energy, np.float32(1e-9)), 1)
     return np.asarray(share * (sound - smooth) * skin, np.float32)
 
@@ -77,9 +80,3 @@ def without_noise(grey: Codes, planes: Planes, pixel_mm: float | None) -> Codes:
         strip = grey[rows[0] : rows[-1] + 1]
         strip[:] = np.rint(np.clip(strip - less, 0, FULL_CODE)).astype(grey.dtype)
     return grey
-
-
-def _blurred(plane: Float, sigma: float) -> Float:
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32)

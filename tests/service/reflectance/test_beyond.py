@@ -41,9 +41,8 @@ def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes()
             albedo[place.box][place.inside] = 10000 + 1000 * HEAD.part_names.index(name)
             drawn[place.box] |= place.inside
     after = parts_go_on(albedo.copy(), subject)
-    others = (part != NO_PART) & ~np.isin(
-        part, [i for i, n in enumerate(HEAD.part_names) if n.startswith(("eye", "tee"))]
-    )
+    own = [index for index, name in enumerate(HEAD.part_names) if name.startswith(("eye", "teeth"))]
+    others = (part != NO_PART) & ~np.isin(part, own)
     assert np.array_equal(after[drawn], albedo[drawn]) and np.array_equal(after[others], albedo[others])
     assert drawn.sum() > 2000
     beside = (cv2.dilate(drawn.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~drawn & ~others

@@ -60,16 +60,12 @@ def test_hair_is_the_scalp_and_what_covers_skin_but_no_lips_and_no_cap() -> None
     worn[:16] = 1
     subject = replace(Subject.of(HEAD, HEAD.mean), lit=lit, worn=worn)
     hair = subject.clues[CLUES.index(HAIR)]
-    region = {
-        name: subject.chart.interpolate(HEAD.region(name)[:, None])[..., 0] for name in ("scalp", "lips", "forehead")
-    }
+    names = ("scalp", "lips", "cheek_left", "cheek_right")
+    region = {name: subject.chart.interpolate(HEAD.region(name)[:, None])[..., 0] for name in names}
     columns = np.arange(hair.shape[1])[None] < hair.shape[1] / 2 - 8
     rows = np.arange(hair.shape[0])[:, None] > 150
     assert hair[(region["scalp"] > 0.99) & rows & (subject.own_skin > 0)].min() > 0.9
     assert hair[(region["lips"] > 0.9)].max() < 0.02
     assert hair[:100].max() < 0.02, "a cap"
-    cheek = (
-        subject.chart.interpolate(HEAD.region("cheek_left")[:, None] + HEAD.region("cheek_right")[:, None])[..., 0]
-        > 0.9
-    )
+    cheek = region["cheek_left"] + region["cheek_right"] > 0.9
     assert hair[cheek & columns].min() > 0.95 and hair[cheek & ~columns & (np.arange(768)[None] > 400)].max() < 0.05
