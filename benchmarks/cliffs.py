@@ -4,7 +4,7 @@ Relief that is torn along a line: by most in the middle, exp(-(y / 4 mm)^2) time
 Slopes, with noise, do not show the jump, and no continuous surface has them. Printed are root mean square errors in
 micrometres within 1 mm of the tear and further than 3 mm from it, and processor seconds, of least squares, of bilateral
 normal integration (Cao et al. 2022, eq. 16 to 18, weights of k = 2 and of k = 50, at most 40 rounds), and of the
-program's way (``service.reflectance.cliffs``); then the same without any jump.
+program's way (``service.reflectance.relief.cliffs``); then the same without any jump.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import typer
 from scipy.sparse.linalg import spsolve
 
 from models.tables import tell
-from service.reflectance.cliffs import integrate_robustly
-from service.reflectance.integrate import integrate
+from service.reflectance.relief.cliffs import integrate_robustly
+from service.reflectance.relief.integrate import integrate
 
 Array = npt.NDArray[np.float64]
 

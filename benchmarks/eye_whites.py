@@ -4,7 +4,8 @@ With ``--photos FOLDER`` it tells instead in how many faces of a folder's photos
 light on the lids is by them.
 
 Heads with skins and eyes are photographed under sky and hard lamps, each a second time with skin of known albedo. The
-light that ``service.fit.whites`` reads off the first photo is set beside the light that the lids show in the second.
+light that ``service.light.white_reference`` reads off the first photo is set beside the light that the lids show in the
+second.
 DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 
 Beside their ratio stands the one that ``models.lightstage.light.whites`` computes from head and light. Slope, shift and
@@ -33,21 +34,21 @@ from benchmarks.subjects import stage_head
 from models.lightstage.light.whites import CAMERA_M, Whites, eye_in, reached
 from models.lightstage.split import HELD_OUT
 from models.training.factory import seeds_of
+from service.anatomy.eyes.gaze import IRIS_RADIUS_M
+from service.anatomy.eyes.iris import Iris
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
-from service.faces.finder import FaceFinder
-from service.fit.eye_white import BETWEEN_LIDS, eye_white_light
-from service.fit.fit import fit_face
-from service.fit.gaze import IRIS_RADIUS_M
-from service.fit.iris import Iris
-from service.fit.settings import FitSettings
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
+from service.face.fit.settings import FitSettings
 from service.geometry.normals import normalise, vertex_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.light.environment import HEIGHT, WIDTH, Illumination
+from service.light.scene import PointLight
+from service.light.sphere import pixel_directions, pixel_of
 from service.photo.gate import read_photo
-from service.scene.environment import HEIGHT, WIDTH, Illumination
-from service.scene.scene import PointLight
-from service.scene.sphere import pixel_directions, pixel_of
 
 Float = npt.NDArray[np.float64]
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
-from service.faces.face import Face
-from service.faces.finder import FaceFinder
-from service.fit.fit import fit_face
-from service.fit.settings import FitSettings
+from service.face.face import Face
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
+from service.face.fit.settings import FitSettings
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo

@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from service.errors import AvatarError
-from service.faces.choice import choose_face
-from service.faces.finder import FaceFinder
-from service.faces.identity import Embedding, Recogniser, centred_cosine, distance, population
-from service.fit.fit import fit_face
-from service.fit.settings import FitSettings
+from service.face.choice import choose_face
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
+from service.face.fit.settings import FitSettings
+from service.face.identity import Embedding, Recogniser, centred_cosine, distance, population
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.likeness import likeness

@@ -29,9 +29,9 @@ from models.lightstage.skin.window import ChartWindow
 from service.geometry.normals import vertex_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
-from service.scene.environment import radiance as environment_radiance
-from service.scene.plan import Plan
-from service.scene.scene import Environment, PointLight, Response, Scene
+from service.light.environment import radiance as environment_radiance
+from service.light.plan import Plan
+from service.light.scene import Environment, PointLight, Response, Scene
 
 Float = npt.NDArray[np.float64]
 

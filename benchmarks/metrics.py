@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from service.fit.result import Fit
+from service.face.fit.result import Fit
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 

@@ -41,8 +41,8 @@ from models.training.evaluate import Shipped
 from models.training.eyes import eye_light
 from models.training.tasks import Batch, channels, psnr
 from service.colour import linear_to_srgb
-from service.faces.finder import FaceFinder
-from service.fit.fit import fit_face
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.options import Options

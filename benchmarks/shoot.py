@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from benchmarks.heads import EYE_RADIUS_M, IctHeads, Skin, TexturedHead, carry_skin, subdivided
 from benchmarks.render import LIGHTS, Shot, take, take_once
-from service.faces.finder import FaceFinder
+from service.face.finder import FaceFinder
 
 Float = npt.NDArray[np.float64]
 

@@ -32,8 +32,8 @@ from models.lightstage.skin.synthesis import SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.stage import Stage
 from models.tables import tell
-from service.scene.plan import EFFECTS, Plan, plan
-from service.scene.scene import Scene
+from service.light.plan import EFFECTS, Plan, plan
+from service.light.scene import Scene
 
 TIMED = 8
 MARK = ("<!-- skipping -->", "<!-- /skipping -->")

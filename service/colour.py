@@ -14,6 +14,11 @@ Float = npt.NDArray[np.float32]
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Weights of R, G, B (BT.709), of linear values for luminance or of coded values for luma."""
 
+Codes = npt.NDArray[np.uint16]
+
+FULL_CODE = 65535
+"""Colours between stages are 16-bit codes: 8 bits would drown pores, and floats take twice the memory."""
+
 _TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
@@ -69,3 +74,21 @@ def linear_to_lab(linear: npt.NDArray[np.floating]) -> Float:
 def srgb_to_lab(coded: npt.NDArray[np.floating]) -> Float:
     """(..., 3) float32 CIE L*a*b* of coded (..., 3) in [0, 1]."""
     return linear_to_lab(srgb_to_linear(coded))
+
+
+def to_codes(values: Float) -> Codes:
+    """Values in [-1, 1] as codes 0 to 65535; what lies outside is clipped."""
+    return np.asarray(np.rint((np.clip(values, -1, 1) + 1) * np.float32(FULL_CODE / 2)), np.uint16)
+
+
+def from_codes(codes: Codes) -> Float:
+    """Inverse of :func:`to_codes`: float32 in [-1, 1]."""
+    values = codes.astype(np.float32)
+    decode_in_place(values)
+    return values
+
+
+def decode_in_place(values: Float) -> None:
+    """:func:`from_codes` of codes that are float32 already."""
+    values *= np.float32(2 / FULL_CODE)
+    values -= np.float32(1)

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from service.archive.avatar import Similarity
 from service.archive.preview.render import render, turned_camera
-from service.faces.face import Face
-from service.faces.identity import Recogniser, centred_cosine, distance, population
-from service.fit.basis import surface_points
-from service.fit.result import Fit
+from service.face.face import Face
+from service.face.fit.basis import surface_points
+from service.face.fit.result import Fit
+from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.photo.photo import Photo

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from service.errors import UsageError
-from service.fit.settings import FitSettings
+from service.face.fit.settings import FitSettings
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.reflectance.plan import NETWORKS, ROLES, Plan
 

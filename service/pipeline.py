@@ -20,10 +20,10 @@ from pathlib import Path
 from service.archive.avatar import Avatar
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
-from service.faces.choice import choose_face
-from service.faces.finder import FaceFinder
-from service.faces.identity import Recogniser
-from service.fit.fit import fit_face
+from service.face.choice import choose_face
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
+from service.face.identity import Recogniser
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel

@@ -1,4 +1,4 @@
-"""Derives which landmark of the face mesh mirrors which, and prints the table of ``service/faces/topology.py``.
+"""Derives which landmark of the face mesh mirrors which, and prints the table of ``service/face/topology.py``.
 
 The mesh of a mirrored picture, mirrored back, is the mesh of the picture with left and right points exchanged, up to
 the network's noise. Distances are summed over crops of the sample photo, shifted, scaled and turned a little, and the
@@ -16,9 +16,9 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from export.faces.probes import sample_photo
-from service.faces.finder import FaceFinder
-from service.faces.mesh import INPUT_SIZE, LANDMARKS
-from service.faces.region import Region
+from service.face.finder import FaceFinder
+from service.face.landmarks import INPUT_SIZE, LANDMARKS
+from service.face.region import Region
 from service.runtime.sessions import load_session
 
 TABLE = Path(__file__).parents[2] / "service" / "faces" / "topology.py"

@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from export.faces.probes import sample_photo
 from export.faces.registry import MODELS, register
-from service.faces.finder import FaceFinder
-from service.faces.identity import Recogniser, centred_cosine, distance
+from service.face.finder import FaceFinder
+from service.face.identity import Recogniser, centred_cosine, distance
 
 SAME = 0.5
 SUFFIXES = {".jpg", ".jpeg", ".png", ".webp"}

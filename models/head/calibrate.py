@@ -23,7 +23,7 @@ from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embed
 from models.head.nearest import nearest_on_triangles
 from models.head.paint import Canvas, paint
 from models.head.shoot import Shot, look_at, shoot
-from service.faces.face import LANDMARK_COUNT
+from service.face.face import LANDMARK_COUNT
 from service.geometry.normals import area_normals
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
@@ -85,7 +85,7 @@ def collect(head: HeadModel, count: int, seed: int) -> Hits:
     """Render, detect and back-project ``count`` random subjects, each as rendered and (by symmetry) as its mirror
     image.
     """
-    from service.faces.finder import FaceFinder
+    from service.face.finder import FaceFinder
 
     finder = FaceFinder()
     canvas = Canvas.of(head, *CANVAS)

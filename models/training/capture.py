@@ -24,10 +24,10 @@ from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
 from models.lightstage.split import light_part
 from models.lightstage.stage import Stage
 from service.geometry.chart import Chart
+from service.light.environment import illumination, names
+from service.light.plan import plan as choose
+from service.light.scene import Scene
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
-from service.scene.environment import illumination, names
-from service.scene.plan import plan as choose
-from service.scene.scene import Scene
 
 WHOLE = (288, 192)
 SMALL = ChartWindow.whole(192, 128)

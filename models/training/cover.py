@@ -1,7 +1,8 @@
 """How much of the skin a photo shows: hair, collars, glasses and the far side of the head leave parts of it.
 
 The light stage's heads are bald and seen from all round. The texture of a photo has lit skin on a third of the chart;
-the rest is hair, or colour that was made up. So training hides as much (``service.texture.judge.lit_skin``).
+the rest is hair, or colour that was made up. So training hides as much
+(``service.texture.segmentation.skin.lit_skin``).
 """
 
 from __future__ import annotations

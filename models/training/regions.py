@@ -11,7 +11,7 @@ from torch import Tensor
 from models.networks.context import HEIGHT, WIDTH
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.zones import vertex_mask
+from service.head.regions import vertex_mask
 
 
 @lru_cache(maxsize=1)

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.faces.face import Face
-from service.fit.result import Fit
+from service.face.face import Face
+from service.face.fit.result import Fit
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 from service.reflectance.result import Reflectance

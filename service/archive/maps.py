@@ -103,7 +103,7 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
     if codes is None:
         return None
     if in_object_space(avatar):
-        from service.reflectance.frames import to_object
+        from service.reflectance.relief.frames import to_object
         from service.reflectance.subject import Subject
 
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))

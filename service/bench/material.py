@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import Codes
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
-from service.reflectance.displacement import Steps
-from service.reflectance.planes import Codes, Planes
+from service.reflectance.planes import Planes
+from service.reflectance.relief.displacement import Steps
 from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
 
@@ -79,7 +80,7 @@ class Material:
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
         clues: (10, h, w) of the whole chart, see ``service.reflectance.subject.CLUES``.
-        steps: (3, h, w) of the window, see ``service.reflectance.displacement.Steps``.
+        steps: (3, h, w) of the window, see ``service.reflectance.relief.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
     """
 

@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
+from service.colour import to_codes
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
 from service.reflectance.diffuse_albedo import CONTEXT, found_by, needs_context
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import shaded_grey
-from service.reflectance.planes import Planes, to_codes
+from service.reflectance.planes import Planes
 from service.runtime.describe import Description
 from service.runtime.networks import Engine, Network, open_network
 from service.runtime.tiles import Tile, run_tiles, tiles
@@ -169,8 +170,8 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
 
 def _integration(variant: Variant, material: Material) -> _Job:
     from service.bench.material import resized_mask
-    from service.reflectance.displacement import displacement
-    from service.reflectance.integrate import MOST_STEPS
+    from service.reflectance.relief.displacement import displacement
+    from service.reflectance.relief.integrate import MOST_STEPS
 
     side = material.window.pixels(variant.width)
     normals = _shrunk(material.result("rho"), side)

@@ -44,8 +44,8 @@ def maps(
     image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
     with progress_bar() as progress:
         from service.archive.pack import write_archive
+        from service.external.make import default_maps, make_own
         from service.options import Options
-        from service.own.make import default_maps, make_own
 
         chosen = Options(**{"maps": default_maps(), **options})
         avatar = make_own(image, model, chosen, progress, head_file)

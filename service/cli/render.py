@@ -15,7 +15,7 @@ import typer
 from service.cli.files import PIPE, read_file
 from service.cli.output import write_bytes
 from service.errors import UsageError
-from service.scene.scene import Scene
+from service.light.scene import Scene
 
 MAX_SCENE = 1 << 20
 MAX_ARCHIVE = 2 << 30
@@ -49,9 +49,9 @@ def render(
         "scene": None if text is None else Scene.from_json(text), "size": size, "view": view,
         "background": background, "samples": samples, "tolerance": tolerance,
     }  # fmt: skip
+    from service.light.plan import report
     from service.render.render import render_archive
     from service.render.request import RenderRequest
-    from service.scene.plan import report
 
     request = RenderRequest(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
     source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, MAX_ARCHIVE, "archive")) if archive == PIPE else Path(archive)

@@ -250,3 +250,22 @@ def solve_affine(
     sound = np.abs(area) > 1e-18
     inverse = np.where(sound, 1.0 / np.where(sound, area, 1.0), 0.0)[:, None]
     return (t1 * s2[:, 1:] - t2 * s1[:, 1:]) * inverse, (t2 * s1[:, :1] - t1 * s2[:, :1]) * inverse
+
+
+_SHIFT = 4
+
+
+def islands(head: HeadModel, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """(H, W) uint8 part of each texel of a map (width, height), ``NO_PART`` outside all islands.
+
+    A texel that an outline crosses is inside.
+    """
+    import cv2
+
+    points = np.rint((chart_points(head, *size) - 0.5) * 2**_SHIFT).astype(np.int32)
+    result = np.full(size[::-1], NO_PART, np.uint8)
+    for index in range(len(head.part_names)):
+        chosen = head.triangle_uv[head.triangle_part == index]
+        for triangle in points[chosen]:
+            cv2.fillConvexPoly(result, triangle, index, cv2.LINE_8, _SHIFT)
+    return result

@@ -87,11 +87,11 @@ def basis(task: Task) -> str:
 
 def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
+    from service.anatomy.eyes.gaze import Gaze
+    from service.anatomy.eyes.iris import Iris
     from service.archive.avatar import Similarity
-    from service.faces.face import Face
-    from service.fit.gaze import Gaze
-    from service.fit.iris import Iris
-    from service.fit.result import Fit
+    from service.face.face import Face
+    from service.face.fit.result import Fit
     from service.geometry.camera import Camera
     from service.photo.photo import Photo
     from service.texture.result import Texture

@@ -11,19 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import linear_to_srgb, srgb_to_linear
-from service.fit.eye_white import BETWEEN_LIDS
-from service.reflectance.aglow import not_aglow
-from service.reflectance.brows import under_brows
-from service.reflectance.exposure import less_overexposed, mean_light
-from service.reflectance.grading import even_hue
-from service.reflectance.hair_hue import like_hair
-from service.reflectance.hue import within_skin
-from service.reflectance.missing_blue import missing, usual_blue, with_blue
-from service.reflectance.planes import FULL_CODE, Codes, Planes, from_codes, to_codes
+from service.anatomy.eyes.paint import BRIGHTEST
+from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.colour import FULL_CODE, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.reflectance.corrections.albedo_ceiling import not_aglow
+from service.reflectance.corrections.brows import under_brows
+from service.reflectance.corrections.clipped_blue import missing, usual_blue, with_blue
+from service.reflectance.corrections.exposure import less_overexposed, mean_light
+from service.reflectance.corrections.grading import even_hue
+from service.reflectance.corrections.hair_hue import like_hair
+from service.reflectance.corrections.skin_hue import within_skin
+from service.reflectance.corrections.unseen_light import continued, like_seen_skin, not_deeper, seamless
+from service.reflectance.planes import Planes
 from service.reflectance.subject import BROWS, EYES, HAIR, LIDS, LIT, MADE_UP
 from service.reflectance.translate import Job, translate
-from service.reflectance.unseen import continued, like_seen_skin, not_deeper, seamless
 from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
 
@@ -34,9 +35,6 @@ PREFIX = "context_"
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 LID_SHADE = "lid_shade"
 """Channel of what the lids leave of the light on the eyes, on sRGB values; 1 on all else."""
-
-BRIGHTEST = 0.85
-"""Largest albedo of an eye or a tooth."""
 
 
 def needs_context(engine: Engine) -> bool:
@@ -61,7 +59,7 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
-        blue: blue over red and green of the skin (``service.reflectance.missing_blue``); None: not known.
+        blue: blue over red and green of the skin (``service.reflectance.corrections.clipped_blue``); None: not known.
     """
 
     light: Float

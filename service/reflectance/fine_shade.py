@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.colour import LUMA
-from service.reflectance.planes import FULL_CODE, Codes, Planes
+from service.colour import FULL_CODE, LUMA, Codes
+from service.reflectance.planes import Planes
 
 NAME = "shaded_grey"
 """Channel of it."""

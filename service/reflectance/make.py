@@ -19,32 +19,33 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from service.anatomy.eyes.draw import draw_eyes
+from service.anatomy.eyes.paint import eye_shade
+from service.anatomy.lashes.cards import lids_on_lashes
+from service.anatomy.teeth.draw import draw_teeth
+from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.reflectance import normals
-from service.reflectance.beyond import parts_go_on, skin_goes_on
+from service.reflectance.corrections.clipped_blue import lacks_blue
+from service.reflectance.corrections.highlights import without_glints
+from service.reflectance.corrections.photo_noise import without_noise
+from service.reflectance.corrections.smile_folds import without_folds
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
-from service.reflectance.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
-from service.reflectance.eyeballs import draw_eyes
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
-from service.reflectance.folds import without_folds
-from service.reflectance.glints import without_glints
-from service.reflectance.lash_cards import lids_on_lashes
-from service.reflectance.missing_blue import lacks_blue
-from service.reflectance.photo_noise import without_noise
+from service.reflectance.padding import parts_go_on, skin_goes_on
 from service.reflectance.plan import Plan
-from service.reflectance.planes import Codes, Planes
+from service.reflectance.planes import Planes
+from service.reflectance.relief.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
+from service.reflectance.relief.seams import Seams, join
 from service.reflectance.result import Integration, Reflectance
-from service.reflectance.seams import Seams, join
 from service.reflectance.specular_albedo import specular_albedo
-from service.reflectance.subject import CLUES, GEOMETRY, Subject
+from service.reflectance.subject import CLUES, GEOMETRY, Subject, margin
 from service.reflectance.super_resolution import Grain, enlarge, resample
-from service.reflectance.teeth import draw_teeth
 from service.reflectance.translate import Job
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
-from service.texture.parts import eye_shade
 
 T = TypeVar("T")
 
@@ -113,7 +114,7 @@ def make_reflectance(
             grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
             plain = without_folds(without_glints(bare, full, skin, subject.lit, grey), subject)
             grey = None if grey is None else without_noise(grey, planes, subject.pixel_mm)
-            plain = lids_on_lashes(skin_goes_on(plain, subject), subject)
+            plain = lids_on_lashes(skin_goes_on(plain, subject), subject.chart, margin(size[0]))
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return parts_go_on(drawn, subject), grey
 

@@ -46,7 +46,8 @@ class Plan:
 
     Attributes:
         stages: in order.
-        keep_cliffs: whether displacement may break where the surface folds over itself, ``service.reflectance.cliffs``.
+        keep_cliffs: whether displacement may break where the surface folds over itself,
+            ``service.reflectance.relief.cliffs``.
     """
 
     stages: tuple[str, ...]

@@ -13,17 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.colour import LUMA
+from service.colour import FULL_CODE, LUMA, Codes, decode_in_place, from_codes
 from service.errors import ModelFault
 from service.reflectance.texels import interpolate, pick
 from service.runtime.tiles import Indices
 
 Float = npt.NDArray[np.float32]
-Codes = npt.NDArray[np.uint16]
-
-FULL_CODE = 65535
-"""Colours between stages are 16-bit codes: 8 bits would drown pores, and floats take twice the memory."""
-
 Read = Callable[[Indices, Indices, Float], None]
 """Rows (h,), columns (w,) and the (h, w) float32 plane to fill with the values there."""
 
@@ -39,23 +34,6 @@ class Channel:
 
     read: Read
     shrunk: Callable[[tuple[int, int]], Float]
-
-
-def to_codes(values: Float) -> Codes:
-    """Values in [-1, 1] as codes 0 to 65535; what lies outside is clipped."""
-    return np.asarray(np.rint((np.clip(values, -1, 1) + 1) * np.float32(FULL_CODE / 2)), np.uint16)
-
-
-def from_codes(codes: Codes) -> Float:
-    """Inverse of :func:`to_codes`: float32 in [-1, 1]."""
-    values = codes.astype(np.float32)
-    _decode(values)
-    return values
-
-
-def _decode(values: Float) -> None:
-    values *= np.float32(2 / FULL_CODE)
-    values -= np.float32(1)
 
 
 @dataclass
@@ -140,7 +118,7 @@ class Planes:
 
 def _read_codes(plane: Codes, rows: Indices, columns: Indices, into: Float) -> None:
     pick(plane, rows, columns, into)
-    _decode(into)
+    decode_in_place(into)
 
 
 def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: Float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.reflectance.planes import Codes, to_codes
+from service.colour import Codes, to_codes
 from service.reflectance.translate import Job, translate
 
 NAME = "psi"

@@ -8,15 +8,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from service.fit.result import Fit
-from service.geometry.chart import NO_PART, Chart, chart_points
+from service.anatomy.brows import brow_plane
+from service.anatomy.eyes.lids import lid_skin
+from service.anatomy.lashes.line import lash_line
+from service.face.fit.result import Fit
+from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
-from service.reflectance.brows import brow_plane
-from service.reflectance.deep_eyes import in_usual_light
-from service.texture.lash_line import lash_line
+from service.head.regions import vertex_mask
+from service.reflectance.corrections.sclera_depth import in_usual_light
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
-from service.texture.zones import vertex_mask
 
 Float = npt.NDArray[np.float32]
 
@@ -63,9 +64,6 @@ BROW_SOFT = 5.0
 LASHES_SOFT = 2.0
 """The same beside lashes."""
 
-_SHIFT = 4
-
-
 def margin(width: int) -> int:
     """Texels of a map of this width by which the islands of parts grow: one of ``GEOMETRY_SIZE``."""
     return max(width // GEOMETRY_SIZE[0], 1)
@@ -84,7 +82,7 @@ class Subject:
         made_up: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
         worn: (h, w) float32, 1 where the texture is a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
-            (``service.reflectance.deep_eyes``); None: not known.
+            (``service.reflectance.corrections.sclera_depth``); None: not known.
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
         iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
         pixel_mm: of the face, a pixel of the photo; None: not known.
@@ -152,8 +150,7 @@ class Subject:
     @property
     def lids(self) -> Float:
         """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
-        weight = self.chart.interpolate(vertex_mask(self.head, "eyelid_left", "eyelid_right"))[..., 0]
-        return np.asarray(weight * self.chart.mask, np.float32)
+        return lid_skin(self.chart)
 
     @property
     def clues(self) -> Float:
@@ -215,12 +212,4 @@ class Subject:
 
     def islands(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8 part of each texel, ``NO_PART`` outside; a texel that an outline crosses is inside."""
-        import cv2
-
-        points = np.rint((chart_points(self.head, *size) - 0.5) * 2**_SHIFT).astype(np.int32)
-        result = np.full(size[::-1], NO_PART, np.uint8)
-        for index in range(len(self.head.part_names)):
-            chosen = self.head.triangle_uv[self.head.triangle_part == index]
-            for triangle in points[chosen]:
-                cv2.fillConvexPoly(result, triangle, index, cv2.LINE_8, _SHIFT)
-        return result
+        return islands(self.head, size)

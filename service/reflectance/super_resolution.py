@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import Codes, to_codes
 from service.errors import ModelFault
-from service.reflectance.planes import Codes, Planes, to_codes
+from service.reflectance.planes import Planes
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import Tile, run_tiles, run_whole
 

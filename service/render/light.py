@@ -11,11 +11,11 @@ import numpy.typing as npt
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
+from service.light.graphs import Graphs
+from service.light.lamps import disc_of
+from service.light.scene import PointLight
+from service.light.sphere import flux_by_direction, spread_directions
 from service.render.closeup import Eyes, resized
-from service.scene.graphs import Graphs
-from service.scene.lamps import disc_of
-from service.scene.scene import PointLight
-from service.scene.sphere import flux_by_direction, spread_directions
 
 Float = npt.NDArray[np.float32]
 Size = tuple[int, int]

@@ -9,9 +9,9 @@ from service.archive.images import encode_png
 from service.colour import to_bytes
 from service.geometry.camera import Camera
 from service.geometry.normals import normalise
-from service.scene.environment import lookup
-from service.scene.scene import Response
-from service.scene.shading import develop
+from service.light.environment import lookup
+from service.light.scene import Response
+from service.light.shading import develop
 
 Float = npt.NDArray[np.float32]
 

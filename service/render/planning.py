@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.light import surface as points
+from service.light.environment import Illumination
+from service.light.exposure import BRIGHT, exposed_for
+from service.light.scene import Scene
+from service.light.shading import Shading
+from service.light.survey import Index, LitChart, survey
 from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
-from service.scene import surface as points
-from service.scene.environment import Illumination
-from service.scene.exposure import BRIGHT, exposed_for
-from service.scene.scene import Scene
-from service.scene.shading import Shading
-from service.scene.survey import Index, LitChart, survey
 
 COUNT = 384
 _GOLDEN = 0.6180339887498949

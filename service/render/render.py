@@ -22,6 +22,11 @@ from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.subdivide import Subdivision
 from service.head.model import HeadModel
+from service.light.environment import illumination
+from service.light.environment import radiance as environment_radiance
+from service.light.graphs import Graphs
+from service.light.plan import Plan, plan
+from service.light.scene import Scene, Triple
 from service.render.light import Detail, Visibility
 from service.render.picture import behind, coded, resolved
 from service.render.planning import exposed, samples_of
@@ -29,11 +34,6 @@ from service.render.request import RenderRequest
 from service.render.shade import Clock, Shader
 from service.render.surface import LARGEST, ROLES, Surface, build_surface
 from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
-from service.scene.environment import illumination
-from service.scene.environment import radiance as environment_radiance
-from service.scene.graphs import Graphs
-from service.scene.plan import Plan, plan
-from service.scene.scene import Scene, Triple
 
 Float = npt.NDArray[np.float32]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from service.errors import UsageError
-from service.scene.scene import Environment, Scene
+from service.light.scene import Environment, Scene
 
 SMALLEST_SIDE, LARGEST_SIDE = 16, 4096
 LARGEST_PIXELS = 4096 * 4096

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.light.environment import Illumination
+from service.light.graphs import Graphs, lamp_numbers
+from service.light.harmonics import irradiance, project
+from service.light.plan import Plan
+from service.light.reflection import prefiltered
+from service.light.scene import PointLight, Triple
 from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
-from service.scene.environment import Illumination
-from service.scene.graphs import Graphs, lamp_numbers
-from service.scene.harmonics import irradiance, project
-from service.scene.plan import Plan
-from service.scene.reflection import prefiltered
-from service.scene.scene import PointLight, Triple
 
 Float = npt.NDArray[np.float32]
 

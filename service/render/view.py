@@ -13,7 +13,7 @@ from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.normals import normalise
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
-from service.scene.scene import DEFAULT_VIEW, Triple
+from service.light.scene import DEFAULT_VIEW, Triple
 
 Float = npt.NDArray[np.float32]
 

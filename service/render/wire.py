@@ -8,8 +8,8 @@ from dataclasses import fields
 from typing import Any
 
 from service.errors import UsageError
+from service.light.scene import Scene
 from service.render.request import RenderRequest
-from service.scene.scene import Scene
 
 _KINDS: dict[str, tuple[type, ...]] = {
     "view": (str, int, float),

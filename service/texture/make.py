@@ -5,27 +5,28 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.anatomy.eyes import paint as parts
+from service.anatomy.eyes.measure import EyeTone, measure_eyes
+from service.anatomy.eyes.sclera import ALBEDO as SCLERA_ALBEDO
+from service.anatomy.lashes.line import lash_line
+from service.anatomy.mouth import paint as mouth
+from service.anatomy.teeth.measure import measure_teeth, toothlike
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
-from service.fit.eye_white import ALBEDO as SCLERA_ALBEDO
-from service.fit.result import Fit
-from service.fit.teeth import measure_teeth, toothlike
+from service.face.fit.result import Fit
 from service.geometry.chart import Chart, chart_points
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.photo.photo import Photo
-from service.texture import mouth, parts
-from service.texture.complete import Completed, complete_skin, opacity
-from service.texture.eye_tone import EyeTone, measure_eyes
-from service.texture.glasses import frames
-from service.texture.judge import cap_or_mask, judge, lit_skin
-from service.texture.lash_line import lash_line
-from service.texture.plausible import Skin
+from service.texture.inpainting.inpaint import Completed, complete_skin, opacity
 from service.texture.result import MIRRORED, SEEN, Texture
+from service.texture.segmentation.glasses import frames
+from service.texture.segmentation.skin import cap_or_mask, judge, lit_skin
+from service.texture.segmentation.skin_model import Skin
+from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
-from service.texture.zones import Zones
 
 Float = npt.NDArray[np.float32]
 

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
+from service.geometry.mesh_field import Graph, smooth_fit
 from service.geometry.normals import normalise, vertex_normals
-from service.texture.mesh_field import Graph, smooth_fit
 
 Float = npt.NDArray[np.float32]
 

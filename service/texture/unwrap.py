@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import bytes_to_linear, linear_to_srgb
-from service.fit.result import Fit
+from service.face.fit.result import Fit
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.chart import Chart, chart_points, dot, solve_affine, unit
 from service.geometry.normals import vertex_normals

@@ -41,7 +41,7 @@ def test_the_closed_form_of_the_cliff() -> None:
 
 
 def test_without_a_cliff_the_bilateral_reference_is_least_squares() -> None:
-    from service.reflectance.integrate import integrate
+    from service.reflectance.relief.integrate import integrate
 
     _, right, down, _ = cliffs.torn(0.0, 0.0)
     found = cliffs.bilateral(right, down, 2.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.identity import Likeness, pairs, person_of, photos_of, rank_one
-from service.faces.identity import distance
+from service.face.identity import distance
 
 
 def at(person: str, photo: float, render: float) -> Likeness:

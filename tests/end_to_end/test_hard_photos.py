@@ -16,7 +16,7 @@ from service.archive.pack import archive_members
 from service.errors import FaceCutOff, FaceTooSmall, NoFace
 from service.geometry.chart import Chart
 from service.texture.result import SEEN
-from service.texture.zones import Zones
+from service.texture.segmentation.zones import Zones
 from tests.end_to_end.command import ROOT
 from tests.end_to_end.conftest import Pixels
 

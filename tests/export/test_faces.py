@@ -9,7 +9,7 @@ from export.faces import identity
 from export.faces.mirror import derive
 from export.faces.onnx_tools import ParityError, run_onnx, store_half, worst_difference, write_gated
 from export.faces.parity import CHECKS, difference
-from service.faces.topology import MIRROR
+from service.face.topology import MIRROR
 
 
 def small_weights() -> dict[str, identity.Stored]:

@@ -42,8 +42,8 @@ _LINE = "service/api/test_protocol.py::"
 _JOBS = "service/api/test_jobs.py::"
 _TENANTS = "service/api/test_tenants.py::"
 _PROBLEMS = "service/jobs/test_problems.py::test_a_photo_without_a_usable_face_ends_with_the_object_of_a_refusal"
-_CHOICE = "service/faces/test_choice.py::"
-_FINDER = "service/faces/test_finder.py::"
+_CHOICE = "service/face/test_choice.py::"
+_FINDER = "service/face/test_finder.py::"
 _REFUSALS = "end_to_end/test_refusals.py::"
 
 BAD_INPUTS: dict[int, Promise] = {
@@ -288,7 +288,7 @@ BAD_INPUTS: dict[int, Promise] = {
             f"{_PROBLEMS}[face-cut-off]",
             _CHOICE + "test_thirty_pixels_are_too_few_and_forty_are_enough",
             _CHOICE + "test_half_outside_is_cut_off_and_a_rim_is_not",
-            "service/fit/test_fit.py::test_yaw_75_is_said_to_be_extreme",
+            "service/face/fit/test_fit.py::test_yaw_75_is_said_to_be_extreme",
             _FINDER + "test_sunglasses_are_noticed",
         ),
     ),

@@ -24,12 +24,12 @@ from models.lightstage.light.response import developed
 from models.lightstage.light.sampling import dot, unit
 from models.lightstage.skin.window import ChartWindow
 from service.errors import UsageError
-from service.scene.environment import Illumination, illumination
-from service.scene.gloss import SMALLEST_ALPHA
-from service.scene.harmonics import COSINE_LOBE, project
-from service.scene.plan import Plan
-from service.scene.scene import PointLight, Scene
-from service.scene.sphere import flux_by_direction
+from service.light.environment import Illumination, illumination
+from service.light.gloss import SMALLEST_ALPHA
+from service.light.harmonics import COSINE_LOBE, project
+from service.light.plan import Plan
+from service.light.scene import PointLight, Scene
+from service.light.sphere import flux_by_direction
 
 if TYPE_CHECKING:
     from models.lightstage.skin.synthesis import Skin
@@ -223,7 +223,7 @@ def _sky(geometry: Geometry, normal: Tensor, light: Illumination, occlusion: boo
 
 
 def _harmonics(d: Tensor) -> Tensor:
-    """(9, h, w) as ``service.scene.harmonics.basis``."""
+    """(9, h, w) as ``service.light.harmonics.basis``."""
     x, y, z = d
     one = torch.ones_like(x)
     first = [0.28209479177387814 * one, 0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x]
@@ -302,7 +302,7 @@ def bake_texture(skin: Skin, stage: Stage, width: int, height: int, seed: int) -
     from models.lightstage.light.expose import expose
     from models.lightstage.light.prior import sample_scene
     from models.lightstage.light.survey import survey_chart
-    from service.scene.plan import plan as choose
+    from service.light.plan import plan as choose
 
     scale = skin.subject.gloss.scatter_scale
     geometry = Geometry.of(stage.head, stage.vertices(skin), device=skin.device)

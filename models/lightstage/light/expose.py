@@ -9,9 +9,9 @@ from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.sampling import enlarged
 from models.lightstage.skin.window import ChartWindow
 from service.colour import LUMA
-from service.scene.exposure import BRIGHT, exposed_for, level_of
-from service.scene.plan import Plan
-from service.scene.scene import Scene
+from service.light.exposure import BRIGHT, exposed_for, level_of
+from service.light.plan import Plan
+from service.light.scene import Scene
 
 __all__ = ["expose", "level_of"]
 

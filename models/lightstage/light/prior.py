@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.lightstage.skin.streams import Stream
-from service.scene.environment import names
-from service.scene.scene import Environment, PointLight, Response, Scene, Softbox, Triple
+from service.light.environment import names
+from service.light.scene import Environment, PointLight, Response, Scene, Softbox, Triple
 
 
 def blackbody(kelvin: float) -> Triple:

@@ -1,4 +1,4 @@
-"""The surroundings in the mirror of a rough surface, read at texels; ``service.scene.reflection`` prefilters them."""
+"""The surroundings in the mirror of a rough surface, read at texels; ``service.light.reflection`` prefilters them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from service.scene.reflection import ALPHAS, prefiltered
+from service.light.reflection import ALPHAS, prefiltered
 
 __all__ = ["ALPHAS", "Mirror", "mirror_of"]
 

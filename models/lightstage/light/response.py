@@ -7,7 +7,7 @@ from torch import Tensor
 
 from models.colour import srgb
 from service.errors import UsageError
-from service.scene.scene import Response
+from service.light.scene import Response
 
 
 def developed(light: Tensor, response: Response) -> Tensor:

@@ -17,9 +17,9 @@ from models.lightstage.light.relief import STEPS_MM
 from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.window import ChartWindow
-from service.scene.surface import AZIMUTHS, Surface
-from service.scene.survey import Index, LitChart
-from service.scene.survey import survey as sampled
+from service.light.surface import AZIMUTHS, Surface
+from service.light.survey import Index, LitChart
+from service.light.survey import survey as sampled
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from models.lightstage.light.sampling import dot
-from service.scene.shading import HORIZON
+from service.light.shading import HORIZON
 
 _BIAS_MM = 0.6
 _SOFT_MM = 0.8

@@ -1,6 +1,6 @@
 """How much light the whites of the eyes stand in, beside the lids round them.
 
-The whites tell the program the light of a photo (``service.fit.eye_white``), but they lie deeper than skin does,
+The whites tell the program the light of a photo (``service.anatomy.eyes.sclera``), but they lie deeper than skin does,
 between lids and under brows. How much reaches them follows from the head and the light, so it is computed from both.
 Lids are thin and touch the eye; so rays are cast at the triangles themselves, not at points on them as elsewhere in the
 light stage.
@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.fit.eye_white import BEYOND, LIT
-from service.fit.gaze import IRIS_RADIUS_M, SIDES, eyeball
+from service.anatomy.eyes.gaze import IRIS_RADIUS_M, SIDES, eyeball
+from service.anatomy.eyes.sclera import BEYOND, LIT
 from service.geometry.normals import normalise, vertex_normals
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
-from service.scene.environment import Illumination
-from service.scene.lamps import disc_of
-from service.scene.scene import PointLight
-from service.scene.sphere import flux_by_direction, spread_directions
-from service.texture.zones import vertex_mask
+from service.head.regions import vertex_mask
+from service.light.environment import Illumination
+from service.light.lamps import disc_of
+from service.light.scene import PointLight
+from service.light.sphere import flux_by_direction, spread_directions
 
 Array = npt.NDArray[np.float64]
 

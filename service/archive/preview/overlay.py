@@ -11,7 +11,7 @@ from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
 from service.archive.preview.render import render
 from service.archive.surface import vertex_normals
-from service.fit.result import Fit
+from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from service.archive.materials import material_of
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
-from service.scene.scene import Triple
+from service.light.scene import Triple
 
 Float = npt.NDArray[np.float32]
 

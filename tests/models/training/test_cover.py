@@ -12,8 +12,8 @@ from models.networks.context import HEIGHT, WIDTH  # noqa: E402
 from models.training.cover import BARE, LEAST, Cover  # noqa: E402
 from service.geometry.chart import Chart  # noqa: E402
 from service.head.files import load_head  # noqa: E402
+from service.head.regions import vertex_mask  # noqa: E402
 from service.reflectance.subject import Subject  # noqa: E402
-from service.texture.zones import vertex_mask  # noqa: E402
 
 pytestmark = pytest.mark.train
 

@@ -22,8 +22,8 @@ from service.archive.pack import archive_members, write_archive
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
 from service.options import MAP_NAMES
-from service.reflectance.displacement import encode
 from service.reflectance.normals import pack_normals
+from service.reflectance.relief.displacement import encode
 from service.reflectance.result import MID, SCALE_MM, Integration, Reflectance, unpack_normals
 from tests.service.archive.test_meshes import validator_report
 from tests.service.archive.toys import toy_avatar, toy_head

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from service.archive.avatar import Avatar, ModelCard, Similarity
-from service.faces.face import Face
-from service.fit.result import Fit
+from service.face.face import Face
+from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.photo.photo import Photo

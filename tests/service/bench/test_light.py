@@ -14,9 +14,9 @@ from service.archive.avatar import Avatar
 from service.bench import material, stages
 from service.bench.variants import reference
 from service.bench.whole import Whole, make
+from service.colour import Codes
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
-from service.reflectance.planes import Codes
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from tests.service.archive.toys import toy_avatar

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.colour import LUMA, linear_to_srgb
+from service.colour import FULL_CODE, LUMA, linear_to_srgb
 from service.reflectance import make
+from service.reflectance.corrections.highlights import without_glints
 from service.reflectance.fine_shade import LIGHT, READERS, shaded_grey
-from service.reflectance.glints import without_glints
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
-from service.reflectance.planes import FULL_CODE, Planes
+from service.reflectance.planes import Planes
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from service.colour import linear_to_srgb
+from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
+from service.head.regions import vertex_mask
 from service.reflectance.diffuse_albedo import CONTEXT, found_by
-from service.reflectance.planes import FULL_CODE, Planes
+from service.reflectance.planes import Planes
 from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, LIT, Subject
 from service.runtime.networks import Engine, open_network
-from service.texture.zones import vertex_mask
 
 HEAD = load_head(None)
 SIZE = (288, 192)

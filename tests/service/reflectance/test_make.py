@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from service.anatomy.eyes.paint import BRIGHTEST, eye_shade
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.errors import ModelFault, NumericFault
-from service.reflectance.diffuse_albedo import BRIGHTEST
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import ROLES, STAGES, Plan
 from service.reflectance.result import MID, Reflectance, unpack_normals
@@ -21,7 +21,6 @@ from service.reflectance.specular_albedo import ELSEWHERE
 from service.reflectance.subject import GEOMETRY, Subject
 from service.reflectance.texels import interpolated
 from service.runtime.networks import Engine
-from service.texture.parts import eye_shade
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
 

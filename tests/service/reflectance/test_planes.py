@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.colour import LUMA
+from service.colour import LUMA, from_codes, to_codes
 from service.errors import ModelFault
-from service.reflectance.planes import Planes, from_codes, to_codes
+from service.reflectance.planes import Planes
 from service.reflectance.texels import interpolated
 from service.runtime.tiles import reflected
 

@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from service.geometry.chart import Chart
 from service.head.files import load_head
+from service.light.graphs import Graphs
+from service.light.scene import PointLight
 from service.render.closeup import Eyes
 from service.render.light import Detail, Visibility
-from service.scene.graphs import Graphs
-from service.scene.scene import PointLight
 
 HEAD = load_head(None)
 SIZE = (768, 512)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from service.errors import BadArchive, UsageError
+from service.light.scene import Environment, PointLight, Softbox
 from service.render.render import MOST_POLYGONS, NO_RELIEF, Picture, smoothed
 from service.render.request import RenderRequest
-from service.scene.scene import Environment, PointLight, Softbox
 from tests.service.render.toys import EVEN, HEAD, LAMP, albedo, flat_normals, scene, stored, toy_picture
 from tests.toyhead import CENTRE, RADIUS
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[3]
 
 PROGRAM = """
 import os
-from service.faces.detector import Detector
+from service.face.detector import Detector
 Detector()
 handles = [f"/proc/self/fd/{handle}" for handle in os.listdir("/proc/self/fd")]
 links = [os.readlink(handle) for handle in handles if os.path.exists(handle)]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from service.fit.result import Fit
+from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel

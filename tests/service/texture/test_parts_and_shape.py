@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.anatomy.eyes import paint as parts
+from service.anatomy.mouth import paint as mouth
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.chart import Chart
-from service.texture import mouth, parts
-from service.texture.mesh_field import Graph, smooth_fit, splat
-from service.texture.plausible import learn_skin, plausibility
+from service.geometry.mesh_field import Graph, smooth_fit, splat
+from service.texture.segmentation.skin_model import learn_skin, plausibility
+from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
-from service.texture.zones import Zones
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)

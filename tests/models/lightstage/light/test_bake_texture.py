@@ -18,7 +18,7 @@ from models.lightstage.light.prior import sample_scene  # noqa: E402
 from models.lightstage.sample import write_sample  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from models.lightstage.stage import Stage  # noqa: E402
-from service.scene.plan import Plan  # noqa: E402
+from service.light.plan import Plan  # noqa: E402
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 

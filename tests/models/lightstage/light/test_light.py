@@ -26,9 +26,9 @@ from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from service.errors import UsageError  # noqa: E402
-from service.scene import estimate  # noqa: E402
-from service.scene.plan import Plan, plan  # noqa: E402
-from service.scene.scene import Environment, PointLight, Response, Scene  # noqa: E402
+from service.light import estimate  # noqa: E402
+from service.light.plan import Plan, plan  # noqa: E402
+from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
 
 pytestmark = pytest.mark.train
 

@@ -14,7 +14,7 @@ from models.lightstage.light.bake import bake  # noqa: E402
 from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.prior import sample_scene  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
-from service.scene.plan import Plan, plan  # noqa: E402
+from service.light.plan import Plan, plan  # noqa: E402
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 

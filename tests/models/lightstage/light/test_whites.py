@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch")
 
 from models.lightstage.light.whites import Whites  # noqa: E402
 from service.head.files import load_head  # noqa: E402
-from service.scene.environment import HEIGHT, WIDTH, Illumination  # noqa: E402
-from service.scene.scene import PointLight  # noqa: E402
-from service.scene.sphere import pixel_directions  # noqa: E402
+from service.light.environment import HEIGHT, WIDTH, Illumination  # noqa: E402
+from service.light.scene import PointLight  # noqa: E402
+from service.light.sphere import pixel_directions  # noqa: E402
 
 pytestmark = pytest.mark.train
 

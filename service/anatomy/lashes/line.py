@@ -1,0 +1,31 @@
+"""The dark line of the lashes along the edges of the lids.
+
+In a photo it is a pixel or two wide and lies on the underside of the lid, which faces no camera; so the texture loses
+it, and eyes look bare. Where the photo does not show the edge of a lid squarely, the line is painted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.opening_edges import lid_edges
+from service.geometry.chart import Chart
+
+Float = npt.NDArray[np.float32]
+
+UPPER = (0.0, 0.25, 0.75, 0.6, 0.15)
+LOWER = (0.0, 0.1, 0.35, 0.3, 0.1)
+"""Opacity on the rows of vertices from the socket outwards; the underside of the lids stays flesh. Lower lashes are
+shorter, and stand before a pale rim."""
+
+
+def lash_line(chart: Chart) -> Float:
+    """(N,) opacity of the line at the inner texels, in [0, 1]; 0 all over on heads that name no lids."""
+    weight = np.zeros((len(chart.head.mean), 1), np.float32)
+    for side in ("left", "right"):
+        edges = lid_edges(chart.head, side)
+        for rows, opacity in () if edges is None else ((edges.upper, UPPER), (edges.lower, LOWER)):
+            for row, share in zip(rows, opacity, strict=False):
+                weight[row, 0] = np.maximum(weight[row, 0], share)
+    return np.asarray(chart.inside(weight)[:, 0], np.float32)

@@ -1,0 +1,105 @@
+"""The upper teeth as low as the photo shows them.
+
+How much tooth a smile shows differs by some millimetres from person to person, and no landmark tells of it. A row that
+is too high leaves a black band between it and the lower lip.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.opening import LEAST_FACING, Rim
+from service.anatomy.teeth.measure import LEAST_LUMA, toothlike
+from service.colour import luma
+from service.geometry.camera import Camera
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+ROW = "teeth_upper"
+PLACES = np.linspace(0.36, 0.64, 13)
+"""Where the edge is sought, on the way from one corner of the mouth to the other: at the incisors."""
+LEAST_PX = 3.0
+"""Pixels that teeth have to be seen high: fewer are a blur between the lips."""
+GAP_M, LEAST_TOOTH_M = 0.0006, 0.002
+"""Height of a gap (a glint, noise) that does not end a tooth, and of the lowest thing that is one."""
+TALLEST_M = 0.012
+"""Of an upper incisor that is seen to the gum: what is taller is two rows of teeth that meet."""
+LEAST_PLACES = 6
+MOST_DROP_M = 0.004
+"""Beyond, the row would bite into the lower lip of a closed mouth."""
+
+
+def upper_row(head: HeadModel) -> Index:
+    """Vertices of the upper teeth, ascending; none where the head has none."""
+    if ROW not in head.part_names:
+        return np.zeros(0, np.int64)
+    return np.unique(head.triangles[head.triangle_part == head.part_names.index(ROW)])
+
+
+def teeth_drop(
+    pixels: npt.NDArray[np.uint8],
+    teeth: npt.NDArray[np.floating],
+    camera: Camera,
+    rim_points: npt.NDArray[np.floating],
+    skin: Float,
+) -> float:
+    """Metres, in [0, ``MOST_DROP_M``], by which the upper teeth end lower in the photo than those of the head.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        teeth: (N, 3) metres, head space, the upper row as posed; 0 without one.
+        camera: of the fit.
+        rim_points: (20, 2) photo pixels of the opening between the lips, in the order of
+            ``service.anatomy.mouth.lips.MOUTH_RIM``.
+        skin: (3,) sRGB of the face.
+    """
+    points = np.roll(np.asarray(rim_points, np.float64), len(rim_points) // 2, axis=0)
+    rim = Rim.of(points, camera.rotation[:2, 1], (0.0, 1.0))
+    if not len(teeth) or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
+        return 0.0
+    depth = camera.to_camera(teeth)[:, 2]
+    if (depth <= 1e-6).any():
+        return 0.0
+    scale = camera.focal_px / float(depth.min())
+    offset = camera.project(teeth) - rim.corner
+    place, height = offset @ rim.along, offset @ rim.across
+    drops = []
+    for one in PLACES:
+        # The row's edge there: the lowest vertex as near as a tooth is wide.
+        near = np.abs(place - one) * rim.length < 0.006 * scale
+        seen = _edge(pixels, rim, one, scale, skin)
+        if near.any() and seen is not None:
+            drops.append((float(height[near].min()) - seen) / scale)
+    if len(drops) < LEAST_PLACES:
+        return 0.0
+    return float(np.clip(np.median(drops), 0.0, MOST_DROP_M))
+
+
+def _edge(pixels: npt.NDArray[np.uint8], rim: Rim, place: float, scale: float, skin: Float) -> float | None:
+    """Height in the rim's frame at which the upper tooth ends at a place; None where no single one is seen."""
+    import cv2
+
+    top, bottom = (float(np.interp(place, *curve.T)) for curve in (rim.upper, rim.lower))
+    if not LEAST_PX <= top - bottom < 4 * max(pixels.shape[:2]):
+        return None
+    heights = np.arange(top, bottom - 0.25, -0.5)
+    along = rim.along / float(rim.along @ rim.along)
+    at = (rim.corner + place * along + heights[:, None] * rim.across).astype(np.float32)
+    colour = cv2.remap(pixels, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    shown = np.asarray(colour, np.float32).reshape(-1, 3) / np.float32(255)
+    tooth = (toothlike(shown, skin) > 0.5) & (luma(shown) > LEAST_LUMA * float(luma(skin)))
+    if not tooth.any():
+        return None
+    # Down from the first texel of tooth to the first gap that is one.
+    first = int(np.argmax(tooth))
+    run = np.flatnonzero(tooth[first:])
+    breaks = np.flatnonzero(np.diff(run) * 0.5 > GAP_M * scale)
+    last = first + int(run[breaks[0]] if len(breaks) else run[-1])
+    tall = float(heights[first] - heights[last])
+    if not max(LEAST_PX, LEAST_TOOTH_M * scale) <= tall <= TALLEST_M * scale:
+        return None
+    return float(heights[last])

@@ -1,0 +1,206 @@
+"""From pixels to faces: search, then a second look at every candidate.
+
+The search goes from coarse to fine: the whole photo with a margin, the whole photo, then tiles of half its side, a
+quarter and so on, until the smallest face that would still count has been looked for. That is the smallest one worth
+reporting while none is known, else one of a sixth of the largest face's area. Where nothing is found, the photo's
+three turned copies are searched too. Each candidate then has to stand a second look in a level crop of its own, and
+its mesh has to agree with what the detector sees there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from service.face import conditions
+from service.face.choice import RIVAL_AREA, choose_face
+from service.face.detector import INPUT_SIZE as DETECTOR_SIZE
+from service.face.detector import Detection, Detector, merge, overlap
+from service.face.face import Face
+from service.face.landmarks import REGION_SCALE, STRONG, Mesh, MeshNetwork, locate
+from service.face.region import Region
+
+__all__ = ["FaceFinder", "choose_face"]
+
+Pixels = npt.NDArray[np.uint8]
+
+SMALLEST_SOUGHT = 24.0
+"""Faces are sought down to this box size, so that a small one is reported as small and not as absent."""
+SMALLEST_IN_CROP = 14.0
+"""Box size in the detector's 256-pixel input that it still finds (measured: 12 pixels, 98 of 100)."""
+MOST_TILES = 150
+"""The finest pass over a huge photo is coarsened to about this many tiles, which bounds the time."""
+MOST_CANDIDATES = 12
+"""Candidates of one pass that get a second look, best first."""
+HINT, CERTAIN = 0.4, 0.5
+"""Detector scores that make a candidate, and that its second look needs."""
+UNCERTAIN = 10.0
+"""Presence logit below which the mesh carries the warning ``landmarks-uncertain``; yaw of 75 degrees and more."""
+ABSENT = 1.0
+"""Presence logit below which there is no face; a full profile, whose landmarks would be guesses, counts as none."""
+CONSISTENT = 0.12
+"""Largest mean distance between mesh and detector keypoints, over the box size, that counts as agreement.
+
+Measured: 0.01 to 0.04 on portraits, over 0.2 for a mesh beside the face."""
+MOST_LOOKS = 3
+LOW_RESOLUTION = 80.0
+"""Face box in pixels below which the fit is less certain (warning ``low-resolution``)."""
+
+
+class FaceFinder:
+    """Finds faces and their landmark meshes. Holds two networks (0.1 s to load); use one per thread."""
+
+    def __init__(self, threads: int = 2) -> None:
+        """Load the networks with ``threads`` compute threads each; ModelFault when a file is missing or changed."""
+        self._detector = Detector(threads=threads)
+        self._mesh = MeshNetwork(threads=threads)
+
+    def find(self, pixels: Pixels) -> list[Face]:
+        """All faces of an (H, W, 3) uint8 sRGB photo, largest box first; an empty list when there is none.
+
+        Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
+        Warnings a face may carry: ``low-resolution`` (box under 80 pixels), ``landmarks-inconsistent`` (mesh and
+        detector disagree), ``landmarks-uncertain`` (weak evidence, as in a near profile), ``turned-90``, ``turned-180``
+        or ``turned-270`` (degrees clockwise by which the face is turned, to the nearest quarter), ``under-exposed``,
+        ``eyes-covered``.
+
+        Raises:
+            ValueError: pixels have another shape or type.
+        """
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
+            raise ValueError(f"pixels must be (H, W, 3) uint8 and not empty, not {pixels.shape} {pixels.dtype}")
+        return sorted(self._search(pixels), key=lambda face: -face.area)
+
+    def _search(self, pixels: Pixels) -> list[Face]:
+        height, width = pixels.shape[:2]
+        faces: list[Face] = []
+        for side in passes(width, height):
+            largest = max((float(np.sqrt(face.area)) for face in faces), default=0.0)
+            if largest * RIVAL_AREA**0.5 > 2 * side * SMALLEST_IN_CROP / DETECTOR_SIZE:
+                break  # the pass before this one, with tiles of twice the side, saw all that would count
+            faces = self._scan(pixels, side, 0.0, faces)
+        for turn in (0.5, 1.5, 1.0):
+            if not faces:
+                for side in list(passes(width, height))[1:3]:
+                    faces = self._scan(pixels, side, turn * np.pi, faces)
+        return faces
+
+    def _scan(self, pixels: Pixels, side: float, angle: float, faces: list[Face]) -> list[Face]:
+        """One pass over tiles; returns ``faces`` with the new ones that do not overlap them."""
+        height, width = pixels.shape[:2]
+        found: list[Detection] = []
+        for region in tiles(width, height, side, angle):
+            found.extend(self._detector(pixels, region, HINT))
+        for candidate in merge(found)[:MOST_CANDIDATES]:
+            if _known(candidate.box, faces):
+                continue
+            face = self._examine(pixels, candidate)
+            if face is not None and not _known(face.box, faces):
+                faces = [*faces, face]
+        return faces
+
+    def _examine(self, pixels: Pixels, candidate: Detection) -> Face | None:
+        """Look at a candidate again, find its mesh, and look again where the mesh is, until both agree; None: no face.
+
+        The second and third look use the way up and the place that the mesh found, so that a box that was half off, or
+        taken from a turned face, gets corrected.
+        """
+        seen = self._look(pixels, candidate.region(1.0), candidate)
+        best: tuple[float, Detection, Mesh] | None = None
+        for _ in range(MOST_LOOKS):
+            if seen is None:
+                break
+            mesh = locate(self._mesh, pixels, seen)
+            if mesh.logit < ABSENT:
+                break
+            level = mesh.region
+            again = self._look(pixels, Region(level.x, level.y, level.side / REGION_SCALE, level.angle), seen)
+            gap = mesh.disagreement(again) if again else 1.0
+            if again and (best is None or gap < best[0]):
+                best = gap, again, mesh
+            if gap <= CONSISTENT:
+                break
+            seen = again
+        if best is None or not plausible(best[1], best[2]):
+            return None
+        return _face(pixels, *best)
+
+    def _look(self, pixels: Pixels, region: Region, near: Detection) -> Detection | None:
+        """The detector's average answer to two crops about a square that should just hold the face."""
+        looks: list[Detection] = []
+        for scale in (2.0, 3.0):
+            crop = Region(region.x, region.y, region.side * scale, region.angle)
+            close = [d for d in self._detector(pixels, crop, CERTAIN) if _close(d, near)]
+            looks.extend(close[:1])
+        return merge(looks)[0] if looks else None
+
+
+def passes(width: int, height: int) -> Iterator[float]:
+    """Tile sides in pixels, coarse to fine: 1.5 and 1 times the longer side, then halves, down to the finest needed.
+
+    >>> [round(side) for side in passes(1600, 1200)]
+    [2400, 1600, 800, 439]
+    """
+    longest = float(max(width, height))
+    budget = (2.25 * width * height / MOST_TILES) ** 0.5  # tiles lie two thirds of a side apart
+    finest = max(SMALLEST_SOUGHT * DETECTOR_SIZE / SMALLEST_IN_CROP, budget)
+    yield 1.5 * longest
+    side = longest
+    while side > finest:
+        yield side
+        side /= 2
+    yield min(finest, longest)
+
+
+def tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Region]:
+    """Squares of ``side`` that cover a photo with a third of overlap; one that is as large as the photo is centred."""
+
+    def centres(length: int) -> npt.NDArray[np.float64]:
+        if length <= side:
+            return np.array([length / 2])
+        count = int(np.ceil((length - side) / (side * 2 / 3))) + 1
+        return np.asarray(np.linspace(side / 2, length - side / 2, count))
+
+    return [Region(float(x), float(y), side, angle) for y in centres(height) for x in centres(width)]
+
+
+def plausible(detection: Detection, mesh: Mesh) -> bool:
+    """Whether detector and mesh together make a face: a clear mesh, or a weak one with a strong detection."""
+    return mesh.logit >= UNCERTAIN or (mesh.logit >= ABSENT and detection.score >= STRONG)
+
+
+def _close(one: Detection, other: Detection) -> bool:
+    return bool(np.hypot(*(one.centre - other.centre)) < 0.5 * other.size and 0.5 < one.size / other.size < 2)
+
+
+def _known(box: npt.NDArray[np.float64], faces: list[Face]) -> bool:
+    """Whether a box is one of the faces: half of the smaller of the two lies in the other."""
+    for face in faces:
+        shared = np.prod(np.maximum(np.minimum(box[2:], face.box[2:]) - np.maximum(box[:2], face.box[:2]), 0))
+        smaller = min(float(np.prod(box[2:] - box[:2])), face.area)
+        if shared > 0.5 * smaller or overlap(box, face.box[None])[0] > 0.3:
+            return True
+    return False
+
+
+def _face(pixels: Pixels, gap: float, detection: Detection, mesh: Mesh) -> Face:
+    warnings = []
+    if gap > CONSISTENT:
+        warnings.append("landmarks-inconsistent")
+    if mesh.logit < UNCERTAIN:
+        warnings.append("landmarks-uncertain")
+    if detection.size < LOW_RESOLUTION:
+        warnings.append("low-resolution")
+    quarter = round(np.degrees(detection.angle) / 90) % 4
+    if quarter:
+        warnings.append(f"turned-{quarter * 90}")
+    return Face(
+        box=detection.box,
+        score=detection.score,
+        keypoints=detection.keypoints,
+        landmarks=mesh.landmarks,
+        presence=mesh.presence,
+        warnings=(*warnings, *conditions.warnings(pixels, mesh.landmarks)),
+    )

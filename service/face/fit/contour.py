@@ -1,0 +1,146 @@
+"""Where the outline of the face lies in the photo.
+
+On a turned head the line of the far cheek, brow and nose against what is behind them says more about shape than any
+landmark does. Points on the model's occluding contour look for the strongest edge along their normal in the photo
+(the classical active contour step; for face models: Bas et al., Fitting a 3D Morphable Model to Edges, ACCVW 2016).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.face.fit.state import State, project
+from service.face.fit.terms import PointTerm
+from service.head.model import HeadModel
+
+Array = npt.NDArray[np.float64]
+
+SAMPLES = 25
+"""Odd number of samples along each search line."""
+SIGMA_M = 0.0008
+"""Expected distance of a true edge from the outline, metres on the face."""
+CONTRAST = 0.04
+"""Edge strength (sRGB step in [0, 1]) at which an edge is believed half."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Points of the occluding contour.
+
+    Attributes:
+        vertices: (N, 2) int, the two ends of each contour edge of the mesh.
+        uv: (N, 2) pixels relative to the principal point, the middle of the edge.
+        normal: (N, 2) unit, pointing out of the face.
+    """
+
+    vertices: npt.NDArray[np.int32]
+    uv: Array
+    normal: Array
+
+
+class OutlineFinder:
+    """Mesh edges with the triangles on both sides, for the part of the skin where an outline can be trusted."""
+
+    def __init__(self, head: HeadModel) -> None:
+        skin = np.flatnonzero(head.triangle_part == head.part_names.index("skin"))
+        corners = head.triangles[skin]
+        sides = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+        owner = np.tile(skin, 3)
+        order = np.lexsort((sides[:, 1], sides[:, 0]))
+        sides, owner = sides[order], owner[order]
+        pair = np.flatnonzero((sides[1:] == sides[:-1]).all(1))
+        self.edges = sides[pair]
+        self.sides = np.stack([owner[pair], owner[pair + 1]], 1)
+        face = head.region("face")[self.edges].min(1) > 0.5
+        self.edges, self.sides = self.edges[face], self.sides[face]
+        self.triangles = head.triangles
+
+    def find(self, state: State, vertices: Array) -> Outline:
+        """The occluding contour of (V, 3) vertices in a pose, hidden parts left out."""
+        projection = project(state, vertices)
+        uv, position = projection.uv, projection.position
+        p = position[self.triangles]
+        normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        front = (normal * p.mean(1)).sum(1) < 0
+        turning = front[self.sides[:, 0]] != front[self.sides[:, 1]]
+        edges = self.edges[turning]
+        near = np.where(front[self.sides[turning, 0]], self.sides[turning, 0], self.sides[turning, 1])
+        middle = uv[edges].mean(1)
+        along = uv[edges[:, 1]] - uv[edges[:, 0]]
+        across = np.stack([-along[:, 1], along[:, 0]], 1)
+        inside = uv[self.triangles[near]].mean(1) - middle
+        across *= -np.sign((across * inside).sum(1, keepdims=True))
+        length = np.linalg.norm(across, axis=1)
+        keep = (length > 1e-6) & self._open(state, uv, position, middle, across, length)
+        return Outline(edges[keep], middle[keep], across[keep] / length[keep, None])
+
+    def _open(
+        self, state: State, uv: Array, position: Array, middle: Array, across: Array, length: Array
+    ) -> npt.NDArray[np.bool_]:
+        """True where nothing of the head lies just outside the contour point: a real outline, not an inner fold."""
+        from service.geometry.raster import rasterise
+
+        if not len(middle):
+            return np.zeros(0, bool)
+        low, high = uv.min(0), uv.max(0)
+        shrink = 255.0 / max(float((high - low).max()), 1e-6)
+        small = (uv - low) * shrink + 1.0
+        raster = rasterise(small, position[:, 2], self.triangles, 258, 258)
+        probe = (middle + across / np.maximum(length, 1e-9)[:, None] * 0.006 * state.scale - low) * shrink + 1.0
+        x, y = np.clip(probe.astype(int), 0, 257).T
+        return np.asarray(raster.triangle[y, x] < 0)
+
+
+def outline_term(
+    photo: npt.NDArray[np.float32],
+    middle: Array,
+    state: State,
+    outline: Outline,
+    mean: Array,
+    modes: Array,
+    reach_m: float,
+) -> PointTerm | None:
+    """A term that pulls the outline to edges of the photo.
+
+    Args:
+        photo: (H, W, 3) float32 sRGB in [0, 1], blurred to about 1 mm on the face.
+        middle: (2,) principal point, pixels.
+        state: current pose.
+        outline: N contour points at that pose.
+        mean: (N, 3) metres, the contour points where all coefficients are zero.
+        modes: (M, N, 3) metres, what each coefficient adds.
+        reach_m: how far to look along the normals, metres on the face.
+
+    Returns:
+        The term, or None where no point has an edge in reach.
+    """
+    import cv2
+
+    if not len(outline.uv):
+        return None
+    offset = np.linspace(-1.0, 1.0, SAMPLES) * reach_m * state.scale
+    where = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + middle - 0.5
+    height, width = photo.shape[:2]
+    x, y = np.moveaxis(where.astype(np.float32), -1, 0)
+    lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    beyond: npt.NDArray[np.bool_] = (where < 0) | (where > np.array([width - 1, height - 1]))
+    outside = np.asarray(beyond.any(-1))
+    step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
+    step[outside[:, 1:-1]] = 0.0
+    inner = offset[1:-1]
+    score = step * np.exp(-0.5 * (inner / (0.5 * reach_m * state.scale)) ** 2)
+    best = score.argmax(1)
+    rows = np.arange(len(best))
+    strength, shift = step[rows, best], inner[best]
+    belief = strength**2 / (strength**2 + CONTRAST**2)
+    sigma = SIGMA_M * state.scale
+    robust = (1.0 + (shift / (3.0 * sigma)) ** 2) ** -2
+    weight = belief * robust
+    if not (weight > 0.01).any():
+        return None
+    spacing = 0.1  # neighbouring contour points see the same edge
+    target = outline.uv + shift[:, None] * outline.normal
+    return PointTerm(mean, modes, target, spacing * weight / max(sigma, 1e-9) ** 2, outline.normal)

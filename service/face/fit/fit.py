@@ -1,0 +1,149 @@
+"""Photo and landmarks in, fitted head out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from service.anatomy.eyes.gaze import find_gaze, with_gaze
+from service.anatomy.eyes.lids import lids_on_rims
+from service.anatomy.mouth.lips import MOUTH_RIM, lips_on_rim
+from service.anatomy.teeth.measure import measure_teeth
+from service.anatomy.teeth.upper_incisors import teeth_drop, upper_row
+from service.errors import FitFailed
+from service.face.face import Face
+from service.face.fit.basis import LandmarkModel
+from service.face.fit.landmarks import LandmarkFit, fit_landmarks
+from service.face.fit.result import Fit
+from service.face.fit.settings import FitSettings
+from service.face.fit.terms import Prior
+from service.head.model import HeadModel
+from service.light.white_reference import cheek_colour, light_by_whites
+from service.photo.photo import Photo
+
+UNKNOWN_FOCAL = 1.2
+"""Most likely focal length over the longer side of a photo that does not say: between a phone and a portrait crop."""
+UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA = 1.0, 0.35
+"""Standard deviations of the logarithms of focal length and distance without EXIF: the distance is known better."""
+EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA = 0.1, 0.8
+"""The same with EXIF. Crops and digital zoom change the true focal length, so it is believed to about 10 %."""
+FILM_DIAGONAL_MM = 43.27
+"""Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers."""
+DISTRUST_RMS = 0.06
+"""Landmark rms over the inter-ocular distance above which a fit is reported as not to be trusted."""
+FAIL_RMS = 0.25
+"""... and above which there is no fit at all."""
+WIDE_YAW_DEG = 60.0
+
+
+def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
+    """What is known before looking: portrait distance, EXIF focal length, population of heads."""
+    focal = UNKNOWN_FOCAL * max(photo.size)
+    focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
+    if photo.focal_35mm:
+        focal = photo.focal_35mm * float(np.hypot(*photo.size)) / FILM_DIAGONAL_MM
+        focal_sigma, distance_sigma = EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA
+    precision = np.full(model.shape_count, settings.identity_prior)
+    precision[model.identity_count :] = settings.expression_prior**-2
+    return Prior(float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision)
+
+
+def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | None = None) -> Fit:
+    """Place the head model in the photo.
+
+    Args:
+        face: landmarks in photo pixels.
+        photo: the photo they were found in.
+        head: any head model with the 468-landmark embedding.
+        settings: how hard to try.
+
+    Returns:
+        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted.
+
+    Raises:
+        FitFailed: fewer than 30 finite landmarks, or no head comes anywhere near them.
+    """
+    settings = settings or FitSettings()
+    finite = int(np.isfinite(face.landmarks).all(1).sum())
+    if finite < 30:
+        raise FitFailed(f"only {finite} of {len(face.landmarks)} landmarks are finite; at least 30 are needed")
+    width, height = photo.size
+    middle = np.array([width / 2, height / 2])
+    model = LandmarkModel(head, settings.identity_components)
+    stage = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
+    if settings.refine == "landmarks":
+        return _result(face, photo, head, model, stage)
+    from service.face.fit.pixels import PixelStage
+
+    state, light = PixelStage(head, model).refine(stage, photo.pixels, middle)
+    fit = _result(face, photo, head, model, replace(stage, state=state))
+    return replace(fit, light=light, warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"))
+
+
+def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, stage: LandmarkFit) -> Fit:
+    state, basis, belief = stage.state, stage.basis, stage.belief
+    camera = state.camera(*photo.size)
+    identity, expression = np.split(state.coefficients, [model.identity_count])
+    neutral = head.shape(identity)
+    if not np.isfinite(neutral).all():
+        raise FitFailed("the fitted head is not finite")
+    gaze = find_gaze(photo.pixels, face.landmarks, head, neutral, camera)
+    if gaze is not None:
+        expression = with_gaze(head, neutral, expression, gaze)
+    # Landmarks lie on the lids where the network puts them on rendered heads, so the distance is that of before.
+    coefficients = np.concatenate([identity, expression])
+    expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
+    mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
+    inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
+    skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
+    teeth_seen = skin is None or measure_teeth(photo.pixels, mouth_rim, skin) is not None
+    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen)
+    vertices = head.shape(identity, expression)
+    if skin is not None and (teeth := upper_row(head)).size:
+        drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
+        for shape in (vertices, neutral):
+            shape[teeth, 1] -= np.float32(drop)
+    distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
+    seen = (belief > 0) & np.isfinite(distance)
+    share = belief[seen] > 0.05
+    trusted = distance[seen][share] if share.any() else distance[np.isfinite(distance)]
+    rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else float("inf")
+    if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
+        raise FitFailed(
+            f"the head does not fit the landmarks: rms {rms:.1f} px with eyes {inter_ocular:.1f} px apart; "
+            f"at most {FAIL_RMS * inter_ocular:.1f} px would do"
+        )
+    warnings = []
+    yaw = abs(camera.yaw_pitch_roll_deg()[0])
+    if yaw > WIDE_YAW_DEG:
+        warnings.append("extreme-pose")
+    if rms > DISTRUST_RMS * inter_ocular or float((belief > 0.05).mean()) < 0.3 or yaw > 75:
+        warnings.append("low-confidence")
+    if gaze is not None and not gaze.irises:
+        warnings.append("gaze-not-seen")
+    return Fit(
+        camera,
+        identity,
+        expression,
+        vertices,
+        neutral,
+        None,
+        rms,
+        float(inter_ocular),
+        tuple(warnings),
+        gaze,
+        light_by_whites(photo.pixels, face.landmarks, gaze, mouth_rim, inter_ocular),
+        mouth_rim,
+    )
+
+
+def _inter_ocular_m(head: HeadModel, vertices: np.ndarray) -> float:
+    """Distance of the eyeball centres in metres; 63 mm where the head has no eyeballs."""
+    centres = []
+    for name in ("eye_left", "eye_right"):
+        if name in head.part_names:
+            corners = head.triangles[head.triangle_part == head.part_names.index(name)]
+            if len(corners):
+                centres.append(vertices[np.unique(corners)].mean(0))
+    return float(np.linalg.norm(centres[0] - centres[1])) if len(centres) == 2 else 0.063

@@ -1,0 +1,85 @@
+"""Stage B of the fit: the landmark fit, pulled to the outline of the face in the photo and to its shading.
+
+Each round looks for edges along the outline of the current head (``contour.py``), estimates the light from the seen
+skin (``light.py``), and solves again with the landmark terms still in force.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.colour import srgb_to_linear
+from service.face.fit.basis import LandmarkModel
+from service.face.fit.contour import OutlineFinder, outline_term
+from service.face.fit.landmarks import LandmarkFit, bounds
+from service.face.fit.shading import light_on_face, shading_term
+from service.face.fit.solver import Damping, minimise
+from service.face.fit.state import POSE, State
+from service.face.fit.terms import Term
+from service.head.model import HeadModel
+
+Array = npt.NDArray[np.float64]
+
+REACH_M = (0.008, 0.004)
+"""Search reach of the outline, metres on the face, round by round."""
+BLUR_M = 0.0012
+"""Blur of the photo for the outline, metres on the face."""
+STEPS = 4
+
+
+class PixelStage:
+    """Refines landmark fits of one head model."""
+
+    def __init__(self, head: HeadModel, model: LandmarkModel) -> None:
+        self.head, self.model = head, model
+        self.outline = OutlineFinder(head)
+
+    def refine(self, stage: LandmarkFit, pixels: npt.NDArray[np.uint8], middle: Array) -> tuple[State, Array | None]:
+        """The refined state, and the light on the face there (:func:`light_on_face`).
+
+        The state is that of the landmarks where the photo has neither edges nor shading to offer.
+
+        Args:
+            stage: the landmark fit.
+            pixels: (H, W, 3) uint8 sRGB.
+            middle: (2,) principal point in pixels.
+        """
+        state = stage.state
+        soft = blurred(pixels, BLUR_M * state.scale)
+        linear = srgb_to_linear(soft)
+        lower, upper = bounds(self.model)
+        active = np.ones(POSE + self.model.shape_count, bool)
+        for reach in REACH_M:
+            vertices = self._vertices(state)
+            extra: list[Term | None] = [
+                self._outline(soft, middle, state, vertices, reach),
+                shading_term(self.head, self.model, linear, middle, state, vertices),
+            ]
+            terms = (*stage.terms, *(term for term in extra if term is not None))
+            state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
+        return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
+
+    def _vertices(self, state: State) -> npt.NDArray[np.float64]:
+        identity, expression = np.split(state.coefficients, [self.model.identity_count])
+        return self.head.shape(identity, expression).astype(np.float64)
+
+    def _outline(
+        self, photo: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array, reach: float
+    ) -> Term | None:
+        outline = self.outline.find(state, vertices)
+        ends = outline.vertices
+        count = self.model.identity_count
+        modes = np.concatenate([self.head.identity[:count, ends].mean(2), self.head.expression[:, ends].mean(2)])
+        mean = self.head.mean[ends].mean(1)
+        return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
+
+
+def blurred(pixels: npt.NDArray[np.uint8], sigma_px: float) -> npt.NDArray[np.float32]:
+    """(H, W, 3) uint8 -> float32 sRGB in [0, 1], Gaussian blur of sigma_px (none below a third of a pixel)."""
+    import cv2
+
+    image = pixels.astype(np.float32) / 255.0
+    if sigma_px < 1 / 3:
+        return image
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(sigma_px, 50.0)), np.float32)

@@ -1,0 +1,49 @@
+"""What the fit hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.eyes.gaze import Gaze
+from service.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A head model placed in a photo.
+
+    Attributes:
+        camera: pose and focal length.
+        identity: (k,) float64 standard deviations.
+        expression: (E,) float64 in [0, 1].
+        vertices: (V, 3) float32 metres, head space, the photo's expression.
+        neutral: (V, 3) float32 metres, head space, no expression.
+        light: (9, 3) float64 spherical-harmonic radiance, linear RGB, camera frame: ``sh_basis(n) @ light`` of
+            ``service.light.skin_light`` is irradiance over pi, scaled so that the seen skin has a mean luminance of
+            one. None if the fit stopped at the landmarks, or, with the warning ``no-light``, if too little lit skin is
+            seen.
+        landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.
+        inter_ocular_px: distance of the eye centres in the photo plane, scaled up to a frontal view.
+        warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
+            are set straight ahead for want of a visible iris.
+        gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
+        eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo, told
+            by them and by the teeth (``service.light.white_reference``); None if no white is seen well.
+        mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
+    """
+
+    camera: Camera
+    identity: npt.NDArray[np.float64]
+    expression: npt.NDArray[np.float64]
+    vertices: npt.NDArray[np.float32]
+    neutral: npt.NDArray[np.float32]
+    light: npt.NDArray[np.float64] | None
+    landmark_rms_px: float
+    inter_ocular_px: float
+    warnings: tuple[str, ...] = field(default=())
+    gaze: Gaze | None = None
+    eye_light: npt.NDArray[np.float64] | None = None
+    mouth_rim: npt.NDArray[np.float64] | None = None

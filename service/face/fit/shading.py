@@ -1,0 +1,210 @@
+"""What the shading of the skin says about its slope.
+
+The skin's colour is taken as one albedo times spherical-harmonic light; where it differs, the normals of the head are
+asked to turn. Albedo varies too, so only low frequencies can be believed, and brows, lips, eyes and beard are left
+out. The derivative runs through the normals alone: correspondences are the landmarks' business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.face.fit.basis import LandmarkModel
+from service.face.fit.landmarks import facing
+from service.face.fit.state import POSE, State, project
+from service.geometry.normals import vertex_normals
+from service.head.model import HeadModel
+from service.light.skin_light import BAND_GAIN, estimate_light, sh_basis
+
+Array = npt.NDArray[np.float64]
+
+SIGMA = 0.10
+"""Expected deviation of log-like relative intensity from one-albedo shading."""
+SHARE = 0.005
+"""Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
+LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
+
+
+@dataclass(frozen=True)
+class ShadingTerm:
+    """Linearised shading residual r0 + J (x - x0) over the identity coefficients.
+
+    Attributes:
+        residual: (N,) at the start, weighted.
+        jacobian: (N, K) weighted.
+        start: (K,) coefficients of the linearisation.
+    """
+
+    residual: Array
+    jacobian: Array
+    start: Array
+
+    def _at(self, state: State) -> Array:
+        return np.asarray(self.residual + self.jacobian @ (state.coefficients[: len(self.start)] - self.start))
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        r = self._at(state)
+        return 0.5 * float(r @ r)
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+        block = slice(POSE, POSE + len(self.start))
+        hessian[block, block] += self.jacobian.T @ self.jacobian
+        gradient[block] += self.jacobian.T @ self._at(state)
+
+
+def skin_weight(head: HeadModel) -> Array:
+    """(V,) in [0, 1]: face skin without brows, lips, lids and beard."""
+    weight = head.region("face").astype(np.float64)
+    for name in LEFT_OUT:
+        if name in head.region_names:
+            weight = weight * (1.0 - head.region(name))
+    return np.asarray(weight)
+
+
+def normal_derivative(
+    vertices: Array,
+    modes: npt.NDArray[np.float32],
+    triangles: npt.NDArray[np.int32],
+    chosen: npt.NDArray[np.intp],
+) -> Array:
+    """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
+
+    Args:
+        vertices: (V, 3) metres.
+        modes: (K, V, 3) metres per unit.
+        triangles: (T, 3).
+        chosen: (N,) vertex indices; a vertex without area gets zero.
+    """
+    from scipy.sparse import csr_matrix
+
+    row_of = np.full(len(vertices), -1)
+    row_of[chosen] = np.arange(len(chosen))
+    near = triangles[(row_of[triangles] >= 0).any(1)]
+    a, b, c = vertices[near].transpose(1, 0, 2)
+    da, db, dc = (np.moveaxis(modes[:, near[:, i]], 0, 1) for i in range(3))  # (T, K, 3)
+    change = np.cross(db - da, (c - a)[:, None]) + np.cross((b - a)[:, None], dc - da)
+    rows = row_of[near].ravel()
+    columns = np.repeat(np.arange(len(near)), 3)
+    inside = rows >= 0
+    gather = csr_matrix((np.ones(int(inside.sum())), (rows[inside], columns[inside])), (len(chosen), len(near)))
+    total = gather @ np.cross(b - a, c - a)
+    length = np.linalg.norm(total, axis=1)
+    flat = length < 1e-15
+    unit = total / np.where(flat, 1.0, length)[:, None]
+    slope = np.asarray(gather @ change.reshape(len(near), -1)).reshape(len(chosen), len(modes), 3)
+    slope -= (slope @ unit[:, :, None]) * unit[:, None]
+    slope /= np.where(flat, np.inf, length)[:, None, None]
+    return np.asarray(np.moveaxis(slope, 1, 2))
+
+
+def sh_gradient(normals: Array, light: Array) -> Array:
+    """(N, 3) gradient of ``sh_basis(n) @ light`` by n, for (9,) light."""
+    x, y, z = normals.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    by = [
+        (zero, 0.488603 * one, zero, zero, 1.092548 * x, 1.092548 * z, zero, zero, -1.092548 * y),
+        (zero, zero, 0.488603 * one, zero, zero, 1.092548 * y, 1.892352 * z, 1.092548 * x, zero),
+        (zero, zero, zero, 0.488603 * one, 1.092548 * y, zero, zero, 1.092548 * z, 1.092548 * x),
+    ]
+    gained = BAND_GAIN * light
+    along_y, along_z, along_x = (np.stack(columns, 1) @ gained for columns in by)
+    return np.stack([along_x, along_y, along_z], 1)
+
+
+@dataclass(frozen=True)
+class SkinSamples:
+    """Skin vertices that the photo shows.
+
+    Attributes:
+        vertex: (N,) indices.
+        normal: (N, 3) unit, head frame.
+        colour: (N, 3) linear RGB in [0, 1].
+        weight: (N,) in (0.05, 1].
+    """
+
+    vertex: npt.NDArray[np.intp]
+    normal: Array
+    colour: Array
+    weight: Array
+
+
+def seen_skin(
+    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
+) -> SkinSamples:
+    """What a photo shows of the face's skin, at the vertices.
+
+    Args:
+        head: the head model.
+        linear: (H, W, 3) float32 linear RGB.
+        middle: (2,) principal point in pixels.
+        state: pose.
+        vertices: (V, 3) metres at that state.
+    """
+    height, width = linear.shape[:2]
+    projection = project(state, vertices)
+    normals = vertex_normals(vertices, head.triangles).astype(np.float64)
+    where = np.floor(projection.uv + middle).astype(int)
+    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
+    weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
+    # Steep skin is seen badly and is where the outline term speaks.
+    view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
+    weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
+    used = np.flatnonzero(weight > 0.05)
+    colour = linear[where[used, 1], where[used, 0]].astype(np.float64)
+    return SkinSamples(used, normals[used], colour, weight[used])
+
+
+def light_on_face(
+    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
+) -> Array | None:
+    """Light on the fitted face; the arguments are those of :func:`seen_skin`.
+
+    Returns:
+        (9, 3) coefficients in the camera frame (x right, y down, z forward), see :func:`estimate_light`; None where
+        fewer than 30 vertices of skin are seen or they are black.
+    """
+    skin = seen_skin(head, linear, middle, state, vertices)
+    return estimate_light(skin.normal @ state.rotation.T, skin.colour, skin.weight)
+
+
+def shading_term(
+    head: HeadModel,
+    model: LandmarkModel,
+    linear: npt.NDArray[np.float32],
+    middle: Array,
+    state: State,
+    vertices: Array,
+) -> ShadingTerm | None:
+    """Shading term at a state.
+
+    Args:
+        head: the head model.
+        model: how many of its components are fitted.
+        linear: (H, W, 3) float32 linear RGB.
+        middle: (2,) principal point in pixels.
+        state: current pose and shape.
+        vertices: (V, 3) metres at that state.
+
+    Returns:
+        The term, or None where no light can be estimated.
+    """
+    skin = seen_skin(head, linear, middle, state, vertices)
+    light = estimate_light(skin.normal, skin.colour, skin.weight)
+    if light is None:
+        return None
+    grey = light @ np.array([0.2126, 0.7152, 0.0722])
+    seen = skin.colour @ np.array([0.2126, 0.7152, 0.0722])
+    shaded = np.maximum(sh_basis(skin.normal) @ grey, 0.05)
+    albedo = float(np.median(seen / shaded))
+    residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
+    robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
+    root = np.sqrt(SHARE * skin.weight * robust) / SIGMA
+    slope = sh_gradient(skin.normal, grey) * (shaded > 0.05)[:, None] / shaded[:, None]
+    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
+    jacobian = np.einsum("ni,nik->nk", slope, turn)
+    return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

@@ -1,0 +1,162 @@
+"""The terms of the fit's energy, each with its residuals and its share of the normal equations.
+
+A term returns half its sum of squares and adds J^T J and J^T r in place; ``energy`` and ``linearise`` sum over terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from service.face.fit.state import POSE, State, motion, pixel_jacobian, project
+
+Array = npt.NDArray[np.float64]
+
+
+class Term(Protocol):
+    """One addend of the energy."""
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+
+
+@dataclass(frozen=True)
+class PointTerm:
+    """Points that should land on given pixels.
+
+    Attributes:
+        mean, modes: (N, 3) and (M, N, 3) metres, the points as a linear function of the coefficients.
+        target: (N, 2) pixels relative to the principal point.
+        precision: (N,) 1 / px^2, weights included.
+        normal: (N, 2) unit vectors if only the distance along them counts (points on a contour), else None.
+    """
+
+    mean: Array
+    modes: Array
+    target: Array
+    precision: Array
+    normal: Array | None = None
+
+    def _points(self, state: State) -> Array:
+        return np.asarray(self.mean + np.tensordot(state.coefficients, self.modes, 1))
+
+    def _residual(self, uv: Array) -> Array:
+        r = uv - self.target
+        return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        r = self._residual(project(state, self._points(state)).uv)
+        return 0.5 * float((self.precision[:, None] * r**2).sum())
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+        projection = project(state, self._points(state))
+        jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
+        if self.normal is not None:
+            jacobian = (jacobian * self.normal[:, :, None]).sum(1, keepdims=True)
+        root = np.sqrt(self.precision)[:, None]
+        j = (jacobian * root[:, :, None]).reshape(-1, len(gradient))
+        hessian += j.T @ j
+        gradient += j.T @ (self._residual(projection.uv) * root).ravel()
+
+
+@dataclass(frozen=True)
+class DepthTerm:
+    """Relative depth of points, up to a common offset.
+
+    Attributes:
+        mean, modes: as in PointTerm.
+        depth: (N,) pixels at the head's scale, growing away from the camera.
+        precision: (N,) 1 / px^2.
+    """
+
+    mean: Array
+    modes: Array
+    depth: Array
+    precision: Array
+
+    def _share(self) -> Array:
+        return np.asarray(self.precision / max(float(self.precision.sum()), 1e-12))
+
+    def _residual(self, state: State) -> tuple[Array, Array]:
+        turned = (self.mean + np.tensordot(state.coefficients, self.modes, 1)) @ state.rotation.T
+        r = turned[:, 2] * state.scale - self.depth
+        return turned, np.asarray(r - self._share() @ r)
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        return 0.5 * float((self.precision * self._residual(state)[1] ** 2).sum())
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+        turned, r = self._residual(state)
+        jacobian = np.zeros((len(r), len(gradient)))
+        jacobian[:, 0], jacobian[:, 1] = turned[:, 1], -turned[:, 0]
+        jacobian[:, 5] = turned[:, 2]
+        jacobian[:, POSE:] = (self.modes @ state.rotation[2]).T
+        jacobian *= state.scale
+        jacobian -= self._share() @ jacobian
+        weighted = jacobian * self.precision[:, None]
+        hessian += weighted.T @ jacobian
+        gradient += weighted.T @ r
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand: Gaussians on log distance, log focal length and the shape coefficients.
+
+    Attributes:
+        log_distance, log_distance_sigma: metres.
+        log_focal, log_focal_sigma: pixels.
+        shape_precision: (K + E,) one over variance.
+    """
+
+    log_distance: float
+    log_distance_sigma: float
+    log_focal: float
+    log_focal_sigma: float
+    shape_precision: Array
+
+    def _offsets(self, state: State) -> tuple[float, float]:
+        a = (state.log_distance - self.log_distance) / self.log_distance_sigma
+        b = (state.log_scale + state.log_distance - self.log_focal) / self.log_focal_sigma
+        return a, b
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        a, b = self._offsets(state)
+        return 0.5 * float(a**2 + b**2 + (self.shape_precision * state.coefficients**2).sum())
+
+    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+        """Add J^T J and J^T r in place."""
+        a, b = self._offsets(state)
+        rows = np.zeros((2, len(gradient)))
+        rows[0, 6] = 1 / self.log_distance_sigma
+        rows[1, 5] = rows[1, 6] = 1 / self.log_focal_sigma
+        hessian += rows.T @ rows
+        gradient += rows.T @ np.array([a, b])
+        index = np.arange(POSE, len(gradient))
+        hessian[index, index] += self.shape_precision
+        gradient[POSE:] += self.shape_precision * state.coefficients
+
+
+def energy(terms: Sequence[Term], state: State) -> float:
+    """The sum of the terms at a state."""
+    return sum(term.cost(state) for term in terms)
+
+
+def linearise(terms: Sequence[Term], state: State) -> tuple[Array, Array]:
+    """J^T J (n, n) and J^T r (n,) of all terms at a state, by a step as :meth:`State.stepped` takes it."""
+    n = POSE + len(state.coefficients)
+    hessian, gradient = np.zeros((n, n)), np.zeros(n)
+    for term in terms:
+        term.add(state, hessian, gradient)
+    return hessian, gradient

@@ -1,0 +1,182 @@
+"""The 468-point face mesh: which way up, iteration until the region stands still, agreement with the detector.
+
+Kartynnik et al., "Real-time Facial Surface Geometry from Monocular Video on Mobile GPUs", 2019. The network answers
+any region with a well-formed mesh, and its presence probability is 1 to seven digits for regions that hold a turned or
+half a face. Two things do tell: the presence *logit* (over 28 on upright faces up to 45 degrees of yaw, 13 and more at
+75, under 8 upside down or beside the face, negative on textures) and the distance to the keypoints of the detector,
+which is an independent network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.face.detector import Detection
+from service.face.region import Region, roll
+from service.face.topology import MIRROR
+from service.runtime.sessions import Session, load_session
+
+Float = npt.NDArray[np.float64]
+Pixels = npt.NDArray[np.uint8]
+
+INPUT_SIZE = 192
+LANDMARKS = 468
+REGION_SCALE = 1.5
+"""Side of the network's region over the longer side of box or landmarks (MediaPipe)."""
+MOST_STEPS = 5
+STILL = 0.01
+"""A region that moves, grows or turns (radians) by less than this part of its side stands still."""
+CLEAR = 20.0
+"""Presence logit from which a region is taken without trying others."""
+HOPELESS = -6.0
+"""Presence logit below which no other start is tried: not even a full profile gets this little."""
+STRONG = 0.85
+"""Detector score from which a mesh without evidence is worth other starts; textures stay below."""
+LOGIT_SCALE = 10.0
+"""Difference of presence logits that weights the better of two answers e : 1 (from a yaw sweep of a known head)."""
+FADED = 10.0
+"""A step that loses this much presence logit is not taken."""
+STRAYED = 0.6
+"""A mesh whose centre is farther than this part of the box from the box centre belongs to something else."""
+EYE_LEFT, EYE_RIGHT, NOSE, MOUTH = (33, 133), (362, 263), (1, 4), (13, 14)
+"""Mesh points whose mean corresponds to the detector's image-left eye, image-right eye, nose tip and mouth."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """One answer of the landmark network.
+
+    Attributes:
+        landmarks: (468, 3) float64 photo pixels, z away from the camera.
+        logit: log-odds that the region held a face in the expected position.
+    """
+
+    landmarks: Float
+    logit: float
+
+    @property
+    def presence(self) -> float:
+        """The network's face probability in [0, 1]."""
+        return 1 / (1 + float(np.exp(-np.clip(self.logit, -80, 80))))
+
+    @property
+    def keypoints(self) -> Float:
+        """(4, 2) eyes, nose tip and mouth, comparable to the first four of ``Detection.keypoints``."""
+        return np.stack([self.landmarks[list(pair), :2].mean(0) for pair in (EYE_LEFT, EYE_RIGHT, NOSE, MOUTH)])
+
+    @property
+    def region(self) -> Region:
+        """The region that the landmarks ask for: around their extent along and across the level of the face."""
+        left, right, _, mouth = self.keypoints
+        angle = roll(left, right, mouth)
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        level = self.landmarks[:, :2] @ turn.T
+        low, high = level.min(0), level.max(0)
+        x, y = turn.T @ ((low + high) / 2)
+        return Region(float(x), float(y), max(float((high - low).max()), 1.0) * REGION_SCALE, angle)
+
+    def disagreement(self, detection: Detection) -> float:
+        """Mean distance of the four keypoints from the detector's, over the box size."""
+        gaps = np.linalg.norm(self.keypoints - detection.keypoints[:4], axis=1)
+        return float(gaps.mean() / max(detection.size, 1e-6))
+
+
+class MeshNetwork:
+    """The landmark network behind a region."""
+
+    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
+        self._session = session or load_session("face_mesh", threads)
+
+    def __call__(self, pixels: Pixels, region: Region) -> Mesh:
+        """The network's answer for one square region of an (H, W, 3) uint8 sRGB photo."""
+        return self._run(region.cut(pixels, INPUT_SIZE), region)
+
+    def both_ways(self, pixels: Pixels, region: Region) -> Mesh:
+        """The average of the answers to the crop and to its mirror image, weighted by the odds of their presence.
+
+        The network is not symmetric: its presence logit falls from 60 to 35 when a face at 30 degrees of yaw is
+        mirrored, and the landmarks differ by 3 to 5 % of the inter-ocular distance. The average treats both sides
+        alike, so that a mirrored photo gives the mirrored mesh.
+        """
+        crop = region.cut(pixels, INPUT_SIZE)
+        plain = self._run(crop, region)
+        opposite = self._run(crop[:, ::-1], Region(0.0, 0.0, float(INPUT_SIZE)))
+        local = opposite.landmarks[list(MIRROR)] * [-1.0, 1.0, 1.0] + [INPUT_SIZE / 2, INPUT_SIZE / 2, 0.0]
+        share = 1 / (1 + float(np.exp(np.clip((opposite.logit - plain.logit) / LOGIT_SCALE, -20, 20))))
+        landmarks = share * plain.landmarks + (1 - share) * region.to_photo(local, INPUT_SIZE)
+        return Mesh(landmarks, max(plain.logit, opposite.logit))
+
+    def _run(self, crop: Pixels, region: Region) -> Mesh:
+        raw, flag = self._session.run({"image": np.ascontiguousarray(crop, np.float32)[None] / 255})
+        return Mesh(region.to_photo(raw.reshape(LANDMARKS, 3), INPUT_SIZE), float(flag.ravel()[0]))
+
+
+def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
+    """The most convincing mesh near a detection.
+
+    The detector sees faces whichever way they are turned but takes each for upright, so the four quarter turns are
+    tried first, until one is clear; if none is, wider, narrower, turned and shifted regions follow, unless the evidence
+    so far speaks against a face. The best is iterated.
+    """
+    region = detection.region(REGION_SCALE)
+    best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
+    if best[1].logit < (HOPELESS if detection.score >= STRONG else 0.0):
+        return best[1]
+    if best[1].logit < CLEAR:
+        best = _first_clear(network, pixels, _around(best[0]), best)
+    return _settle(network, pixels, best[1], detection)
+
+
+def _first_clear(
+    network: MeshNetwork, pixels: Pixels, regions: Iterable[Region], best: tuple[Region, Mesh] | None = None
+) -> tuple[Region, Mesh]:
+    for region in regions:
+        mesh = network(pixels, region)
+        if best is None or mesh.logit > best[1].logit:
+            best = region, mesh
+        if mesh.logit >= CLEAR:
+            break
+    if best is None:
+        raise ValueError("no region to try")
+    return best
+
+
+def _turned(region: Region, angle: float) -> Region:
+    return Region(region.x, region.y, region.side, region.angle + angle)
+
+
+def _around(region: Region) -> list[Region]:
+    """Other starts about a region: narrower, wider, turned, shifted along the axes of the face."""
+    others = [Region(region.x, region.y, region.side * s, region.angle) for s in (0.8, 1.3)]
+    others += [_turned(region, a) for a in (0.35, -0.35)]
+    for across, down in ((0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15)):
+        point = region.to_photo(np.array([[0.5 + across, 0.5 + down]]), 1)[0]
+        others.append(Region(float(point[0]), float(point[1]), region.side, region.angle))
+    return others
+
+
+def _settle(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detection) -> Mesh:
+    """Move the region to its landmarks and repeat until it stands still; a mesh that strays or fades is dropped."""
+    best, region = mesh, mesh.region
+    for _ in range(MOST_STEPS):
+        mesh = network.both_ways(pixels, region)
+        following = mesh.region
+        gap = np.hypot(*(mesh.landmarks[:, :2].mean(0) - detection.centre))
+        if gap > STRAYED * detection.size or mesh.logit < best.logit - FADED:
+            break
+        best = mesh
+        if _moved(region, following) < STILL:
+            break
+        region = following
+    return best
+
+
+def _moved(one: Region, other: Region) -> float:
+    """Largest of shift and growth over the side, and turn in radians."""
+    turn = abs((other.angle - one.angle + np.pi) % (2 * np.pi) - np.pi)
+    shift = np.hypot(other.x - one.x, other.y - one.y) / one.side
+    return float(max(shift, abs(other.side - one.side) / one.side, turn))

@@ -1,0 +1,155 @@
+"""The light that a scene's environment sends: shipped images, made-up skies, and the suns taken out of them."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import ModelFault, UsageError
+from service.light.scene import Environment, PointLight, Scene
+from service.light.sphere import pixel_directions, pixel_of, pixel_solid_angles
+
+Array = npt.NDArray[np.float64]
+
+FILE = Path(__file__).resolve().parent.parent / "data" / "environments" / "environments.npz"
+HEIGHT, WIDTH = 64, 128
+
+_FAR_M = 100.0
+_MOST_SUNS = 3
+_SUN_REACH_DEG = 6.0
+_SUN_SHARE = 0.02
+_SUN_CONTRAST = 8.0
+
+
+@functools.lru_cache(maxsize=1)
+def _shipped() -> dict[str, npt.NDArray[np.float16]]:
+    try:
+        with np.load(FILE, allow_pickle=False) as archive:
+            return {name: archive[name] for name in sorted(archive.files)}
+    except (OSError, ValueError, EOFError) as fault:
+        raise ModelFault(
+            f"environment maps {FILE} cannot be read ({fault}); "
+            "build them with python -m models.lightstage.light.environments"
+        ) from fault
+
+
+def names() -> tuple[str, ...]:
+    """Names of the shipped environments."""
+    return tuple(_shipped())
+
+
+def radiance(environment: Environment) -> Array:
+    """(64, 128, 3) float64 linear radiance >= 0, turned and scaled as the scene asks.
+
+    Raises:
+        UsageError: no environment of that name.
+    """
+    made = _sky(environment)
+    if environment.name is not None:
+        if environment.name not in _shipped():
+            raise UsageError(f"no environment {environment.name!r}; there are {', '.join(names())}")
+        made = made + _shipped()[environment.name].astype(np.float64)
+    return turned(made, environment.rotation_deg) * environment.strength
+
+
+def turned(image: Array, degrees: float) -> Array:
+    """A latitude-longitude image turned about the vertical, interpolated between columns."""
+    shift = degrees / 360.0 * image.shape[1]
+    whole = math.floor(shift)
+    part = shift - whole
+    return np.asarray((1.0 - part) * np.roll(image, whole, 1) + part * np.roll(image, whole + 1, 1))
+
+
+def _sky(environment: Environment) -> Array:
+    directions = pixel_directions(HEIGHT, WIDTH)
+    up = directions[..., 1:2]
+    zenith, horizon, ground = (np.asarray(c) for c in (environment.zenith, environment.horizon, environment.ground))
+    blend = 1.0 / (1.0 + np.exp(-np.clip(up / 0.05, -40.0, 40.0)))
+    above = horizon + (zenith - horizon) * np.clip(up, 0.0, 1.0) ** 0.6
+    image = ground + (above - ground) * blend
+    for box in environment.softboxes:
+        towards = np.asarray(box.direction) / np.linalg.norm(box.direction)
+        image = image + np.exp(box.sharpness * (directions @ towards - 1.0))[..., None] * np.asarray(box.radiance)
+    return np.asarray(image)
+
+
+@dataclass(frozen=True)
+class Illumination:
+    """A scene's light, sorted by how it is to be computed.
+
+    Attributes:
+        lights: the scene's point lights, then the suns of the environment as far-away balls.
+        sky: (64, 128, 3) radiance of the environment without its suns.
+    """
+
+    lights: tuple[PointLight, ...]
+    sky: Array
+
+    @property
+    def dark(self) -> bool:
+        """Whether the sky sends no light at all."""
+        return not self.sky.any()
+
+
+def illumination(scene: Scene) -> Illumination:
+    """Point lights and sky of a scene. Suns become point lights: a few directions cannot give them sharp shadows."""
+    sky, suns = without_suns(radiance(scene.environment))
+    return Illumination((*scene.lights, *suns), sky)
+
+
+def without_suns(image: Array) -> tuple[Array, tuple[PointLight, ...]]:
+    """Take small bright spots out of a latitude-longitude image (H, W, 3).
+
+    A spot counts when it sends, from within 6 degrees, more than 2 % of all light and is eight times as bright as what
+    surrounds it. It is replaced by its surroundings and returned as a ball 100 m away that gives the same irradiance
+    on a facing surface and is as wide.
+    """
+    height, width = image.shape[:2]
+    directions, angles = pixel_directions(height, width), pixel_solid_angles(height, width)
+    sky, suns = image.copy(), []
+    for _ in range(_MOST_SUNS):
+        light = sky.mean(-1)
+        total = float((light * angles).sum())
+        peak = np.unravel_index(int(np.argmax(light)), light.shape)
+        cosine = directions @ directions[peak]
+        spot = cosine > math.cos(math.radians(_SUN_REACH_DEG))
+        ring = (cosine > math.cos(math.radians(2.0 * _SUN_REACH_DEG))) & ~spot
+        level = np.median(sky[ring], 0)
+        excess = np.maximum(sky - level, 0.0) * (spot * angles)[..., None]
+        if light[peak] <= _SUN_CONTRAST * level.mean() or excess.mean(-1).sum() <= _SUN_SHARE * total:
+            break
+        suns.append(_sun(excess, directions, float(np.sqrt(angles[peak] / math.pi))))
+        sky = np.where(spot[..., None], np.minimum(sky, level), sky)
+    return sky, tuple(suns)
+
+
+def _sun(flux: Array, directions: Array, smallest: float) -> PointLight:
+    """The ball that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
+    weight = flux.mean(-1)
+    mean = (directions * weight[..., None]).sum((0, 1))
+    towards = mean / np.linalg.norm(mean)
+    # A disc of angular radius r has mean cos = 1 - r^2 / 4.
+    spread = float((weight * (1.0 - directions @ towards)).sum() / weight.sum())
+    radius = min(max(2.0 * math.sqrt(max(spread, 0.0)), smallest), 0.3)
+    x, y, z = (float(v) for v in towards * _FAR_M)
+    red, green, blue = (float(v) for v in flux.sum((0, 1)) * _FAR_M**2)
+    return PointLight((x, y, z), (red, green, blue), radius * _FAR_M)
+
+
+def lookup(image: Array, directions: Array) -> Array:
+    """(..., 3) radiance of a latitude-longitude image at unit directions, bilinear."""
+    height, width = image.shape[:2]
+    at = pixel_of(directions, height, width)
+    row, column = np.clip(at[..., 0], 0.0, height - 1.0), at[..., 1]
+    r0, c0 = np.floor(row).astype(int), np.floor(column).astype(int)
+    fr, fc = (row - r0)[..., None], (column - c0)[..., None]
+    r1, c1 = np.minimum(r0 + 1, height - 1), (c0 + 1) % width
+    c0 = c0 % width
+    top = image[r0, c0] * (1 - fc) + image[r0, c1] * fc
+    low = image[r1, c0] * (1 - fc) + image[r1, c1] * fc
+    return np.asarray(top * (1 - fr) + low * fr)

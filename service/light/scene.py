@@ -1,0 +1,219 @@
+"""What lights a head and who looks at it: an environment, point lights, viewpoints and a camera's response.
+
+Positions are metres in head space: origin midway between the eyes, +X the subject's left, +Y up, +Z out of the face.
+Light is linear sRGB; its unit is free, for the response's exposure scales it. A scene travels as JSON.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from service.errors import UsageError
+
+Triple = tuple[float, float, float]
+
+WHITE: Triple = (1.0, 1.0, 1.0)
+BLACK: Triple = (0.0, 0.0, 0.0)
+
+
+def _fault(what: str, value: object, wanted: str) -> UsageError:
+    return UsageError(f"scene: {what} is {value!r}; it should be {wanted}")
+
+
+def _number(value: object, what: str, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise _fault(what, value, f"a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def _triple(value: object, what: str, low: float, high: float) -> Triple:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise _fault(what, value, "three numbers")
+    a, b, c = (_number(v, f"{what}[{i}]", low, high) for i, v in enumerate(value))
+    return a, b, c
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """A glowing ball, evenly bright.
+
+    Attributes:
+        position_m: its centre, at most 1000 m away.
+        intensity: linear RGB; the irradiance on a facing surface at distance d is intensity / d^2.
+        radius_m: 0 for a point; shadows soften with it.
+    """
+
+    position_m: Triple
+    intensity: Triple
+    radius_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        _triple(self.position_m, "position_m", -1e3, 1e3)
+        _triple(self.intensity, "intensity", 0.0, 1e12)
+        _number(self.radius_m, "radius_m", 0.0, 1e3)
+
+
+@dataclass(frozen=True)
+class Softbox:
+    """A soft bright spot of the surroundings: radiance * exp(sharpness * (cos - 1)), cos to its direction."""
+
+    direction: Triple
+    radiance: Triple
+    sharpness: float = 20.0
+
+    def __post_init__(self) -> None:
+        _triple(self.direction, "softbox direction", -1e3, 1e3)
+        if math.hypot(*self.direction) < 1e-6:
+            raise _fault("softbox direction", self.direction, "other than zero")
+        _triple(self.radiance, "softbox radiance", 0.0, 1e6)
+        _number(self.sharpness, "softbox sharpness", 0.1, 1000.0)
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Distant light all around: one of the shipped images or a made-up sky, turned about the vertical and scaled.
+
+    Attributes:
+        name: a shipped image (``service.light.environment.names``), or None for a made-up sky.
+        zenith, horizon, ground: linear radiance of the made-up sky; all equal means even light.
+        softboxes: bright spots added to it.
+        rotation_deg: turn about +Y; positive turns light from in front of the face to the subject's left.
+        strength: factor of everything.
+    """
+
+    name: str | None = None
+    zenith: Triple = BLACK
+    horizon: Triple = BLACK
+    ground: Triple = BLACK
+    softboxes: tuple[Softbox, ...] = ()
+    rotation_deg: float = 0.0
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.name is not None and not isinstance(self.name, str):
+            raise _fault("environment name", self.name, "a text or null")
+        for name in ("zenith", "horizon", "ground"):
+            _triple(getattr(self, name), name, 0.0, 1e6)
+        if len(self.softboxes) > 64:
+            raise _fault("number of softboxes", len(self.softboxes), "at most 64")
+        _number(self.rotation_deg, "rotation_deg", -3600.0, 3600.0)
+        _number(self.strength, "strength", 0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class Response:
+    """How the camera turns light into coded values: code(clip(exposure * white_balance * light)) ** gamma.
+
+    Attributes:
+        exposure: factor, or None for "to be chosen from the picture" (see ``target``).
+        target: sRGB-coded level in (0, 1) that the 90th percentile of the face should have where exposure is None.
+        white_balance: factors of linear RGB.
+        shoulder: 0 for a hard clip; above, values beyond 1 - shoulder bend smoothly towards 1.
+        gamma: exponent of the coded value.
+    """
+
+    exposure: float | None = None
+    target: float = 0.75
+    white_balance: Triple = WHITE
+    shoulder: float = 0.0
+    gamma: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.exposure is not None:
+            _number(self.exposure, "exposure", 0.0, 1e9)
+        _number(self.target, "target", 0.01, 0.99)
+        _triple(self.white_balance, "white_balance", 0.01, 100.0)
+        _number(self.shoulder, "shoulder", 0.0, 0.9)
+        _number(self.gamma, "gamma", 0.3, 3.0)
+
+
+DEFAULT_VIEW: Triple = (0.0, 0.0, 1.2)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Light, viewers and camera. Several viewpoints make a texture stitched from several photos."""
+
+    environment: Environment = Environment()
+    lights: tuple[PointLight, ...] = ()
+    viewpoints: tuple[Triple, ...] = (DEFAULT_VIEW,)
+    response: Response = Response()
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.viewpoints) <= 16:
+            raise _fault("viewpoints", self.viewpoints, "a list of 1 to 16 points")
+        for point in self.viewpoints:
+            _triple(point, "viewpoint", -1e3, 1e3)
+        if len(self.lights) > 64:
+            raise _fault("number of lights", len(self.lights), "at most 64")
+
+    def exposed(self, exposure: float) -> Scene:
+        """The same scene with the exposure fixed."""
+        return dataclasses.replace(self, response=dataclasses.replace(self.response, exposure=exposure))
+
+    def to_json(self) -> str:
+        """As JSON, every field."""
+        return json.dumps(dataclasses.asdict(self), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> Scene:
+        """A scene from JSON; fields that are left out have their defaults.
+
+        Raises:
+            UsageError: not JSON, a field that does not exist, or a value out of range; the message names it.
+        """
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as fault:
+            raise UsageError(f"scene: not JSON: {fault}") from fault
+        fields = _known(data, cls, "scene")
+        if "environment" in fields:
+            fields["environment"] = _environment(fields["environment"])
+        if "lights" in fields:
+            fields["lights"] = tuple(_build(item, PointLight, "light") for item in _list(fields["lights"], "lights"))
+        if "viewpoints" in fields:
+            points = _list(fields["viewpoints"], "viewpoints")
+            fields["viewpoints"] = tuple(_triple(point, "viewpoint", -1e3, 1e3) for point in points)
+        if "response" in fields:
+            fields["response"] = _build(fields["response"], Response, "response")
+        return cls(**fields)
+
+
+def _list(value: object, what: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise _fault(what, value, "a list")
+    return value
+
+
+def _known(data: object, kind: type, what: str) -> dict[str, Any]:
+    if not isinstance(data, Mapping):
+        raise _fault(what, data, "an object with named fields")
+    names = [field.name for field in dataclasses.fields(kind)]
+    unknown = sorted(set(data) - set(names))
+    if unknown:
+        raise UsageError(f"scene: {what} has no field {', '.join(map(repr, unknown))}; it has {', '.join(names)}")
+    return dict(data)
+
+
+def _build(data: object, kind: type, what: str) -> Any:
+    fields = _known(data, kind, what)
+    for name, value in fields.items():
+        if isinstance(value, list):
+            fields[name] = tuple(value)
+    try:
+        return kind(**fields)
+    except TypeError as fault:
+        raise UsageError(f"scene: {what}: {fault}") from fault
+
+
+def _environment(data: object) -> Environment:
+    fields = _known(data, Environment, "environment")
+    boxes = _list(fields.get("softboxes", []), "softboxes")
+    fields["softboxes"] = tuple(_build(box, Softbox, "softbox") for box in boxes)
+    built: Environment = _build(fields, Environment, "environment")
+    return built

@@ -1,0 +1,113 @@
+"""Sample points of a lit chart, for the planner: drawn once here for the light stage and for the renderer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.light.surface import PLACES, RING_MM, Surface
+
+Array = npt.NDArray[np.float64]
+Plane = npt.NDArray[np.floating]
+Index = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LitChart:
+    """A head's surface as maps (h, w, C) or (h, w), row 0 = top.
+
+    Attributes:
+        position_m: metres, head space.
+        normal, tangent, bitangent: smooth unit frame, head space.
+        diffuse_normal, specular_normal: unit, head space.
+        albedo: linear diffuse albedo in [0, 1].
+        specular: specular albedo s in [0, 1].
+        alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) of the first.
+        texels_per_mm: square root of texels per mm^2.
+        skin: (h, w) bool, where light scatters.
+        weight: (h, w) >= 0, how much a texel counts.
+    """
+
+    position_m: Plane
+    normal: Plane
+    tangent: Plane
+    bitangent: Plane
+    diffuse_normal: Plane
+    specular_normal: Plane
+    albedo: Plane
+    specular: Plane
+    alpha: Plane
+    share: Plane
+    texels_per_mm: Plane
+    skin: npt.NDArray[np.bool_]
+    weight: Plane
+
+
+def survey(
+    chart: LitChart, offsets: Array, visible: Callable[[Index], Array], horizon: Callable[[Index], Array]
+) -> Surface:
+    """Samples spread evenly over the texels that count; over the skin, and over all, where none do.
+
+    Args:
+        chart: the surface at the resolution that is lit: fine relief casts no shadow on coarse maps.
+        offsets: (K,) in [0, 1), where each sample lies in its share of the texels.
+        visible: (K,) flat texels -> (K, D) in [0, 1], which spread directions they see.
+        horizon: (K,) flat texels -> (K, 16) slope of the fine relief's horizon.
+    """
+    height, width = chart.skin.shape
+    weight = np.asarray(chart.weight, np.float64)
+    for fallback in (chart.skin.astype(np.float64), np.ones((height, width))):
+        if weight.sum() < 1e-3:
+            weight = fallback
+    count, total = len(offsets), weight.ravel().cumsum()
+    spots = (np.arange(count) + offsets) / count * total[-1]
+    index = np.minimum(np.searchsorted(total, spots), height * width - 1)
+    density = _pick(chart.texels_per_mm, index)[:, 0]
+    rings = [_beside(density, index, place, width, height) for place in range(len(RING_MM))]
+    places = _on_skin(rings, chart.skin.ravel())
+
+    def all_places(image: Plane, count: int = len(places)) -> Array:
+        return np.stack([_pick(image, at) for at in places[:count]])
+
+    return Surface(
+        position=all_places(chart.position_m),
+        diffuse_normal=all_places(chart.diffuse_normal),
+        albedo=all_places(chart.albedo).clip(0.0, 1.0),
+        normal=_pick(chart.normal, index),
+        tangent=_pick(chart.tangent, index),
+        bitangent=_pick(chart.bitangent, index),
+        specular_normal=all_places(chart.specular_normal, PLACES),
+        specular=_pick(chart.specular, index)[:, 0],
+        alpha=_pick(chart.alpha, index).clip(0.03, 1.0),
+        share=_pick(chart.share, index)[:, 0].clip(0.0, 1.0),
+        visible=visible(index),
+        horizon=np.stack([horizon(at) for at in places[:PLACES]]),
+        weight=np.full(count, 1.0 / count),
+    )
+
+
+def _pick(image: Plane, index: Index) -> Array:
+    """(K, C) float64 of a map at flat texels."""
+    return np.asarray(np.reshape(image, (image.shape[0] * image.shape[1], -1))[index], np.float64)
+
+
+def _beside(density: Array, index: Index, place: int, width: int, height: int) -> Index:
+    """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
+    ring, spoke = divmod(place + 3, 4)
+    angle = (spoke + 0.5 * ring) * 0.5 * math.pi
+    right, up = (np.rint(density * RING_MM[place] * f(angle)).astype(np.int64) for f in (math.cos, math.sin))
+    row, column = np.clip(index // width - up, 0, height - 1), np.clip(index % width + right, 0, width - 1)
+    return np.asarray(row * width + column)
+
+
+def _on_skin(places: list[Index], skin: npt.NDArray[np.bool_]) -> list[Index]:
+    """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
+    result = places[:1]
+    for k, at in enumerate(places[1:], 1):
+        opposite = places[(k - 1) // 4 * 4 + (k + 1) % 4 + 1]
+        result.append(np.where(skin[at], at, np.where(skin[opposite], opposite, places[0])))
+    return result

@@ -1,0 +1,82 @@
+"""What eyes and teeth together tell of the light.
+
+Whether skin is dark or dimly lit, or brown or lit by a lamp, a photo of skin alone cannot say. Eyes and teeth are
+white in everybody. Whatever is mistaken for them (lids, lips, lashes, shadow within the mouth) is redder than they are,
+and so are whites that a lamp from one side leaves to what the skin around sends. So the palest of several tells the
+hue; how strong the light is, all tell that are no lids.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.eyes.gaze import Gaze
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
+from service.anatomy.teeth.measure import teeth_light
+from service.colour import LUMA
+
+Array = npt.NDArray[np.float64]
+
+CHEEKS = (50, 280)
+"""Landmarks in the middle of the cheeks."""
+CHEEK_RADIUS = 0.12
+"""Of the distance of the eyes."""
+REDDER, SAME_HUE = 2.0, 1.3
+"""Times by which a white may have less blue over red than the palest, and still be one (1.5 in the shade of a lamp from
+one side; lids have 1.4 to 2.5), and by which it may and still tell the hue."""
+RANGE = (1e-3, 4.0)
+"""Light outside it is not to be measured in 8 bits."""
+
+
+def light_by_whites(
+    pixels: npt.NDArray[np.uint8],
+    landmarks: npt.NDArray[np.floating],
+    gaze: Gaze | None,
+    mouth_rim: npt.NDArray[np.floating],
+    inter_ocular_px: float,
+) -> Array | None:
+    """Light between the lids, told by the whites of the eyes and by the front teeth, which stand in more of it.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        landmarks: (468, >= 2) photo pixels.
+        gaze: with the irises that were found.
+        mouth_rim: (N, 2) photo pixels round the opening between the lips.
+        inter_ocular_px: distance of the eyes in photo pixels.
+
+    Returns:
+        (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive:
+        as strong as the whites are in the geometric mean, in the hue of the palest.
+        None where no white is seen well.
+    """
+    seen = [light for iris in (gaze.irises if gaze else ()) if (light := eye_white_light(pixels, iris)) is not None]
+    skin = cheek_colour(pixels, landmarks, inter_ocular_px)
+    teeth = None if skin is None else teeth_light(pixels, mouth_rim, skin)
+    if teeth is not None:
+        seen.append(teeth * BETWEEN_LIDS)
+    return palest(np.stack(seen)) if seen else None
+
+
+def palest(lights: Array) -> Array:
+    """(3,) light by (N, 3) positive ones, N > 0: their geometric mean in strength, that of the palest in hue."""
+    pale = lights[:, 2] / lights[:, 0]
+    logs = np.log(lights)
+    hue, all_ = (logs[pale * redder >= pale.max()].mean(0) for redder in (SAME_HUE, REDDER))
+    return np.asarray(np.clip(np.exp(hue) * (np.exp(all_) @ LUMA) / (np.exp(hue) @ LUMA), *RANGE), np.float64)
+
+
+def cheek_colour(
+    pixels: npt.NDArray[np.uint8], landmarks: npt.NDArray[np.floating], inter_ocular_px: float
+) -> npt.NDArray[np.float32] | None:
+    """(3,) median sRGB colour in [0, 1] of the cheeks; None where the photo shows neither."""
+    height, width = pixels.shape[:2]
+    radius, found = CHEEK_RADIUS * inter_ocular_px, []
+    for x, y in np.asarray(landmarks, np.float64)[list(CHEEKS), :2]:
+        if not np.isfinite([x, y, radius]).all():
+            continue
+        left, top = (max(int(v - radius), 0) for v in (x, y))
+        right, bottom = (min(int(np.ceil(v + radius)), most) for v, most in ((x, width), (y, height)))
+        found.append(pixels[top : max(bottom, top), left : max(right, left)].reshape(-1, 3))
+    colours = np.concatenate(found) if found else np.zeros((0, 3))
+    return np.asarray(np.median(colours, 0) / 255, np.float32) if len(colours) else None

@@ -1,0 +1,77 @@
+"""The albedo beyond the islands of the chart.
+
+A network speaks there too, of texels that it has never been asked about; another network would read the step at an
+island's border as a crease. So the skin goes on from inside, as in the texture. What is drawn on eyes and teeth goes on
+too: a renderer that filters the map mixes texels beside an island into it, and a pale line would part the teeth.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.anatomy.part_texels import PartTexels
+from service.colour import Codes
+from service.geometry.chart import NO_PART, nearest_inside
+from service.reflectance.subject import Subject, margin
+from service.reflectance.texels import interpolated
+
+STRIP = 256
+"""Rows of the full map at a time."""
+
+
+def skin_goes_on(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: texels outside all islands that lie next to skin have the colour of that skin.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is; without a cell of skin the albedo stays as it is.
+    """
+    import cv2
+
+    height, width = albedo.shape[:2]
+    chart, skin = subject.chart, subject.head.part_names.index("skin")
+    inside = cv2.erode((chart.part == skin).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    if not np.any(inside):
+        return albedo
+    small = np.asarray(cv2.resize(albedo, (chart.width, chart.height), interpolation=cv2.INTER_AREA), np.float32)
+    colour = small.reshape(-1, 3)[nearest_inside(np.asarray(inside)).ravel()].reshape(small.shape)
+    next_to = chart.part.ravel()[nearest_inside(chart.mask)] == skin
+    planes = np.concatenate([np.moveaxis(colour, 2, 0), next_to.reshape(1, *inside.shape).astype(np.float32)])
+    outside = subject.islands((width, height)) == NO_PART
+    columns = np.arange(width)
+    for top in range(0, height, STRIP):
+        rows = np.arange(top, min(top + STRIP, height))
+        chosen = outside[rows]
+        if not chosen.any():
+            continue
+        fill = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
+        chosen &= fill[..., 3] > 0.999
+        albedo[rows[0] : rows[-1] + 1][chosen] = np.rint(fill[..., :3][chosen]).astype(albedo.dtype)
+    return albedo
+
+
+def parts_go_on(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: texels beside the islands of eyes and teeth have the colour of the nearest inside.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is.
+    """
+    import cv2
+
+    height, width = albedo.shape[:2]
+    names, reach = subject.head.part_names, margin(width) + 1
+    islands = subject.islands((width, height))
+    for index, name in enumerate(names):
+        place = PartTexels.of(subject.head, name, (width, height)) if name.startswith(("eye", "teeth")) else None
+        if place is None:
+            continue
+        ends = zip(place.box, (height, width), strict=True)
+        box = tuple(slice(max(one.start - reach, 0), min(one.stop + reach, most)) for one, most in ends)
+        inside = np.zeros(albedo[box].shape[:2], np.uint8)
+        top, left = (one.start - wide.start for one, wide in zip(place.box, box, strict=True))
+        inside[top : top + place.inside.shape[0], left : left + place.inside.shape[1]] = place.inside
+        near = np.asarray(cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)) <= reach
+        beside = (inside == 0) & near & np.isin(islands[box], (NO_PART, index))
+        albedo[box][beside] = albedo[box].reshape(-1, 3)[nearest_inside(inside > 0)[beside]]
+    return albedo

@@ -1,0 +1,98 @@
+"""Teeth, gums, tongue and lining: measured where they show, dark further in, and no division by nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.anatomy.eyes.paint import Light
+from service.anatomy.mouth import paint as mouth
+from service.anatomy.teeth.measure import measure_teeth
+from service.colour import srgb_to_linear
+from service.geometry.chart import Chart
+from service.head.files import load_head
+from tests.toyhead import sphere_head
+
+SKIN = np.array([0.75, 0.55, 0.48], np.float32)
+RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
+UP = np.array([0.0, 1.0, 0.0])
+PLAIN = Light(np.ones(3, np.float32), 1.0)
+
+
+@pytest.fixture(scope="module")
+def chart() -> Chart:
+    return Chart.build(load_head(), 576, 384)
+
+
+def photo(inside: list[int], lips: tuple[int, int, int] = (170, 70, 75)) -> np.ndarray:
+    """Lips all over, with a band of another colour between them."""
+    image = np.full((64, 128, 3), lips, np.uint8)
+    image[22:38, 30:90] = inside
+    return image
+
+
+def test_teeth_have_the_colour_they_have_between_the_lips() -> None:
+    found = measure_teeth(photo([215, 200, 170]), RIM, SKIN)
+    assert found is not None
+    assert np.abs(found * 255 - [215, 200, 170]).max() < 3
+
+
+@pytest.mark.parametrize("inside", [[170, 70, 75], [25, 10, 10], [80, 75, 70]])
+def test_lips_darkness_and_shadow_are_no_teeth(inside: list[int]) -> None:
+    assert measure_teeth(photo(inside), RIM, SKIN) is None
+
+
+@pytest.mark.parametrize("rim", [RIM + 500, np.full_like(RIM, np.nan), np.repeat(RIM[:1], 8, 0)])
+def test_a_mouth_outside_the_photo_lost_or_closed_has_no_teeth(rim: np.ndarray) -> None:
+    assert measure_teeth(photo([215, 200, 170]), rim, SKIN) is None
+
+
+def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:
+    """Of both rows, whatever height the edge has: lower molars bite above lower incisors."""
+    x = np.linspace(-0.02, 0.02, 9)
+    edge = np.stack([x, -0.06 + 10 * x**2, np.zeros(9)], 1)
+    for upper, sign in ((True, 1.0), (False, -1.0)):
+        near, far = edge + sign * 0.005 * UP, edge + sign * 0.013 * UP
+        vertices = np.concatenate([edge, far])
+        assert (mouth.crown_share(near, vertices, upper=upper)[1:-1] == 1).all()
+        assert (mouth.crown_share(far, vertices, upper=upper)[3:6] == 0).all()
+    alone = mouth.crown_share(np.array([[1.0, 0, 0]]), edge, upper=True)
+    assert np.isfinite(alone).all()
+
+
+def test_the_mouth_grows_dark_inwards(chart: Chart) -> None:
+    teeth = mouth.Teeth(chart)
+    painted = teeth.paint(mouth.TEETH, PLAIN)
+    front, back = (teeth.depth < 0.006) & (teeth.crown > 0.9), teeth.depth > 0.035
+    assert np.abs(painted[front] - mouth.TEETH).max() < 0.1
+    assert painted[back].max() < 0.5
+    index = chart.head.part_names.index("tongue")
+    own = np.flatnonzero(chart.inner_part == index)
+    tongue = mouth.paint_tongue(chart, index, own, PLAIN)
+    z, _ = mouth.part_points(chart, index, own)
+    assert tongue[z[:, 2] > -0.002].mean() > 2 * tongue[z[:, 2] < -0.04].mean()
+
+
+def test_a_head_without_teeth_or_mouth_is_no_trouble() -> None:
+    toy = Chart.build(sphere_head(12, 24), 96, 64)
+    lining = mouth.paint_lining(toy, np.zeros(len(toy.texels), np.float32), PLAIN)
+    assert np.isfinite(lining).all()
+    assert np.isfinite(mouth.Teeth(toy).paint(mouth.TEETH, PLAIN)).all()
+
+
+def test_teeth_do_not_turn_cyan_by_the_light_of_redder_eyes() -> None:
+    """Without the bound, overexposed teeth divided by warm light have more blue than red; others stay as they are."""
+    warm = np.array([1.1, 0.85, 0.6], np.float32)
+    colours = np.array([[1.0, 1.0, 1.0], [0.6, 0.5, 0.35], [0.0, 0.0, 0.0]], np.float32)
+    kept = mouth.no_bluer(colours, warm)
+    bare = srgb_to_linear(kept) / warm
+    assert (bare[0, 1:] <= bare[0, 0] * np.array(mouth.WHITEST) + 1e-4).all()
+    assert kept[0, 0] == pytest.approx(1.0, abs=1e-4), "red stays"
+    assert kept[1:] == pytest.approx(colours[1:], abs=1e-4)
+
+
+def test_gaps_and_shadows_are_not_printed_on_the_teeth(chart: Chart) -> None:
+    teeth = mouth.Teeth(chart)
+    colour = np.array([[0.8, 0.75, 0.65], [0.2, 0.1, 0.1], [0.0, 0.0, 0.0]], np.float32)
+    assert np.allclose(teeth.shows(colour, colour[0]), [1, 0, 0])
+    assert np.isfinite(teeth.shows(colour, np.zeros(3, np.float32))).all()

@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from service.errors import FaceCutOff, NoFace
+from service.face.choice import choose_face
+from service.face.face import Face
+from service.face.finder import FaceFinder, passes, tiles
+from tests.service.face.conftest import Pixels
+from tests.service.face.geometry import inter_ocular, rms
+
+
+def shrunk(picture: Pixels, factor: float) -> Pixels:
+    return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def busy(height: int, width: int, seed: int = 0) -> Pixels:
+    """Coloured blocks of many sizes, on which weak detectors fire."""
+    random = np.random.default_rng(seed)
+    total = np.zeros((height, width, 3))
+    for cells in (4, 16, 64):
+        blocks = random.uniform(0, 85, (cells, cells, 3)).astype(np.float32)
+        total += cv2.resize(blocks, (width, height), interpolation=cv2.INTER_NEAREST)
+    return total.astype(np.uint8)
+
+
+def test_the_sample_face(face: Face) -> None:
+    assert face.score > 0.8
+    assert face.presence > 0.99
+    assert face.warnings == ()
+    left, right, nose, mouth = face.keypoints[:4]
+    assert left[0] < nose[0] < right[0]
+    assert left[1] < nose[1] < mouth[1]
+    assert np.linalg.norm(face.landmarks[[1, 4], :2].mean(0) - nose) < 0.15 * inter_ocular(face.landmarks)
+    assert face.landmarks[4, 2] < face.landmarks[[234, 454], 2].min()  # the nose is nearer than the ears
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_turned_photo_has_the_turned_landmarks(
+    finder: FaceFinder, portrait: Pixels, face: Face, quarters: int
+) -> None:
+    """The detector takes a face that stands on its head for upright; the mesh has to find out."""
+    (turned,) = finder.find(np.ascontiguousarray(np.rot90(portrait, -quarters)))  # clockwise
+    x, y = turned.landmarks[:, 0], turned.landmarks[:, 1]
+    side = float(portrait.shape[0])
+    back = {1: (y, side - x), 2: (side - x, side - y), 3: (side - y, x)}[quarters]
+    assert rms(np.stack(back, 1), face.landmarks) < 0.02
+    assert turned.warnings == (f"turned-{quarters * 90}",)
+
+
+def test_a_tilted_photo_has_the_tilted_landmarks(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    matrix = cv2.getRotationMatrix2D((220.0, 110.0), 35, 1.0)
+    (tilted,) = finder.find(np.asarray(cv2.warpAffine(portrait, matrix, (512, 512)), np.uint8))
+    expected = (face.landmarks[:, :2] - 0.5) @ matrix[:, :2].T + matrix[:, 2] + 0.5
+    assert rms(tilted.landmarks, np.concatenate([expected, face.landmarks[:, 2:]], 1)) < 0.02
+
+
+@pytest.mark.parametrize(("size", "tolerance"), [(80, 0.02), (40, 0.04), (30, 0.06)])
+def test_small_faces_keep_their_landmarks(
+    finder: FaceFinder, portrait: Pixels, face: Face, size: float, tolerance: float
+) -> None:
+    factor = size / float(face.box[2] - face.box[0])
+    small = shrunk(portrait, factor)
+    (found,) = finder.find(small)
+    scale = [portrait.shape[1] / small.shape[1], portrait.shape[0] / small.shape[0]]
+    assert rms(found.landmarks[:, :2] * scale, face.landmarks) < tolerance
+    assert ("low-resolution" in found.warnings) == (float(found.box[2] - found.box[0]) < 80)
+
+
+def test_a_small_face_in_a_large_busy_picture(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    """One face of 45 pixels in 1800 x 1400: in the whole picture, seen at 256 pixels, it has 6."""
+    scene = busy(1400, 1800)
+    inset = shrunk(portrait, 45 / float(face.box[2] - face.box[0]))
+    scene[900 : 900 + inset.shape[0], 1300 : 1300 + inset.shape[1]] = inset
+    found = [f for f in finder.find(scene) if f.box[0] > 1300 and f.box[1] > 900]
+    assert len(found) == 1
+    assert "low-resolution" in found[0].warnings
+
+
+def test_a_face_before_a_busy_background(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    """Edges around the head must not pull the mesh off the face."""
+    mask = np.zeros(portrait.shape[:2], np.uint8)
+    cv2.fillConvexPoly(mask, cv2.convexHull(face.landmarks[:, :2].astype(np.int32)), 255)
+    head = cv2.dilate(mask, np.ones((25, 25), np.uint8))[..., None] > 0
+    (found,) = finder.find(np.where(head, portrait, busy(512, 512, 3)).astype(np.uint8))
+    assert rms(found.landmarks, face.landmarks) < 0.05
+    assert "landmarks-inconsistent" not in found.warnings
+
+
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_a_face_half_outside_is_no_usable_face(finder: FaceFinder, portrait: Pixels, face: Face, side: str) -> None:
+    """The networks make up the missing half, so the answer has to come from where the landmarks lie."""
+    x, y = (int(v) for v in (face.box[:2] + face.box[2:]) / 2)
+    cut = {
+        "left": portrait[:, x:],
+        "right": portrait[:, :x],
+        "top": portrait[y:],
+        "bottom": portrait[:y],
+    }[side]
+    with pytest.raises((FaceCutOff, NoFace)):
+        choose_face(finder.find(np.ascontiguousarray(cut)), None, (cut.shape[1], cut.shape[0]))
+
+
+def test_one_covered_eye_does_not_move_the_rest(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    patched = portrait.copy()
+    x, y = (int(v) for v in face.landmarks[[362, 263], :2].mean(0))
+    patched[y - 14 : y + 14, x - 18 : x + 18] = 15
+    (found,) = finder.find(patched)
+    lower = [1, 4, 13, 14, 61, 291, 152, 33, 133]
+    gaps = np.linalg.norm(found.landmarks[lower, :2] - face.landmarks[lower, :2], axis=1)
+    assert gaps.max() < 0.12 * inter_ocular(face.landmarks)
+
+
+def test_two_faces_are_both_found_largest_first(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    pair = np.zeros((512, 900, 3), np.uint8)
+    pair[:, :500] = portrait[:, :500]
+    pair[:400, 500:] = shrunk(portrait, 400 / 512)
+    one, two = finder.find(pair)
+    assert one.area > two.area
+    assert rms(one.landmarks, face.landmarks) < 0.02
+    assert two.box[0] > 500
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_flat_picture_has_no_face(finder: FaceFinder, level: int) -> None:
+    assert finder.find(np.full((300, 400, 3), level, np.uint8)) == []
+
+
+def test_noise_has_no_face(finder: FaceFinder) -> None:
+    random = np.random.default_rng(0)
+    assert finder.find(random.integers(0, 256, (400, 300, 3)).astype(np.uint8)) == []
+    assert finder.find(busy(400, 500)) == []
+
+
+def test_the_rest_of_the_sample_has_no_face(finder: FaceFinder, portrait: Pixels) -> None:
+    """Flag, rocket, helmet, suit and a hand are not faces."""
+    assert finder.find(np.ascontiguousarray(portrait[220:])) == []
+
+
+def test_a_dark_photo_says_so(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    (found,) = finder.find((portrait * 0.18).astype(np.uint8))
+    assert "under-exposed" in found.warnings
+    assert rms(found.landmarks, face.landmarks) < 0.04
+
+
+def test_sunglasses_are_noticed(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
+    covered = portrait.copy()
+    for corners in ((33, 133), (362, 263)):
+        centre = face.landmarks[list(corners), :2].mean(0)
+        cv2.ellipse(covered, tuple(int(v) for v in centre), (19, 13), 0, 0, 360, (18, 16, 20), -1)
+    (found,) = finder.find(covered)
+    assert "eyes-covered" in found.warnings
+
+
+@pytest.mark.parametrize("size", [(512, 512), (3000, 4000), (100, 4000), (12000, 9000)])
+def test_passes_go_from_coarse_to_fine_within_bounds(size: tuple[int, int]) -> None:
+    width, height = size
+    sides = list(passes(width, height))
+    assert sides == sorted(sides, reverse=True)
+    assert sides[0] == 1.5 * max(size)
+    assert len(tiles(width, height, sides[-1])) <= 220
+
+
+@pytest.mark.parametrize("size", [(700, 500), (500, 701), (300, 300)])
+def test_tiles_cover_the_photo_with_overlap(size: tuple[int, int]) -> None:
+    """A face of a third of the tile lies whole in one of them, wherever it is."""
+    width, height = size
+    regions = tiles(width, height, 300.0)
+    for x in range(50, width - 49, 25):
+        for y in range(50, height - 49, 25):
+            assert any(abs(r.x - x) <= 100.5 and abs(r.y - y) <= 100.5 for r in regions), (x, y)
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((5, 5), np.uint8), np.zeros((5, 5, 4), np.uint8), np.zeros((0, 5, 3), np.uint8)]
+)
+def test_other_shapes_are_refused(finder: FaceFinder, bad: Pixels) -> None:
+    with pytest.raises(ValueError, match="pixels must be"):
+        finder.find(bad)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 300, 3), (2, 2, 3)])
+def test_degenerate_sizes_do_not_break(finder: FaceFinder, shape: tuple[int, int, int]) -> None:
+    assert finder.find(np.full(shape, 90, np.uint8)) == []

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from service.face.region import Region, roll
+
+
+@pytest.mark.parametrize(
+    "region", [Region(30.0, 40.0, 25.0), Region(-3.5, 812.0, 300.0, 2.1), Region(9.0, 9.0, 1.0, -3.0)]
+)
+def test_points_come_back(region: Region) -> None:
+    points = np.random.default_rng(1).uniform(-50, 300, (20, 3))
+    assert np.allclose(region.to_crop(region.to_photo(points, 192), 192), points, atol=1e-9)
+
+
+def test_the_centre_of_the_crop_is_the_centre_of_the_region() -> None:
+    assert np.allclose(Region(30.25, 40.5, 25.0, 0.7).to_photo(np.array([[96.0, 96.0]]), 192), [[30.25, 40.5]])
+
+
+@pytest.mark.parametrize("side", [40.0, 96.0, 250.0, 700.0])
+@pytest.mark.parametrize("angle", [0.0, 0.6, np.pi / 2, np.pi])
+def test_what_is_cut_out_lies_where_the_maths_says(side: float, angle: float) -> None:
+    """A half-pixel slip in the crop would shift every landmark: a blob must appear at the computed place."""
+    photo = np.zeros((800, 900, 3), np.uint8)
+    spot = np.array([460.5, 390.5])
+    yy, xx = np.mgrid[:800, :900] + 0.5
+    photo[:] = (255 * np.exp(-((xx - spot[0]) ** 2 + (yy - spot[1]) ** 2) / (2 * (side / 20) ** 2)))[..., None]
+    region = Region(spot[0] + side * 0.1, spot[1] - side * 0.15, side, angle)
+    crop = region.cut(photo, 96)[..., 0].astype(float)
+    cy, cx = np.mgrid[:96, :96] + 0.5
+    found = np.array([(crop * cx).sum(), (crop * cy).sum()]) / crop.sum()
+    assert np.allclose(found, region.to_crop(spot[None], 96)[0], atol=0.15)
+
+
+def test_shrinking_averages() -> None:
+    """Fine stripes must become grey; taking single pixels would keep black and white."""
+    photo = np.zeros((512, 512, 3), np.uint8)
+    photo[:, ::2] = 255
+    crop = Region(256.0, 256.0, 512.0).cut(photo, 64)[8:-8, 8:-8]
+    assert abs(float(crop.mean()) - 127.5) < 3
+    assert float(crop.std()) < 10
+
+
+def test_outside_the_photo_is_black() -> None:
+    photo = np.full((50, 60, 3), 200, np.uint8)
+    assert not Region(-500.0, -500.0, 40.0).cut(photo, 32).any()
+    crop = Region(0.0, 25.0, 40.0).cut(photo, 32)
+    assert not crop[:, :15].any()
+    assert (crop[:, 17:] == 200).all()
+
+
+@pytest.mark.parametrize("angle", np.linspace(-3, 3, 9))
+def test_roll_is_the_turn_of_the_face(angle: float) -> None:
+    turn = cv2.getRotationMatrix2D((0, 0), -np.degrees(angle), 1.0)[:, :2]
+    points = np.array([[-30.0, 0.0], [30.0, 0.0], [0.0, 65.0]]) @ turn.T
+    assert roll(*points) == pytest.approx(angle)
+
+
+def test_roll_of_a_profile_comes_from_the_mouth() -> None:
+    """In a profile the eyes lie on one point, and noise turns their line by anything."""
+    eyes = np.array([[10.0, 20.0], [10.0, 20.5]])
+    assert abs(roll(eyes[0], eyes[1], np.array([10.0, 60.0]))) < 0.05
+
+
+def test_roll_of_coinciding_points_is_zero() -> None:
+    point = np.array([3.0, 4.0])
+    assert roll(point, point, point) == 0.0

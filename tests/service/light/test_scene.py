@@ -1,0 +1,117 @@
+"""Scenes as JSON, environments, directions and harmonics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.errors import UsageError
+from service.light import environment, harmonics
+from service.light.scene import Environment, PointLight, Response, Scene, Softbox
+from service.light.sphere import flux_by_direction, pixel_directions, pixel_of, pixel_solid_angles, spread_directions
+
+SCENE = Scene(
+    Environment(name="studio", rotation_deg=30.0, softboxes=(Softbox((0, 1, 1), (2, 2, 2)),)),
+    (PointLight((0.5, 0.2, 1.0), (1.0, 0.9, 0.8), 0.05),),
+    ((0.0, 0.0, 1.2), (0.5, 0.0, 1.0)),
+    Response(exposure=1.5, shoulder=0.2),
+)
+
+
+def test_json_comes_back() -> None:
+    assert Scene.from_json(SCENE.to_json()) == SCENE
+    assert Scene.from_json("{}") == Scene()
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[", "JSON"),
+        ("[]", "object"),
+        ('{"lamps": []}', "lamps"),
+        ('{"lights": [{"position_m": [0, 0], "intensity": [1, 1, 1]}]}', "position_m"),
+        ('{"lights": [{"position_m": [0, 0, 1], "intensity": [1, 1, -1]}]}', "intensity"),
+        ('{"lights": [{"position_m": [0, 0, 1], "intensity": [1, 1, NaN]}]}', "intensity"),
+        ('{"lights": [{"intensity": [1, 1, 1]}]}', "position_m"),
+        ('{"lights": 3}', "lights"),
+        ('{"viewpoints": []}', "viewpoints"),
+        ('{"response": {"gamma": true}}', "gamma"),
+        ('{"environment": {"strength": -1}}', "strength"),
+        ('{"environment": {"softboxes": [{"direction": [0, 0, 0], "radiance": [1, 1, 1]}]}}', "direction"),
+    ],
+)
+def test_bad_scenes_are_refused_by_name(text: str, named: str) -> None:
+    with pytest.raises(UsageError, match=named):
+        Scene.from_json(text)
+
+
+def test_unknown_environments_are_refused() -> None:
+    with pytest.raises(UsageError, match="studio"):
+        environment.radiance(Environment(name="nowhere"))
+
+
+def test_shipped_environments_are_finite_and_of_one_brightness() -> None:
+    assert len(environment.names()) == 18
+    angles = pixel_solid_angles(environment.HEIGHT, environment.WIDTH)[..., None]
+    for name in environment.names():
+        image = environment.radiance(Environment(name=name))
+        assert np.isfinite(image).all()
+        assert image.min() >= 0.0
+        assert (image * angles).sum() / (12 * np.pi) == pytest.approx(1.0, rel=2e-3), name
+
+
+def test_pixels_know_their_directions() -> None:
+    directions = pixel_directions(16, 32)
+    rows, columns = np.mgrid[0:16, 0:32]
+    np.testing.assert_allclose(pixel_of(directions, 16, 32), np.stack([rows, columns], -1), atol=1e-9)
+    assert pixel_solid_angles(16, 32).sum() == pytest.approx(4 * np.pi)
+    assert directions[7, 16] @ [0, 0, 1] > 0.98  # the middle column is in front of the face
+    assert directions[7, 24] @ [1, 0, 0] > 0.98  # further right is the subject's left
+
+
+def test_turning_takes_front_light_to_the_left() -> None:
+    image = np.zeros((16, 32, 3))
+    image[8, 15:17] = 1.0
+    turned = environment.turned(image, 90.0)
+    peak = np.unravel_index(int(turned[..., 0].argmax()), (16, 32))
+    assert pixel_directions(16, 32)[peak] @ [1, 0, 0] > 0.95
+    np.testing.assert_allclose(environment.turned(image, 360.0), image)
+
+
+def test_flux_keeps_all_light() -> None:
+    image = np.random.default_rng(0).uniform(0, 3, (64, 128, 3))
+    total = (image * pixel_solid_angles(64, 128)[..., None]).sum((0, 1))
+    np.testing.assert_allclose(flux_by_direction(image, 256).sum(0), total, rtol=1e-5)
+
+
+def test_spread_directions_integrate_a_cosine() -> None:
+    d = spread_directions(256)
+    for n in np.eye(3):
+        assert np.maximum(d @ n, 0).sum() * 4 * np.pi / 256 == pytest.approx(np.pi, rel=5e-3)
+
+
+def test_harmonics_give_the_irradiance_of_smooth_light() -> None:
+    """Independent reference: the cosine integral over the pixels of a sky of degree one."""
+    directions = pixel_directions(64, 128)
+    sky = np.repeat((1.0 + 0.5 * directions[..., 1] + 0.3 * directions[..., 0])[..., None], 3, -1)
+    normals = spread_directions(20)
+    cosine = np.maximum(np.einsum("hwx,nx->nhw", directions, normals), 0.0) * pixel_solid_angles(64, 128)
+    wanted = np.einsum("nhw,hwc->nc", cosine, sky)
+    np.testing.assert_allclose(harmonics.irradiance(harmonics.project(sky), normals), wanted, rtol=5e-3)
+    basis = harmonics.basis(directions) * np.sqrt(pixel_solid_angles(64, 128))[..., None]
+    gram = np.einsum("hwi,hwj->ij", basis, basis)
+    np.testing.assert_allclose(gram, np.eye(9), atol=5e-3)
+
+
+def test_a_sun_is_taken_out_with_its_light() -> None:
+    image = np.full((64, 128, 3), 0.5)
+    image[20, 70] += 500.0
+    sky, suns = environment.without_suns(image)
+    assert len(suns) == 1
+    towards = np.asarray(suns[0].position_m) / 100.0
+    assert towards @ pixel_directions(64, 128)[20, 70] > 0.9999
+    flux = 500.0 * pixel_solid_angles(64, 128)[20, 70]
+    assert np.asarray(suns[0].intensity) / 100.0**2 == pytest.approx(flux, rel=1e-6)
+    np.testing.assert_allclose(sky, 0.5)
+    assert environment.without_suns(np.full((64, 128, 3), 0.5))[1] == ()
+    assert environment.without_suns(np.zeros((64, 128, 3)))[1] == ()

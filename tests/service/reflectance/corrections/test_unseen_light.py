@@ -1,0 +1,99 @@
+"""Light goes on into parts of the texture that no photo showed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.reflectance.corrections.unseen_light import continued, like_seen_skin, not_deeper, seamless
+
+SHAPE = (96, 144)
+ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]
+
+
+def test_even_light_stays_even_whatever_was_found_in_made_up_parts() -> None:
+    """Colour that was continued carries its source's light; the network's guess there would print a halo."""
+    light = np.full((3, 48, 72), 0.4, np.float32)
+    seen = np.zeros((48, 72), np.float32)
+    seen[10:30, 20:50] = 1
+    light[:, seen == 0] = -2.0
+    assert np.abs(continued(light, seen) - 0.4).max() < 1e-4
+
+
+def test_seen_parts_keep_their_light_and_joins_are_smooth() -> None:
+    rng = np.random.default_rng(0)
+    light = rng.normal(size=(3, 48, 72)).astype(np.float32)
+    seen = np.zeros((48, 72), np.float32)
+    seen[:, 30:] = 1
+    result = continued(light, seen)
+    assert np.abs(result[:, :, 40:] - light[:, :, 40:]).max() < 1e-4
+    assert np.abs(np.diff(result[:, :, :25], axis=2)).max() < 0.3
+    assert np.isfinite(result).all()
+
+
+def test_nothing_seen_and_all_seen_change_nothing() -> None:
+    """A weight of zero would be divided by."""
+    light = np.random.default_rng(1).normal(size=(3, 20, 30)).astype(np.float32)
+    assert np.array_equal(continued(light, np.zeros((20, 30), np.float32)), light)
+    assert np.allclose(continued(light, np.ones((20, 30), np.float32)), light, atol=1e-5)
+
+
+def test_light_meets_itself_at_the_seam() -> None:
+    """Left and right border, and both halves of the upper one, are the same places; the face stays as it is."""
+    light = np.random.default_rng(0).normal(size=(3, 96, 144)).astype(np.float32).cumsum(2) * np.float32(0.1)
+    made = seamless(light)
+    for edge in (made[:, :, :1] - made[:, :, -1:], made[:, :1] - made[:, :1, ::-1]):
+        assert np.abs(edge).max() < 0.02 * np.abs(light[:, :, :1] - light[:, :, -1:]).max()
+    assert np.array_equal(made[:, 14:, 22:-22], light[:, 14:, 22:-22])
+    assert np.array_equal(seamless(light[:, :1, :1]), light[:, :1, :1])
+
+
+def _half_seen(shade: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Texture, light as a network may find it, and lit skin: the left half of a face, made up on in shade."""
+    lit = np.zeros(SHAPE, np.float32)
+    lit[:, :72] = 1
+    light = np.where(lit > 0, np.float32(-0.3), np.float32(1.5)) * np.ones((3, 1, 1), np.float32)
+    texture = ALBEDO * np.exp(np.where(lit > 0, np.float32(-0.3), np.float32(shade)))
+    return np.asarray(texture, np.float32), light, lit
+
+
+def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> None:
+    """Else necks come out paler than faces, or with the shadow of the jaw, by as much as the fill is off."""
+    for shade in (-1.5, 0.4):
+        texture, light, lit = _half_seen(shade)
+        goes_on = continued(light, lit)
+        made = like_seen_skin(goes_on, texture, light, lit, 1 - lit)
+        away = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - made[:, :, 84:])
+        unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
+        assert away.max() < 0.02 < 0.5 < unmended.min()
+        assert np.array_equal(made[:, :, :60], goes_on[:, :, :60]), "seen skin keeps its light"
+
+
+def test_made_up_skin_keeps_its_grain() -> None:
+    texture, light, lit = _half_seen(-1.5)
+    grain = np.exp(0.05 * np.random.default_rng(0).standard_normal(SHAPE).astype(np.float32))
+    made = like_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit)
+    albedo = (texture * grain * np.exp(-made) / ALBEDO)[:, :, 90:]
+    assert 0.8 < np.log(albedo).std() / np.log(grain[:, 90:]).std() < 1.1
+
+
+def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
+    """The mean of no skin would be 0 / 0, and black texels have no logarithm."""
+    texture, light, lit = _half_seen(-1.5)
+    assert like_seen_skin(light, texture, light, 0 * lit, 1 - lit) is light
+    assert like_seen_skin(light, texture, light, lit, 0 * lit) is light
+    assert np.isfinite(like_seen_skin(light, 0 * texture, light, lit, 1 - lit)).all()
+
+
+def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
+    """Carried on, it would make a cap glow; a quarter of the face lies in shade of one seventh."""
+    lit = np.zeros(SHAPE, np.float32)
+    lit[40:] = 1
+    light = np.zeros((3, *SHAPE), np.float32)
+    light[:, 40:54] = -2
+    light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
+    on = continued(light, lit)
+    result = not_deeper(on, light, lit)
+    assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
+    assert np.array_equal(result[:, 40:], on[:, 40:])
+    assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
+    assert np.array_equal(not_deeper(on, light, np.zeros_like(lit)), on)

@@ -1,0 +1,234 @@
+"""Normals of known relief come back as that relief in millimetres, and the hard cases stay harmless."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.archive.images import decode_normals8, encode_normals8
+from service.geometry.chart import Chart
+from service.reflectance.normals import pack_normals
+from service.reflectance.relief.displacement import (
+    COARSEST_MM,
+    MOST_MM,
+    Steps,
+    coarse_part,
+    continue_beyond,
+    decode,
+    displacement,
+    encode,
+    slopes,
+)
+from service.reflectance.result import MID, NORMAL_ONE, unpack_normals
+from tests.toyhead import CENTRE, RADIUS, sphere_head
+
+Float = npt.NDArray[np.float32]
+
+WIDTH, HEIGHT = 300, 200
+MM = 0.08
+"""Side of a texel: 24 mm x 16 mm of skin."""
+
+ALL = np.ones((HEIGHT, WIDTH), bool)
+
+
+def steps(along: float = MM, across: float = MM, lean: float = 0.0) -> Steps:
+    one = np.ones((HEIGHT, WIDTH), np.float32)
+    return Steps(np.float32(along) * one, np.float32(lean) * one, np.float32(across) * one, WIDTH)
+
+
+def places(along: float = MM, across: float = MM, lean: float = 0.0) -> tuple[Float, Float]:
+    """Position along t and along b (mm) of each texel; rows go down, b goes up."""
+    row, column = np.mgrid[:HEIGHT, :WIDTH]
+    up = HEIGHT / 2 - row
+    return (column * along + up * lean).astype(np.float32), (up * across).astype(np.float32)
+
+
+def pores(t: Float, b: Float, seed: int = 0, count: int = 60) -> tuple[Float, Float, Float]:
+    """Pits of 20 to 60 um and 0.3 to 0.6 mm: height and its slopes along t and b."""
+    rng = np.random.default_rng(seed)
+    height, along, across = (np.zeros_like(t) for _ in range(3))
+    for _ in range(count):
+        ct, cb = rng.uniform(t.min(), t.max()), rng.uniform(b.min(), b.max())
+        depth, width = rng.uniform(0.02, 0.06), rng.uniform(0.3, 0.6)
+        pit = -depth * np.exp(-((t - ct) ** 2 + (b - cb) ** 2) / width**2)
+        height += pit
+        along += pit * -2 * (t - ct) / width**2
+        across += pit * -2 * (b - cb) / width**2
+    return height, along, across
+
+
+def codes(along: Float, across: Float) -> npt.NDArray[np.int16]:
+    return pack_normals(-along, -across, np.ones_like(along))
+
+
+def fine(height: Float, of: Steps) -> Float:
+    return height - coarse_part(height, ALL, of)
+
+
+def error(found: Float, height: Float, of: Steps) -> float:
+    """Rms in mm of what is left after the coarse part of the truth is gone too."""
+    return float(np.sqrt(np.mean((found - fine(height, of)) ** 2)))
+
+
+def test_relief_comes_back_and_a_pore_is_a_pit() -> None:
+    """A flipped sign or a swapped axis anywhere between normal and height makes pores bumps, or waves."""
+    height, along, across = pores(*places())
+    found, facts = displacement(codes(along, across), steps(), ALL)
+    assert error(found, height, steps()) < 0.05 * height.std()
+    pit = np.unravel_index(height.argmin(), height.shape)
+    assert found[pit] < -0.015
+    assert facts.ignored_fraction == 0 and facts.residual <= 3e-3
+
+
+@pytest.mark.parametrize("metric", [(0.04, 0.08, 0.0), (0.08, 0.05, 0.0), (0.06, 0.06, 0.03)])
+def test_the_metric_counts(metric: tuple[float, float, float]) -> None:
+    """Stretched and sheared charts; read as square, a stretch of two would double the heights along one axis."""
+    height, along, across = pores(*places(*metric))
+    found, _ = displacement(codes(along, across), steps(*metric), ALL)
+    assert error(found, height, steps(*metric)) < 0.08 * height.std()
+    wrong, _ = displacement(codes(along, across), steps(), ALL)
+    assert error(wrong, height, steps(*metric)) > 0.2 * height.std()
+
+
+def test_the_metric_of_a_sphere_is_known() -> None:
+    """Steps along a latitude-longitude chart: R cos(latitude) d(longitude) and R d(latitude)."""
+    head = sphere_head(24, 48)
+    chart = Chart.build(head, 192, 128)
+    found = Steps.of(chart, head.mean)
+    skin = chart.part == 0
+    position = chart.interpolate(head.mean)
+    cosine = np.hypot(position[..., 0] - CENTRE[0], position[..., 2] - CENTRE[2]) / RADIUS
+    inner = skin & (cosine > 0.5)
+    wide, tall = 0.96 * 192 / (2 * np.pi), 0.71 * 128 / np.pi
+    # The metric is constant on a triangle, so single texels are off.
+    assert np.median(np.abs(found.along * wide / (1000 * RADIUS * cosine) - 1)[inner]) < 0.04
+    assert np.median(np.abs(found.across * tall / (1000 * RADIUS) - 1)[inner]) < 0.02
+    assert np.abs(found.lean[inner]).max() < 0.1 * 1000 * RADIUS / tall
+
+
+def test_one_percent_of_unusable_normals() -> None:
+    """NaN, zeros, wrong lengths: believed, a single NaN would make all heights NaN, a zero a cliff."""
+    height, along, across = pores(*places())
+    normals = unpack_normals(codes(along, across))
+    rng = np.random.default_rng(3)
+    for value in (np.nan, np.inf, 0.0, 1.5):
+        normals[rng.random(ALL.shape) < 0.0025] = value
+    s, t, usable = slopes(normals)
+    assert np.isfinite(s).all() and np.isfinite(t).all()
+    assert 0.008 < 1 - usable.mean() < 0.012
+    from service.reflectance.relief.integrate import integrate
+
+    solved = integrate(s * MM, -t * MM, usable, tolerance=1e-3, most_steps=40)
+    clean, _ = displacement(codes(along, across), steps(), ALL)
+    broken = fine(solved.height, steps())[usable]
+    assert np.sqrt(np.mean((broken - fine(height, steps())[usable]) ** 2)) < 2 * error(clean, height, steps()) + 1e-3
+
+
+def test_grazing_normals_are_held_at_eighty_degrees() -> None:
+    """z = 0 would divide by zero and z < 0 turn the slope around; 80 degrees is a slope of 5.7."""
+    normals = np.zeros((1, 4, 3), np.float32)
+    normals[0] = np.array([[1, 0, 0], [0.999, 0, -0.04], [np.cos(0.05), 0, np.sin(0.05)], [0, -1, 0]])
+    s, t, usable = slopes(normals)
+    assert usable.all()
+    np.testing.assert_allclose(s[0, :3], -np.sqrt(1 - 0.17**2) / 0.17, rtol=2e-2)
+    np.testing.assert_allclose(t[0, 3], 5.8, rtol=2e-2)
+
+
+def test_a_cliff_stays_local_and_within_the_clamp() -> None:
+    """A step of 3 mm between two texels, which normals cannot show: what it does must stay near it."""
+    height, along, across = pores(*places())
+    along[:, WIDTH // 2] = 40.0
+    found, _ = displacement(codes(along, across), steps(), ALL)
+    assert np.abs(found).max() <= MOST_MM
+    away = np.abs(np.arange(WIDTH) - WIDTH // 2) * MM > 2 * COARSEST_MM - 2
+    gap = (found - fine(height, steps()))[:, away]
+    assert np.sqrt(np.mean((gap - gap.mean()) ** 2)) < 0.02
+
+
+def test_a_border_of_the_chart_does_not_curl() -> None:
+    """Half of the map outside the surface, with nonsense in it: the relief inside is that without the border."""
+    height, along, across = pores(*places())
+    mask = ALL.copy()
+    mask[:, 180:] = False
+    along[:, 185:], across[:, 185:] = 5.0, -5.0
+    found, _ = displacement(codes(along, across), steps(), mask)
+    assert (found[~mask] == 0).all()
+    expected = np.where(mask, height, 0)
+    expected = (expected - coarse_part(expected, mask, steps())) * mask
+    assert np.sqrt(np.mean((found - expected)[mask] ** 2)) < 0.06 * height.std()
+
+
+def test_normals_of_the_heights_are_the_normals() -> None:
+    """Mean angle below a degree away from the border."""
+    _, along, across = pores(*places())
+    found, _ = displacement(codes(along, across), steps(), ALL)
+    right, down = np.gradient(found, axis=1) / MM, np.gradient(found, axis=0) / MM
+    back = unpack_normals(codes(right.astype(np.float32), -down.astype(np.float32)))
+    cosine = np.einsum("yxi,yxi->yx", back, unpack_normals(codes(along, across)))
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))[10:-10, 10:-10]
+    assert angle.mean() < 1.0
+
+
+def test_flat_normals_in_eight_bits_stay_flat() -> None:
+    """Coded as n/2 + 1/2 over 255, zero would decode to a slope of 0.004: a ramp of 0.1 mm over this patch."""
+    flat = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    flat[..., 2] = 1
+    decoded = decode_normals8(encode_normals8(flat))
+    found, _ = displacement(pack_normals(*np.moveaxis(decoded, 2, 0)), steps(), ALL)
+    assert np.abs(found).max() == 0
+    assert (encode(found) == MID).all()
+
+
+def test_coarse_shape_is_taken_out() -> None:
+    """A wave of 30 mm is the mesh's; one of 2 mm is ours."""
+    t, _ = places()
+    for length, kept in ((60.0, (0.0, 0.2)), (2.0, (0.9, 1.1))):
+        slope = 0.2 * np.cos(2 * np.pi * t / length)
+        found, _ = displacement(codes(slope.astype(np.float32), np.zeros_like(t)), steps(), ALL)
+        inner = found[40:-40, 80:-80]
+        amplitude = 0.2 * length / (2 * np.pi)
+        assert kept[0] <= (np.ptp(inner) / 2) / amplitude <= kept[1]
+
+
+def test_a_slope_leaves_no_rim_at_a_border() -> None:
+    """Half a degree of bias in all normals: against a mean taken from one side only it would raise a rim of 40 um."""
+    mask = ALL.copy()
+    mask[:, 200:], mask[150:, :40] = False, False
+    slope = np.full(ALL.shape, np.tan(np.radians(0.5)), np.float32)
+    found, _ = displacement(codes(slope, -slope), steps(), mask, tolerance=1e-5, most_steps=60)
+    assert np.abs(found).max() < 0.002
+
+
+def test_a_strip_one_texel_wide_is_harmless() -> None:
+    mask = np.zeros_like(ALL)
+    mask[100], mask[20, 20] = True, True
+    slope = np.full(ALL.shape, 0.2, np.float32)
+    found, _ = displacement(codes(slope, slope), steps(), mask)
+    assert np.isfinite(found).all() and np.abs(found).max() <= MOST_MM
+
+
+def test_heights_go_on_beyond_the_border_but_not_into_other_parts() -> None:
+    """A renderer that filters between texels would otherwise see a step at the border of an island."""
+    height = np.zeros(ALL.shape, np.float32)
+    surface, outside = np.zeros_like(ALL), np.zeros_like(ALL)
+    surface[:, :100], outside[:, 100:] = True, True
+    outside[50:60, 100:] = False
+    height[surface] = 0.4
+    continue_beyond(height, surface, outside)
+    np.testing.assert_allclose(height[:40, :109], 0.4, rtol=1e-5)
+    assert not height[:, 109:].any() and not height[50:60, 100:].any()
+
+
+def test_codes_hold_heights_to_25_nanometres() -> None:
+    heights = np.linspace(-1.6, 1.6, 999, dtype=np.float32)[None]
+    np.testing.assert_allclose(decode(encode(heights)), heights, atol=2.6e-5)
+    assert encode(np.array([[-9.0, 0.0, 9.0]], np.float32)).tolist() == [[0, MID, 65535]]
+
+
+def test_packing_normals() -> None:
+    vectors = np.array([[0, 0, 1], [0, 0, 0], [np.nan, 0, 1], [3, 0, 4], [0, 2, 0], [0, 0, -1]], np.float32)
+    found = unpack_normals(pack_normals(*vectors.T))
+    np.testing.assert_allclose(found[[0, 1, 2, 5]], [[0, 0, 1]] * 4)
+    np.testing.assert_allclose(found[3], [0.6, 0, 0.8], atol=2 / NORMAL_ONE)
+    assert 0.165 < found[4, 2] < 0.175

@@ -1,0 +1,85 @@
+"""Slopes of known surfaces come back as those surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.reflectance.relief.integrate import integrate
+
+Float = npt.NDArray[np.float32]
+
+
+def grid(height: int, width: int) -> tuple[Float, Float]:
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    return x, y
+
+
+def off(a: Float, b: Float, mask: npt.NDArray[np.bool_]) -> float:
+    """Largest difference within a mask after each of its regions has lost its mean difference."""
+    from scipy.ndimage import label
+
+    regions, count = label(mask)
+    gap = a - b
+    return max(float(np.abs(gap[regions == i] - gap[regions == i].mean()).max()) for i in range(1, count + 1))
+
+
+@pytest.mark.parametrize("shape", [(40, 60), (1, 50), (50, 1), (37, 53)])
+def test_a_quadratic_is_exact(shape: tuple[int, int]) -> None:
+    """Slopes averaged to the middle of an edge are exact for it; one-sided ones are off by half a texel's change."""
+    x, y = grid(*shape)
+    height = 0.01 * x * x - 0.02 * x * y + 0.3 * y
+    solved = integrate(0.02 * x - 0.02 * y, -0.02 * x + 0.3, np.ones(shape, bool), tolerance=1e-6)
+    assert off(solved.height, height, np.ones(shape, bool)) < 2e-3 * np.ptp(height)
+    assert abs(float(solved.height.mean())) < 1e-3
+
+
+def test_an_overall_slope_does_not_wrap_around() -> None:
+    """A transform that takes the map for periodic turns a plane into a wave of its own height."""
+    x, _ = grid(64, 96)
+    plane = np.full((64, 96), 0.5, np.float32)
+    solved = integrate(plane, np.zeros_like(plane), np.ones(plane.shape, bool))
+    assert off(solved.height, 0.5 * x, np.ones(plane.shape, bool)) < 0.01 * 48
+
+
+def test_nothing_is_asked_across_the_border_of_a_mask() -> None:
+    """A disc and a bar with a hole: right inside although outside there is nonsense, and independent of each other."""
+    x, y = grid(80, 120)
+    disc = (x - 35) ** 2 + (y - 40) ** 2 < 30**2
+    bar = (np.abs(x - 95) < 15) & (np.abs(y - 40) < 35) & ((x - 95) ** 2 + (y - 40) ** 2 > 36)
+    mask = disc | bar
+    height = np.sin(x / 9) * np.cos(y / 7)
+    right, down = np.cos(x / 9) / 9 * np.cos(y / 7), -np.sin(x / 9) * np.sin(y / 7) / 7
+    junk = np.random.default_rng(0).normal(0, 50, mask.shape)
+    junk[0, 0] = np.nan
+    wanted = [np.where(mask, slope, junk).astype(np.float32) for slope in (right, down)]
+    solved = integrate(wanted[0], wanted[1], mask, tolerance=1e-5, most_steps=60)
+    assert off(solved.height, height.astype(np.float32), mask) < 0.02
+    assert (solved.height[~mask] == 0).all()
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_masks_with_no_edge(count: int) -> None:
+    mask = np.zeros((5, 7), bool)
+    mask.ravel()[:count] = True
+    solved = integrate(np.ones((5, 7), np.float32), np.ones((5, 7), np.float32), mask)
+    assert (solved.height == 0).all()
+    assert solved.steps == 0
+
+
+def test_the_few_steps_of_the_default_are_enough() -> None:
+    """On a mask of many pieces, where the rectangle's solution is least like the true one."""
+    rng = np.random.default_rng(1)
+    x, y = grid(128, 192)
+    mask = (np.hypot((x % 48) - 24, (y % 43) - 21) < 19) | (y > 100)
+    right, down = (rng.normal(0, 1, mask.shape).astype(np.float32) for _ in range(2))
+    quick, exact = integrate(right, down, mask), integrate(right, down, mask, tolerance=0, most_steps=200)
+    assert quick.steps < 12
+    assert quick.residual <= 3e-3
+    assert off(quick.height, exact.height, mask) < 0.03 * exact.height.std()
+
+
+def test_shapes_must_agree() -> None:
+    with pytest.raises(ValueError, match="one shape"):
+        integrate(np.zeros((3, 4), np.float32), np.zeros((3, 4), np.float32), np.ones((4, 3), bool))

@@ -1,0 +1,51 @@
+"""Albedo beyond the islands of the chart."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from service.anatomy.part_texels import PartTexels
+from service.geometry.chart import NO_PART
+from service.head.files import load_head
+from service.reflectance.padding import parts_go_on, skin_goes_on
+from service.reflectance.subject import Subject
+
+HEAD = load_head()
+SIZE = (1536, 1024)
+
+
+def test_skin_goes_on_beyond_its_island_and_nothing_on_it_changes() -> None:
+    """Another tone out there was a crease along the rim of the neck in the normals."""
+    subject = Subject.of(HEAD, HEAD.mean)
+    part = subject.islands(SIZE)
+    albedo = np.full((SIZE[1], SIZE[0], 3), 30000, np.uint16)
+    albedo[part == NO_PART] = 50000
+    albedo[(part != NO_PART) & (part != HEAD.part_names.index("skin"))] = 10000
+    after = skin_goes_on(albedo.copy(), subject)
+    assert np.array_equal(after[part != NO_PART], albedo[part != NO_PART])
+    outside = after[part == NO_PART]
+    assert (outside == 30000).all(1).mean() > 0.8  # the others lie beside eyes and teeth
+    assert set(np.unique(outside)) <= {30000, 50000}
+
+
+def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes() -> None:
+    """Filtered by a renderer, a pale texel beside the biting edge was a line between the teeth."""
+    subject = Subject.of(HEAD, HEAD.mean)
+    part = subject.islands(SIZE)
+    albedo = np.full((SIZE[1], SIZE[0], 3), 50000, np.uint16)
+    drawn = np.zeros(part.shape, bool)
+    for name in HEAD.part_names:
+        place = PartTexels.of(HEAD, name, SIZE) if name.startswith(("eye", "teeth")) else None
+        if place is not None:
+            albedo[place.box][place.inside] = 10000 + 1000 * HEAD.part_names.index(name)
+            drawn[place.box] |= place.inside
+    after = parts_go_on(albedo.copy(), subject)
+    own = [index for index, name in enumerate(HEAD.part_names) if name.startswith(("eye", "teeth"))]
+    others = (part != NO_PART) & ~np.isin(part, own)
+    assert np.array_equal(after[drawn], albedo[drawn]) and np.array_equal(after[others], albedo[others])
+    assert drawn.sum() > 2000
+    beside = (cv2.dilate(drawn.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~drawn & ~others
+    assert beside.sum() > 300 and (after[beside] < 50000).all()
+    far = cv2.dilate(drawn.astype(np.uint8), np.ones((15, 15), np.uint8)) == 0
+    assert np.array_equal(after[far], albedo[far])
