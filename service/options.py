@@ -54,6 +54,7 @@ class Options:
         fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
         identity_components: identity components to fit, >= 0; more than the head has means all.
         iterations: least-squares steps of the landmark stage, >= 1.
+        without: names of corrections that do not run, out of ``service.corrections.NAMES``; for experts and trials.
 
     Raises:
         UsageError: a value is out of range; the message has the value and what would be right.
@@ -72,6 +73,7 @@ class Options:
     fit: Literal["landmarks", "pixels"] = _FIT.refine
     identity_components: int = _FIT.identity_components
     iterations: int = _FIT.iterations
+    without: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_maps(self.maps)
@@ -87,6 +89,7 @@ class Options:
         for name in ("identity_components", "iterations"):
             if not _whole(getattr(self, name)):
                 raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be a whole number", field=name)
+        _check_without(self.without)
         self.fit_settings()  # checks the ranges of the fit's knobs
         object.__setattr__(self, "maps", tuple(name for name in MAP_NAMES if name in self.maps))
 
@@ -127,7 +130,8 @@ class Options:
 
     def to_json(self) -> dict[str, Any]:
         """The request as JSON values, for the manifest."""
-        return {**asdict(self), "maps": list(self.maps), "size": None if self.size is None else list(self.size)}
+        lists = {"maps": list(self.maps), "without": list(self.without)}
+        return {**asdict(self), **lists, "size": None if self.size is None else list(self.size)}
 
 
 def default_maps() -> tuple[str, ...]:
@@ -149,6 +153,11 @@ SPACES = " \t\r\n"
 def parse_maps(text: str) -> tuple[str, ...]:
     """``"texture,confidence"`` -> names; they are checked by :class:`Options`."""
     return tuple(name.strip().replace("-", "_") for name in text.split(","))
+
+
+def parse_without(text: str) -> tuple[str, ...]:
+    """``"glasses,highlights"`` -> names; they are checked by :class:`Options`."""
+    return tuple(name.strip() for name in text.split(","))
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -183,6 +192,17 @@ def _check_maps(maps: tuple[str, ...]) -> None:
         raise UsageError(f"maps has {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
     if not maps or len(set(maps)) != len(maps):
         raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
+
+
+def _check_without(without: tuple[str, ...]) -> None:
+    if not without:
+        return
+    from service.corrections import NAMES  # loads numpy, which the command line does without until it has work
+
+    unknown = [name for name in without if name not in NAMES]
+    if unknown or len(set(without)) != len(without):
+        wrong = repr(unknown[0]) if unknown else f"{list(without)!r}, some of them twice"
+        raise UsageError(f"without has {wrong}; there are {', '.join(NAMES)}", field="without")
 
 
 def _check_size(size: tuple[int, int]) -> None:

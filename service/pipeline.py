@@ -108,7 +108,7 @@ def make_avatar(
             head, chart = head_job.result()
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings()))
         with stage("texture"):
-            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart))
+            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without))
         with stage("compare"):
             compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
             similarity = stages.keep("compare", compare)
@@ -116,12 +116,13 @@ def make_avatar(
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
-                Subject.in_photo(head, fit, texture),
+                Subject.in_photo(head, fit, texture, options.without),
                 plan,
                 options.map_size,
                 engine,
                 seed=options.seed,
                 detail=options.detail,
+                without=options.without,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,

@@ -147,6 +147,7 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
             round(solved.ignored_fraction, 9),
             None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
         ),
+        corrections=[m.Correction(one.name, one.changed, one.texels) for one in made.corrections],
     )
 
 

@@ -146,6 +146,17 @@ class Integration(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Correction(_Strict):
+    """A rule that altered what the photo or a network gave; docs/corrections.md says what each is for."""
+
+    name: str
+    changed: Annotated[int, Ge(0)]
+    """Texels that it changed by more than 1/255."""
+    texels: Annotated[int, Ge(0)]
+    """How many it looked at: of the map, or of the small chart on which it works."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Reflectance(_Strict):
     """How the networks ran."""
 
@@ -165,6 +176,8 @@ class Reflectance(_Strict):
     fallbacks: list[str]
     """Stable codes of what ran otherwise than it would on another machine or with another option."""
     integration: Integration | None
+    corrections: list[Correction]
+    """Those that ran, in order."""
 
 
 @dataclasses.dataclass(frozen=True)

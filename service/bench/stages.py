@@ -16,7 +16,8 @@ from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.colour import to_codes
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.diffuse_albedo import CONTEXT, found_by, needs_context
+from service.reflectance.chart_light import found_by
+from service.reflectance.diffuse_albedo import CONTEXT, needs_context
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import shaded_grey
 from service.reflectance.planes import Planes

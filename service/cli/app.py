@@ -83,6 +83,9 @@ def make(
     fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
+    without: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="For experts: corrections not to make; docs/corrections.md.")
+    ] = None,
     head: Annotated[
         str | None, typer.Option(metavar="FILE", help="Head model to fit instead of the one in the box.")
     ] = None,
@@ -111,6 +114,7 @@ def make(
             fit=fit,
             identity_components=identity_components,
             iterations=iterations,
+            without=without,
         )
         run(photo, output, Options(**given), head=head, as_json=as_json)
 

@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from service.options import Options, parse_face, parse_maps, parse_size
+from service.options import Options, parse_face, parse_maps, parse_size, parse_without
 
-_PARSERS: dict[str, Callable[[str], Any]] = {"maps": parse_maps, "size": parse_size, "face": parse_face}
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "maps": parse_maps,
+    "size": parse_size,
+    "face": parse_face,
+    "without": parse_without,
+}
 
 
 def asked(**flags: Any) -> dict[str, Any]:

@@ -93,10 +93,11 @@ def kinds() -> dict[str, type]:
     from service.face.face import Face
     from service.face.fit.result import Fit
     from service.geometry.camera import Camera
+    from service.ledger import Applied
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    return {kind.__name__: kind for kind in (Photo, Face, Fit, Gaze, Iris, Camera, Texture, Similarity)}
+    return {kind.__name__: kind for kind in (Photo, Face, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)}
 
 
 if __name__ == "__main__":

@@ -6,33 +6,23 @@ whole chart once and leaves its findings as coarse planes that every tile reads.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.paint import BRIGHTEST
-from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.colour import FULL_CODE, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
-from service.reflectance.corrections.albedo_ceiling import not_aglow
-from service.reflectance.corrections.brows import under_brows
-from service.reflectance.corrections.clipped_blue import missing, usual_blue, with_blue
-from service.reflectance.corrections.exposure import less_overexposed, mean_light
-from service.reflectance.corrections.grading import even_hue
-from service.reflectance.corrections.hair_hue import like_hair
-from service.reflectance.corrections.skin_hue import within_skin
-from service.reflectance.corrections.unseen_light import continued, like_seen_skin, not_deeper, seamless
-from service.reflectance.planes import Planes
-from service.reflectance.subject import BROWS, EYES, HAIR, LIDS, LIT, MADE_UP
+from service.ledger import SEEN_CHANGE, Correction, Ledger
+from service.reflectance.chart_light import Found, found_by
+from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE, missing, with_blue
+from service.reflectance.corrections.hair_hue import HAIR_HUE, like_hair
+from service.reflectance.subject import BROWS, HAIR
 from service.reflectance.translate import Job, translate
-from service.runtime.networks import Engine, Network, describe, open_network
-from service.runtime.tiles import run_whole
+from service.runtime.networks import Engine, describe, open_network
 
 Float = npt.NDArray[np.float32]
 
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
-TEXTURE = ("texture_r", "texture_g", "texture_b")
 LID_SHADE = "lid_shade"
 """Channel of what the lids leave of the light on the eyes, on sRGB values; 1 on all else."""
 
@@ -40,61 +30,6 @@ LID_SHADE = "lid_shade"
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
     return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
-
-
-def light_between_lids(light: Float, lit: Float) -> Float:
-    """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
-
-    Args:
-        light: (3, h, w) log light of the skin.
-        lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
-    """
-    return np.asarray(mean_light(light, lit) + np.float32(np.log(BETWEEN_LIDS)), np.float32)
-
-
-@dataclass(frozen=True)
-class Found:
-    """What the context network tells of a whole chart.
-
-    Attributes:
-        light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
-        between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
-        blue: blue over red and green of the skin (``service.reflectance.corrections.clipped_blue``); None: not known.
-    """
-
-    light: Float
-    between: Float
-    blue: float | None
-
-
-def found_by(network: Network, planes: Planes) -> Found:
-    """Ask the context network about the planes of a whole chart.
-
-    Of the planes of ``service.reflectance.subject.CLUES`` any may be missing: then all of it is lit, nothing made up,
-    and there are no brows and lids.
-    """
-    what = network.description
-    size = what.whole or planes.size
-    light = run_whole(network, planes.shrunk(what.channels, size))
-    lit = planes.shrunk([LIT], size)[0] if LIT in planes.channels else np.ones(light.shape[1:], np.float32)
-    weight = lit * planes.shrunk(["mask"], size)[0]
-    coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
-    linear = srgb_to_linear(coded)
-    texture = linear.T.reshape(3, *lit.shape)
-    if EYES[-1] in planes.channels and not planes.shrunk(EYES[-1:], size).any():
-        light = less_overexposed(light, weight)
-    light = within_skin(even_hue(light, texture, weight), texture, weight)
-    lids = planes.shrunk([LIDS], size)[0] if LIDS in planes.channels else np.zeros_like(lit)
-    light = not_aglow(light, texture, weight, lids)
-    albedo = linear * np.exp(-np.clip(np.moveaxis(light, 0, 2).reshape(-1, 3), -6, 6))
-    everywhere = not_deeper(continued(light, lit), light, weight)
-    if MADE_UP in planes.channels:
-        # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
-        made_up = planes.shrunk([MADE_UP], size)[0] * (1 - lids)
-        everywhere = like_seen_skin(everywhere, texture, light, lit, made_up)
-    if BROWS in planes.channels:
-        everywhere = under_brows(everywhere, light, lit, planes.shrunk([BROWS], size)[0])
-    return Found(seamless(everywhere), light_between_lids(light, lit), usual_blue(albedo, coded, weight.ravel()))
 
 
 def without(light: Float, coded: Float, shade: Float | None = None) -> Float:
@@ -112,7 +47,9 @@ def without(light: Float, coded: Float, shade: Float | None = None) -> Float:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | None = None) -> Codes:
+def diffuse_albedo(
+    texture: Codes, job: Job, white: npt.NDArray[np.floating] | None = None, ledger: Ledger | None = None
+) -> Codes:
     """(H, W, 3) sRGB codes of the albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     Eyes, teeth, tongue, lashes and the inside of the mouth lose one light, the same all over: the network has seen skin
@@ -123,14 +60,16 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
         job: what the network is given.
         white: (3,) linear RGB, positive, of a white surface in the light of the parts that are not skin; None: the
             light of the face, less what the lids shade.
+        ledger: which corrections run; it counts what they change.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
     """
+    ledger = ledger or Ledger()
     found: Found | None = None
     if needs_context(job.engine):
         with open_network(CONTEXT, job.engine) as network:
-            found = found_by(network, job.planes)
+            found = found_by(network, job.planes, ledger)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     between = None if found is None else found.between
     between = between if white is None else np.log(np.asarray(white, np.float32))
@@ -141,10 +80,10 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
         if found is not None and found.blue is not None:
-            albedo = _blue_again(albedo, texture[place], found.blue)
+            albedo = _counted(CLIPPED_BLUE, albedo, _blue_again(albedo, texture[place], found.blue), ledger)
         rows, columns = (np.arange(s.start, s.stop) for s in place)
-        if hairy is not None:
-            albedo = like_hair(albedo, *hairy(rows, columns))
+        if hairy is not None and ledger.runs(HAIR_HUE):
+            albedo = _counted(HAIR_HUE, albedo, like_hair(albedo, *hairy(rows, columns)), ledger)
         if skin.min() < 1:
             kept = from_codes(texture[place])
             if between is not None:
@@ -154,6 +93,13 @@ def diffuse_albedo(texture: Codes, job: Job, white: npt.NDArray[np.floating] | N
 
     translate(NAME, job, 3, keep)
     return result
+
+
+def _counted(correction: Correction, before: Float, after: Float, ledger: Ledger) -> Float:
+    """``after``; the ledger is told how many texels (h, w, 3) in [-1, 1] differ."""
+    changed = 0 if after is before else int((np.abs(after - before).max(-1) > 2 * SEEN_CHANGE).sum())
+    ledger.count(correction, changed, before.shape[0] * before.shape[1])
+    return after
 
 
 def _blue_again(albedo: Float, texture: Codes, blue: float) -> Float:

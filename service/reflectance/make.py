@@ -13,7 +13,7 @@ Full-size maps are there as 16-bit codes only; networks see tiles. So memory is 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TypeVar
 
 import numpy as np
@@ -25,14 +25,15 @@ from service.anatomy.lashes.cards import lids_on_lashes
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
-from service.reflectance import normals
+from service.ledger import Applied, Ledger
 from service.reflectance.corrections.clipped_blue import lacks_blue
-from service.reflectance.corrections.highlights import without_glints
-from service.reflectance.corrections.photo_noise import without_noise
-from service.reflectance.corrections.smile_folds import without_folds
+from service.reflectance.corrections.highlights import HIGHLIGHTS, without_glints
+from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
+from service.reflectance.corrections.smile_folds import SMILE_FOLDS, without_folds
 from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
+from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tangent_normals
 from service.reflectance.padding import parts_go_on, skin_goes_on
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
@@ -62,6 +63,7 @@ def make_reflectance(
     *,
     seed: int = 0,
     detail: float = 1.0,
+    without: Collection[str] = (),
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: Stages = Unkept(),  # noqa: B008 - holds nothing
@@ -76,6 +78,7 @@ def make_reflectance(
         engine: what the networks run on.
         seed: of made-up detail.
         detail: its strength in [0, 1]; 0 for none.
+        without: names of corrections that do not run (``service.corrections``).
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
@@ -98,6 +101,8 @@ def make_reflectance(
     planes.add_coarse(CLUES, subject.clues)
     skin = subject.skin(size)
     made = _Maps()
+    corrections: tuple[Applied, ...] = ()
+    flatter = COVERED_RELIEF.name not in without
 
     def job(told: Callable[[float], None]) -> Job:
         return Job(planes, skin, engine, tile, told)
@@ -109,16 +114,21 @@ def make_reflectance(
         if subject.white is not None:
             planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
 
-        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None]:
-            bare = diffuse_albedo(full, job(told), subject.white)
-            grey = shaded_grey(planes, bare) if READERS & set(plan.stages) else None
-            plain = without_folds(without_glints(bare, full, skin, subject.lit, grey), subject)
-            grey = None if grey is None else without_noise(grey, planes, subject.pixel_mm)
+        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...]]:
+            ledger = Ledger(without)
+            plain = diffuse_albedo(full, job(told), subject.white, ledger)
+            grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
+            if ledger.runs(HIGHLIGHTS):
+                plain = without_glints(plain, full, skin, subject.lit, grey, ledger)
+            if ledger.runs(SMILE_FOLDS):
+                plain = without_folds(plain, subject, ledger)
+            if grey is not None and ledger.runs(PHOTO_NOISE):
+                grey = without_noise(grey, planes, subject.pixel_mm, ledger)
             plain = lids_on_lashes(skin_goes_on(plain, subject), subject.chart, margin(size[0]))
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return parts_go_on(drawn, subject), grey
+            return parts_go_on(drawn, subject), grey, ledger.applied
 
-        made.diffuse_albedo, grey = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections = run("diffuse_albedo", unlit)
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -127,9 +137,9 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal = run("specular_normal", lambda told: normals.tangent_normals(normals.SPECULAR, job(told)))
+        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told), flatter))
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal = run("diffuse_normal", lambda told: normals.tangent_normals(normals.DIFFUSE, job(told)))
+        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), flatter))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
@@ -149,6 +159,7 @@ def make_reflectance(
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
+        corrections=(*subject.corrections, *corrections),
         timings_s=run.timings,
     )
 

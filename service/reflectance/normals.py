@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.ledger import Correction
 from service.reflectance.result import NORMAL_ONE
 from service.reflectance.subject import COVERED
 from service.reflectance.translate import Job, translate
@@ -17,18 +18,30 @@ UNDER_COVER = 0.25
 """Share of the relief that is left under brows, hair and glasses: strands and frames are dark lines, as creases are,
 and the skin under them is not seen."""
 
+COVERED_RELIEF = Correction(
+    name="covered-relief",
+    mends="Strands of hair and frames of glasses come out as creases of the skin under them.",
+    source="relief",
+    cases=("brows", "beard"),
+)
+
 STEEPEST_Z = 0.17
 """Normals tilt by 80 degrees at most: beyond, a slope means nothing, and 8 bits cannot tell it from the horizon."""
 
 
-def tangent_normals(name: str, job: Job) -> npt.NDArray[np.int16]:
+def tangent_normals(name: str, job: Job, flatter: bool = True) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin, flatter where it is covered.
+
+    Args:
+        name: ``SPECULAR`` or ``DIFFUSE``.
+        job: what the network is given.
+        flatter: whether ``COVERED_RELIEF`` runs.
 
     Raises:
         ModelFault: the network is missing, changed, or does not fit.
     """
     result = np.zeros((*job.skin.shape, 2), np.int16)
-    covered = job.planes.read([COVERED]) if COVERED in job.planes.channels else None
+    covered = job.planes.read([COVERED]) if flatter and COVERED in job.planes.channels else None
 
     def keep(place: tuple[slice, slice], values: Float, skin: Float) -> None:
         if covered is not None:

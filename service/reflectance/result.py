@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from service.ledger import Applied
+
 NORMAL_ONE = 32767
 """Code of 1 in the int16 components of normals."""
 
@@ -57,6 +59,7 @@ class Reflectance:
             light, "blue-from-red-and-green" where the photo's warm light has left no blue on some of the skin.
         models: names of the networks that ran.
         integration: of the displacement.
+        corrections: those that ran, in order, and what they changed.
         timings_s: seconds of each stage.
     """
 
@@ -74,6 +77,7 @@ class Reflectance:
     models: tuple[str, ...] = ()
     engines: Mapping[str, str] = field(default_factory=dict)
     integration: Integration | None = None
+    corrections: tuple[Applied, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +16,8 @@ from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.reflectance.corrections.sclera_depth import in_usual_light
+from service.ledger import Applied, Ledger
+from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
@@ -86,6 +88,7 @@ class Subject:
         white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
         iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
         pixel_mm: of the face, a pixel of the photo; None: not known.
+        corrections: those that ran before.
     """
 
     head: HeadModel
@@ -98,6 +101,7 @@ class Subject:
     worn: Float | None = None
     iris: npt.NDArray[np.floating] | None = None
     pixel_mm: float | None = None
+    corrections: tuple[Applied, ...] = ()
 
     @classmethod
     def of(
@@ -113,16 +117,30 @@ class Subject:
         return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light, white)
 
     @classmethod
-    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
-        """The head of a photo, with all that fit and texture tell of its light."""
-        eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
+    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture, without: Collection[str] = ()) -> Subject:
+        """The head of a photo, with all that fit and texture tell of its light.
+
+        Args:
+            head: the model.
+            fit: of the photo.
+            texture: of the photo.
+            without: names of corrections that do not run.
+        """
+        ledger, eye_light = Ledger(without), fit.eye_light
+        if ledger.runs(SCLERA_DEPTH):
+            eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
+            moved = eye_light is not None and fit.eye_light is not None and (eye_light != fit.eye_light).any()
+            ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
         subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light, texture.white)
         made_up = np.asarray(texture.confidence == 0, np.float32)
         worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = made_up.shape
         made_up *= subject.bare((width, height)) * (1 - worn)
         pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
-        return replace(subject, made_up=made_up, worn=worn, iris=texture.iris, pixel_mm=pixel_mm)
+        ran = (*texture.corrections, *ledger.applied)
+        return replace(
+            subject, made_up=made_up, worn=worn, iris=texture.iris, pixel_mm=pixel_mm, corrections=ran
+        )
 
     @property
     def eyes(self) -> Float:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes import paint as parts
 from service.anatomy.eyes.measure import EyeTone, measure_eyes
 from service.anatomy.eyes.sclera import ALBEDO as SCLERA_ALBEDO
-from service.anatomy.lashes.line import lash_line
+from service.anatomy.lashes.line import LASH_LINE, lash_line
 from service.anatomy.mouth import paint as mouth
+from service.anatomy.mouth.paint import TOOTH_HUE
 from service.anatomy.teeth.measure import measure_teeth, toothlike
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
@@ -18,10 +21,11 @@ from service.geometry.chart import Chart, chart_points
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
+from service.ledger import SEEN_CHANGE, Ledger
 from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import Completed, complete_skin, opacity
 from service.texture.result import MIRRORED, SEEN, Texture
-from service.texture.segmentation.glasses import frames
+from service.texture.segmentation.glasses import GLASSES, frames
 from service.texture.segmentation.skin import cap_or_mask, judge, lit_skin
 from service.texture.segmentation.skin_model import Skin
 from service.texture.segmentation.zones import Zones
@@ -40,7 +44,9 @@ LEAST_SCALP_TEXELS = 60
 LITTLE_SEEN = 0.25
 
 
-def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Texture:
+def make_texture(
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = ()
+) -> Texture:
     """Unwrap the photo on the fitted head and fill in the rest.
 
     Args:
@@ -48,6 +54,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
         head: the model, the one that ``chart`` was built from.
         fit: camera and vertices.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
+        without: names of corrections that do not run.
 
     Raises:
         NumericFault: vertices or camera are not finite, or a map would not be.
@@ -55,15 +62,19 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
-    rims = frames(chart, unwrapped, zones)
+    ledger = Ledger(without)
+    rims = np.zeros(len(unwrapped.weight), bool)
+    if ledger.runs(GLASSES):
+        rims = frames(chart, unwrapped, zones)
+        ledger.count(GLASSES, int(rims.sum()), rims.size)
     bare = np.where(rims, np.float32(0), np.float32(1))
-    trust, seen, skin = judge(chart, unwrapped, zones)
+    trust, seen, skin = judge(chart, unwrapped, zones, ledger)
     trust, seen = trust * bare, seen * bare
     lit = lit_skin(chart, unwrapped, zones, skin) * bare
     hair = _scalp_colour(unwrapped, zones)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
-    colour, confidence, white, iris = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin)
+    colour, confidence, white, iris = _paint_parts(photo, chart, fit, unwrapped, zones, completed, skin, ledger)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(colour))
@@ -80,7 +91,8 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart) -> Textu
     told = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": rims.any(), "face-covered": worn is not None}
     warnings = tuple(code for code, true in told.items() if true)
     return Texture(
-        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white, worn, iris
+        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, white, worn, iris,
+        ledger.applied,
     )
 
 
@@ -108,7 +120,8 @@ def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
 
 
 def _paint_parts(
-    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None
+    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, completed: Completed, skin: Skin | None,
+    ledger: Ledger,
 ) -> tuple[Float, Float, Float, Float | None]:
     """Colours (N, 3) and confidence codes (N,) of all parts, the skin's from ``completed``; their light (3,); the
     albedo of the irises (3,), None where none was seen.
@@ -124,8 +137,10 @@ def _paint_parts(
 
     socket = (np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin)[:, None]
     colour += socket * (light.on(parts.SOCKET) * np.float32(parts.BETWEEN) - colour)
-    lashes = (lash_line(chart) * zones.skin * (1 - seen_weight))[:, None]
-    colour += lashes * (light.on(parts.LASHES) - colour)
+    if ledger.runs(LASH_LINE):
+        lashes = (lash_line(chart) * zones.skin * (1 - seen_weight))[:, None]
+        colour += lashes * (light.on(parts.LASHES) - colour)
+        ledger.count(LASH_LINE, int((lashes > SEEN_CHANGE).sum()), len(lashes))
     inside = (zones.mouth * zones.skin)[:, None]
     colour += inside * (mouth.paint_lining(chart, zones.mouth * zones.skin, light) - colour)
     for index, name in enumerate(chart.head.part_names):
@@ -150,7 +165,11 @@ def _paint_parts(
         shown = unwrapped.colour[teeth.own]
         share = seen_weight[teeth.own] * toothlike(shown, typical) * teeth.shows(shown, tooth)
         _lay_over(colour, code, teeth.own, teeth.paint(tooth, light), share, unwrapped.colour)
-        colour[teeth.own] = mouth.no_bluer(colour[teeth.own], white)
+        if ledger.runs(TOOTH_HUE):
+            yellower = mouth.no_bluer(colour[teeth.own], white)
+            moved = np.abs(yellower - colour[teeth.own]).max(1) > SEEN_CHANGE
+            ledger.count(TOOTH_HUE, int(moved.sum()), len(colour))
+            colour[teeth.own] = yellower
     iris = None if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / white, np.float32)
     return colour, code, white, iris
 

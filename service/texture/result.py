@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from service.ledger import Applied
+
 SEEN = 128
 """Confidence of a texel of which the photo shows just a little; 255 where it shows it squarely and alone."""
 
@@ -41,6 +43,7 @@ class Texture:
             painted in; None for a texture of other origin.
         iris: (3,) float32 linear RGB >= 0, albedo of the irises as ``white`` gives it; None: none was seen.
         worn: (H, W) uint8, 255 where the texture has the colour of that cap or mask, seen or made up; None: nowhere.
+        corrections: those that ran, in order, and what they changed.
     """
 
     texture: npt.NDArray[np.uint8]
@@ -55,3 +58,4 @@ class Texture:
     white: npt.NDArray[np.float32] | None = None
     worn: npt.NDArray[np.uint8] | None = None
     iris: npt.NDArray[np.float32] | None = None
+    corrections: tuple[Applied, ...] = ()

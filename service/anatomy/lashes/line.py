@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from service.anatomy.opening_edges import lid_edges
 from service.geometry.chart import Chart
+from service.ledger import Correction
 
 Float = npt.NDArray[np.float32]
 
@@ -29,3 +30,10 @@ def lash_line(chart: Chart) -> Float:
             for row, share in zip(rows, opacity, strict=False):
                 weight[row, 0] = np.maximum(weight[row, 0], share)
     return np.asarray(chart.inside(weight)[:, 0], np.float32)
+
+
+LASH_LINE = Correction(
+    name="lash-line",
+    mends="The texture loses the line of the lashes on the underside of the lid, and eyes look bare.",
+    source="texture",
+)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from service.anatomy.eyes.paint import Light
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.geometry.chart import Chart
+from service.ledger import Correction
 
 Float = npt.NDArray[np.float32]
 Points = npt.NDArray[np.floating]
@@ -132,3 +133,10 @@ def paint_lining(chart: Chart, mouth: Float, light: Light) -> Float:
         z = np.einsum("nk,nk->n", chart.weights[own], head.mean[chart.corners[own], 2])
         depth[own] = z.max() - z
     return np.asarray(light.on(LINING) * shade(depth, HALF_DEPTH_M["lining"]), np.float32)
+
+
+TOOTH_HUE = Correction(
+    name="tooth-hue",
+    mends="By the light of the eyes, overexposed teeth come out cyan.",
+    source="texture",
+)

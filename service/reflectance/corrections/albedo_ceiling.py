@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.corrections.on_light import LightCorrection
+
 Float = npt.NDArray[np.float32]
 
 MOSTLY = 0.9
@@ -49,3 +51,12 @@ def not_aglow(light: Float, texture: Float, lit: Float, lids: Float) -> Float:
     most = high + ABOVE + np.clip(lids, 0, 1) * (lids_high - high - ABOVE)
     beyond = np.maximum(soft - most, 0)
     return np.asarray(light + np.where(lit > 0, beyond, 0), np.float32)
+
+
+ALBEDO_CEILING = LightCorrection(
+    name="albedo-ceiling",
+    mends="Where the fitted head has a fold that the photo does not show, lit skin comes out too bright.",
+    source="light",
+    cases=("soft", "hard"),
+    apply=lambda at: not_aglow(at.light, at.texture, at.weight, at.lids),
+)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.corrections.on_light import LightCorrection
 from service.reflectance.corrections.unseen_light import continued
 
 Float = npt.NDArray[np.float32]
@@ -34,3 +35,12 @@ def under_brows(everywhere: Float, light: Float, lit: Float, brow: Float) -> Flo
         return everywhere
     soft = np.minimum(np.asarray(cv2.GaussianBlur(brow, (0, 0), 1.0), np.float32), brow) * lit
     return np.asarray(everywhere + soft * (continued(light, beside) - everywhere), np.float32)
+
+
+BROW_LIGHT = LightCorrection(
+    name="brow-light",
+    mends="Brows darker than those of the training are taken for shade and bleached.",
+    source="light",
+    cases=("brows",),
+    apply=lambda at: under_brows(at.light, at.found, at.lit, at.brows) if at.brows.any() else at.light,
+)

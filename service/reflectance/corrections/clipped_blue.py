@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_srgb, srgb_to_linear
+from service.ledger import Correction
 
 Float = npt.NDArray[np.float32]
 
@@ -66,3 +67,11 @@ def lacks_blue(texture: npt.NDArray[np.uint8], lit: Float | None) -> bool:
     lost = missing(texture * np.float32(1 / 255))
     weight = np.ones_like(lost) if lit is None else np.asarray(cv2.resize(lit, lost.shape[::-1]), np.float32)
     return float((lost * weight).sum()) > LEAST_SHARE * max(float(weight.sum()), 1.0)
+
+
+CLIPPED_BLUE = Correction(
+    name="clipped-blue",
+    mends="In warm light the sensor clips blue to 0 on lit skin, which divided by the light is mustard.",
+    source="albedo",
+    cases=("warm", "clipped"),
+)

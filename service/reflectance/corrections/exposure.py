@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.corrections.on_light import LightCorrection
+
 Float = npt.NDArray[np.float32]
 
 USUAL, SPREAD = -0.82, 0.72
@@ -37,3 +39,12 @@ def less_overexposed(light: Float, lit: Float) -> Float:
     """
     mean = float(mean_light(light, lit).mean())
     return np.asarray(light - np.float32(SHARE * max(mean - USUAL, 0.0)), np.float32)
+
+
+EXPOSURE = LightCorrection(
+    name="exposure",
+    mends="Without a sclera or teeth in the photo, light far beyond what a sensor can show is taken for real.",
+    source="light",
+    cases=("overexposed", "no-eyes"),
+    apply=lambda at: at.light if at.white_seen else less_overexposed(at.light, at.weight),
+)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.corrections.on_light import LightCorrection
 from service.reflectance.corrections.skin_hue import FEW
 
 Float = npt.NDArray[np.float32]
@@ -66,3 +67,12 @@ def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
         away = np.abs(y - y[kept].mean() - slope * (x - x[kept].mean()))
         kept = away <= ODD * max(float(np.median(away)), 1e-6)
     return slope
+
+
+GRADING = LightCorrection(
+    name="grading",
+    mends="Tone curves of single channels make the hue of the albedo follow the strength of the light.",
+    source="light",
+    cases=("graded",),
+    apply=lambda at: even_hue(at.light, at.texture, at.weight),
+)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import luma
+from service.ledger import Correction
 
 Float = npt.NDArray[np.float32]
 
@@ -60,3 +61,11 @@ def _brown(colour: Float, level: Float) -> Float:
     share = np.minimum((most - 1) * level / np.maximum(redness, np.float32(1e-4)), 1)[:, None]
     # Black of one channel alone has no luma to be kept without it.
     return np.asarray(level[:, None] + share * (np.minimum(brown, 1) - level[:, None]), np.float32)
+
+
+HAIR_HUE = Correction(
+    name="hair-hue",
+    mends="Nearly black hair and brows come out blue or purple when the light is divided out.",
+    source="albedo",
+    cases=("brows", "beard"),
+)

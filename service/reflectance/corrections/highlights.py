@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
+from service.ledger import Correction, Ledger, changed_texels
 from service.levels import TEXTURE_SIZE
 from service.reflectance.texels import interpolated
 from service.runtime.tiles import Indices
@@ -45,6 +46,7 @@ def without_glints(
     skin: npt.NDArray[np.uint8],
     lit: Float | None = None,
     grey: Codes | None = None,
+    ledger: Ledger | None = None,
 ) -> Codes:
     """(H, W, 3) codes of sRGB albedo with the skin's own colour where highlights were, in place.
 
@@ -54,6 +56,7 @@ def without_glints(
         skin: (H, W) uint8, 255 where a texel is skin, 0 on eyes and teeth.
         lit: (h, w) of any size in [0, 1], where it is skin in the photo's light; None: everywhere.
         grey: (H, W) codes of the same skin in grey, which is to change, in place, as the albedo's luma does.
+        ledger: told how many texels of the small map change.
     """
     import cv2
 
@@ -68,6 +71,8 @@ def without_glints(
         weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
     change = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     marked = np.abs(change).max(-1) > 0
+    if ledger is not None:
+        ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
     for top in range(0, height, STRIP):
         rows = np.arange(top, min(top + STRIP, height), dtype=np.int64)
         columns = _touched(marked, rows, (width, height))
@@ -160,3 +165,11 @@ def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float:
 def _rise(value: npt.NDArray[np.floating], ramp: tuple[float, float]) -> Float:
     """0 up to the ramp's start, 1 from its end, straight between."""
     return np.asarray(np.clip((value - ramp[0]) / (ramp[1] - ramp[0]), 0, 1), np.float32)
+
+
+HIGHLIGHTS = Correction(
+    name="highlights",
+    mends="Highlights of oily skin and flash stay in the albedo as pale spots.",
+    source="albedo",
+    cases=("oily",),
+)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import FULL_CODE, Codes
+from service.ledger import SEEN_CHANGE, Correction, Ledger
 from service.reflectance.planes import Planes
 from service.reflectance.subject import COVERED, GEOMETRY_SIZE, LIT
 from service.reflectance.texels import interpolated
@@ -56,13 +57,14 @@ def excess(grey: Float, skin: Float) -> Float:
     return np.asarray(share * (sound - smooth) * skin, np.float32)
 
 
-def without_noise(grey: Codes, planes: Planes, pixel_mm: float | None) -> Codes:
+def without_noise(grey: Codes, planes: Planes, pixel_mm: float | None, ledger: Ledger | None = None) -> Codes:
     """The grey skin that rho and sigma read, changed in place: without the noise of a small photo.
 
     Args:
         grey: (H, W) codes (``service.reflectance.fine_shade``).
         planes: with ``LIT`` and ``COVERED``, or the grey stays as it is.
         pixel_mm: of the face, a pixel of the photo; None: not known, and the grey stays as it is.
+        ledger: told how many texels of ``GEOMETRY_SIZE`` change.
     """
     import cv2
 
@@ -74,6 +76,8 @@ def without_noise(grey: Codes, planes: Planes, pixel_mm: float | None) -> Codes:
     small = np.asarray(cv2.resize(grey, GEOMETRY_SIZE, interpolation=cv2.INTER_AREA), np.float32)
     small *= np.float32(1 / FULL_CODE)
     noise = np.float32(amount * FULL_CODE) * excess(small, np.clip(lit * (1 - covered), 0, 1))
+    if ledger is not None:
+        ledger.count(PHOTO_NOISE, int((np.abs(noise) > SEEN_CHANGE * FULL_CODE).sum()), noise.size)
     columns = np.arange(width)
     for top in range(0, height, STRIP):
         rows = np.arange(top, min(top + STRIP, height))
@@ -81,3 +85,11 @@ def without_noise(grey: Codes, planes: Planes, pixel_mm: float | None) -> Codes:
         strip = grey[rows[0] : rows[-1] + 1]
         strip[:] = np.rint(np.clip(strip - less, 0, FULL_CODE)).astype(grey.dtype)
     return grey
+
+
+PHOTO_NOISE = Correction(
+    name="photo-noise",
+    mends="Compression blocks of a small photo come out as relief.",
+    source="relief",
+    cases=("small",),
+)

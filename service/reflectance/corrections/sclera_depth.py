@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import LUMA
+from service.ledger import Correction
 from service.light.skin_light import BAND_GAIN, sh_basis
 from service.light.sphere import spread_directions
 
@@ -69,3 +70,11 @@ def in_usual_light(
         return shown
     apart = SLOPE * (beside_lids(light, rotation) - USUAL)
     return np.asarray(shown * np.exp(-np.clip(apart, -MOST, MOST)))
+
+
+SCLERA_DEPTH = Correction(
+    name="sclera-depth",
+    mends="Light from above reaches the sclera less than the lids, so that skin is taken for fairer than it is.",
+    source="light",
+    cases=("soft", "hard"),
+)

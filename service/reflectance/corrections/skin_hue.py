@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import LUMA
+from service.reflectance.corrections.on_light import LightCorrection
 
 Float = npt.NDArray[np.float32]
 
@@ -57,3 +58,12 @@ def within_skin(light: Float, linear: Float, lit: Float) -> Float:
 def _excess(found: float, limits: tuple[float, float], share: float) -> float:
     fair, dark = limits
     return (1.0 - BEYOND) * max(found - (fair + share * (dark - fair)), 0.0)
+
+
+SKIN_HUE = LightCorrection(
+    name="skin-hue",
+    mends="Warm light or a saturated photo leaves skin redder or yellower than skin is.",
+    source="light",
+    cases=("warm", "graded"),
+    apply=lambda at: within_skin(at.light, at.texture, at.weight),
+)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from service.colour import FULL_CODE, Codes, bytes_to_linear, linear_to_srgb, luma, srgb_to_linear
 from service.geometry.chart import Chart
+from service.ledger import Correction, Ledger, changed_texels
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
 from service.reflectance.texels import interpolated
 
@@ -76,19 +77,23 @@ def folds(albedo: Float, zone: npt.NDArray[np.bool_]) -> Float:
     return np.asarray(soft * np.maximum(-below - np.float32(KEPT), 0) * np.float32(1 - SLOPE), np.float32)
 
 
-def without_folds(albedo: Codes, subject: Subject) -> Codes:
+def without_folds(albedo: Codes, subject: Subject, ledger: Ledger | None = None) -> Codes:
     """The albedo, changed in place: folds beside nose and mouth are about as bright and coloured as the skin around.
 
     Args:
         albedo: (H, W, 3) codes of sRGB.
         subject: whose chart it is.
+        ledger: told how many texels of the small map change.
     """
     import cv2
 
     height, width = albedo.shape[:2]
     shrunk = np.asarray(cv2.resize(albedo, GEOMETRY_SIZE, interpolation=cv2.INTER_AREA), np.float32)
     small = shrunk * np.float32(1 / FULL_CODE)
-    lift = folds(srgb_to_linear(small), fold_zone(subject.chart))
+    linear_small = srgb_to_linear(small)
+    lift = folds(linear_small, fold_zone(subject.chart))
+    if ledger is not None:
+        ledger.count(SMILE_FOLDS, *changed_texels(linear_small, linear_small * np.exp(lift)[..., None]))
     codes = np.asarray(cv2.medianBlur(np.rint(small * 255).astype(np.uint8), AROUND))
     skin = bytes_to_linear(codes)
     ratios = np.asarray(skin / np.maximum(luma(skin), np.float32(DARKEST))[..., None], np.float32)
@@ -112,3 +117,11 @@ def without_folds(albedo: Codes, subject: Subject) -> Codes:
         lifted = np.clip(plain + (linear - plain) / share, 0, 1)
         albedo[place][chosen] = np.rint(linear_to_srgb(lifted) * FULL_CODE).astype(albedo.dtype)
     return albedo
+
+
+SMILE_FOLDS = Correction(
+    name="smile-folds",
+    mends="The deep folds of a smile stay in the albedo as black lines.",
+    source="albedo",
+    cases=("smile",),
+)

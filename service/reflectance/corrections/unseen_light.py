@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.reflectance.corrections.on_light import LightCorrection
+
 Float = npt.NDArray[np.float32]
 
 WIDEST = 64
@@ -117,3 +119,38 @@ def _blurred(planes: Float, sigma: float) -> Float:
     import cv2
 
     return np.stack([np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32) for plane in planes])
+
+
+UNSEEN_LIGHT = LightCorrection(
+    name="unseen-light",
+    mends="The network takes colour that was inpainted, and hair, for lit or shaded skin.",
+    source="light",
+    cases=("soft", "hard", "beard"),
+    apply=lambda at: continued(at.light, at.lit),
+)
+
+SHADE_FLOOR = LightCorrection(
+    name="shade-floor",
+    mends="The shade under the brim of a cap or a fringe goes on over the cap or the hair.",
+    source="light",
+    cases=("cap",),
+    apply=lambda at: not_deeper(at.light, at.found, at.weight),
+)
+
+INPAINTED_SKIN = LightCorrection(
+    name="inpainted-skin",
+    mends="Inpainted skin keeps the shade of the photo's skin that it was continued from.",
+    source="light",
+    cases=("hard",),
+    apply=lambda at: like_seen_skin(at.light, at.texture, at.found, at.lit, at.inpainted)
+    if at.inpainted.any()
+    else at.light,
+)
+
+CHART_SEAM = LightCorrection(
+    name="chart-seam",
+    mends="Light from one side ends in a step along the chart's seam at the back of the head.",
+    source="light",
+    cases=("hard",),
+    apply=lambda at: seamless(at.light),
+)

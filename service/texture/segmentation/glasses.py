@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from service.colour import luma, srgb_to_linear
 from service.geometry.chart import Chart
+from service.ledger import Correction
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
@@ -150,3 +151,11 @@ def _disk(diameter: float) -> npt.NDArray[np.uint8]:
 
     side = 2 * max(round(diameter / 2), 1) + 1
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
+
+
+GLASSES = Correction(
+    name="glasses",
+    mends="Frames of glasses are painted on the skin.",
+    source="texture",
+    cases=("glasses",),
+)

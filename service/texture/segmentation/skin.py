@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
+from service.ledger import Ledger
 from service.texture.inpainting.inpaint import opacity
 from service.texture.segmentation.skin_model import Skin, learn_skin, plausibility
-from service.texture.segmentation.small_components import scraps
+from service.texture.segmentation.small_components import SMALL_COMPONENTS, scraps
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
@@ -18,7 +19,7 @@ SQUARELY = 0.3
 """Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
 
 
-def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Float, Skin | None]:
+def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger) -> tuple[Float, Float, Skin | None]:
     """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
     seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
     skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
@@ -38,7 +39,10 @@ def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> tuple[Float, Floa
     squarely = opacity(unwrapped.weight - SQUARELY)
     kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
     shown = seen * (kept + (1 - kept) * likely)
-    whole = ~scraps(chart, shown, zones)
+    whole = np.ones(len(seen), bool)
+    if ledger.runs(SMALL_COMPONENTS):
+        whole = ~scraps(chart, shown, zones)
+        ledger.count(SMALL_COMPONENTS, int((~whole).sum()), whole.size)
     return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
 
 

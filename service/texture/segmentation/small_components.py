@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
+from service.ledger import Correction
 from service.texture.segmentation.zones import Zones
 
 Float = npt.NDArray[np.float32]
@@ -48,3 +49,11 @@ def scraps(chart: Chart, seen: Float, zones: Zones) -> npt.NDArray[np.bool_]:
     share = np.bincount(label[inside], neck[inside], minlength=len(of_core)) / np.maximum(area, 1)
     scrap = (share > OF_NECK) & (area < least)
     return np.asarray(scrap[label] & zones.skin & (seen > 0))
+
+
+SMALL_COMPONENTS = Correction(
+    name="small-components",
+    mends="Scraps of collar and background between jaw and clothes are taken for skin of the neck.",
+    source="texture",
+    cases=("soft",),
+)

@@ -7,7 +7,8 @@ import numpy as np
 from service.anatomy.eyes.paint import BRIGHTEST
 from service.anatomy.eyes.sclera import ALBEDO
 from service.colour import linear_to_srgb, srgb_to_linear
-from service.reflectance.diffuse_albedo import light_between_lids, without
+from service.reflectance.chart_light import light_between_lids
+from service.reflectance.diffuse_albedo import without
 
 
 def test_the_white_of_an_eye_is_white_in_any_light() -> None:

@@ -12,8 +12,9 @@ from service.anatomy.brows import brow_plane
 from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
+from service.reflectance.chart_light import found_by
 from service.reflectance.corrections.brows import NONE, under_brows
-from service.reflectance.diffuse_albedo import CONTEXT, found_by
+from service.reflectance.diffuse_albedo import CONTEXT
 from service.reflectance.normals import SPECULAR, tangent_normals
 from service.reflectance.planes import Planes
 from service.reflectance.result import unpack_normals

@@ -1,0 +1,94 @@
+"""Corrections: rules that alter what a network or the photo gave, each with a name, a switch and a count."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from service.colour import linear_to_srgb
+
+Float = npt.NDArray[np.float32]
+
+SEEN_CHANGE = 1 / 255
+"""Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number that a correction rests on.
+
+    Attributes:
+        value: the number, or several.
+        unit: for example "log radiance", "texels", "share".
+        origin: literature, or the command that measured it.
+    """
+
+    value: float | tuple[float, ...]
+    unit: str
+    origin: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correction:
+    """One rule.
+
+    Attributes:
+        name: lower case, words joined by hyphens; what ``--without`` takes.
+        mends: what is wrong without it, one sentence.
+        source: what it alters: "texture", "light", "albedo" or "relief".
+        constants: its few numbers by name.
+        cases: groups of photos of ``benchmarks.corrections`` on which it has to gain.
+    """
+
+    name: str
+    mends: str
+    source: str
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    cases: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Applied:
+    """That a correction ran.
+
+    Attributes:
+        name: of the correction.
+        changed: texels whose colour or code it changed by more than ``SEEN_CHANGE``.
+        texels: how many it looked at.
+    """
+
+    name: str
+    changed: int
+    texels: int
+
+
+class Ledger:
+    """Which corrections are switched off, and what the others changed."""
+
+    def __init__(self, without: Collection[str] = ()) -> None:
+        """``without`` has the names of those that do not run."""
+        self.without = frozenset(without)
+        self._counts: dict[str, tuple[int, int]] = {}
+
+    def runs(self, correction: Correction) -> bool:
+        """Whether it is switched on."""
+        return correction.name not in self.without
+
+    def count(self, correction: Correction, changed: int, texels: int) -> None:
+        """Add to what a correction changed; a map that is worked on in tiles is told tile by tile."""
+        before = self._counts.get(correction.name, (0, 0))
+        self._counts[correction.name] = (before[0] + int(changed), before[1] + int(texels))
+
+    @property
+    def applied(self) -> tuple[Applied, ...]:
+        """In the order in which they first ran."""
+        return tuple(Applied(name, *counts) for name, counts in self._counts.items())
+
+
+def changed_texels(before: Float, after: Float) -> tuple[int, int]:
+    """Texels of linear RGB maps (..., 3) that differ by more than ``SEEN_CHANGE`` as sRGB; and how many there are."""
+    coded = np.abs(linear_to_srgb(after) - linear_to_srgb(before)).max(-1)
+    return int((coded > SEEN_CHANGE).sum()), coded.size

@@ -1,0 +1,90 @@
+"""What the context network tells of the light on a whole chart, corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.colour import srgb_to_linear
+from service.ledger import Ledger
+from service.reflectance.corrections.albedo_ceiling import ALBEDO_CEILING
+from service.reflectance.corrections.brows import BROW_LIGHT
+from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE, usual_blue
+from service.reflectance.corrections.exposure import EXPOSURE, mean_light
+from service.reflectance.corrections.grading import GRADING
+from service.reflectance.corrections.on_light import ChartLight, corrected
+from service.reflectance.corrections.skin_hue import SKIN_HUE
+from service.reflectance.corrections.unseen_light import CHART_SEAM, INPAINTED_SKIN, SHADE_FLOOR, UNSEEN_LIGHT
+from service.reflectance.planes import Planes
+from service.reflectance.subject import BROWS, EYES, LIDS, LIT, MADE_UP
+from service.runtime.networks import Network
+from service.runtime.tiles import run_whole
+
+Float = npt.NDArray[np.float32]
+
+TEXTURE = ("texture_r", "texture_g", "texture_b")
+
+ON_LIT_SKIN = (EXPOSURE, GRADING, SKIN_HUE, ALBEDO_CEILING)
+"""Corrections of the light where the photo shows skin in it, in order."""
+
+EVERYWHERE = (UNSEEN_LIGHT, SHADE_FLOOR, INPAINTED_SKIN, BROW_LIGHT, CHART_SEAM)
+"""Corrections of the light that is continued from there to the whole chart, in order."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the context network tells of a whole chart.
+
+    Attributes:
+        light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
+        between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
+        blue: blue over red and green of the skin (``service.reflectance.corrections.clipped_blue``); None: not known.
+    """
+
+    light: Float
+    between: Float
+    blue: float | None
+
+
+def light_between_lids(light: Float, lit: Float) -> Float:
+    """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
+
+    Args:
+        light: (3, h, w) log light of the skin.
+        lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
+    """
+    return np.asarray(mean_light(light, lit) + np.float32(np.log(BETWEEN_LIDS)), np.float32)
+
+
+def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> Found:
+    """Ask the context network about the planes of a whole chart.
+
+    Of the planes of ``service.reflectance.subject.CLUES`` any may be missing: then all of it is lit, nothing made up,
+    and there are no brows and lids.
+    """
+    ledger = ledger or Ledger()
+    what = network.description
+    size = what.whole or planes.size
+    light = run_whole(network, planes.shrunk(what.channels, size))
+
+    def clue(name: str, usual: float) -> Float:
+        shown = planes.shrunk([name], size)[0] if name in planes.channels else np.full(light.shape[1:], usual)
+        return np.asarray(shown, np.float32)
+
+    lit, inside, lids = clue(LIT, 1.0), planes.shrunk(["mask"], size)[0], clue(LIDS, 0.0)
+    coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
+    linear = srgb_to_linear(coded)
+    white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
+    # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
+    inpainted = clue(MADE_UP, 0.0) * (1 - lids)
+    start = ChartLight(
+        light, light, linear.T.reshape(3, *lit.shape), lit, inside, lids, inpainted, clue(BROWS, 0.0), white_seen
+    )
+    on_skin = corrected(start, ON_LIT_SKIN, ledger)
+    albedo = linear * np.exp(-np.clip(np.moveaxis(on_skin.light, 0, 2).reshape(-1, 3), -6, 6))
+    whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
+    blue = usual_blue(albedo, coded, on_skin.weight.ravel()) if ledger.runs(CLIPPED_BLUE) else None
+    return Found(whole.light, light_between_lids(on_skin.light, lit), blue)

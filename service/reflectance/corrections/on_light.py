@@ -1,0 +1,77 @@
+"""Corrections of the light that delta's context network finds on the whole chart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from service.colour import linear_to_srgb
+from service.ledger import SEEN_CHANGE, Correction, Ledger
+
+Float = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ChartLight:
+    """Light on the chart, and what tells where it is to be believed.
+
+    Attributes:
+        light: (3, h, w) float32 natural logarithm of the linear RGB light, as far as it has been corrected.
+        found: (3, h, w) the same as it is on lit skin, before it was continued to all else.
+        texture: (3, h, w) float32 linear RGB, the photo's light in it.
+        lit: (h, w) in [0, 1], skin in the photo's light.
+        inside: (h, w) in [0, 1], islands of the chart.
+        lids: (h, w) in [0, 1], skin round the eyes.
+        inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
+        brows: (h, w) in [0, 1], where brows may lie.
+        white_seen: whether the photo shows a sclera or teeth, which tell how strong the light is.
+    """
+
+    light: Float
+    found: Float
+    texture: Float
+    lit: Float
+    inside: Float
+    lids: Float
+    inpainted: Float
+    brows: Float
+    white_seen: bool
+
+    @property
+    def weight(self) -> Float:
+        """(h, w) in [0, 1]: lit skin inside the islands."""
+        return self.lit * self.inside
+
+    @property
+    def coded_albedo(self) -> Float:
+        """(3, h, w) sRGB in [0, 1] of the albedo that the light leaves of the texture."""
+        return linear_to_srgb(self.texture * np.exp(-np.clip(self.light, -6, 6)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightCorrection(Correction):
+    """A correction of light.
+
+    Attributes:
+        apply: (3, h, w) log light in place of ``ChartLight.light``.
+    """
+
+    apply: Callable[[ChartLight], Float]
+
+
+def corrected(state: ChartLight, corrections: Sequence[LightCorrection], ledger: Ledger) -> ChartLight:
+    """The light after all corrections that are switched on, in order; the ledger counts texels of the chart."""
+    for one in corrections:
+        if not ledger.runs(one):
+            continue
+        after = replace(state, light=one.apply(state))
+        if after.light is not state.light:
+            moved = np.abs(after.coded_albedo - state.coded_albedo).max(0) > SEEN_CHANGE
+            ledger.count(one, int((moved & (state.inside > 0.5)).sum()), state.lit.size)
+        else:
+            ledger.count(one, 0, state.lit.size)
+        state = after
+    return state
