@@ -34,7 +34,7 @@ from benchmarks.subjects import stage_head
 from models.lightstage.light.whites import CAMERA_M, Whites, eye_in, reached
 from models.lightstage.split import HELD_OUT
 from models.training.factory import seeds_of
-from service.anatomy.eyes.gaze import IRIS_RADIUS_M
+from service.anatomy.eyes.eyeball import IRIS_RADIUS_M
 from service.anatomy.eyes.iris import Iris
 from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
 from service.colour import bytes_to_linear

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from service.anatomy.lashes.line import LASH_LINE
-from service.anatomy.mouth.paint import TOOTH_HUE
+from service.anatomy.teeth.paint import TOOTH_HUE
 from service.ledger import Correction
 from service.reflectance.chart_light import EVERYWHERE, ON_LIT_SKIN
 from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE

@@ -31,19 +31,17 @@ RANGE = (1e-3, 4.0)
 
 def light_by_whites(
     pixels: npt.NDArray[np.uint8],
-    landmarks: npt.NDArray[np.floating],
     gaze: Gaze | None,
-    mouth_rim: npt.NDArray[np.floating],
-    inter_ocular_px: float,
+    tooth: npt.NDArray[np.float32] | None,
+    skin: npt.NDArray[np.float32] | None,
 ) -> Array | None:
     """Light between the lids, told by the whites of the eyes and by the front teeth, which stand in more of it.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        landmarks: (468, >= 2) photo pixels.
         gaze: with the irises that were found.
-        mouth_rim: (N, 2) photo pixels round the opening between the lips.
-        inter_ocular_px: distance of the eyes in photo pixels.
+        tooth: (3,) sRGB of the teeth; None: none are seen.
+        skin: (3,) sRGB of the cheeks; None: they are not seen.
 
     Returns:
         (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive:
@@ -51,8 +49,7 @@ def light_by_whites(
         None where no white is seen well.
     """
     seen = [light for iris in (gaze.irises if gaze else ()) if (light := eye_white_light(pixels, iris)) is not None]
-    skin = cheek_colour(pixels, landmarks, inter_ocular_px)
-    teeth = None if skin is None else teeth_light(pixels, mouth_rim, skin)
+    teeth = None if skin is None or tooth is None else teeth_light(tooth, skin)
     if teeth is not None:
         seen.append(teeth * BETWEEN_LIDS)
     return palest(np.stack(seen)) if seen else None

@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
-from service.anatomy.eyes.paint import eye_shade
 from service.anatomy.lashes.cards import lids_on_lashes
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
@@ -30,7 +29,7 @@ from service.reflectance.corrections.clipped_blue import lacks_blue
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_glints
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.corrections.smile_folds import SMILE_FOLDS, without_folds
-from service.reflectance.diffuse_albedo import LID_SHADE, diffuse_albedo, needs_context
+from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo, needs_context
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
 from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tangent_normals
@@ -111,12 +110,12 @@ def make_reflectance(
         full = resample(source, size)
         del source
         planes.add_codes("texture", full)
-        if subject.white is not None:
-            planes.add_coarse([LID_SHADE], eye_shade(subject.chart)[None])
+        if subject.parts is not None:
+            planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
 
         def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...]]:
             ledger = Ledger(without)
-            plain = diffuse_albedo(full, job(told), subject.white, ledger)
+            plain = diffuse_albedo(full, job(told), ledger)
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_glints(plain, full, skin, subject.lit, grey, ledger)

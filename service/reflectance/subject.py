@@ -85,7 +85,8 @@ class Subject:
         worn: (h, w) float32, 1 where the texture is a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
             (``service.reflectance.corrections.sclera_depth``); None: not known.
-        white: (3,) linear RGB of a white surface in the light that eyes and mouth were painted in; None: not known.
+        parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: what the texture shows of it
+            less the light of the face.
         iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
         pixel_mm: of the face, a pixel of the photo; None: not known.
         corrections: those that ran before.
@@ -96,7 +97,7 @@ class Subject:
     chart: Chart
     lit: Float | None = None
     eye_light: npt.NDArray[np.floating] | None = None
-    white: npt.NDArray[np.floating] | None = None
+    parts: npt.NDArray[np.uint8] | None = None
     made_up: Float | None = None
     worn: Float | None = None
     iris: npt.NDArray[np.floating] | None = None
@@ -110,11 +111,10 @@ class Subject:
         vertices: npt.NDArray[np.floating],
         lit_skin: npt.NDArray[np.uint8] | None = None,
         eye_light: npt.NDArray[np.floating] | None = None,
-        white: npt.NDArray[np.floating] | None = None,
     ) -> Subject:
         """Draw the chart of a head; ``lit_skin`` is the texture's, of any size."""
         lit = None if lit_skin is None else lit_skin * np.float32(1 / 255)
-        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light, white)
+        return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
 
     @classmethod
     def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture, without: Collection[str] = ()) -> Subject:
@@ -131,7 +131,7 @@ class Subject:
             eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
             moved = eye_light is not None and fit.eye_light is not None and (eye_light != fit.eye_light).any()
             ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
-        subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light, texture.white)
+        subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light)
         made_up = np.asarray(texture.confidence == 0, np.float32)
         worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = made_up.shape
@@ -139,7 +139,13 @@ class Subject:
         pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
         ran = (*texture.corrections, *ledger.applied)
         return replace(
-            subject, made_up=made_up, worn=worn, iris=texture.iris, pixel_mm=pixel_mm, corrections=ran
+            subject,
+            made_up=made_up,
+            worn=worn,
+            parts=texture.parts,
+            iris=texture.iris,
+            pixel_mm=pixel_mm,
+            corrections=ran,
         )
 
     @property

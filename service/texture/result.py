@@ -39,10 +39,10 @@ class Texture:
         warnings: stable codes: ``little-seen`` when under a quarter of the face shows, ``glasses-removed`` when skin
             was made up in place of the frame of glasses, ``face-covered`` when something that is no skin, a cap or a
             mask, covers over a fifth of the face; it stays in the maps.
-        white: (3,) float32 linear RGB, positive, of a white diffuse surface in the light that eyes and mouth were
-            painted in; None for a texture of other origin.
-        iris: (3,) float32 linear RGB >= 0, albedo of the irises as ``white`` gives it; None: none was seen.
         worn: (H, W) uint8, 255 where the texture has the colour of that cap or mask, seen or made up; None: nowhere.
+        parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, teeth, tongue, lashes and what lies between lids and
+            lips, continued over the chart; None for a texture of other origin.
+        iris: (3,) float32 linear RGB >= 0, albedo of the irises; None for a texture of other origin.
         corrections: those that ran, in order, and what they changed.
     """
 
@@ -55,7 +55,7 @@ class Texture:
     mask: npt.NDArray[np.bool_]
     visible_fraction: float
     warnings: tuple[str, ...] = field(default=())
-    white: npt.NDArray[np.float32] | None = None
     worn: npt.NDArray[np.uint8] | None = None
+    parts: npt.NDArray[np.uint8] | None = None
     iris: npt.NDArray[np.float32] | None = None
     corrections: tuple[Applied, ...] = ()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes.gaze import IRIS_RADIUS_M, SIDES, eyeball
+from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, eyeball
 from service.anatomy.eyes.sclera import BEYOND, LIT
 from service.geometry.normals import normalise, vertex_normals
 from service.geometry.points import surface_points
@@ -118,7 +118,7 @@ def _eye(head: HeadModel, vertices: Array, side: str, mesh: Any) -> Eye | None:
     own = head.triangles[head.triangle_part == head.part_names.index(f"eye_{side}")]
     skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
     lids = np.flatnonzero(vertex_mask(head, region) > 0.5)
-    return eye_in(mesh, (vertices, own), ball[0], vertices[lids], vertex_normals(vertices, skin)[lids])
+    return eye_in(mesh, (vertices, own), ball.centre, vertices[lids], vertex_normals(vertices, skin)[lids])
 
 
 def eye_in(

@@ -1,8 +1,8 @@
 """Eyes in the detail of the map.
 
-An iris is six texels wide in the photo's texture, and no network here has learnt to enlarge it. Its colours are known
-well, though, and so is how an eye is made: pupil, fibres that run outwards from it, a darker rim, a white with vessels.
-So eyes are drawn anew, in the colours that their albedo has.
+An iris is six texels wide in the photo's texture, and no network here has learnt to enlarge it. Its colours are
+measured in the photo, though, and how an eye is made is known: pupil, fibres that run outwards from it, a darker rim, a
+sclera with vessels. So eyes are drawn on the map, in the measured colour.
 """
 
 from __future__ import annotations
@@ -12,22 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes.paint import BRIGHTEST, IRIS_RADIUS_M, PUPIL_RADIUS_M, SOCKET, paint_eye
+from service.anatomy.eyes.colours import BRIGHTEST, IRIS, SCLERA, SOCKET, likely_iris
+from service.anatomy.eyes.eyeball import Eyeball
+from service.anatomy.eyes.paint import paint_eye
 from service.anatomy.part_texels import PartTexels
-from service.colour import FULL_CODE, Codes, linear_to_srgb, luma, srgb_to_linear
+from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
 
-IRIS, SCLERA = (0.5, 0.85), (1.25, 1.8)
-"""Where the albedo tells the colours, in radii of the iris."""
-LIGHTEST_IRIS, MOST_IRIS, LEAST_IRIS = 0.2, 0.32, np.array([0.020, 0.014, 0.010], np.float32)
-"""Luminance of the palest iris, its largest channel, and the channels of the darkest, linear: a white that was seen in
-the shade of the lids, or skin that was taken for an iris, makes it glow."""
-REDDEST_IRIS, LEAST_BLUE = 2.5, 0.4
-"""Red and blue over green, linear, of the brownest."""
+RING = (0.5, 0.85)
+"""Where an albedo tells the iris's colour, in radii of the iris."""
 FEW = 12
-"""With fewer texels than this they are not told."""
+"""Fewest texels of that ring from which the colour is told."""
 FIBRES, FIBRE_DEPTH = 28, 0.16
 """Cosines round the iris that make up its fibres, and their standard deviation, as a share of the colour."""
 MOST_FIBRES = 70.0
@@ -39,7 +36,7 @@ VESSELS, VESSEL_WIDTH = 0.16, 0.09
 
 
 @dataclass(frozen=True)
-class Eyeball:
+class DrawnEye:
     """One eye on the map.
 
     Attributes:
@@ -61,32 +58,30 @@ class Eyeball:
     texel: float
 
     @classmethod
-    def of(cls, place: PartTexels) -> Eyeball | None:
+    def of(cls, place: PartTexels) -> DrawnEye | None:
         """None where no texel of its iris is on the map."""
-        low, high = place.vertices.min(0), place.vertices.max(0)
-        reach = max(float((high - low).max()) / 2, 1e-6)
-        ray = place.points - (low + high) / 2
-        ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-9)
-        limbus, pupil = (float(np.arcsin(min(r / reach, 0.9))) for r in (IRIS_RADIUS_M, PUPIL_RADIUS_M))
+        ball = Eyeball.of(place.vertices)
+        ray = ball.rays(place.points)
+        limbus = np.radians(ball.limbus_deg)
         radius = (np.arccos(np.clip(ray[:, 2], -1, 1)) / limbus).astype(np.float32)
         within = int((radius < 1).sum())
         if not within:
             return None
         turn, texel = np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32), float(np.sqrt(np.pi / within))
-        return cls(place, radius, turn, ray.astype(np.float32), np.degrees(limbus), np.degrees(pupil), texel)
+        return cls(place, radius, turn, ray.astype(np.float32), ball.limbus_deg, ball.pupil_deg, texel)
 
 
-def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[Eyeball]:
+def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[DrawnEye]:
     """The eyes of a head on its chart of a size (width, height); of imported heads there may be none."""
     places = (PartTexels.of(head, name, size) for name in head.part_names if name.startswith("eye"))
-    found = (Eyeball.of(place) for place in places if place is not None)
+    found = (DrawnEye.of(place) for place in places if place is not None)
     return [eye for eye in found if eye is not None]
 
 
 def draw_eyes(
     albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: npt.NDArray[np.floating] | None = None
 ) -> Codes:
-    """The albedo, changed in place: eyes in the detail of the map and in the colours that they had.
+    """The albedo, changed in place: eyes in the detail of the map.
 
     Args:
         albedo: (H, W, 3) codes of sRGB.
@@ -95,16 +90,14 @@ def draw_eyes(
         iris_albedo: (3,) linear; None: as on the map.
     """
     eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]))
-    shown = [albedo[eye.place.box][eye.place.inside] * np.float32(1 / FULL_CODE) for eye in eyes]
-    tones = [_tone(eyes, shown, where) for where in (IRIS, SCLERA)]
-    iris, sclera = tones
-    if iris is None or sclera is None:
+    if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < FEW:
         return albedo
-    iris = likely_iris(srgb_to_linear(iris) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
+    iris = likely_iris(_shown(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
+    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
     for eye in eyes:
         # The same on both eyes but for the turn: a person's eyes are alike.
-        random = np.random.default_rng(np.rint(iris * 255).astype(int))
-        painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, iris, SOCKET)
+        random = np.random.default_rng(np.rint(coded * 255).astype(int))
+        painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, coded, socket)
         linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
         linear[:, 1:] *= 1 - np.float32(detail) * _vessels(eye, random)[:, None]
         drawn = np.rint(np.clip(linear_to_srgb(np.clip(linear, 0, BRIGHTEST)), 0, 1) * FULL_CODE)
@@ -112,31 +105,16 @@ def draw_eyes(
     return albedo
 
 
-def likely_iris(linear: Float) -> Float:
-    """(3,) sRGB of an albedo (3,) >= 0, no brighter and no darker than irises are, and neither purple nor red.
-
-    Brown, green, blue and grey have at least as much green as the geometric mean of red and blue. A purple one is brown
-    with the blue of the sky, a red one is brown in the light of a lamp, or flashed at.
-    """
-    red, green, blue = np.maximum(linear, np.float32(1e-4))
-    linear = np.array([red, green, min(blue, green * green / red)], np.float32)
-    if red > REDDEST_IRIS * green:
-        brown = np.array([REDDEST_IRIS, 1.0, max(linear[2] / green, LEAST_BLUE)], np.float32)
-        linear = brown * np.float32(luma(linear) / luma(brown))
-    excess = max(1.0, float(luma(linear)) / LIGHTEST_IRIS, float(linear.max()) / MOST_IRIS)
-    return linear_to_srgb(np.maximum(linear / np.float32(excess), LEAST_IRIS))
+def _shown(albedo: Codes, eyes: list[DrawnEye]) -> Float:
+    """(3,) linear median colour of the irises on a map; the usual iris where they have too few texels."""
+    chosen = [albedo[e.place.box][e.place.inside][(e.radius > RING[0]) & (e.radius < RING[1])] for e in eyes]
+    codes = np.concatenate(chosen)
+    return srgb_to_linear(np.median(codes, 0) / FULL_CODE) if len(codes) >= FEW else IRIS
 
 
-def _tone(eyes: list[Eyeball], shown: list[Float], where: tuple[float, float]) -> Float | None:
-    """(3,) median colour of the texels between two radii; None where there are too few."""
-    chosen = [c[(e.radius > where[0]) & (e.radius < where[1])] for e, c in zip(eyes, shown, strict=True)]
-    colours = np.concatenate(chosen) if chosen else np.zeros((0, 3), np.float32)
-    return np.asarray(np.median(colours, 0), np.float32) if len(colours) >= FEW else None
-
-
-def _fibres(eye: Eyeball, random: np.random.Generator) -> Float:
+def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float:
     """(N,) factor of the iris's colour: fibres, and the frill round its inner zone; 1 on pupil and sclera."""
-    finest = min(MOST_FIBRES, np.pi * IRIS[0] / max(eye.texel, 1e-6))
+    finest = min(MOST_FIBRES, np.pi * RING[0] / max(eye.texel, 1e-6))
     often = np.rint(np.exp(random.uniform(np.log(3), np.log(max(finest, 4)), FIBRES)))
     start, bend = random.uniform(0, 2 * np.pi, FIBRES), random.normal(0, 1.5, FIBRES)
     fade = random.uniform(0, 2 * np.pi, FIBRES)
@@ -152,7 +130,7 @@ def _fibres(eye: Eyeball, random: np.random.Generator) -> Float:
     return np.asarray(1 + rim * (factor - 1), np.float32)
 
 
-def _vessels(eye: Eyeball, random: np.random.Generator) -> Float:
+def _vessels(eye: DrawnEye, random: np.random.Generator) -> Float:
     """(N,) share of green and blue that is taken by vessels: ridges of a noise, denser towards the corners."""
     noise = np.zeros(len(eye.radius), np.float32)
     for scale in (5.0, 9.0, 16.0, 30.0):

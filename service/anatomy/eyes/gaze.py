@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball
 from service.anatomy.eyes.iris import Iris, Search, search
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
+from service.head.regions import part_vertices
 
 Array = npt.NDArray[np.float64]
 
-IRIS_RADIUS_M = 0.00585
-SIDES = ("left", "right")
 RIMS = {
     "left": (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466),
     "right": (33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246),
@@ -69,24 +69,24 @@ def find_gaze(
     Returns:
         The gaze; None for a head without eyeballs.
     """
-    eyes: list[tuple[Search, Array, float]] = []
+    eyes: list[tuple[Search, Eyeball]] = []
     for side in SIDES:
         ball = eyeball(head, neutral, side)
         if ball is None:
             return None
         rim = np.asarray(landmarks, np.float64)[list(RIMS[side]), :2]
-        found = search(pixels, rim, _iris_px(camera, ball[0]))
+        found = search(pixels, rim, _iris_px(camera, ball.centre))
         if found is not None:
-            eyes.append((found, *ball))
+            eyes.append((found, ball))
     if not eyes:
         return Gaze(0.0, 0.0)
     direction = _common_direction(eyes, camera)
     seen: list[tuple[Iris, Array]] = []
-    for found, centre, radius in eyes:
-        iris = found.best(camera.project((centre + radius * direction)[None])[0], APART)
+    for found, ball in eyes:
+        iris = found.best(camera.project((ball.centre + ball.radius * direction)[None])[0], APART)
         if iris is None:
             continue
-        angles = _angles(camera, centre, radius, iris.centre)
+        angles = _angles(camera, ball, iris.centre)
         if (np.abs(angles) < WIDEST).all():
             seen.append((iris, angles))
     if not seen:
@@ -96,7 +96,7 @@ def find_gaze(
     return Gaze(float(yaw), float(pitch), tuple(iris for iris, _ in seen))
 
 
-def _common_direction(eyes: list[tuple[Search, Array, float]], camera: Camera) -> Array:
+def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Array:
     """(3,) unit vector in the head's frame along which the eyes together look likeliest."""
     import cv2
 
@@ -104,25 +104,11 @@ def _common_direction(eyes: list[tuple[Search, Array, float]], camera: Camera) -
     x, y = (part.ravel() for part in np.meshgrid(yaw, pitch))
     directions = np.stack([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)], 1)
     total = np.zeros(len(directions))
-    for found, centre, radius in eyes:
-        at = found.to_patch(camera.project(centre + radius * directions)).astype(np.float32)
+    for found, ball in eyes:
+        at = found.to_patch(camera.project(ball.centre + ball.radius * directions)).astype(np.float32)
         likely = found.spread(APART)
         total += cv2.remap(likely, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[:, 0]
     return np.asarray(directions[int(np.argmax(total))])
-
-
-def eyeball(head: HeadModel, vertices: npt.NDArray[np.floating], side: str) -> tuple[Array, float] | None:
-    """Centre (3,) and radius in metres of an eyeball, or None where the head has none."""
-    name = f"eye_{side}"
-    if name not in head.part_names:
-        return None
-    corners = head.triangles[head.triangle_part == head.part_names.index(name)]
-    if not len(corners):
-        return None
-    own = np.asarray(vertices, np.float64)[np.unique(corners)]
-    low, high = own.min(0), own.max(0)
-    radius = float((high - low).max()) / 2
-    return ((low + high) / 2, radius) if radius > 1e-4 else None
 
 
 def _iris_px(camera: Camera, centre: Array) -> float:
@@ -130,14 +116,14 @@ def _iris_px(camera: Camera, centre: Array) -> float:
     return IRIS_RADIUS_M * camera.focal_px / depth if depth > 0 else 0.0
 
 
-def _angles(camera: Camera, centre: Array, radius: float, pixel: Array) -> Array:
+def _angles(camera: Camera, ball: Eyeball, pixel: Array) -> Array:
     """(2,) yaw and pitch in degrees of the eye whose iris is seen at a pixel: where its ray meets the eyeball."""
-    middle = camera.to_camera(centre[None])[0]
+    middle = camera.to_camera(ball.centre[None])[0]
     ray = np.append((pixel - camera.principal_point) / camera.focal_px, 1.0)
     ray /= np.linalg.norm(ray)
     along = float(ray @ middle)
     # A ray that passes beside the ball counts as touching its rim.
-    inside = max(radius**2 - (float(middle @ middle) - along**2), 0.0)
+    inside = max(ball.radius**2 - (float(middle @ middle) - along**2), 0.0)
     x, y, z = ((along - np.sqrt(inside)) * ray - middle) @ camera.rotation
     return np.asarray(np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))]))
 
@@ -160,14 +146,14 @@ def with_gaze(head: HeadModel, neutral: npt.NDArray[np.floating], expression: Ar
             continue
         inward, outward, up, down = (index[name] for name in names)
         out[[inward, outward, up, down]] = 0.0
-        own = np.unique(head.triangles[head.triangle_part == head.part_names.index(f"eye_{side}")])
+        own = part_vertices(head, f"eye_{side}")
         pole = int(own[np.argmax(head.mean[own, 2])])
         yaw, pitch = np.radians([gaze.yaw_deg, gaze.pitch_deg])
         leftward = outward if side == "left" else inward
         rightward = inward if side == "left" else outward
         for wanted, axis, (plus, minus) in (
-            (ball[1] * np.tan(yaw), 0, (leftward, rightward)),
-            (ball[1] * np.tan(pitch) / np.cos(yaw), 1, (up, down)),
+            (ball.radius * np.tan(yaw), 0, (leftward, rightward)),
+            (ball.radius * np.tan(pitch) / np.cos(yaw), 1, (up, down)),
         ):
             unit = plus if wanted > 0 else minus
             step = abs(float(head.expression[unit, pole, axis]))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes.gaze import LIDS, RIMS, SIDES
+from service.anatomy.eyes.eyeball import SIDES
+from service.anatomy.eyes.gaze import LIDS, RIMS
 from service.anatomy.opening import Rim, brought_to
 from service.anatomy.opening_edges import lid_edges
 from service.geometry.camera import Camera

@@ -9,14 +9,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.iris import Iris
 from service.colour import luma, srgb_to_linear
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
-ALBEDO = np.array([0.63, 0.59, 0.56])
-"""Reflectance of the sclera, linear RGB: a little redder than grey for its vessels."""
 BETWEEN_LIDS = 0.67
 """Share of the light on the lids that is left between them, on the whole of the white."""
 BEYOND = 1.15
@@ -73,7 +72,8 @@ def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     usual = np.median(srgb_to_linear(skin), axis=0)
     if not (white > 0).all():
         return None
-    light, paler = np.asarray(white / ALBEDO), _blue_over_red(white[None])[0] / _blue_over_red(usual[None])[0]
+    light = np.asarray(white / SCLERA.astype(np.float64))
+    paler = _blue_over_red(white[None])[0] / _blue_over_red(usual[None])[0]
     implied = float((usual * IN_THE_OPEN / light).max())
     brighter = float(luma(white) / max(float(luma(usual)), 1e-6))
     least = PALER_AND_BRIGHTER[0] if brighter >= PALER_AND_BRIGHTER[1] else PALER

@@ -15,6 +15,9 @@ from service.ledger import Correction
 
 Float = npt.NDArray[np.float32]
 
+COLOUR = np.array([0.0143, 0.0092, 0.0077], np.float32)
+"""Diffuse albedo of lashes, linear RGB."""
+
 UPPER = (0.0, 0.25, 0.75, 0.6, 0.15)
 LOWER = (0.0, 0.1, 0.35, 0.3, 0.1)
 """Opacity on the rows of vertices from the socket outwards; the underside of the lids stays flesh. Lower lashes are

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.mouth.paint import biting_height, crown_share
 from service.anatomy.part_texels import PartTexels
+from service.anatomy.teeth.paint import biting_height, crown_share
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.head.model import HeadModel
 

@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.sclera import inside_rim
+from service.anatomy.teeth.colours import TOOTH
 from service.colour import luma, srgb_to_linear
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
-ALBEDO = np.array([0.74, 0.68, 0.60])
-"""Reflectance of wet teeth as photos show them, linear RGB: a little yellower than grey."""
 LEAST_PIXELS = 24
 LEAST_LUMA, LEAST_SHARE = 0.55, 0.08
 """Of teeth, over the skin's luma, and of the opening between the lips."""
@@ -54,21 +53,19 @@ def _redness(colour: Float) -> Float:
     return np.asarray((colour[..., 0] - colour[..., 1:].mean(-1)) / np.maximum(colour[..., 0], 0.02), np.float32)
 
 
-def teeth_light(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], skin: npt.ArrayLike) -> Array | None:
+def teeth_light(tooth: Float, skin: npt.ArrayLike) -> Array | None:
     """Light on the front teeth.
 
     Args:
-        pixels: (H, W, 3) uint8 sRGB.
-        rim: (N, 2) pixels round the opening between the lips, in order.
+        tooth: (3,) sRGB that the photo shows of them (:func:`measure_teeth`).
         skin: (3,) sRGB of the face, in about the same light.
 
     Returns:
         (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in their place; None
-        where no teeth are seen for certain, or overexposed ones.
+        where it is not certain that they are teeth, or where they are overexposed.
     """
-    tooth = measure_teeth(pixels, rim, skin)
-    if tooth is None or (tooth > CLIPPED).any():
+    if (tooth > CLIPPED).any():
         return None
     shown, usual = (srgb_to_linear(np.asarray(c, np.float32)).astype(np.float64) + 1e-4 for c in (tooth, skin))
     paler = (shown[1:] / shown[0]) / (usual[1:] / usual[0])
-    return np.asarray(shown / ALBEDO) if (paler >= PALER).all() else None
+    return np.asarray(shown / TOOTH.astype(np.float64)) if (paler >= PALER).all() else None

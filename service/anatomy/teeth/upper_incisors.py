@@ -13,11 +13,9 @@ from service.anatomy.opening import LEAST_FACING, Rim
 from service.anatomy.teeth.measure import LEAST_LUMA, toothlike
 from service.colour import luma
 from service.geometry.camera import Camera
-from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
 
 ROW = "teeth_upper"
 PLACES = np.linspace(0.36, 0.64, 13)
@@ -31,13 +29,6 @@ TALLEST_M = 0.012
 LEAST_PLACES = 6
 MOST_DROP_M = 0.004
 """Beyond, the row would bite into the lower lip of a closed mouth."""
-
-
-def upper_row(head: HeadModel) -> Index:
-    """Vertices of the upper teeth, ascending; none where the head has none."""
-    if ROW not in head.part_names:
-        return np.zeros(0, np.int64)
-    return np.unique(head.triangles[head.triangle_part == head.part_names.index(ROW)])
 
 
 def teeth_drop(

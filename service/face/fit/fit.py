@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from service.anatomy.eyes.eyeball import inter_ocular_m
 from service.anatomy.eyes.gaze import find_gaze, with_gaze
 from service.anatomy.eyes.lids import lids_on_rims
 from service.anatomy.mouth.lips import MOUTH_RIM, lips_on_rim
 from service.anatomy.teeth.measure import measure_teeth
-from service.anatomy.teeth.upper_incisors import teeth_drop, upper_row
+from service.anatomy.teeth.upper_incisors import ROW as UPPER_ROW
+from service.anatomy.teeth.upper_incisors import teeth_drop
 from service.errors import FitFailed
 from service.face.face import Face
 from service.face.fit.basis import LandmarkModel
@@ -19,6 +21,7 @@ from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
 from service.head.model import HeadModel
+from service.head.regions import part_vertices
 from service.light.white_reference import cheek_colour, light_by_whites
 from service.photo.photo import Photo
 
@@ -95,12 +98,13 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     coefficients = np.concatenate([identity, expression])
     expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
     mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
-    inter_ocular = _inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
+    inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
-    teeth_seen = skin is None or measure_teeth(photo.pixels, mouth_rim, skin) is not None
+    tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
+    teeth_seen = skin is None or tooth is not None
     expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen)
     vertices = head.shape(identity, expression)
-    if skin is not None and (teeth := upper_row(head)).size:
+    if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
         for shape in (vertices, neutral):
             shape[teeth, 1] -= np.float32(drop)
@@ -133,17 +137,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         float(inter_ocular),
         tuple(warnings),
         gaze,
-        light_by_whites(photo.pixels, face.landmarks, gaze, mouth_rim, inter_ocular),
-        mouth_rim,
+        light_by_whites(photo.pixels, gaze, tooth, skin),
+        skin,
+        tooth,
     )
-
-
-def _inter_ocular_m(head: HeadModel, vertices: np.ndarray) -> float:
-    """Distance of the eyeball centres in metres; 63 mm where the head has no eyeballs."""
-    centres = []
-    for name in ("eye_left", "eye_right"):
-        if name in head.part_names:
-            corners = head.triangles[head.triangle_part == head.part_names.index(name)]
-            if len(corners):
-                centres.append(vertices[np.unique(corners)].mean(0))
-    return float(np.linalg.norm(centres[0] - centres[1])) if len(centres) == 2 else 0.063

@@ -32,7 +32,8 @@ class Fit:
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
         eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo, told
             by them and by the teeth (``service.light.white_reference``); None if no white is seen well.
-        mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
+        cheek: (3,) float32 sRGB of the cheeks; None if the photo shows neither.
+        tooth: (3,) float32 sRGB of the teeth between the lips; None if none are seen.
     """
 
     camera: Camera
@@ -46,4 +47,5 @@ class Fit:
     warnings: tuple[str, ...] = field(default=())
     gaze: Gaze | None = None
     eye_light: npt.NDArray[np.float64] | None = None
-    mouth_rim: npt.NDArray[np.float64] | None = None
+    cheek: npt.NDArray[np.float32] | None = None
+    tooth: npt.NDArray[np.float32] | None = None

@@ -40,9 +40,9 @@ def avatar(monkeypatch: pytest.MonkeyPatch) -> Avatar:
     lit[24:40, 30:66] = 255
     # Smooth, so that it hardly matters whether the light is read off the texture or off the enlarged one.
     colour = np.asarray(cv2.GaussianBlur(np.where(lit > 0, 60, 230).astype(np.uint8), (0, 0), 3), np.uint8)
-    white = np.array([0.4, 0.38, 0.3], np.float32)
+    parts = np.full((*lit.shape, 3), 200, np.uint8)
     texture = replace(
-        plain.texture, texture=np.repeat(colour[..., None], 3, 2), confidence=lit, lit_skin=lit, white=white
+        plain.texture, texture=np.repeat(colour[..., None], 3, 2), confidence=lit, lit_skin=lit, parts=parts
     )
     fit = replace(plain.fit, eye_light=np.array([0.5, 0.45, 0.4]))
     made = replace(plain, fit=fit, texture=texture)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.anatomy.teeth.colours import TOOTH
+from service.anatomy.teeth.measure import measure_teeth
 from service.colour import LUMA
 from service.light.white_reference import CHEEKS, RANGE, cheek_colour, light_by_whites, palest
 from tests.service.anatomy.eyes.test_sclera import MEAN, photo_of
@@ -37,20 +39,17 @@ def test_a_white_in_the_shade_tells_how_strong_the_light_is_but_not_its_hue() ->
 
 
 def test_teeth_speak_for_closed_eyes() -> None:
-    from service.anatomy.teeth.measure import ALBEDO
-
-    pixels, _ = mouth(ALBEDO, LIGHT, np.array(SKINS["brown"]))
-    cheeks = np.empty_like(pixels)
-    cheeks[:] = mouth(np.array(SKINS["brown"]), LIGHT, np.array(SKINS["brown"]))[0][25, 40]
-    both = np.concatenate([pixels, cheeks])
-    found = light_by_whites(both, landmarks_at([(30, 100), (90, 100)]), None, RIM, 60.0)
+    pixels, skin = mouth(TOOTH, LIGHT, np.array(SKINS["brown"]))
+    cheek = np.asarray(skin, np.float32)
+    found = light_by_whites(pixels, None, measure_teeth(pixels, RIM, cheek), cheek)
     assert found is not None and np.abs(np.log(found / (LIGHT * BETWEEN_LIDS))).max() < 0.06
-    assert light_by_whites(both, landmarks_at([(np.nan, 0), (900, 900)]), None, RIM, 60.0) is None
+    assert light_by_whites(pixels, None, None, cheek) is None
+    assert light_by_whites(pixels, None, np.ones(3, np.float32), None) is None
 
 
 def test_eyes_speak_for_a_closed_mouth() -> None:
     pixels, gaze = photo_of(LIGHT, 15.0)
-    found = light_by_whites(pixels, landmarks_at([(60, 200), (260, 200)]), gaze, np.repeat(RIM[:1], 8, 0), 100.0)
+    found = light_by_whites(pixels, gaze, None, np.array([0.7, 0.5, 0.4], np.float32))
     assert found is not None and np.abs(np.log(found / (LIGHT * MEAN))).max() < 0.15
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.anatomy.eyes.paint import BRIGHTEST, eye_shade
+from service.anatomy.eyes.colours import BRIGHTEST
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.errors import ModelFault, NumericFault
 from service.reflectance.make import make_reflectance
@@ -19,7 +19,6 @@ from service.reflectance.plan import ROLES, STAGES, Plan
 from service.reflectance.result import MID, Reflectance, unpack_normals
 from service.reflectance.specular_albedo import ELSEWHERE
 from service.reflectance.subject import GEOMETRY, Subject
-from service.reflectance.texels import interpolated
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
@@ -134,10 +133,16 @@ def test_parts_that_the_networks_have_not_seen(
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)
-    assert subject.eye_light is not None
-    shade = interpolated(eye_shade(subject.chart), (96, 64), np.arange(64), np.arange(96))[there, None]
-    lit = np.minimum(srgb_to_linear(np.minimum(noise()[there] / 255 / shade, 1)) / subject.eye_light, BRIGHTEST)
-    np.testing.assert_allclose(plain.diffuse_albedo[there] / 65535, linear_to_srgb(lit), atol=2e-4)
+    assert subject.parts is not None
+    np.testing.assert_allclose(plain.diffuse_albedo[there] / 65535, subject.parts[there] / 255, atol=2e-4)
+    bare = replace(subject, parts=None)
+    plain = make_reflectance(noise(), bare, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
+    assert plain.diffuse_albedo is not None
+    lit = srgb_to_linear(noise()[there] / 255)
+    light = lit / srgb_to_linear(plain.diffuse_albedo[there] / 65535)
+    brightest = 0.99 * 65535 * float(linear_to_srgb(np.array(BRIGHTEST)))
+    told = (lit > 0.02).all(1) & (plain.diffuse_albedo[there] < brightest).all(1)
+    assert told.sum() > 20 and light[told].std(0).max() < 2e-2 * light[told].mean(), "one light is taken off all of them"
 
 
 @pytest.mark.parametrize("role", ROLES)

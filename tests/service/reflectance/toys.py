@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,8 @@ def toy_folder(folder: Path) -> Path:
 def toy_subject() -> Subject:
     head = sphere_head()
     light = np.array([0.5, 0.45, 0.4])
-    return Subject.of(head, head.mean, eye_light=light, white=light)
+    subject = Subject.of(head, head.mean, eye_light=light)
+    return replace(subject, parts=noise(1), iris=np.array([0.1, 0.06, 0.04], np.float32))
 
 
 def noise(seed: int = 0) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes import paint as parts
-from service.anatomy.mouth import paint as mouth
+from service.anatomy.eyes import colours as eye
+from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.mouth.colours import TONGUE
+from service.anatomy.teeth.colours import TOOTH
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.chart import Chart
 from service.geometry.mesh_field import Graph, smooth_fit, splat
+from service.texture.parts import PartLight
 from service.texture.segmentation.skin_model import learn_skin, plausibility
 from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
@@ -66,37 +69,35 @@ def test_splat_gives_back_a_linear_field() -> None:
 
 
 def test_eye_is_painted_from_pupil_to_sclera() -> None:
-    texels, angle, limbus, pupil = parts.eye_angles(CHART, HEAD.part_names.index("eye_left"))
-    assert (CHART.inner_part[texels] == HEAD.part_names.index("eye_left")).all()
+    ball, points = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
+    angle, limbus, pupil = sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg
     assert limbus == pytest.approx(np.degrees(np.arcsin(0.00585 / 0.012)), abs=0.5)
-    colour = parts.paint_eye(angle, limbus, pupil, parts.SCLERA, parts.IRIS, parts.SOCKET)
+    sclera, iris, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.IRIS, eye.SOCKET))
+    colour = paint_eye(angle, limbus, pupil, sclera, iris, socket)
     assert np.isfinite(colour).all()
     assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
-    white = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
-    assert np.abs(colour[white] - parts.SCLERA).max() < 0.05
+    pale = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
+    assert np.abs(colour[pale] - sclera).max() < 0.05
 
 
 def test_lids_shade_the_eye_from_above() -> None:
-    index = HEAD.part_names.index("eye_left")
-    texels, *_ = parts.eye_angles(CHART, index)
-    shade = parts.lid_shade(CHART, index)[:, 0]
-    point = np.einsum("nk,nki->ni", CHART.weights[texels], HEAD.mean[CHART.corners[texels]])
+    ball, point = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
+    shade = lid_shade(ball, point)[:, 0]
     front = (np.abs(point[:, 0] - 0.031) < 0.004) & (point[:, 2] > 0.005)
     assert shade[front & (point[:, 1] > 0.004)].max() < shade[front & (np.abs(point[:, 1]) < 0.001)].min()
 
 
-def test_the_shade_of_the_eyes_is_on_no_other_part() -> None:
-    shade = parts.eye_shade(CHART)
-    eyes = np.isin(CHART.part, [i for i, name in enumerate(HEAD.part_names) if name.startswith("eye")])
-    assert shade[eyes].min() < 0.5 and (shade > 0).all()
-    assert (shade[CHART.mask & ~eyes] == 1).all()
-
-
-def test_light_is_judged_by_the_white_of_the_eye() -> None:
-    light = parts.judge_light(parts.SCLERA * np.float32(0.5), None, np.zeros((0, 3), np.float32))
-    assert np.allclose(light.on(mouth.TEETH), mouth.TEETH * 0.5, atol=1e-3)
-    grey = parts.judge_light(None, np.array([0.5, 0.5, 0.5], np.float32), np.full((10, 3), 0.5, np.float32))
-    assert np.ptp(grey.on(mouth.TONGUE)) < 1e-6
+def test_light_of_the_parts_is_that_of_the_sclera() -> None:
+    """Light is laid on and taken off once; black parts and black light stay finite."""
+    nothing = np.zeros((0, 3), np.float32)
+    tooth, sclera = linear_to_srgb(TOOTH), linear_to_srgb(eye.SCLERA)
+    light = PartLight.of(sclera * np.float32(0.5), None, nothing)
+    assert np.allclose(light.on(sclera), sclera * 0.5, atol=1e-3)
+    assert np.allclose(light.off(light.on(tooth)), tooth, atol=1e-3)
+    grey = PartLight.of(None, np.array([0.5, 0.5, 0.5], np.float32), np.full((10, 3), 0.5, np.float32))
+    assert np.ptp(grey.of_photo(linear_to_srgb(TONGUE))) < 1e-6
+    dark = PartLight.of(np.zeros(3, np.float32), None, nothing)
+    assert np.isfinite(dark.off(np.zeros((2, 3), np.float32))).all() and (dark.white > 0).all()
 
 
 def _shaded_skin() -> tuple[np.ndarray, np.ndarray, Zones]:

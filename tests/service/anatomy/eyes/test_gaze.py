@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from service.anatomy.eyes.gaze import RIMS, SIDES, Gaze, eyeball, find_gaze, with_gaze
+from service.anatomy.eyes.eyeball import SIDES, eyeball
+from service.anatomy.eyes.gaze import RIMS, Gaze, find_gaze, with_gaze
 from service.anatomy.eyes.iris import Iris, search
 from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
@@ -18,6 +19,8 @@ from service.jobs.child import kinds
 from service.jobs.packing import pack, unpack
 
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
+
+AHEAD = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +100,7 @@ def scene(
     for side in SIDES:
         ball = eyeball(head, head.mean, side)
         assert ball is not None
-        ahead, pole = camera.project(np.stack([ball[0] + [0, 0, ball[1]], ball[0] + ball[1] * ray]))
+        ahead, pole = camera.project(np.stack([ball.centre + ball.radius * AHEAD, ball.centre + ball.radius * ray]))
         rim = (almond(ahead, 8.8) - ahead) @ tilt[:2, :2].T + ahead
         landmarks[list(RIMS[side]), :2] = rim
         if side not in hide:
@@ -170,7 +173,7 @@ def test_eyes_are_turned_and_lids_stay(head: HeadModel, angles: tuple[float, flo
         pole = own[np.argmax(head.mean[own, 2])]
         ball = eyeball(head, head.mean, side)
         assert ball is not None
-        x, y, z = now[pole] - ball[0]
+        x, y, z = now[pole] - ball.centre
         assert abs(np.degrees(np.arctan2(x, z)) - angles[0]) < 2.5
         assert abs(np.degrees(np.arctan2(y, np.hypot(x, z))) - angles[1]) < 2.5
         lids = head.region(f"eyelid_{side}") > 0.5

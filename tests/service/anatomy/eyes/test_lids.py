@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes.gaze import RIMS, SIDES
+from service.anatomy.eyes.eyeball import SIDES
+from service.anatomy.eyes.gaze import RIMS
 from service.anatomy.eyes.lids import BEFORE_LASHES, lids_on_rims
 from service.anatomy.opening_edges import ROWS, lid_edges
 from service.geometry.camera import Camera

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import ALBEDO, BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, eye_white_light
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, eye_white_light
 from service.colour import linear_to_srgb, to_bytes
 
 SKIN = np.array([0.12, 0.055, 0.035])
@@ -23,7 +24,7 @@ def photo_of(light: np.ndarray, radius: float, *, iris_at: float = 0.0, glint: b
     rim = middle + radius * np.stack([2.4 * np.cos(TURN), 0.95 * np.sin(TURN)], 1)
     image, eye = (np.empty((240, 320, 3), np.uint8) for _ in range(2))
     image[:] = to_bytes(linear_to_srgb(SKIN * light))
-    eye[:] = to_bytes(linear_to_srgb(ALBEDO * light))
+    eye[:] = to_bytes(linear_to_srgb(SCLERA * light))
     centre = middle + np.array([iris_at * radius, 0.0])
     at = tuple(np.rint((centre - 0.5) * 16).astype(int).tolist())
     cv2.circle(eye, at, round(radius * 16), (52, 34, 26), -1, cv2.LINE_AA, 4)

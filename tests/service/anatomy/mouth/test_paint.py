@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes.paint import Light
 from service.anatomy.mouth import paint as mouth
+from service.anatomy.teeth import paint as teeth_paint
+from service.anatomy.teeth.colours import TOOTH, WHITEST
 from service.anatomy.teeth.measure import measure_teeth
-from service.colour import srgb_to_linear
+from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from tests.toyhead import sphere_head
@@ -16,7 +17,7 @@ from tests.toyhead import sphere_head
 SKIN = np.array([0.75, 0.55, 0.48], np.float32)
 RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
 UP = np.array([0.0, 1.0, 0.0])
-PLAIN = Light(np.ones(3, np.float32), 1.0)
+TEETH = linear_to_srgb(TOOTH)
 
 
 @pytest.fixture(scope="module")
@@ -54,45 +55,44 @@ def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:
     for upper, sign in ((True, 1.0), (False, -1.0)):
         near, far = edge + sign * 0.005 * UP, edge + sign * 0.013 * UP
         vertices = np.concatenate([edge, far])
-        assert (mouth.crown_share(near, vertices, upper=upper)[1:-1] == 1).all()
-        assert (mouth.crown_share(far, vertices, upper=upper)[3:6] == 0).all()
-    alone = mouth.crown_share(np.array([[1.0, 0, 0]]), edge, upper=True)
+        assert (teeth_paint.crown_share(near, vertices, upper=upper)[1:-1] == 1).all()
+        assert (teeth_paint.crown_share(far, vertices, upper=upper)[3:6] == 0).all()
+    alone = teeth_paint.crown_share(np.array([[1.0, 0, 0]]), edge, upper=True)
     assert np.isfinite(alone).all()
 
 
 def test_the_mouth_grows_dark_inwards(chart: Chart) -> None:
-    teeth = mouth.Teeth(chart)
-    painted = teeth.paint(mouth.TEETH, PLAIN)
+    teeth = teeth_paint.Teeth(chart)
+    painted = teeth.paint(TEETH)
     front, back = (teeth.depth < 0.006) & (teeth.crown > 0.9), teeth.depth > 0.035
-    assert np.abs(painted[front] - mouth.TEETH).max() < 0.1
+    assert np.abs(painted[front] - TEETH).max() < 0.1
     assert painted[back].max() < 0.5
     index = chart.head.part_names.index("tongue")
     own = np.flatnonzero(chart.inner_part == index)
-    tongue = mouth.paint_tongue(chart, index, own, PLAIN)
+    tongue = mouth.paint_tongue(chart, index, own)
     z, _ = mouth.part_points(chart, index, own)
     assert tongue[z[:, 2] > -0.002].mean() > 2 * tongue[z[:, 2] < -0.04].mean()
 
 
 def test_a_head_without_teeth_or_mouth_is_no_trouble() -> None:
     toy = Chart.build(sphere_head(12, 24), 96, 64)
-    lining = mouth.paint_lining(toy, np.zeros(len(toy.texels), np.float32), PLAIN)
+    lining = mouth.paint_lining(toy, np.zeros(len(toy.texels), np.float32))
     assert np.isfinite(lining).all()
-    assert np.isfinite(mouth.Teeth(toy).paint(mouth.TEETH, PLAIN)).all()
+    assert np.isfinite(teeth_paint.Teeth(toy).paint(TEETH)).all()
 
 
 def test_teeth_do_not_turn_cyan_by_the_light_of_redder_eyes() -> None:
     """Without the bound, overexposed teeth divided by warm light have more blue than red; others stay as they are."""
-    warm = np.array([1.1, 0.85, 0.6], np.float32)
-    colours = np.array([[1.0, 1.0, 1.0], [0.6, 0.5, 0.35], [0.0, 0.0, 0.0]], np.float32)
-    kept = mouth.no_bluer(colours, warm)
-    bare = srgb_to_linear(kept) / warm
-    assert (bare[0, 1:] <= bare[0, 0] * np.array(mouth.WHITEST) + 1e-4).all()
-    assert kept[0, 0] == pytest.approx(1.0, abs=1e-4), "red stays"
-    assert kept[1:] == pytest.approx(colours[1:], abs=1e-4)
+    albedo = np.array([[0.8, 0.9, 1.0], [0.8, 0.72, 0.6], [0.0, 0.0, 0.0]], np.float32)
+    kept = teeth_paint.no_bluer(albedo)
+    bare = srgb_to_linear(kept)
+    assert (bare[0, 1:] <= bare[0, 0] * np.array(WHITEST) + 1e-4).all()
+    assert kept[0, 0] == pytest.approx(0.8, abs=1e-4), "red stays"
+    assert kept[1:] == pytest.approx(albedo[1:], abs=1e-4)
 
 
 def test_gaps_and_shadows_are_not_printed_on_the_teeth(chart: Chart) -> None:
-    teeth = mouth.Teeth(chart)
+    teeth = teeth_paint.Teeth(chart)
     colour = np.array([[0.8, 0.75, 0.65], [0.2, 0.1, 0.1], [0.0, 0.0, 0.0]], np.float32)
     assert np.allclose(teeth.shows(colour, colour[0]), [1, 0, 0])
     assert np.isfinite(teeth.shows(colour, np.zeros(3, np.float32))).all()

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.mouth.paint import biting_height
 from service.anatomy.part_texels import PartTexels
 from service.anatomy.teeth.draw import WIDTHS_MM, along_arch, draw_teeth
+from service.anatomy.teeth.paint import biting_height
 from service.colour import FULL_CODE
 from service.head.files import load_head
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.teeth.measure import ALBEDO, teeth_light
+from service.anatomy.teeth.colours import TOOTH
+from service.anatomy.teeth.measure import measure_teeth, teeth_light
 from service.colour import linear_to_srgb, to_bytes
 
 RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
@@ -25,12 +26,18 @@ def mouth(inside: np.ndarray, light: np.ndarray, skin: np.ndarray) -> tuple[np.n
     return image, shown(skin) / 255
 
 
+def light_between(pixels: np.ndarray, rim: np.ndarray, skin: np.ndarray) -> np.ndarray | None:
+    """As the fit goes about it."""
+    tooth = measure_teeth(pixels, rim, skin)
+    return None if tooth is None else teeth_light(tooth, skin)
+
+
 @pytest.mark.parametrize("skin", SKINS)
 @pytest.mark.parametrize("light", LIGHTS)
 def test_light_of_the_teeth_is_measured(light: tuple[float, ...], skin: str) -> None:
     """Whatever the skin and the colour of the light: else brown skin in daylight were fair skin in lamp light."""
-    pixels, usual = mouth(ALBEDO, np.array(light), np.array(SKINS[skin]))
-    found = teeth_light(pixels, RIM, usual)
+    pixels, usual = mouth(TOOTH, np.array(light), np.array(SKINS[skin]))
+    found = light_between(pixels, RIM, usual)
     assert found is not None and np.abs(np.log(found / light)).max() < 0.06
 
 
@@ -40,14 +47,14 @@ def test_lips_tongue_and_gums_are_no_teeth(light: tuple[float, ...], skin: str) 
     """They are as red as the skin or redder; taken for white they would make the light red and the skin pale."""
     for inside in (SKINS[skin], [0.35, 0.12, 0.11], [0.12, 0.04, 0.04], [0.45, 0.22, 0.2]):
         pixels, usual = mouth(np.array(inside), np.array(light), np.array(SKINS[skin]))
-        assert teeth_light(pixels, RIM, usual) is None
+        assert light_between(pixels, RIM, usual) is None
 
 
 @pytest.mark.parametrize("rim", [RIM + 500, np.full_like(RIM, np.nan), np.repeat(RIM[:1], 8, 0)])
 def test_no_mouth_no_light(rim: np.ndarray) -> None:
     """A mouth beyond the border, lost, or shut."""
-    pixels, usual = mouth(ALBEDO, np.ones(3) * 0.5, np.array(SKINS["light"]))
-    assert teeth_light(pixels, rim, usual) is None
+    pixels, usual = mouth(TOOTH, np.ones(3) * 0.5, np.array(SKINS["light"]))
+    assert light_between(pixels, rim, usual) is None
 
 
 def test_black_and_overexposed_photos_tell_nothing() -> None:
@@ -55,4 +62,4 @@ def test_black_and_overexposed_photos_tell_nothing() -> None:
     for value in (0, 255):
         pixels = np.full((64, 128, 3), value, np.uint8)
         for skin in (np.zeros(3), np.ones(3), np.array([0.7, 0.5, 0.4])):
-            assert teeth_light(pixels, RIM, skin) is None
+            assert light_between(pixels, RIM, skin) is None

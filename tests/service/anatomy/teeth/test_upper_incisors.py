@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from service.anatomy.teeth.upper_incisors import MOST_DROP_M, teeth_drop, upper_row
+from service.anatomy.teeth.upper_incisors import MOST_DROP_M, ROW, teeth_drop
 from service.geometry.camera import Camera
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.head.regions import part_vertices
 
 FOCAL = 2400.0
 VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
@@ -26,7 +27,7 @@ def head() -> HeadModel:
 
 def edge_px(head: HeadModel) -> float:
     """Pixel row of the biting edge of the head's upper incisors."""
-    teeth = head.mean[upper_row(head)]
+    teeth = head.mean[part_vertices(head, ROW)]
     return float(VIEW.project(teeth[np.abs(teeth[:, 0]) < 0.01])[:, 1].max())
 
 
@@ -55,7 +56,7 @@ def test_the_row_goes_down_to_where_teeth_end(head: HeadModel, lower_mm: float) 
     edge = edge_px(head)
     top, bottom = edge - 14, edge + 22
     photo = mouth(top, bottom, (top, edge + lower_mm * FOCAL / 1e3))
-    drop = teeth_drop(photo, head.mean[upper_row(head)], VIEW, rim(top, bottom), FLESH)
+    drop = teeth_drop(photo, head.mean[part_vertices(head, ROW)], VIEW, rim(top, bottom), FLESH)
     assert drop * 1e3 == pytest.approx(lower_mm, abs=0.4)
 
 
@@ -63,14 +64,15 @@ def test_the_lower_row_is_not_taken_for_the_upper_ones_end(head: HeadModel) -> N
     edge = edge_px(head)
     top, bottom = edge - 14, edge + 40
     photo = mouth(top, bottom, (top, edge + 2), (edge + 10, bottom))
-    assert teeth_drop(photo, head.mean[upper_row(head)], VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
+    teeth = head.mean[part_vertices(head, ROW)]
+    assert teeth_drop(photo, teeth, VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
     touching = mouth(top, bottom, (top, bottom))
-    assert teeth_drop(touching, head.mean[upper_row(head)], VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
+    assert teeth_drop(touching, head.mean[part_vertices(head, ROW)], VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
 
 
 def test_it_never_goes_up_and_not_through_the_lip(head: HeadModel) -> None:
     """Teeth that the photo cuts off are hidden by a lip or dark, not short."""
-    edge, teeth = edge_px(head), head.mean[upper_row(head)]
+    edge, teeth = edge_px(head), head.mean[part_vertices(head, ROW)]
     short = mouth(edge - 20, edge + 10, (edge - 20, edge - 8))
     assert teeth_drop(short, teeth, VIEW, rim(edge - 20, edge + 10), FLESH) == 0.0
     long = mouth(edge - 6, edge + 30, (edge - 6, edge + 18))
@@ -82,11 +84,11 @@ def test_it_never_goes_up_and_not_through_the_lip(head: HeadModel) -> None:
 )
 def test_what_cannot_be_read_changes_nothing(head: HeadModel, case: str) -> None:
     """Lengths of nothing, points behind the camera, colours without light."""
-    edge, teeth, camera, skin = edge_px(head), head.mean[upper_row(head)], VIEW, FLESH
+    edge, teeth, camera, skin = edge_px(head), head.mean[part_vertices(head, ROW)], VIEW, FLESH
     points, photo = rim(edge - 14, edge + 22), mouth(edge - 14, edge + 22, (edge - 14, edge + 8))
     if case == "no teeth":
         toothless = replace(head, part_names=tuple(f"other_{k}" for k, _ in enumerate(head.part_names)))
-        teeth = head.mean[upper_row(toothless)]
+        teeth = head.mean[part_vertices(toothless, ROW)]
         assert not len(teeth)
     elif case == "closed":
         points = rim(edge, edge)

@@ -1,0 +1,8 @@
+"""Colours inside the mouth: the one place to change them. All are diffuse albedo, linear RGB in [0, 1]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+TONGUE = np.array([0.357, 0.114, 0.107], np.float32)
+LINING = np.array([0.153, 0.032, 0.029], np.float32)
