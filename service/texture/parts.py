@@ -165,12 +165,12 @@ def _paint_teeth(
     light, shown = work.light, unwrapped.colour[teeth.own]
     tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
     share = seen[teeth.own] * toothlike(shown, skin) * teeth.shows(shown, light.on(tooth))
-    painted = light.of_photo(teeth.paint(tooth))
+    painted = teeth.paint(tooth)
     painted += share[:, None] * (light.off(shown) - painted)
     if ledger.runs(TOOTH_HUE):
         before, painted = painted, no_bluer(painted)
         ledger.count(TOOTH_HUE, int((np.abs(painted - before).max(1) > SEEN_CHANGE).sum()), len(work.colour))
-    work.part(teeth.own, painted, light.on(painted), np.zeros_like(share), unwrapped.colour)
+    work.part(teeth.own, painted, None, np.zeros_like(share), unwrapped.colour)
     work.code[teeth.own] = _code(share)
 
 

@@ -67,7 +67,7 @@ def test_the_lower_row_is_not_taken_for_the_upper_ones_end(head: HeadModel) -> N
     teeth = head.mean[part_vertices(head, ROW)]
     assert teeth_drop(photo, teeth, VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
     touching = mouth(top, bottom, (top, bottom))
-    assert teeth_drop(touching, head.mean[part_vertices(head, ROW)], VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
+    assert teeth_drop(touching, teeth, VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
 
 
 def test_it_never_goes_up_and_not_through_the_lip(head: HeadModel) -> None:
