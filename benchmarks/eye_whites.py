@@ -36,7 +36,7 @@ from models.lightstage.split import HELD_OUT
 from models.training.factory import seeds_of
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, sclera_light
 from service.colour import bytes_to_linear
 from service.errors import UnreadableInput
 from service.face.finder import FaceFinder
@@ -134,7 +134,7 @@ def read_off(photo_bytes: bytes, plain: Float, finder: FaceFinder, model: HeadMo
     fit = fit_face(faces[0], photo, model, FitSettings(refine="landmarks")) if faces else None
     if fit is None or fit.eye_light is None or fit.gaze is None:
         return None
-    told = [iris for iris in fit.gaze.irises if eye_white_light(photo.pixels, iris) is not None]
+    told = [iris for iris in fit.gaze.irises if sclera_light(photo.pixels, iris) is not None]
     return np.asarray(np.log(fit.eye_light) - lid_light(plain, tuple(told) or fit.gaze.irises))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.gaze import Gaze
-from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, sclera_light
 from service.anatomy.teeth.measure import teeth_light
 from service.colour import LUMA
 
@@ -29,7 +29,7 @@ RANGE = (1e-3, 4.0)
 """Light outside it is not to be measured in 8 bits."""
 
 
-def light_by_whites(
+def light_by_white_parts(
     pixels: npt.NDArray[np.uint8],
     gaze: Gaze | None,
     tooth: npt.NDArray[np.float32] | None,
@@ -48,7 +48,7 @@ def light_by_whites(
         as strong as the whites are in the geometric mean, in the hue of the palest.
         None where no white is seen well.
     """
-    seen = [light for iris in (gaze.irises if gaze else ()) if (light := eye_white_light(pixels, iris)) is not None]
+    seen = [light for iris in (gaze.irises if gaze else ()) if (light := sclera_light(pixels, iris)) is not None]
     teeth = None if skin is None or tooth is None else teeth_light(tooth, skin)
     if teeth is not None:
         seen.append(teeth * BETWEEN_LIDS)

@@ -19,7 +19,7 @@ from service.reflectance.corrections.on_light import ChartLight, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
 from service.reflectance.corrections.unseen_light import CHART_SEAM, INPAINTED_SKIN, SHADE_FLOOR, UNSEEN_LIGHT
 from service.reflectance.planes import Planes
-from service.reflectance.subject import BROWS, EYES, LIDS, LIT, MADE_UP
+from service.reflectance.subject import BROWS, EYES, INPAINTED, LIDS, LIT
 from service.runtime.networks import Network
 from service.runtime.tiles import run_whole
 
@@ -79,7 +79,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     linear = srgb_to_linear(coded)
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
-    inpainted = clue(MADE_UP, 0.0) * (1 - lids)
+    inpainted = clue(INPAINTED, 0.0) * (1 - lids)
     start = ChartLight(
         light, light, linear.T.reshape(3, *lit.shape), lit, inside, lids, inpainted, clue(BROWS, 0.0), white_seen
     )

@@ -16,7 +16,7 @@ from service.reflectance.chart_light import Found, found_by
 from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE, missing, with_blue
 from service.reflectance.corrections.hair_hue import HAIR_HUE, like_hair
 from service.reflectance.subject import BROWS, HAIR
-from service.reflectance.translate import Job, translate
+from service.reflectance.translate import MapInputs, translate
 from service.runtime.networks import Engine, describe, open_network
 
 Float = npt.NDArray[np.float32]
@@ -37,7 +37,7 @@ def without(light: Float, coded: Float) -> Float:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(texture: Codes, job: Job, ledger: Ledger | None = None) -> Codes:
+def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None) -> Codes:
     """(H, W, 3) sRGB codes of the albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     The network has seen skin only. What is no skin has the albedo of the planes ``PARTS``; without them the texture

@@ -20,20 +20,20 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
-from service.anatomy.lashes.cards import lids_on_lashes
+from service.anatomy.lashes.cards import colour_cards
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.clipped_blue import lacks_blue
-from service.reflectance.corrections.highlights import HIGHLIGHTS, without_glints
+from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.corrections.smile_folds import SMILE_FOLDS, without_folds
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo, needs_context
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
 from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tangent_normals
-from service.reflectance.padding import parts_go_on, skin_goes_on
+from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
@@ -42,7 +42,7 @@ from service.reflectance.result import Integration, Reflectance
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject, margin
 from service.reflectance.super_resolution import Grain, enlarge, resample
-from service.reflectance.translate import Job
+from service.reflectance.translate import MapInputs
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
@@ -103,8 +103,8 @@ def make_reflectance(
     corrections: tuple[Applied, ...] = ()
     flatter = COVERED_RELIEF.name not in without
 
-    def job(told: Callable[[float], None]) -> Job:
-        return Job(planes, skin, engine, tile, told)
+    def job(told: Callable[[float], None]) -> MapInputs:
+        return MapInputs(planes, skin, engine, tile, told)
 
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
@@ -118,14 +118,14 @@ def make_reflectance(
             plain = diffuse_albedo(full, job(told), ledger)
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
-                plain = without_glints(plain, full, skin, subject.lit, grey, ledger)
+                plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if ledger.runs(SMILE_FOLDS):
                 plain = without_folds(plain, subject, ledger)
             if grey is not None and ledger.runs(PHOTO_NOISE):
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
-            plain = lids_on_lashes(skin_goes_on(plain, subject), subject.chart, margin(size[0]))
+            plain = colour_cards(pad_skin(plain, subject), subject.chart, margin(size[0]))
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return parts_go_on(drawn, subject), grey, ledger.applied
+            return pad_parts(drawn, subject), grey, ledger.applied
 
         made.diffuse_albedo, grey, corrections = run("diffuse_albedo", unlit)
         planes.drop("texture")

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from service.ledger import Correction
 from service.reflectance.result import NORMAL_ONE
 from service.reflectance.subject import COVERED
-from service.reflectance.translate import Job, translate
+from service.reflectance.translate import MapInputs, translate
 
 Float = npt.NDArray[np.float32]
 
@@ -29,7 +29,7 @@ STEEPEST_Z = 0.17
 """Normals tilt by 80 degrees at most: beyond, a slope means nothing, and 8 bits cannot tell it from the horizon."""
 
 
-def tangent_normals(name: str, job: Job, flatter: bool = True) -> npt.NDArray[np.int16]:
+def tangent_normals(name: str, job: MapInputs, flatter: bool = True) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin, flatter where it is covered.
 
     Args:

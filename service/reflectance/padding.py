@@ -19,7 +19,7 @@ STRIP = 256
 """Rows of the full map at a time."""
 
 
-def skin_goes_on(albedo: Codes, subject: Subject) -> Codes:
+def pad_skin(albedo: Codes, subject: Subject) -> Codes:
     """The albedo, changed in place: texels outside all islands that lie next to skin have the colour of that skin.
 
     Args:
@@ -50,7 +50,7 @@ def skin_goes_on(albedo: Codes, subject: Subject) -> Codes:
     return albedo
 
 
-def parts_go_on(albedo: Codes, subject: Subject) -> Codes:
+def pad_parts(albedo: Codes, subject: Subject) -> Codes:
     """The albedo, changed in place: texels beside the islands of eyes and teeth have the colour of the nearest inside.
 
     Args:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import Codes, to_codes
-from service.reflectance.translate import Job, translate
+from service.reflectance.translate import MapInputs, translate
 
 NAME = "psi"
 
@@ -14,7 +14,7 @@ ELSEWHERE = 0.65
 """Specular albedo of eyes, teeth and tongue: F0 = 0.04 * 0.65 = 0.026, that of water and the cornea (index 1.38)."""
 
 
-def specular_albedo(job: Job) -> Codes:
+def specular_albedo(job: MapInputs) -> Codes:
     """(H, W) codes, linear; ``ELSEWHERE`` where there is no skin. The job's planes hold ``albedo_*``.
 
     Raises:

@@ -42,7 +42,7 @@ EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair, eyes, or was made up."""
 
-MADE_UP = "made_up_skin"
+INPAINTED = "inpainted_skin"
 """Channel that is 1 where the texture is skin that no photo showed."""
 
 BROWS = "brows"
@@ -57,7 +57,7 @@ HAIR = "hair"
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
 
-CLUES = (LIT, MADE_UP, *EYES, BROWS, COVERED, HAIR, LIDS)
+CLUES = (LIT, INPAINTED, *EYES, BROWS, COVERED, HAIR, LIDS)
 """Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
 
 BROW_SOFT = 5.0
@@ -81,7 +81,7 @@ class Subject:
         chart: of ``head`` at ``GEOMETRY_SIZE``.
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
             None: all of it is.
-        made_up: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
+        inpainted: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
         worn: (h, w) float32, 1 where the texture is a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
             (``service.reflectance.corrections.sclera_depth``); None: not known.
@@ -98,7 +98,7 @@ class Subject:
     lit: Float | None = None
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
-    made_up: Float | None = None
+    inpainted: Float | None = None
     worn: Float | None = None
     iris: npt.NDArray[np.floating] | None = None
     pixel_mm: float | None = None
@@ -132,15 +132,15 @@ class Subject:
             moved = eye_light is not None and fit.eye_light is not None and (eye_light != fit.eye_light).any()
             ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
         subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light)
-        made_up = np.asarray(texture.confidence == 0, np.float32)
-        worn = np.zeros_like(made_up) if texture.worn is None else texture.worn * np.float32(1 / 255)
-        height, width = made_up.shape
-        made_up *= subject.bare((width, height)) * (1 - worn)
+        inpainted = np.asarray(texture.confidence == 0, np.float32)
+        worn = np.zeros_like(inpainted) if texture.worn is None else texture.worn * np.float32(1 / 255)
+        height, width = inpainted.shape
+        inpainted *= subject.bare((width, height)) * (1 - worn)
         pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
         ran = (*texture.corrections, *ledger.applied)
         return replace(
             subject,
-            made_up=made_up,
+            inpainted=inpainted,
             worn=worn,
             parts=texture.parts,
             iris=texture.iris,
@@ -186,21 +186,21 @@ class Subject:
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
-        shown, made_up = whole(self.lit, 1.0), whole(self.made_up, 0.0)
+        shown, inpainted = whole(self.lit, 1.0), whole(self.inpainted, 0.0)
         brows = brow_plane(self.chart)[None] * (1 - whole(self.worn, 0.0))
         lit = shown * self.own_skin
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
         beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
-        bare = (1 - (1 - shown) * (1 - made_up)) * self.bare(GEOMETRY_SIZE)
+        bare = (1 - (1 - shown) * (1 - inpainted)) * self.bare(GEOMETRY_SIZE)
         # Lashes are no groove.
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
         lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
         covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
         lips = self.chart.interpolate(vertex_mask(self.head, "lips"))[..., 0]
         hair = (1 - bare) * (1 - whole(self.worn, 0.0)) * np.clip(1 - 3 * lips, 0, 1)
-        return np.concatenate([lit, made_up, eyes, brows, covered, hair, self.lids[None]])
+        return np.concatenate([lit, inpainted, eyes, brows, covered, hair, self.lids[None]])
 
     @property
     def own_skin(self) -> Float:

@@ -18,7 +18,7 @@ Mask = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class Job:
+class MapInputs:
     """What every translator is given.
 
     Attributes:
@@ -40,7 +40,7 @@ Keep = Callable[[tuple[slice, slice], Float, Float], None]
 """Rows and columns, the result (K, h, w), and how far it counts (h, w) in [0, 1]."""
 
 
-def translate(name: str, job: Job, outputs: int, keep: Keep) -> None:
+def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
     """Run network ``name`` in tiles and hand each result to ``keep``.
 
     Raises:

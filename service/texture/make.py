@@ -20,7 +20,7 @@ from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.segmentation.glasses import GLASSES, frames
-from service.texture.segmentation.skin import cap_or_mask, judge, lit_skin
+from service.texture.segmentation.skin import lit_skin, segment, worn_mask
 from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
@@ -28,7 +28,7 @@ from service.texture.unwrap import Unwrapped, unwrap
 Float = npt.NDArray[np.float32]
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
-"""Skin of a photo that shows none, sRGB."""
+"""SkinModel of a photo that shows none, sRGB."""
 
 LEAST_SCALP_TEXELS = 60
 LITTLE_SEEN = 0.25
@@ -58,7 +58,7 @@ def make_texture(
         rims = frames(chart, unwrapped, zones)
         ledger.count(GLASSES, int(rims.sum()), rims.size)
     bare = np.where(rims, np.float32(0), np.float32(1))
-    trust, seen, skin = judge(chart, unwrapped, zones, ledger)
+    trust, seen, skin = segment(chart, unwrapped, zones, ledger)
     trust, seen = trust * bare, seen * bare
     lit = lit_skin(chart, unwrapped, zones, skin) * bare
     hair = _scalp_colour(unwrapped, zones)
@@ -80,7 +80,7 @@ def make_texture(
     own, reflected, lit_map = np.moveaxis(chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1)), 2, 0)
     shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
-    worn = None if skin is None else cap_or_mask(chart, parts.colour, unwrapped.normal, skin)
+    worn = None if skin is None else worn_mask(chart, parts.colour, unwrapped.normal, skin)
     told = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": rims.any(), "face-covered": worn is not None}
     warnings = tuple(code for code, true in told.items() if true)
     return Texture(
@@ -116,9 +116,9 @@ def _confidence(completed: Completed) -> Float:
     """(N,) code of each texel, see ``service.texture.result``."""
     seen = np.rint(SEEN + (255 - SEEN) * completed.seen)
     reflected = np.rint(MIRRORED + (SEEN - 1 - MIRRORED) * completed.from_mirror)
-    made_up = 1 - completed.seen - completed.from_mirror
-    code = np.where(completed.from_mirror > np.maximum(made_up, completed.seen), reflected, 0)
-    return np.asarray(np.where(completed.seen >= np.maximum(completed.from_mirror, made_up), seen, code), np.float32)
+    inpainted = 1 - completed.seen - completed.from_mirror
+    code = np.where(completed.from_mirror > np.maximum(inpainted, completed.seen), reflected, 0)
+    return np.asarray(np.where(completed.seen >= np.maximum(completed.from_mirror, inpainted), seen, code), np.float32)
 
 
 def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:

@@ -47,7 +47,7 @@ CLIPPED = 250
 """Codes from which a pixel may be overexposed."""
 
 
-def eye_white_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
+def sclera_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
     """Light on the white of one eye, from the photo.
 
     Args:

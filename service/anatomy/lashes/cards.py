@@ -14,7 +14,7 @@ from service.geometry.chart import NO_PART, Chart, islands
 PART = "lashes"
 
 
-def lids_on_lashes(albedo: Codes, chart: Chart, border: int) -> Codes:
+def colour_cards(albedo: Codes, chart: Chart, border: int) -> Codes:
     """The albedo, changed in place: the island of the lashes has the median colour of the lids.
 
     Args:

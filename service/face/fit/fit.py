@@ -22,7 +22,7 @@ from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-from service.light.white_reference import cheek_colour, light_by_whites
+from service.light.white_reference import cheek_colour, light_by_white_parts
 from service.photo.photo import Photo
 
 UNKNOWN_FOCAL = 1.2
@@ -137,7 +137,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         float(inter_ocular),
         tuple(warnings),
         gaze,
-        light_by_whites(photo.pixels, gaze, tooth, skin),
+        light_by_white_parts(photo.pixels, gaze, tooth, skin),
         skin,
         tooth,
     )

@@ -28,7 +28,7 @@ FEW = 50
 """With less lit skin than this nothing is usual."""
 
 
-def not_aglow(light: Float, texture: Float, lit: Float, lids: Float) -> Float:
+def below_ceiling(light: Float, texture: Float, lit: Float, lids: Float) -> Float:
     """(3, h, w) log light, more where lit skin would come out brighter than skin of one person is.
 
     Args:
@@ -58,5 +58,5 @@ ALBEDO_CEILING = LightCorrection(
     mends="Where the fitted head has a fold that the photo does not show, lit skin comes out too bright.",
     source="light",
     cases=("soft", "hard"),
-    apply=lambda at: not_aglow(at.light, at.texture, at.weight, at.lids),
+    apply=lambda at: below_ceiling(at.light, at.texture, at.weight, at.lids),
 )

@@ -40,7 +40,7 @@ STRIP = 512
 """Rows of the full map at a time."""
 
 
-def without_glints(
+def without_highlights(
     albedo: Codes,
     texture: Codes,
     skin: npt.NDArray[np.uint8],

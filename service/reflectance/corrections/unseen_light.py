@@ -74,7 +74,7 @@ def seamless(light: Float) -> Float:
     return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
 
 
-def not_deeper(everywhere: Float, light: Float, lit: Float) -> Float:
+def with_shade_floor(everywhere: Float, light: Float, lit: Float) -> Float:
     """(C, h, w) light that went on from lit skin, less deep than the shaded part of the face where that ends.
 
     The shade under the brim of a cap, or of a fringe, is not that of the cap or of the hair above it.
@@ -92,7 +92,7 @@ def not_deeper(everywhere: Float, light: Float, lit: Float) -> Float:
     return np.asarray(everywhere + more, np.float32)
 
 
-def like_seen_skin(light: Float, texture: Float, found: Float, lit: Float, made_up: Float) -> Float:
+def as_seen_skin(light: Float, texture: Float, found: Float, lit: Float, inpainted: Float) -> Float:
     """(3, h, w) light under which made-up skin has the albedo of seen skin around it, but for its own fine grain.
 
     The colour of made-up skin is continued from the photo's, with the shade of a jaw or a fringe in it, and ends in the
@@ -103,14 +103,14 @@ def like_seen_skin(light: Float, texture: Float, found: Float, lit: Float, made_
         texture: (3, h, w) linear.
         found: (3, h, w) log light as the network found it, to be believed where lit.
         lit: (h, w) in [0, 1]; without any lit skin the light is returned as it is.
-        made_up: (h, w) in [0, 1], skin that no photo showed.
+        inpainted: (h, w) in [0, 1], skin that no photo showed.
     """
-    if float(lit.sum()) < 1 or not made_up.any():
+    if float(lit.sum()) < 1 or not inpainted.any():
         return light
     colour = np.log(np.maximum(texture, np.float32(DARKEST)))
     wanted = continued(np.asarray(colour - found, np.float32), lit)
-    plain = _blurred(colour * made_up, GRAIN) / np.maximum(_blurred(made_up[None], GRAIN), np.float32(1e-6))
-    share = np.minimum(_blurred(made_up[None], 2.0), made_up[None])
+    plain = _blurred(colour * inpainted, GRAIN) / np.maximum(_blurred(inpainted[None], GRAIN), np.float32(1e-6))
+    share = np.minimum(_blurred(inpainted[None], 2.0), inpainted[None])
     return np.asarray(light + share * (plain - wanted - light), np.float32)
 
 
@@ -134,7 +134,7 @@ SHADE_FLOOR = LightCorrection(
     mends="The shade under the brim of a cap or a fringe goes on over the cap or the hair.",
     source="light",
     cases=("cap",),
-    apply=lambda at: not_deeper(at.light, at.found, at.weight),
+    apply=lambda at: with_shade_floor(at.light, at.found, at.weight),
 )
 
 INPAINTED_SKIN = LightCorrection(
@@ -142,7 +142,7 @@ INPAINTED_SKIN = LightCorrection(
     mends="Inpainted skin keeps the shade of the photo's skin that it was continued from.",
     source="light",
     cases=("hard",),
-    apply=lambda at: like_seen_skin(at.light, at.texture, at.found, at.lit, at.inpainted)
+    apply=lambda at: as_seen_skin(at.light, at.texture, at.found, at.lit, at.inpainted)
     if at.inpainted.any()
     else at.light,
 )

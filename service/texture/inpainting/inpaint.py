@@ -50,7 +50,7 @@ LEAST_LIP = 1e-3
 
 @dataclass(frozen=True)
 class Completed:
-    """Skin colours at the inner texels (N,), whatever their part.
+    """SkinModel colours at the inner texels (N,), whatever their part.
 
     Attributes:
         colour: (N, 3) float32 sRGB.
@@ -92,10 +92,10 @@ def complete_skin(
 
     other = _flip(chart, np.c_[detail, trust])
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
-    made_up = (1 - seen - reflected)[:, None]
+    inpainted = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
-    result += made_up * _redder(chart, colour, base, seen)
-    result += made_up * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
+    result += inpainted * _redder(chart, colour, base, seen)
+    result += inpainted * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 from service.geometry.chart import Chart
 from service.ledger import Ledger
 from service.texture.inpainting.inpaint import opacity
-from service.texture.segmentation.skin_model import Skin, learn_skin, plausibility
-from service.texture.segmentation.small_components import SMALL_COMPONENTS, scraps
+from service.texture.segmentation.skin_model import SkinModel, fit_skin_model, skin_likelihood
+from service.texture.segmentation.small_components import SMALL_COMPONENTS, small_components
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
@@ -19,17 +19,17 @@ SQUARELY = 0.3
 """Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
 
 
-def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger) -> tuple[Float, Float, Skin | None]:
+def segment(chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger) -> tuple[Float, Float, SkinModel | None]:
     """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
     seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
-    skin = learn_skin(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
+    skin = fit_skin_model(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
     if skin is None:
         return seen, seen, None
     likely = np.ones_like(seen)
     own = np.flatnonzero(seen > 0)
-    likely[own] = plausibility(skin, unwrapped.colour[own], unwrapped.normal[own])
+    likely[own] = skin_likelihood(skin, unwrapped.colour[own], unwrapped.normal[own])
     if skin.cover is not None:  # a cap goes on as skin does, and is the same on both sides
-        cover = plausibility(skin.cover, unwrapped.colour[own], unwrapped.normal[own])
+        cover = skin_likelihood(skin.cover, unwrapped.colour[own], unwrapped.normal[own])
         likely[own] = np.maximum(likely[own], cover)
     likely = _calm(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
@@ -41,12 +41,12 @@ def judge(chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger) -> t
     shown = seen * (kept + (1 - kept) * likely)
     whole = np.ones(len(seen), bool)
     if ledger.runs(SMALL_COMPONENTS):
-        whole = ~scraps(chart, shown, zones)
+        whole = ~small_components(chart, shown, zones)
         ledger.count(SMALL_COMPONENTS, int((~whole).sum()), whole.size)
     return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
 
 
-def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None) -> Float:
+def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: SkinModel | None) -> Float:
     """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
 
     In the face itself dark may be shade and bright a highlight; where hair is to be expected, dark is hair. Lips, lids
@@ -57,12 +57,12 @@ def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: Skin | None
         return likely
     shown = np.flatnonzero(unwrapped.weight > 0)
     face = (zones.face * (1 - zones.scalp))[shown]
-    likely[shown] = plausibility(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
+    likely[shown] = skin_likelihood(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
     calm = _calm(chart, likely, opacity(unwrapped.weight))
     return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
 
 
-def cap_or_mask(chart: Chart, colour: Float, normal: Float, skin: Skin) -> npt.NDArray[np.uint8] | None:
+def worn_mask(chart: Chart, colour: Float, normal: Float, skin: SkinModel) -> npt.NDArray[np.uint8] | None:
     """(H, W) uint8, 255 where a texture has the colour of what is worn over the face; None where nothing is.
 
     Args:
@@ -73,7 +73,7 @@ def cap_or_mask(chart: Chart, colour: Float, normal: Float, skin: Skin) -> npt.N
     """
     if skin.cover is None:
         return None
-    like_cover, like_skin = (plausibility(model, colour, normal, face=1.0) for model in (skin.cover, skin))
+    like_cover, like_skin = (skin_likelihood(model, colour, normal, face=1.0) for model in (skin.cover, skin))
     share = np.asarray(like_cover * (1 - like_skin), np.float32)
     return np.rint(255 * np.clip(chart.fill_outside(chart.spread(share[:, None])[..., 0]), 0, 1)).astype(np.uint8)
 

@@ -44,7 +44,7 @@ RIDGE = 0.02
 
 
 @dataclass(frozen=True)
-class Skin:
+class SkinModel:
     """The person's skin in this photo.
 
     Attributes:
@@ -64,7 +64,7 @@ class Skin:
     worn: tuple[Array, Array] | None = None
 
     @property
-    def cover(self) -> Skin | None:
+    def cover(self) -> SkinModel | None:
         """What is worn as if it were the skin; None where nothing is."""
         return None if self.worn is None else replace(self, chroma=self.worn[0], spread=self.worn[1], worn=None)
 
@@ -75,7 +75,7 @@ def harmonics(normal: npt.NDArray[np.floating]) -> Array:
     return np.stack([np.ones_like(x), x, y, z, x * y, x * z, y * z, x * x - y * y, 3 * z * z - 1], 1)
 
 
-def learn_skin(colour: Float, normal: Float, weight: Float, zones: Zones) -> Skin | None:
+def fit_skin_model(colour: Float, normal: Float, weight: Float, zones: Zones) -> SkinModel | None:
     """Model from well-seen face texels, or None where there are too few.
 
     Args:
@@ -102,7 +102,7 @@ def learn_skin(colour: Float, normal: Float, weight: Float, zones: Zones) -> Ski
     chroma, spread = _middle_and_spread(lab[near, 1:])
     low, high = np.percentile(basis @ shading, [2, 98])
     typical = np.median(colour[chosen][near], 0).astype(np.float32)
-    return Skin(typical, shading, (float(low), float(high)), chroma, spread, worn)
+    return SkinModel(typical, shading, (float(low), float(high)), chroma, spread, worn)
 
 
 def _bare(linear: Float, middle: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.bool_], tuple[Array, Array] | None]:
@@ -150,7 +150,9 @@ def _robust_fit(basis: Array, value: Array, weight: Array) -> Array:
     return fitted
 
 
-def plausibility(skin: Skin, colour: Float, normal: Float, face: npt.NDArray[np.floating] | float = 0.0) -> Float:
+def skin_likelihood(
+    skin: SkinModel, colour: Float, normal: Float, face: npt.NDArray[np.floating] | float = 0.0
+) -> Float:
     """(N,) float32, 1 = skin as far as colour and light tell, 0 = something else.
 
     Args:
@@ -174,7 +176,7 @@ def plausibility(skin: Skin, colour: Float, normal: Float, face: npt.NDArray[np.
     return np.asarray(np.maximum(likely, face * shining), np.float32)
 
 
-def _like(skin: Skin, linear: Float) -> Array:
+def _like(skin: SkinModel, linear: Float) -> Array:
     """(N,) in [0, 1] whether linear colours (N, 3) at expected lightness have the chroma of the skin."""
     lab = linear_to_lab(linear)
     distance = np.sqrt((((lab[:, 1:] - skin.chroma) / skin.spread) ** 2).sum(1))

@@ -22,13 +22,13 @@ SHOWS = 0.5
 """Opacity of the cores by which patches are told apart; what is fainter goes with the core next to it."""
 
 
-def scraps(chart: Chart, seen: Float, zones: Zones) -> npt.NDArray[np.bool_]:
+def small_components(chart: Chart, seen: Float, zones: Zones) -> npt.NDArray[np.bool_]:
     """(N,) bool: texels of patches of the neck that stand alone and are small.
 
     Args:
         chart: of the head.
         seen: (N,) opacity in [0, 1] at the texels.
-        zones: of the same texels; a head without a region "neck" has no scraps.
+        zones: of the same texels; a head without a region "neck" has no small_components.
     """
     import cv2
 

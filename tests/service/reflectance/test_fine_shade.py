@@ -10,7 +10,7 @@ import pytest
 
 from service.colour import FULL_CODE, LUMA, linear_to_srgb
 from service.reflectance import make
-from service.reflectance.corrections.highlights import without_glints
+from service.reflectance.corrections.highlights import without_highlights
 from service.reflectance.fine_shade import LIGHT, READERS, shaded_grey
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
@@ -83,7 +83,7 @@ def test_a_highlight_goes_from_the_grey_as_from_the_albedo() -> None:
     shown = codes_of(np.minimum(skin + 0.5 * spot, 1).astype(np.float32))
     albedo, grey = shown.copy(), np.rint(shown @ LUMA).astype(np.uint16)
     before = albedo @ LUMA
-    without_glints(albedo, shown, np.full((128, 192), 255, np.uint8), grey=grey)
+    without_highlights(albedo, shown, np.full((128, 192), 255, np.uint8), grey=grey)
     assert before[60, 90] - float(albedo[60, 90] @ LUMA) > 0.05 * FULL_CODE
     assert np.abs(grey.astype(np.float32) - albedo @ LUMA).max() < 3
 

@@ -128,7 +128,7 @@ def test_parts_that_the_networks_have_not_seen(
     for normals in (made.specular_normal, made.diffuse_normal):
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
-    for drawn in ("draw_eyes", "draw_teeth", "parts_go_on"):
+    for drawn in ("draw_eyes", "draw_teeth", "pad_parts"):
         monkeypatch.setattr(f"service.reflectance.make.{drawn}", lambda albedo, *_: albedo)
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
@@ -142,7 +142,7 @@ def test_parts_that_the_networks_have_not_seen(
     light = lit / srgb_to_linear(plain.diffuse_albedo[there] / 65535)
     brightest = 0.99 * 65535 * float(linear_to_srgb(np.array(BRIGHTEST)))
     told = (lit > 0.02).all(1) & (plain.diffuse_albedo[there] < brightest).all(1)
-    assert told.sum() > 20 and light[told].std(0).max() < 2e-2 * light[told].mean(), "one light is taken off all of them"
+    assert told.sum() > 20 and light[told].std(0).max() < 2e-2 * light[told].mean(), "one light of all"
 
 
 @pytest.mark.parametrize("role", ROLES)

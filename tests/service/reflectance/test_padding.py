@@ -8,7 +8,7 @@ import numpy as np
 from service.anatomy.part_texels import PartTexels
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
-from service.reflectance.padding import parts_go_on, skin_goes_on
+from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.subject import Subject
 
 HEAD = load_head()
@@ -22,7 +22,7 @@ def test_skin_goes_on_beyond_its_island_and_nothing_on_it_changes() -> None:
     albedo = np.full((SIZE[1], SIZE[0], 3), 30000, np.uint16)
     albedo[part == NO_PART] = 50000
     albedo[(part != NO_PART) & (part != HEAD.part_names.index("skin"))] = 10000
-    after = skin_goes_on(albedo.copy(), subject)
+    after = pad_skin(albedo.copy(), subject)
     assert np.array_equal(after[part != NO_PART], albedo[part != NO_PART])
     outside = after[part == NO_PART]
     assert (outside == 30000).all(1).mean() > 0.8  # the others lie beside eyes and teeth
@@ -40,7 +40,7 @@ def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes()
         if place is not None:
             albedo[place.box][place.inside] = 10000 + 1000 * HEAD.part_names.index(name)
             drawn[place.box] |= place.inside
-    after = parts_go_on(albedo.copy(), subject)
+    after = pad_parts(albedo.copy(), subject)
     own = [index for index, name in enumerate(HEAD.part_names) if name.startswith(("eye", "teeth"))]
     others = (part != NO_PART) & ~np.isin(part, own)
     assert np.array_equal(after[drawn], albedo[drawn]) and np.array_equal(after[others], albedo[others])

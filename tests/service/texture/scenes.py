@@ -66,5 +66,5 @@ def checks(points: Array) -> Array:
 
 
 def one_sided_light(points: Array) -> Array:
-    """Skin that is a third darker on the head's right (-x), with a soft passage."""
+    """SkinModel that is a third darker on the head's right (-x), with a soft passage."""
     return np.asarray(SKIN) * (1 - 0.33 / (1 + np.exp(points[:, :1] / 0.01)))

@@ -13,7 +13,7 @@ from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.chart import Chart
 from service.geometry.mesh_field import Graph, smooth_fit, splat
 from service.texture.parts import PartLight
-from service.texture.segmentation.skin_model import learn_skin, plausibility
+from service.texture.segmentation.skin_model import fit_skin_model, skin_likelihood
 from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from tests.toyhead import sphere_head
@@ -110,36 +110,37 @@ def _shaded_skin() -> tuple[np.ndarray, np.ndarray, Zones]:
 def test_skin_in_light_and_shade_is_skin_and_hair_wall_and_cloth_are_not() -> None:
     colour, normal, zones = _shaded_skin()
     weight = np.clip(normal[:, 2], 0, 1) ** 2
-    skin = learn_skin(colour, normal, weight, zones)
+    skin = fit_skin_model(colour, normal, weight, zones)
     assert skin is not None
     face = zones.skin & (zones.face > 0.5)
-    assert plausibility(skin, colour, normal)[face].min() > 0.95
+    assert skin_likelihood(skin, colour, normal)[face].min() > 0.95
     for other in ([0.12, 0.09, 0.07], [0.2, 0.6, 0.3], [0.3, 0.4, 0.9], [0.95, 0.95, 1.0]):
-        assert plausibility(skin, np.broadcast_to(np.array(other, np.float32), colour.shape), normal)[face].max() < 0.3
+        same = np.broadcast_to(np.array(other, np.float32), colour.shape)
+        assert skin_likelihood(skin, same, normal)[face].max() < 0.3
 
 
 def test_a_mirrored_lamp_on_skin_is_skin_and_white_things_are_not() -> None:
     """Taken for cloth, a highlight would keep its white in the albedo."""
     colour, normal, zones = _shaded_skin()
     weight = np.clip(normal[:, 2], 0, 1) ** 2
-    skin = learn_skin(colour, normal, weight, zones)
+    skin = fit_skin_model(colour, normal, weight, zones)
     assert skin is not None
     face = (zones.face > 0.9) & zones.skin & (weight > 0.5) & (zones.features < 0.01)
     shining = linear_to_srgb(srgb_to_linear(colour) + np.float32(0.5))
-    assert plausibility(skin, shining, normal)[face].max() < 0.1
-    assert plausibility(skin, shining, normal, face=1.0)[face].min() > 0.9
+    assert skin_likelihood(skin, shining, normal)[face].max() < 0.1
+    assert skin_likelihood(skin, shining, normal, face=1.0)[face].min() > 0.9
     for other in ([0.95, 0.95, 1.0], [0.6, 0.9, 0.6], [0.7, 0.7, 0.7]):
         cloth = np.broadcast_to(np.array(other, np.float32), colour.shape)
-        assert plausibility(skin, cloth, normal, face=1.0)[face].max() < 0.3
-    assert np.isfinite(plausibility(skin, np.ones_like(colour), normal, face=1.0)).all()
+        assert skin_likelihood(skin, cloth, normal, face=1.0)[face].max() < 0.3
+    assert np.isfinite(skin_likelihood(skin, np.ones_like(colour), normal, face=1.0)).all()
 
 
 def test_skin_model_bears_a_third_of_outliers() -> None:
     colour, normal, zones = _shaded_skin()
-    clean = learn_skin(colour, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
+    clean = fit_skin_model(colour, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
     spoilt = colour.copy()
     spoilt[np.random.default_rng(1).uniform(size=len(colour)) < 0.33] = [0.1, 0.08, 0.06]
-    dirty = learn_skin(spoilt, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
+    dirty = fit_skin_model(spoilt, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
     assert clean is not None
     assert dirty is not None
     assert np.abs(clean.colour - dirty.colour).max() < 0.03
@@ -147,16 +148,16 @@ def test_skin_model_bears_a_third_of_outliers() -> None:
 
 def test_no_skin_in_sight_makes_no_model() -> None:
     colour, normal, zones = _shaded_skin()
-    assert learn_skin(colour, normal, np.zeros(len(colour), np.float32), zones) is None
+    assert fit_skin_model(colour, normal, np.zeros(len(colour), np.float32), zones) is None
 
 
 def test_black_photo_makes_a_finite_model() -> None:
     """Logarithm of nothing, spread of nothing."""
     colour, normal, zones = _shaded_skin()
     black = np.zeros_like(colour)
-    skin = learn_skin(black, normal, np.ones(len(colour), np.float32), zones)
+    skin = fit_skin_model(black, normal, np.ones(len(colour), np.float32), zones)
     assert skin is not None
-    assert np.isfinite(plausibility(skin, black, normal)).all()
+    assert np.isfinite(skin_likelihood(skin, black, normal)).all()
 
 
 def test_a_nose_shows_in_the_tangent_map_and_a_plain_sphere_does_not() -> None:

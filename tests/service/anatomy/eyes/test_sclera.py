@@ -9,7 +9,7 @@ import pytest
 from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, eye_white_light
+from service.anatomy.eyes.sclera import BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, sclera_light
 from service.colour import linear_to_srgb, to_bytes
 
 SKIN = np.array([0.12, 0.055, 0.035])
@@ -44,7 +44,7 @@ def photo_of(light: np.ndarray, radius: float, *, iris_at: float = 0.0, glint: b
 def test_light_of_the_white_is_measured(light: tuple[float, ...], radius: float, iris_at: float) -> None:
     """Bright, dim and coloured; were iris, lashes or lids counted, dim would be what is only dark."""
     pixels, gaze = photo_of(np.array(light), radius, iris_at=iris_at)
-    found = eye_white_light(pixels, gaze.irises[0])
+    found = sclera_light(pixels, gaze.irises[0])
     assert found is not None
     assert np.abs(np.log(found / (np.array(light) * MEAN))).max() < 0.15
 
@@ -52,7 +52,7 @@ def test_light_of_the_white_is_measured(light: tuple[float, ...], radius: float,
 def test_a_glint_does_not_count() -> None:
     """It is the lamp's reflection, not the white."""
     pixels, gaze = photo_of(np.array([0.3, 0.3, 0.3]), 12.0, glint=True)
-    found = eye_white_light(pixels, gaze.irises[0])
+    found = sclera_light(pixels, gaze.irises[0])
     assert found is not None and np.abs(np.log(found / (0.3 * MEAN))).max() < 0.15
 
 
@@ -61,19 +61,19 @@ def test_skin_is_not_taken_for_the_white() -> None:
     light = np.array([0.9, 0.5, 0.2])
     pixels, gaze = photo_of(light, 12.0)
     pixels[:] = to_bytes(linear_to_srgb(SKIN * light))
-    assert eye_white_light(pixels, gaze.irises[0]) is None
+    assert sclera_light(pixels, gaze.irises[0]) is None
 
 
 def test_nothing_seen_is_none() -> None:
     """An eye of few pixels, a black and an overexposed photo, an eye beyond the border."""
     pixels, gaze = photo_of(np.array([0.5, 0.5, 0.5]), 12.0)
     small, tiny = photo_of(np.array([0.5, 0.5, 0.5]), 1.5)
-    assert eye_white_light(small, tiny.irises[0]) is None
+    assert sclera_light(small, tiny.irises[0]) is None
     for value in (0, 255):
-        assert eye_white_light(np.full_like(pixels, value), gaze.irises[0]) is None
+        assert sclera_light(np.full_like(pixels, value), gaze.irises[0]) is None
     iris = gaze.irises[0]
     away = Iris(iris.centre + 900.0, iris.radius, iris.rim + 900.0, iris.contrast)
-    assert eye_white_light(pixels, away) is None
+    assert sclera_light(pixels, away) is None
 
 
 @pytest.mark.parametrize("skin", [[0.12, 0.055, 0.035], [0.62, 0.45, 0.36]])
@@ -87,7 +87,7 @@ def test_a_white_in_deep_shade_counts_as_brighter(skin: list[float]) -> None:
         below = np.zeros(pixels.shape[:2], np.uint8)
         cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
         pixels[below > 0] = to_bytes(linear_to_srgb(np.array(skin) * light))
-        found = eye_white_light(pixels, gaze.irises[0])
+        found = sclera_light(pixels, gaze.irises[0])
         if share == 0.67:
             assert found is not None and np.abs(np.log(found / (light * share * MEAN))).max() < 0.15
         elif share == deep / 1.3:
@@ -106,7 +106,7 @@ def test_lashes_and_lids_within_the_rim_do_not_count() -> None:
     top, bottom = rim[:, 1].min(), rim[:, 1].max()
     pixels[int(top) - 2 : int(top + 0.35 * (bottom - top))] = (30, 18, 14)
     pixels[int(bottom - 0.2 * (bottom - top)) : int(bottom) + 3] = to_bytes(linear_to_srgb(SKIN * light))
-    found = eye_white_light(pixels, gaze.irises[0])
+    found = sclera_light(pixels, gaze.irises[0])
     assert found is not None and np.abs(np.log(found / (light * MEAN))).max() < 0.2
 
 
@@ -119,7 +119,7 @@ def test_a_white_in_other_light_than_the_skin_below(lit: float, seen: bool) -> N
     below = np.zeros(pixels.shape[:2], np.uint8)
     cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
     pixels[below > 0] = to_bytes(linear_to_srgb(fair_in_cool * lit))
-    found = eye_white_light(pixels, gaze.irises[0])
+    found = sclera_light(pixels, gaze.irises[0])
     assert (found is not None) == seen
     if found is not None:
         assert np.abs(np.log(found / (warm * MEAN))).max() < 0.15

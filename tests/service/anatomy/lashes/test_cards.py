@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.lashes.cards import PART, lids_on_lashes
+from service.anatomy.lashes.cards import PART, colour_cards
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
 from service.reflectance.subject import Subject, margin
@@ -22,7 +22,7 @@ def test_lashes_have_the_colour_of_the_lids_and_nothing_else_changes() -> None:
     albedo = np.full((*size[::-1], 3), (30000, 20000, 15000), np.uint16)
     albedo[part != head.part_names.index("skin")] = 900
     before = albedo.copy()
-    painted = lids_on_lashes(albedo, subject.chart, margin(size[0]))
+    painted = colour_cards(albedo, subject.chart, margin(size[0]))
     assert np.abs(painted[lashes].astype(int) - (30000, 20000, 15000)).max() <= 1
     others = (part != NO_PART) & ~lashes
     assert np.array_equal(painted[others], before[others])
@@ -33,7 +33,7 @@ def test_lashes_have_the_colour_of_the_lids_and_nothing_else_changes() -> None:
 def test_a_head_without_lashes_stays_as_it_is() -> None:
     """An imported head has no such part, nor regions of lids."""
     albedo = np.random.default_rng(0).integers(0, 65535, (64, 96, 3), np.uint16)
-    assert np.array_equal(lids_on_lashes(albedo.copy(), toy_subject().chart, 1), albedo)
+    assert np.array_equal(colour_cards(albedo.copy(), toy_subject().chart, 1), albedo)
 
 
 def test_lids_of_the_head() -> None:

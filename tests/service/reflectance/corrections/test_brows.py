@@ -19,7 +19,7 @@ from service.reflectance.normals import SPECULAR, tangent_normals
 from service.reflectance.planes import Planes
 from service.reflectance.result import unpack_normals
 from service.reflectance.subject import BROWS, CLUES, COVERED, GEOMETRY, Subject
-from service.reflectance.translate import Job
+from service.reflectance.translate import MapInputs
 from service.runtime.networks import Engine, open_network
 from tests.service.archive.toys import toy_head
 from tests.service.reflectance.toys import toy_folder
@@ -98,7 +98,7 @@ def test_relief_is_flatter_under_cover_and_the_same_elsewhere(tmp_path: Path) ->
         planes.add_coarse(GEOMETRY, rng.normal(size=(len(GEOMETRY), 32, 48)).astype(np.float32))
         if clues is not None:
             planes.add_coarse([COVERED], clues[None])
-        job = Job(planes, np.full((32, 48), 255, np.uint8), engine, 256, lambda _: None)
+        job = MapInputs(planes, np.full((32, 48), 255, np.uint8), engine, 256, lambda _: None)
         found.append(unpack_normals(tangent_normals(SPECULAR, job)))
         rng = np.random.default_rng(3)
     plain, flatter = (np.linalg.norm(each[..., :2], axis=2) for each in found)
@@ -109,10 +109,10 @@ def test_relief_is_flatter_under_cover_and_the_same_elsewhere(tmp_path: Path) ->
 
 def test_hair_and_glasses_cover_skin_and_made_up_skin_is_bare() -> None:
     """A frame across the nose is a dark line; necks that no photo showed keep their pores."""
-    lit, made_up = np.ones((64, 96), np.float32), np.zeros((64, 96), np.float32)
+    lit, inpainted = np.ones((64, 96), np.float32), np.zeros((64, 96), np.float32)
     lit[28:34] = 0
-    lit[50:], made_up[50:] = 0, 1
-    subject = replace(Subject.of(HEAD, HEAD.mean), lit=lit, made_up=made_up)
+    lit[50:], inpainted[50:] = 0, 1
+    subject = replace(Subject.of(HEAD, HEAD.mean), lit=lit, inpainted=inpainted)
     clues = dict(zip(CLUES, subject.clues, strict=True))
     skin = subject.bare((768, 512)) > 0.99
     beside = cv2.GaussianBlur(clues[BROWS], (0, 0), 5.0) < 0.01

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.reflectance.corrections.highlights import Float, highlights, without_glints
+from service.reflectance.corrections.highlights import Float, highlights, without_highlights
 
 SKINS = {"dark": [0.16, 0.08, 0.05], "brown": [0.34, 0.19, 0.12], "light": [0.56, 0.37, 0.27]}
 SCALE = 192 / 576
@@ -68,9 +68,9 @@ def test_only_skin_is_judged() -> None:
     shown = skin_of("brown") + 0.3 * spot()[..., None]
     assert not highlights(shown, shown, np.zeros(shown.shape[:2], np.float32)).any()
     codes, skin = np.rint(linear_to_srgb(shown) * FULL_CODE).astype(np.uint16), np.full((128, 192), 255, np.uint8)
-    mended = without_glints(codes.copy(), codes, skin)
-    nowhere = without_glints(codes.copy(), codes, skin, np.zeros((20, 30), np.float32))
-    assert np.array_equal(without_glints(codes.copy(), codes, 0 * skin), nowhere)
+    mended = without_highlights(codes.copy(), codes, skin)
+    nowhere = without_highlights(codes.copy(), codes, skin, np.zeros((20, 30), np.float32))
+    assert np.array_equal(without_highlights(codes.copy(), codes, 0 * skin), nowhere)
     assert (mended != nowhere).any() and mended[60, 90].sum() < nowhere[60, 90].sum()
     assert np.allclose(srgb_to_linear(nowhere / FULL_CODE), shown.clip(0, 1), atol=1e-3)
 
@@ -80,4 +80,4 @@ def test_only_skin_is_judged() -> None:
 def test_flat_and_tiny_maps_stay(value: int, size: tuple[int, int]) -> None:
     """Black has no ratios, grey no colour; nothing is divided by nothing."""
     flat = np.full((*size[::-1], 3), value, np.uint16)
-    assert np.array_equal(without_glints(flat.copy(), flat, np.full(size[::-1], 255, np.uint8)), flat)
+    assert np.array_equal(without_highlights(flat.copy(), flat, np.full(size[::-1], 255, np.uint8)), flat)

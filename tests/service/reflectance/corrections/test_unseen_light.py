@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.corrections.unseen_light import continued, like_seen_skin, not_deeper, seamless
+from service.reflectance.corrections.unseen_light import as_seen_skin, continued, seamless, with_shade_floor
 
 SHAPE = (96, 144)
 ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]
@@ -61,7 +61,7 @@ def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> N
     for shade in (-1.5, 0.4):
         texture, light, lit = _half_seen(shade)
         goes_on = continued(light, lit)
-        made = like_seen_skin(goes_on, texture, light, lit, 1 - lit)
+        made = as_seen_skin(goes_on, texture, light, lit, 1 - lit)
         away = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - made[:, :, 84:])
         unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
         assert away.max() < 0.02 < 0.5 < unmended.min()
@@ -71,7 +71,7 @@ def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> N
 def test_made_up_skin_keeps_its_grain() -> None:
     texture, light, lit = _half_seen(-1.5)
     grain = np.exp(0.05 * np.random.default_rng(0).standard_normal(SHAPE).astype(np.float32))
-    made = like_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit)
+    made = as_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit)
     albedo = (texture * grain * np.exp(-made) / ALBEDO)[:, :, 90:]
     assert 0.8 < np.log(albedo).std() / np.log(grain[:, 90:]).std() < 1.1
 
@@ -79,9 +79,9 @@ def test_made_up_skin_keeps_its_grain() -> None:
 def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     """The mean of no skin would be 0 / 0, and black texels have no logarithm."""
     texture, light, lit = _half_seen(-1.5)
-    assert like_seen_skin(light, texture, light, 0 * lit, 1 - lit) is light
-    assert like_seen_skin(light, texture, light, lit, 0 * lit) is light
-    assert np.isfinite(like_seen_skin(light, 0 * texture, light, lit, 1 - lit)).all()
+    assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit) is light
+    assert as_seen_skin(light, texture, light, lit, 0 * lit) is light
+    assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit)).all()
 
 
 def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
@@ -92,8 +92,8 @@ def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
     light[:, 40:54] = -2
     light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
     on = continued(light, lit)
-    result = not_deeper(on, light, lit)
+    result = with_shade_floor(on, light, lit)
     assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
     assert np.array_equal(result[:, 40:], on[:, 40:])
     assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
-    assert np.array_equal(not_deeper(on, light, np.zeros_like(lit)), on)
+    assert np.array_equal(with_shade_floor(on, light, np.zeros_like(lit)), on)

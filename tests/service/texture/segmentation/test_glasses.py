@@ -43,7 +43,7 @@ def _worn(points: Array, width: float = 0.0028) -> npt.NDArray[np.bool_]:
 
 
 def _skin(points: Array) -> Array:
-    """Skin in a light that falls off to one side."""
+    """SkinModel in a light that falls off to one side."""
     return np.asarray(np.array(SKIN) * (0.9 + 2.5 * points[:, :1]))
 
 

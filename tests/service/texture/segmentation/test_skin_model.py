@@ -1,4 +1,4 @@
-"""Skin beside things that cover much of a face."""
+"""SkinModel beside things that cover much of a face."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.reflectance.subject import BROWS, CLUES, Subject
 from service.texture.make import make_texture
-from service.texture.segmentation.skin_model import learn_skin, plausibility
+from service.texture.segmentation.skin_model import fit_skin_model, skin_likelihood
 from service.texture.segmentation.zones import Zones
 from tests.service.texture.scenes import SKIN, fitted, photograph, turned
 
@@ -41,10 +41,10 @@ def test_a_cap_or_a_mask_over_much_of_a_face_is_no_skin(
     over = (edge < HEIGHT) == (worn == "cap")
     light = np.clip(0.75 + 0.25 * NORMAL[:, :1], 0, 1)
     seen = (np.where(over[:, None], cover, skin_colour) * light).astype(np.float32)
-    skin = learn_skin(seen, NORMAL, np.clip(NORMAL[:, 2], 0, 1) ** 2, ZONES)
+    skin = fit_skin_model(seen, NORMAL, np.clip(NORMAL[:, 2], 0, 1) ** 2, ZONES)
     assert skin is not None
     assert np.abs(skin.colour - np.array(skin_colour) * 0.75).max() < 0.05  # teeth are judged beside it
-    likely = plausibility(skin, seen, NORMAL, face=1.0)
+    likely = skin_likelihood(skin, seen, NORMAL, face=1.0)
     assert np.median(likely[FACE & ~over]) > 0.95
     assert np.percentile(likely[FACE & over], 90) < 0.05
 
@@ -76,4 +76,4 @@ def test_a_cap_stays_and_is_named_and_its_light_is_not_read(yaw: int) -> None:
     brows = dict(zip(CLUES, subject.clues, strict=True))[BROWS]
     worn = cv2.resize(capped.worn, brows.shape[::-1]) == 255
     assert brows[worn].max() < 1e-4 and brows.max() > 0.5
-    assert subject.made_up is not None and (subject.made_up * (capped.worn == 255)).max() == 0.0
+    assert subject.inpainted is not None and (subject.inpainted * (capped.worn == 255)).max() == 0.0
