@@ -20,8 +20,13 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: square brackets are ours, and rich is not imported for it
 )
 
+MAPS_HELP = (
+    "Maps to write, joined by commas: diffuse_albedo, specular_albedo, specular_normal, diffuse_normal, displacement, "
+    "texture, confidence, shape_normal. [default: all]"
+)
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for machines.")]
-Maps = Annotated[str | None, typer.Option(help="Maps to write, names joined by commas. [default: all]")]
+Maps = Annotated[str | None, typer.Option(help=MAPS_HELP)]
 Quality = Annotated[str | None, typer.Option(help="draft, standard, high or reference. [default: standard]")]
 Size = Annotated[str | None, typer.Option(help="Size of the maps, WIDTHxHEIGHT, 3:2. [default: the quality's]")]
 Bits = Annotated[int | None, typer.Option(help="Bits of normal maps, 8 or 16. [default: the quality's]")]
