@@ -7,10 +7,10 @@ texture and not from projecting the photo back to where it came from.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Similarity
 from service.archive.preview.render import render, turned_camera
+from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.basis import surface_points
 from service.face.fit.result import Fit
@@ -24,9 +24,7 @@ SIZE = (240, 300)
 GREY = np.full((1, 1, 3), 0.5, np.float32)
 
 
-def likeness(
-    photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: npt.NDArray[np.uint8], recogniser: Recogniser
-) -> Similarity:
+def likeness(photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser) -> Similarity:
     """Distance and centred cosine between the photo and a frontal render of the textured head.
 
     Args:

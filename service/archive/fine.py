@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.obj import obj_bytes
 from service.archive.surface import vertex_normals
+from service.arrays import AnyFloat, Float32, Float64, UInt16
 from service.geometry.normals import face_normals
 from service.geometry.subdivide import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.reflectance.result import MID, SCALE_MM
-
-Array = npt.NDArray[np.float64]
 
 STEPS = 3
 """Every quad becomes 64: edges of about half a millimetre."""
@@ -26,9 +24,7 @@ RELIEF_WIDTH = 1536
 MOST_HALVINGS = 6
 
 
-def fine_obj_bytes(
-    head: HeadModel, vertices: npt.NDArray[np.floating], displacement: npt.NDArray[np.uint16], title: str
-) -> bytes:
+def fine_obj_bytes(head: HeadModel, vertices: AnyFloat, displacement: UInt16, title: str) -> bytes:
     """OBJ text of the subdivided, displaced head.
 
     Args:
@@ -41,7 +37,7 @@ def fine_obj_bytes(
     return obj_bytes(fine, embossed(fine, smooth, displacement), f"{title}, subdivided and displaced")
 
 
-def subdivided(head: HeadModel, vertices: npt.NDArray[np.floating], steps: int = STEPS) -> tuple[HeadModel, Array]:
+def subdivided(head: HeadModel, vertices: AnyFloat, steps: int = STEPS) -> tuple[HeadModel, Float64]:
     """A head model of quads with the finer topology and chart (its other fields are meaningless), and its vertices."""
     points, uv = np.asarray(vertices, np.float64), np.asarray(head.uv, np.float64)
     polygons, polygons_uv, part = head.polygons.astype(np.int64), head.polygon_uv.astype(np.int64), head.polygon_part
@@ -64,7 +60,7 @@ def subdivided(head: HeadModel, vertices: npt.NDArray[np.floating], steps: int =
     return fine, points
 
 
-def embossed(head: HeadModel, vertices: Array, displacement: npt.NDArray[np.uint16]) -> Array:
+def embossed(head: HeadModel, vertices: Float64, displacement: UInt16) -> Float64:
     """(V, 3) vertices moved along their normals by a map (H, W); where that would turn a triangle over, by less.
 
     Vertices on a cut of the chart take the mean of what both sides say, so that the mesh stays closed.
@@ -81,7 +77,7 @@ def embossed(head: HeadModel, vertices: Array, displacement: npt.NDArray[np.uint
     return moved
 
 
-def heights_at(head: HeadModel, displacement: npt.NDArray[np.uint16]) -> Array:
+def heights_at(head: HeadModel, displacement: UInt16) -> Float64:
     """(V,) height in mm of each vertex of a head of quads: the mean over its places on the chart."""
     import cv2
 
@@ -99,7 +95,7 @@ def heights_at(head: HeadModel, displacement: npt.NDArray[np.uint16]) -> Array:
     return np.asarray((mean - MID) * SCALE_MM)
 
 
-def _bilinear(image: npt.NDArray[np.float32], uv: Array) -> Array:
+def _bilinear(image: Float32, uv: Float64) -> Float64:
     """(N,) values of an (H, W) map at chart coordinates (N, 2), origin bottom left."""
     tall, wide = image.shape
     x = np.clip(uv[:, 0] * wide - 0.5, 0, wide - 1)

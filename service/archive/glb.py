@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.gltf import GltfWriter
 from service.archive.materials import Material, material_of
 from service.archive.surface import Part, split_parts, vertex_normals
+from service.arrays import AnyFloat, Float32, Float64
 from service.errors import NumericFault
 from service.geometry.chart import tangents
 from service.head.model import HeadModel
@@ -44,7 +44,7 @@ class Picture:
 
 def glb_bytes(
     head: HeadModel,
-    neutral: npt.NDArray[np.floating],
+    neutral: AnyFloat,
     texture: Picture,
     *,
     normal: Picture | None = None,
@@ -109,12 +109,12 @@ class _Morphs:
     """Offsets of every blendshape, (E, V, 3) float32, zero where they are too small to matter."""
 
     names: tuple[str, ...]
-    position: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    base_normal: npt.NDArray[np.float32]
+    position: Float32
+    normal: Float32
+    base_normal: Float32
 
     @classmethod
-    def of(cls, head: HeadModel, neutral: npt.NDArray[np.float32]) -> _Morphs:
+    def of(cls, head: HeadModel, neutral: Float32) -> _Morphs:
         base = vertex_normals(neutral, head.triangles)
         if not len(head.expression):
             empty = np.zeros((0, len(neutral), 3), np.float32)
@@ -123,7 +123,7 @@ class _Morphs:
         return cls(head.expression_names, _cut(head.expression, MOVES_M), _cut(turned, TURNS), base)
 
 
-def _cut(offsets: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.float32]:
+def _cut(offsets: Float32, least: float) -> Float32:
     """Offsets with rows shorter than ``least`` set to zero."""
     small = np.einsum("evc,evc->ev", offsets, offsets) < least * least
     return np.where(small[..., None], np.float32(0), offsets)
@@ -133,10 +133,10 @@ def _mesh(
     writer: GltfWriter,
     head: HeadModel,
     part: Part,
-    neutral: npt.NDArray[np.float32],
+    neutral: Float32,
     morphs: _Morphs,
     material: int,
-    along: npt.NDArray[np.float64] | None,
+    along: Float64 | None,
 ) -> Object:
     flipped = np.stack([head.uv[part.uv, 0], 1 - head.uv[part.uv, 1]], 1)
     primitive: Object = {
@@ -166,7 +166,7 @@ def _mesh(
     return mesh
 
 
-def _tangents(along: npt.NDArray[np.float64], normal: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _tangents(along: Float64, normal: Float32) -> Float32:
     """(N, 4) unit tangents along u, orthogonal to the normals, and 1: normal x tangent points up the chart."""
     flat = along.astype(np.float32) - normal * np.einsum("ni,ni->n", along.astype(np.float32), normal)[:, None]
     # Where the chart has no direction of u (a pole, a sliver) any tangent will do.
@@ -196,6 +196,6 @@ def _material(material: Material, textures: Mapping[str, int]) -> Object:
     return written
 
 
-def weights_by_name(names: Sequence[str], values: npt.NDArray[np.floating]) -> dict[str, float]:
+def weights_by_name(names: Sequence[str], values: AnyFloat) -> dict[str, float]:
     """Blendshape weights of a fit by name, those that are not zero."""
     return {name: float(value) for name, value in zip(names, values, strict=True) if value != 0}

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import AnyFloat, AnyInt, Float32
 
 Object = dict[str, Any]
 
@@ -34,13 +35,13 @@ class GltfWriter:
         view, _ = self._append(f"raw{len(self.views)}", data)
         return view
 
-    def add_vertices(self, rows: npt.NDArray[np.floating], *, bounds: bool = False) -> int:
+    def add_vertices(self, rows: AnyFloat, *, bounds: bool = False) -> int:
         """Accessor of (N, 2), (N, 3) or (N, 4) float32 vertex data."""
         data = np.ascontiguousarray(rows, "<f4")
         view, offset = self._append(f"vec{data.shape[1]}", data.tobytes())
         return self._accessor(data, bounds, {"bufferView": view, "byteOffset": offset})
 
-    def add_indices(self, triangles: npt.NDArray[np.integer], vertex_count: int) -> int:
+    def add_indices(self, triangles: AnyInt, vertex_count: int) -> int:
         """Accessor of triangle corners; 16 bits where they do (65535 would restart the primitive)."""
         wide = vertex_count > 0xFFFF
         data = np.ascontiguousarray(triangles.ravel(), "<u4" if wide else "<u2")
@@ -50,7 +51,7 @@ class GltfWriter:
         self.accessors.append({**accessor, "type": "SCALAR"})
         return len(self.accessors) - 1
 
-    def add_offsets(self, rows: npt.NDArray[np.float32], *, bounds: bool = False) -> int:
+    def add_offsets(self, rows: Float32, *, bounds: bool = False) -> int:
         """Accessor of (N, 3) morph offsets: none stored if all are zero, only the others if that is smaller."""
         moved = np.flatnonzero(rows.any(1))
         if not len(moved):
@@ -95,7 +96,7 @@ class GltfWriter:
             self.still[key] = self._accessor(np.zeros((count, 3), np.float32), bounds, {})
         return self.still[key]
 
-    def _accessor(self, rows: npt.NDArray[np.floating], bounds: bool, source: Object) -> int:
+    def _accessor(self, rows: AnyFloat, bounds: bool, source: Object) -> int:
         facts: Object = {"componentType": _FLOAT, "count": len(rows), "type": f"VEC{rows.shape[1]}"}
         if bounds:
             facts |= {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}

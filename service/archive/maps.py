@@ -13,6 +13,7 @@ from service.archive import png
 from service.archive.avatar import Avatar
 from service.archive.images import normal_coding, quantise_normals
 from service.archive.png import Rows
+from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
 from service.texture.result import MIRRORED, SEEN
@@ -83,18 +84,18 @@ def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Ava
     return lambda avatar: None if avatar.reflectance is None else made(avatar.reflectance)
 
 
-def _eight_bits(codes: npt.NDArray[np.uint16] | None) -> Rows | None:
+def _eight_bits(codes: UInt16 | None) -> Rows | None:
     """16-bit codes rounded to 8 bits."""
     if codes is None:
         return None
 
-    def read(first: int, last: int) -> npt.NDArray[np.uint8]:
+    def read(first: int, last: int) -> UInt8:
         return np.asarray((codes[first:last].astype(np.uint32) * 255 + 32767) // 65535, np.uint8)
 
     return Rows(codes.shape, 8, read)
 
 
-def _as_they_are(codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None) -> Rows | None:
+def _as_they_are(codes: UInt8 | UInt16 | None) -> Rows | None:
     return None if codes is None else Rows.of(codes)
 
 
@@ -109,7 +110,7 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
     bits, plain = normal_bits(avatar), codes
 
-    def read(first: int, last: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    def read(first: int, last: int) -> UInt8 | UInt16:
         strip = plain[first:last]
         vectors = unpack_normals(strip) if strip.shape[-1] == 2 else strip * np.float32(1 / NORMAL_ONE)
         return quantise_normals(vectors, bits)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from service.archive.avatar import Avatar
 from service.archive.glb import Picture
 from service.archive.images import encode_jpeg, encode_normals8, encode_png
+from service.arrays import UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -27,7 +28,7 @@ def colours(avatar: Avatar) -> Picture:
     return _picture((codes // 257).astype(np.uint8), photographic=codes is not made.diffuse_albedo)
 
 
-def glb_texture(texture: npt.NDArray[np.uint8]) -> Picture:
+def glb_texture(texture: UInt8) -> Picture:
     """A texture (h, w, 3) uint8 sRGB as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
     smaller = _fitting(texture)
     return _picture(smaller, photographic=smaller is not texture)
@@ -56,7 +57,7 @@ def specular_picture(made: Reflectance) -> Picture | None:
     return Picture(encode_png(rgba, srgb=False), "image/png")
 
 
-def _picture(image: npt.NDArray[np.uint8], *, photographic: bool) -> Picture:
+def _picture(image: UInt8, *, photographic: bool) -> Picture:
     if photographic:
         return Picture(encode_jpeg(image, 92), "image/jpeg")
     return Picture(encode_png(image, srgb=True), "image/png")

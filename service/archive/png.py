@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+from service.arrays import UInt8, UInt16
+
+Codes = UInt8 | UInt16
 
 ROWS = 64
 """Of a strip."""
@@ -75,7 +76,7 @@ def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
     yield chunk(b"IEND", b"")
 
 
-def _filtered(strip: Codes, channels: int) -> npt.NDArray[np.uint8]:
+def _filtered(strip: Codes, channels: int) -> UInt8:
     """(h, 1 + bytes of a row) uint8: the filter's number, then each byte minus that of the pixel before."""
     plain: Any = strip if strip.dtype.itemsize == 1 else strip.astype(">u2")
     samples = np.ascontiguousarray(plain).reshape(len(strip), -1).view(np.uint8)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, Int32, UInt8
 from service.errors import BadMesh
 from service.head.files import triangle_fields
 from service.head.model import HeadModel
@@ -19,9 +19,6 @@ from service.head.model import HeadModel
 MAX_BYTES = 64 << 20
 MAX_VERTICES = 500_000
 MAX_PARTS = 64
-
-Float = npt.NDArray[np.float64]
-Int = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -37,12 +34,12 @@ class ObjMesh:
         polygon_part: (Q,) uint8 index into ``part_names``.
     """
 
-    vertices: Float
-    uv: Float
-    polygons: Int
-    polygon_uv: Int
+    vertices: Float64
+    uv: Float64
+    polygons: Int32
+    polygon_uv: Int32
     part_names: tuple[str, ...]
-    polygon_part: npt.NDArray[np.uint8]
+    polygon_part: UInt8
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Int64
 from service.geometry.normals import FALLBACK_NORMAL, area_normals
 from service.head.model import HeadModel
 
@@ -28,9 +28,9 @@ class Part:
     """
 
     name: str
-    vertex: npt.NDArray[np.int64]
-    uv: npt.NDArray[np.int64]
-    triangles: npt.NDArray[np.int64]
+    vertex: Int64
+    uv: Int64
+    triangles: Int64
 
 
 def split_parts(head: HeadModel) -> list[Part]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, UnreadableInput
 from service.photo.container import Codec
 from service.photo.exif import ExifFacts
@@ -20,7 +20,7 @@ LIMITS = Limits(
 """A map of 6144 x 4096 takes a second to decode; a busy machine more."""
 
 
-def unpack_map(png: bytes, name: str) -> npt.NDArray[np.uint8]:
+def unpack_map(png: bytes, name: str) -> UInt8:
     """(H, W, 3) uint8 codes of a PNG, 3:2; grey has three equal channels, 16-bit codes are rounded: code / 257.
 
     Raises:

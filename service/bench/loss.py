@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, UInt8
 from service.reflectance.result import unpack_normals
 
-Float = npt.NDArray[np.float32]
 Kind = Literal["colour", "normal", "height"]
 
 UNITS: dict[Kind, str] = {"colour": "dB", "normal": "°", "height": "µm"}
@@ -49,7 +49,7 @@ def decibels(rms: float) -> float:
     return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
 
 
-def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: npt.NDArray[np.uint8]) -> Loss:
+def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: UInt8) -> Loss:
     """Loss of a map.
 
     Args:
@@ -66,7 +66,7 @@ def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], ma
     return Loss(kind, *errors)
 
 
-def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float:
+def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float32:
     if kind == "normal":
         return unpack_normals(codes)
     # OpenCV drops an axis of length 1; a map with it would then be compared with one without, each with all.
@@ -74,7 +74,7 @@ def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float:
     return np.asarray(plain, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
 
 
-def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bool_]) -> float:
+def _error(kind: Kind, found: Float32, reference: Float32, counts: Bool) -> float:
     chosen = counts if counts.any() else np.ones_like(counts)
     if kind == "normal":
         return float(degrees(found[chosen], reference[chosen]).mean())
@@ -82,14 +82,14 @@ def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bo
     return 1000 * rms if kind == "height" else rms
 
 
-def degrees(found: Float, reference: Float) -> npt.NDArray[np.float64]:
+def degrees(found: Float32, reference: Float32) -> Float64:
     """(...) angles between vectors (..., 3) of any length; 0 where one has none. Exact also for the smallest."""
     one, other = (np.asarray(vectors, np.float64) for vectors in (found, reference))
     sine = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, np.einsum("...i,...i->...", one, other))))
 
 
-def _sized(kind: Kind, values: Float, size: tuple[int, int]) -> Float:
+def _sized(kind: Kind, values: Float32, size: tuple[int, int]) -> Float32:
     if values.shape[1::-1] == size:
         return values
     result = _resized(values, size)
@@ -101,7 +101,7 @@ def _sized(kind: Kind, values: Float, size: tuple[int, int]) -> Float:
     )
 
 
-def _resized(values: Float, size: tuple[int, int]) -> Float:
+def _resized(values: Float32, size: tuple[int, int]) -> Float32:
     import cv2
 
     way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC

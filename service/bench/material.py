@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32, UInt8
 from service.colour import Codes
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import Steps
 from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
-
-Float = npt.NDArray[np.float32]
 
 GRID = 64
 """Texels of the full chart between places where a window may begin: whole texels of every coarser map."""
@@ -87,10 +86,10 @@ class Material:
     folder: Path
     window: Window
     texture: Codes
-    geometry: Float
-    clues: Float
-    steps: Float
-    skin: npt.NDArray[np.uint8]
+    geometry: Float32
+    clues: Float32
+    steps: Float32
+    skin: UInt8
 
     def save(self) -> None:
         """Write ``FILE``."""
@@ -146,7 +145,7 @@ class Material:
         return Steps(along, lean, across, self.steps.shape[2])
 
 
-def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[Any], side: int, folder: Path) -> None:
+def prepare(subject: Subject, texture: UInt8, seen: npt.NDArray[Any], side: int, folder: Path) -> None:
     """Write the material of a head.
 
     Args:
@@ -167,7 +166,7 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     Material(folder, window, codes, subject.geometry, subject.clues, steps, mask).save()
 
 
-def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:
+def resized_mask(mask: UInt8, side: int) -> UInt8:
     """(side, side) nearest values of a mask."""
     import cv2
 

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.bench.material import Material
 from service.bench.stages import inputs
 from service.bench.variants import NETWORKS, StageName, Variant, reference
@@ -25,8 +25,6 @@ from service.runtime.describe import Description
 from service.runtime.networks import INPUT, Engine, describe, open_network
 from service.runtime.sessions import TABLE, checked_bytes, fold, model_table
 from service.runtime.tiles import run_whole
-
-Float = npt.NDArray[np.float32]
 
 SIDE = 256
 """Pixels of the maps that ranges are read off."""
@@ -61,7 +59,7 @@ def quantise(stages: Sequence[StageName], static: bool, engine: Engine, material
     )
 
 
-def write_folder(networks: Iterable[tuple[str, Float | None]], engine: Engine, target: Path) -> None:
+def write_folder(networks: Iterable[tuple[str, Float32 | None]], engine: Engine, target: Path) -> None:
     """Write eight-bit networks and their models.json: static with maps (1, C, h, w), dynamic without.
 
     Raises:
@@ -78,7 +76,7 @@ def write_folder(networks: Iterable[tuple[str, Float | None]], engine: Engine, t
     (target / TABLE).write_text(json.dumps({"models": entries}), encoding="utf-8")
 
 
-def sample(stage: StageName, name: str, engine: Engine, material: Material) -> Float:
+def sample(stage: StageName, name: str, engine: Engine, material: Material) -> Float32:
     """(1, C, h, w) input of a network, taken from the material."""
     what = describe(name, engine.folder)
     if stage == "zeta":
@@ -93,7 +91,7 @@ def sample(stage: StageName, name: str, engine: Engine, material: Material) -> F
     return np.ascontiguousarray(planes.read(what.channels)(index, index)[None])
 
 
-def _zeta_sample(name: str, what: Description, engine: Engine, material: Material) -> Float:
+def _zeta_sample(name: str, what: Description, engine: Engine, material: Material) -> Float32:
     planes = material.whole_texture()
     about = describe(BODY, engine.folder)
     add_noise(planes, about.channels, Grain())
@@ -111,14 +109,14 @@ def _zeta_sample(name: str, what: Description, engine: Engine, material: Materia
 class _Once:
     """Hands one input to the tool that reads ranges."""
 
-    def __init__(self, maps: Float) -> None:
+    def __init__(self, maps: Float32) -> None:
         self._left = [{INPUT: maps}]
 
-    def get_next(self) -> dict[str, Float] | None:
+    def get_next(self) -> dict[str, Float32] | None:
         return self._left.pop() if self._left else None
 
 
-def _write(name: str, engine: Engine, maps: Float | None, path: Path) -> None:
+def _write(name: str, engine: Engine, maps: Float32 | None, path: Path) -> None:
     from onnxruntime.quantization import QuantType, quantize_dynamic, quantize_static
 
     plain = path.with_suffix(".folded")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.colour import to_codes
@@ -128,7 +129,7 @@ def _translation(variant: Variant, engine: Engine, network: Network, material: M
         result: Result = np.zeros((height, width, 2), np.int16) if normal else np.zeros(
             (height, width, len(what.outputs)), np.uint16)  # fmt: skip
 
-        def keep(tile: Tile, values: npt.NDArray[np.float32]) -> None:
+        def keep(tile: Tile, values: Float32) -> None:
             packed = pack_normals(*values) if normal else np.moveaxis(to_codes(values), 0, 2)
             result[tile.scaled(1)] = packed
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Pixels = npt.NDArray[np.uint8]
-Float = npt.NDArray[np.float64]
+from service.arrays import Float64, UInt8
+
+Pixels = UInt8
 
 EYES = (
     (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7),
@@ -30,7 +30,7 @@ COVERED_LEVEL, COVERED_CONTRAST = 0.35, 0.4
 Seventeen photos, hard shadow among them, have 0.55 to 1.8 there; glints do not count, as they are in a quarter."""
 
 
-def warnings(pixels: Pixels, landmarks: Float) -> tuple[str, ...]:
+def warnings(pixels: Pixels, landmarks: Float64) -> tuple[str, ...]:
     """Stable codes for one face: ``under-exposed``, ``eyes-covered`` (both eyes dark and featureless: sunglasses).
 
     Args:
@@ -47,7 +47,7 @@ def warnings(pixels: Pixels, landmarks: Float) -> tuple[str, ...]:
     return tuple(codes)
 
 
-def _covered(pixels: Pixels, eye: Float, cheek: Float) -> bool:
+def _covered(pixels: Pixels, eye: Float64, cheek: Float64) -> bool:
     """Whether an eye is much darker than its cheek and has no contrast of its own; False where one is out of view."""
     centre = eye.mean(0)
     inside, skin = _luminance(pixels, centre + (eye - centre) * EYE_GROWTH), _luminance(pixels, cheek)
@@ -57,7 +57,7 @@ def _covered(pixels: Pixels, eye: Float, cheek: Float) -> bool:
     return high < COVERED_LEVEL * float(np.median(skin)) and high - low <= COVERED_CONTRAST * float(inside.mean())
 
 
-def _luminance(pixels: Pixels, polygon: Float) -> Float:
+def _luminance(pixels: Pixels, polygon: Float64) -> Float64:
     """Linear luminances in [0, 1] of the photo inside an (N, 2) polygon; empty where none of it lies in the photo."""
     height, width = pixels.shape[:2]
     x0, y0 = np.clip(np.floor(polygon.min(0)), 0, [width, height]).astype(int)

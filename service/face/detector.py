@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float64, UInt8
 from service.face.region import Region, roll
 from service.runtime.sessions import Session, load_session
-
-Float = npt.NDArray[np.float64]
 
 INPUT_SIZE = 256
 STRIDES = (16, 32, 32, 32)
@@ -34,13 +32,13 @@ class Detection:
         keypoints: (6, 2) float64, in the order of ``Face.keypoints``.
     """
 
-    centre: Float
+    centre: Float64
     size: float
     score: float
-    keypoints: Float
+    keypoints: Float64
 
     @property
-    def box(self) -> Float:
+    def box(self) -> Float64:
         """(4,) x0, y0, x1, y1 of the upright square."""
         half = self.size / 2
         return np.concatenate([self.centre - half, self.centre + half])
@@ -55,7 +53,7 @@ class Detection:
         return Region(float(self.centre[0]), float(self.centre[1]), self.size * scale, self.angle)
 
 
-def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float:
+def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float64:
     """(A, 2) float64 anchor centres in input pixels: per cell two for each layer, layers of equal stride together.
 
     >>> anchors().shape
@@ -70,9 +68,7 @@ def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float
     return np.concatenate(parts)
 
 
-def decode(
-    regressors: npt.NDArray[np.floating], logits: npt.NDArray[np.floating], grid: Float, threshold: float
-) -> tuple[Float, Float]:
+def decode(regressors: AnyFloat, logits: AnyFloat, grid: Float64, threshold: float) -> tuple[Float64, Float64]:
     """Boxes and keypoints in input pixels.
 
     Args:
@@ -93,7 +89,7 @@ def decode(
     return points[keep], scores[keep]
 
 
-def overlap(one: Float, others: Float) -> Float:
+def overlap(one: Float64, others: Float64) -> Float64:
     """(N,) intersection over union of a (4,) box with (N, 4) boxes x0, y0, x1, y1; 0 where both are empty."""
     low = np.maximum(one[:2], others[:, :2])
     high = np.minimum(one[2:], others[:, 2:])
@@ -137,7 +133,7 @@ class Detector:
         self._session = session or load_session("face_detector", threads)
         self._anchors = anchors()
 
-    def __call__(self, pixels: npt.NDArray[np.uint8], region: Region, threshold: float = 0.5) -> list[Detection]:
+    def __call__(self, pixels: UInt8, region: Region, threshold: float = 0.5) -> list[Detection]:
         """Faces of at least ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
         crop = region.cut(pixels, INPUT_SIZE)
         image = crop.astype(np.float32)[None] / 127.5 - 1

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, UInt8
 from service.face import conditions
 from service.face.choice import RIVAL_AREA, choose_face
 from service.face.detector import INPUT_SIZE as DETECTOR_SIZE
@@ -24,7 +24,7 @@ from service.face.region import Region
 
 __all__ = ["FaceFinder", "choose_face"]
 
-Pixels = npt.NDArray[np.uint8]
+Pixels = UInt8
 
 SMALLEST_SOUGHT = 24.0
 """Faces are sought down to this box size, so that a small one is reported as small and not as absent."""
@@ -157,7 +157,7 @@ def passes(width: int, height: int) -> Iterator[float]:
 def tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Region]:
     """Squares of ``side`` that cover a photo with a third of overlap; one that is as large as the photo is centred."""
 
-    def centres(length: int) -> npt.NDArray[np.float64]:
+    def centres(length: int) -> Float64:
         if length <= side:
             return np.array([length / 2])
         count = int(np.ceil((length - side) / (side * 2 / 3))) + 1
@@ -175,7 +175,7 @@ def _close(one: Detection, other: Detection) -> bool:
     return bool(np.hypot(*(one.centre - other.centre)) < 0.5 * other.size and 0.5 < one.size / other.size < 2)
 
 
-def _known(box: npt.NDArray[np.float64], faces: list[Face]) -> bool:
+def _known(box: Float64, faces: list[Face]) -> bool:
     """Whether a box is one of the faces: half of the smaller of the two lies in the other."""
     for face in faces:
         shared = np.prod(np.maximum(np.minimum(box[2:], face.box[2:]) - np.maximum(box[:2], face.box[:2]), 0))

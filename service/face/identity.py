@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.errors import ModelFault
 from service.face.region import Region
 from service.runtime.sessions import Session, checked_bytes, load_session
 
-Float = npt.NDArray[np.float64]
-Embedding = npt.NDArray[np.float32]
+Embedding = Float32
 
 SIZE = 150
 DIMENSIONS = 128
@@ -44,7 +43,7 @@ class Population:
             cosine is centred by the mean of all other faces.
     """
 
-    mean: Float
+    mean: Float64
     faces: int
     impostor: dict[str, float]
 
@@ -55,7 +54,7 @@ class Recogniser:
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_identity", threads)
 
-    def embed(self, pixels: npt.NDArray[np.uint8], landmarks: npt.NDArray[np.floating]) -> Embedding:
+    def embed(self, pixels: UInt8, landmarks: AnyFloat) -> Embedding:
         """(128,) float32 descriptor of a face.
 
         Args:
@@ -70,7 +69,7 @@ class Recogniser:
         return np.asarray(embedding[0], np.float32)
 
 
-def alignment(landmarks: npt.NDArray[np.floating]) -> Region:
+def alignment(landmarks: AnyFloat) -> Region:
     """The square of the photo whose 150-pixel crop has eyes and nose where dlib's template has them.
 
     Least-squares similarity transform without reflection (Umeyama 1991), from template to photo.
@@ -89,14 +88,12 @@ def alignment(landmarks: npt.NDArray[np.floating]) -> Region:
     return Region(float(x), float(y), side, angle)
 
 
-def distance(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> float:
+def distance(one: AnyFloat, other: AnyFloat) -> float:
     """Euclidean distance of two descriptors: 0 the same picture, under 0.6 the same person."""
     return float(np.linalg.norm(np.asarray(one, np.float64) - np.asarray(other, np.float64)))
 
 
-def centred_cosine(
-    one: npt.NDArray[np.floating], other: npt.NDArray[np.floating], mean: npt.NDArray[np.floating] | None = None
-) -> float:
+def centred_cosine(one: AnyFloat, other: AnyFloat, mean: AnyFloat | None = None) -> float:
     """Cosine in [-1, 1] of two descriptors after ``mean`` (default: the population's) is taken off.
 
     About 0 for different people and 1 for the same picture; 0 where a descriptor equals the mean.

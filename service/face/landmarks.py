@@ -13,15 +13,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, UInt8
 from service.face.detector import Detection
 from service.face.region import Region, roll
 from service.face.topology import MIRROR
 from service.runtime.sessions import Session, load_session
 
-Float = npt.NDArray[np.float64]
-Pixels = npt.NDArray[np.uint8]
+Pixels = UInt8
 
 INPUT_SIZE = 192
 LANDMARKS = 468
@@ -55,7 +54,7 @@ class Mesh:
         logit: log-odds that the region held a face in the expected position.
     """
 
-    landmarks: Float
+    landmarks: Float64
     logit: float
 
     @property
@@ -64,7 +63,7 @@ class Mesh:
         return 1 / (1 + float(np.exp(-np.clip(self.logit, -80, 80))))
 
     @property
-    def keypoints(self) -> Float:
+    def keypoints(self) -> Float64:
         """(4, 2) eyes, nose tip and mouth, comparable to the first four of ``Detection.keypoints``."""
         return np.stack([self.landmarks[list(pair), :2].mean(0) for pair in (EYE_LEFT, EYE_RIGHT, NOSE, MOUTH)])
 

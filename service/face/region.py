@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from service.arrays import AnyFloat, Float64, UInt8
 
 
 @dataclass(frozen=True)
@@ -26,28 +25,28 @@ class Region:
     side: float
     angle: float = 0.0
 
-    def matrix(self, size: int) -> Float:
+    def matrix(self, size: int) -> Float64:
         """(2, 3) affine map from a (size, size) crop's pixel coordinates to photo coordinates."""
         step = self.side / size
         cos, sin = np.cos(self.angle) * step, np.sin(self.angle) * step
         half = size / 2
         return np.array([[cos, -sin, self.x - (cos - sin) * half], [sin, cos, self.y - (sin + cos) * half]], np.float64)
 
-    def to_photo(self, points: npt.NDArray[np.floating], size: int) -> Float:
+    def to_photo(self, points: AnyFloat, size: int) -> Float64:
         """(N, 2 or 3) crop pixels -> the same in photo pixels; a third column (depth) is only scaled."""
         points = np.asarray(points, np.float64)
         matrix = self.matrix(size)
         moved = points[:, :2] @ matrix[:, :2].T + matrix[:, 2]
         return np.concatenate([moved, points[:, 2:] * (self.side / size)], 1)
 
-    def to_crop(self, points: npt.NDArray[np.floating], size: int) -> Float:
+    def to_crop(self, points: AnyFloat, size: int) -> Float64:
         """(N, 2 or 3) photo pixels -> crop pixels; the inverse of ``to_photo``."""
         points = np.asarray(points, np.float64)
         matrix = self.matrix(size)
         moved = (points[:, :2] - matrix[:, 2]) @ np.linalg.inv(matrix[:, :2]).T
         return np.concatenate([moved, points[:, 2:] * (size / self.side)], 1)
 
-    def cut(self, pixels: npt.NDArray[np.uint8], size: int) -> npt.NDArray[np.uint8]:
+    def cut(self, pixels: UInt8, size: int) -> UInt8:
         """(size, size, 3) uint8 crop of an (H, W, 3) photo; black outside. Shrinking averages, it does not alias."""
         height, width = pixels.shape[:2]
         shrink = max(1, round(self.side / size))  # whole numbers are what OpenCV averages fast
@@ -68,7 +67,7 @@ class Region:
         return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
 
 
-def roll(left_eye: Float, right_eye: Float, mouth: Float) -> float:
+def roll(left_eye: Float64, right_eye: Float64, mouth: Float64) -> float:
     """Radians by which a face is turned clockwise in the photo; 0 where the three points coincide.
 
     The eye line and the line from the eyes down to the mouth each tell the roll; their sum weights them by length, so

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
 
-def surface_points(
-    vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer], spacing: float
-) -> npt.NDArray[np.float32]:
+def surface_points(vertices: AnyFloat, triangles: AnyInt, spacing: float) -> Float32:
     """(N, 3) float32 points on all triangles, nowhere further apart than ``spacing``; triangles without area too.
 
     Args:
@@ -30,7 +29,7 @@ def surface_points(
     return _distinct(np.concatenate(points), 1e-3 * spacing).astype(np.float32)
 
 
-def _distinct(points: npt.NDArray[np.float64], grain: float) -> npt.NDArray[np.float64]:
+def _distinct(points: Float64, grain: float) -> Float64:
     """Points of which no two fall into the same cube of side ``grain``: triangles share their corners and edges."""
     cell = np.rint((points - points.min(0)) / grain).astype(np.int64)
     x, y, z = np.minimum(cell, (1 << 21) - 1).T

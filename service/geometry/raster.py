@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int32, Int64
 from service.geometry.camera import NEAREST_M
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 CHUNK = 1 << 20
 """Rows or pixels that are expanded at once; bounds the memory to some tens of megabytes."""
@@ -34,20 +32,20 @@ class Raster:
         depth: (H, W) float32 in the unit of the input, inf where there is none.
     """
 
-    triangle: npt.NDArray[np.int32]
-    barycentric: npt.NDArray[np.float32]
-    depth: npt.NDArray[np.float32]
+    triangle: Int32
+    barycentric: Float32
+    depth: Float32
 
     @property
-    def mask(self) -> npt.NDArray[np.bool_]:
+    def mask(self) -> Bool:
         """(H, W) bool, True where a triangle covers the pixel centre."""
         return self.triangle >= 0
 
 
 def rasterise(
-    points_2d: npt.NDArray[np.floating],
-    depth: npt.NDArray[np.floating],
-    triangles: npt.NDArray[np.integer],
+    points_2d: AnyFloat,
+    depth: AnyFloat,
+    triangles: AnyInt,
     width: int,
     height: int,
     *,
@@ -86,13 +84,13 @@ def rasterise(
     return _resolve(buffer, planes, keep, width, height, first_row, perspective)
 
 
-def signed_area(points_2d: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+def signed_area(points_2d: AnyFloat, triangles: AnyInt) -> Float64:
     """(T,) float64 twice the area in px^2, negative where the corners run counter-clockwise as seen (y is down)."""
     a, b, c = (np.asarray(points_2d, np.float64)[triangles[:, i]] for i in range(3))
     return np.asarray((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
 
 
-def _usable(points: FloatArray, z: FloatArray, faces: IntArray, cull: bool, perspective: bool) -> IntArray:
+def _usable(points: Float64, z: Float64, faces: Int64, cull: bool, perspective: bool) -> Int64:
     """Indices of the triangles that may be drawn."""
     finite = np.isfinite(points).all(1) & np.isfinite(z)
     if perspective:
@@ -103,7 +101,7 @@ def _usable(points: FloatArray, z: FloatArray, faces: IntArray, cull: bool, pers
     return np.flatnonzero(sound & (area < 0 if cull else area != 0))
 
 
-def _touches(points: FloatArray, faces: IntArray, width: int, height: int, first_row: int) -> npt.NDArray[np.bool_]:
+def _touches(points: Float64, faces: Int64, width: int, height: int, first_row: int) -> Bool:
     a, b, c = (points[faces[:, i]] for i in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     across = (high[:, 0] > 0) & (low[:, 0] < width)
@@ -117,14 +115,14 @@ class _Planes:
     ``second`` and ``third`` are the gradients of the barycentric weights of corners 1 and 2, ``slope`` the value's.
     """
 
-    corners: FloatArray
-    value: FloatArray
-    second: FloatArray
-    third: FloatArray
-    slope: FloatArray
+    corners: Float64
+    value: Float64
+    second: Float64
+    third: Float64
+    slope: Float64
 
     @classmethod
-    def through(cls, corners: FloatArray, value: FloatArray) -> _Planes:
+    def through(cls, corners: Float64, value: Float64) -> _Planes:
         d1, d2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         area = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
         # The area of a sliver may be so small that its gradients overflow; it then counts as flat.
@@ -141,13 +139,13 @@ class _Planes:
 class _Rows:
     """One entry per triangle and pixel row: triangle, row (in the image), first and one past the last column."""
 
-    triangle: IntArray
-    y: IntArray
-    start: IntArray
-    stop: IntArray
+    triangle: Int64
+    y: Int64
+    start: Int64
+    stop: Int64
 
 
-def _spans(corners: FloatArray, width: int, height: int, first_row: int) -> Iterator[_Rows]:
+def _spans(corners: Float64, width: int, height: int, first_row: int) -> Iterator[_Rows]:
     """All spans, in parts of at most about ``CHUNK`` rows and ``CHUNK`` pixels."""
     order = np.argsort(corners[:, :, 1], 1, kind="stable")
     ordered = np.take_along_axis(corners, order[:, :, None], 1)
@@ -159,12 +157,12 @@ def _spans(corners: FloatArray, width: int, height: int, first_row: int) -> Iter
             yield _Rows(rows.triangle[piece] + part.start, rows.y[piece], rows.start[piece], rows.stop[piece])
 
 
-def _first_centre(edge: FloatArray, low: int, high: int) -> IntArray:
+def _first_centre(edge: Float64, low: int, high: int) -> Int64:
     """First pixel whose centre is at or beyond ``edge``, within [low, high]."""
     return np.ceil(np.clip(edge - 0.5, low, high)).astype(np.int64)
 
 
-def _pieces(counts: IntArray) -> Iterator[slice]:
+def _pieces(counts: Int64) -> Iterator[slice]:
     """Consecutive slices of ``counts`` whose sums are at most ``CHUNK`` (or one entry, if that is larger)."""
     total = np.cumsum(counts)
     begin = 0
@@ -175,7 +173,7 @@ def _pieces(counts: IntArray) -> Iterator[slice]:
         begin = end
 
 
-def _cut(ordered: FloatArray, top: IntArray, count: IntArray, width: int) -> _Rows:
+def _cut(ordered: Float64, top: Int64, count: Int64, width: int) -> _Rows:
     """Spans of triangles whose corners are ordered by y and that cover ``count`` rows from ``top``."""
     run = ordered[:, [2, 1, 2]] - ordered[:, [0, 0, 1]]  # edges 0-2, 0-1, 1-2
     with np.errstate(over="ignore"):
@@ -194,12 +192,12 @@ def _cut(ordered: FloatArray, top: IntArray, count: IntArray, width: int) -> _Ro
     return _Rows(triangle[filled], y[filled], start[filled], stop[filled])
 
 
-def _crossing(origin: FloatArray, slope: FloatArray, edge: IntArray, y: FloatArray) -> FloatArray:
+def _crossing(origin: Float64, slope: Float64, edge: Int64, y: Float64) -> Float64:
     """Abscissae of the edges at height y."""
     return np.asarray(origin[:, 0][edge] + (y - origin[:, 1][edge]) * slope[edge])
 
 
-def _expand(counts: IntArray) -> tuple[IntArray, IntArray]:
+def _expand(counts: Int64) -> tuple[Int64, Int64]:
     """For counts (n0, n1, ...): index of the owner and position within it, both of length sum(counts)."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -224,20 +222,20 @@ def _draw(
     np.minimum.at(buffer, ((rows.y - first_row) * width + rows.start)[span] + step, key)
 
 
-def _to_sortable(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
+def _to_sortable(depth: Float32) -> npt.NDArray[np.uint32]:
     """Unsigned integers in the same order as the floats."""
     bits = (depth + np.float32(0)).view(np.uint32)  # adding 0 makes -0 and +0 the same
     return np.where(bits >> np.uint32(31), ~bits, bits | np.uint32(0x80000000))
 
 
-def _from_sortable(bits: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+def _from_sortable(bits: npt.NDArray[np.uint32]) -> Float32:
     return np.where(bits >> np.uint32(31), bits & np.uint32(0x7FFFFFFF), ~bits).view(np.float32)
 
 
 def _resolve(
     buffer: npt.NDArray[np.uint64],
     planes: _Planes,
-    names: IntArray,
+    names: Int64,
     width: int,
     height: int,
     first_row: int,
@@ -257,7 +255,7 @@ def _resolve(
     return Raster(triangle.reshape(height, width), weights.reshape(height, width, 3), nearest.reshape(height, width))
 
 
-def _barycentric(planes: _Planes, t: IntArray, x: FloatArray, y: FloatArray, perspective: bool) -> FloatArray:
+def _barycentric(planes: _Planes, t: Int64, x: Float64, y: Float64, perspective: bool) -> Float64:
     """(N, 3) weights of the corners of triangles ``t`` at (x, y), corrected for perspective if the value is 1/depth."""
     dx, dy = x - planes.corners[:, 0, 0][t], y - planes.corners[:, 0, 1][t]
     # Rounding can put a centre that lies on an edge just outside.

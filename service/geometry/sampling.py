@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
+from service.arrays import AnyFloat, Float32
 
 _COLUMNS = 1024
 _ROWS = 16384
@@ -30,11 +29,11 @@ class Pyramid:
         scales: (w, h) of each level's pixel in pixels of level 0 (not quite powers of two for odd sizes).
     """
 
-    levels: tuple[Float, ...]
+    levels: tuple[Float32, ...]
     scales: tuple[tuple[float, float], ...]
 
     @classmethod
-    def build(cls, image: npt.NDArray[np.floating]) -> Pyramid:
+    def build(cls, image: AnyFloat) -> Pyramid:
         """From (H, W, C) or (H, W), both sides at least 1 and at most 32767."""
         import cv2
 
@@ -49,7 +48,7 @@ class Pyramid:
         h, w = base.shape[:2]
         return cls(tuple(levels), tuple((w / a.shape[1], h / a.shape[0]) for a in levels))
 
-    def sample(self, points: npt.NDArray[np.floating], footprint: npt.NDArray[np.floating] | float = 1.0) -> Float:
+    def sample(self, points: AnyFloat, footprint: AnyFloat | float = 1.0) -> Float32:
         """(..., C) means around points (..., 2), interpolated between pixels and between levels.
 
         Args:
@@ -75,7 +74,7 @@ class Pyramid:
                 result[between] += share * (self._read(i + 1, at[between]) - result[between])
         return result.reshape(*shape, result.shape[1])
 
-    def _read(self, level: int, points: Float) -> Float:
+    def _read(self, level: int, points: Float32) -> Float32:
         import cv2
 
         image, scale = self.levels[level], self.scales[level]
@@ -94,7 +93,7 @@ class Pyramid:
         return value.reshape(padded, -1)[:count]
 
 
-def sample_area(pyramid: Pyramid, points: npt.NDArray[np.floating], jacobian: npt.NDArray[np.floating]) -> Float:
+def sample_area(pyramid: Pyramid, points: AnyFloat, jacobian: AnyFloat) -> Float32:
     """(..., C) means over the parallelograms that unit squares become, by regular supersampling.
 
     A texel seen at a slant is long and narrow in the photo; several samples along it keep what a single round footprint

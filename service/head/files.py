@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Int32, UInt8
 from service.errors import ModelFault
 from service.head.model import HeadModel
 
@@ -46,7 +47,7 @@ _RANGES = {
 _PADDED = ("polygons", "polygon_uv")
 
 
-def split_polygons(polygons: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def split_polygons(polygons: Int32) -> Int32:
     """(Q, 4) polygons (-1 pads triangles) -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
     quads = polygons[polygons[:, 3] >= 0]
     return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
@@ -120,9 +121,7 @@ def load_head(path: Path | None = None) -> HeadModel:
     return model
 
 
-def triangle_fields(
-    polygons: npt.NDArray[np.int32], polygon_uv: npt.NDArray[np.int32], polygon_part: npt.NDArray[np.uint8]
-) -> dict[str, npt.NDArray[Any]]:
+def triangle_fields(polygons: Int32, polygon_uv: Int32, polygon_part: UInt8) -> dict[str, npt.NDArray[Any]]:
     """The fields ``triangles``, ``triangle_uv`` and ``triangle_part`` that follow from the polygons."""
     quad = polygons[:, 3] >= 0
     return {

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float64
 from service.errors import ModelFault, UsageError
 from service.light.scene import Environment, PointLight, Scene
 from service.light.sphere import pixel_directions, pixel_of, pixel_solid_angles
-
-Array = npt.NDArray[np.float64]
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "environments" / "environments.npz"
 HEIGHT, WIDTH = 64, 128
@@ -43,7 +42,7 @@ def names() -> tuple[str, ...]:
     return tuple(_shipped())
 
 
-def radiance(environment: Environment) -> Array:
+def radiance(environment: Environment) -> Float64:
     """(64, 128, 3) float64 linear radiance >= 0, turned and scaled as the scene asks.
 
     Raises:
@@ -57,7 +56,7 @@ def radiance(environment: Environment) -> Array:
     return turned(made, environment.rotation_deg) * environment.strength
 
 
-def turned(image: Array, degrees: float) -> Array:
+def turned(image: Float64, degrees: float) -> Float64:
     """A latitude-longitude image turned about the vertical, interpolated between columns."""
     shift = degrees / 360.0 * image.shape[1]
     whole = math.floor(shift)
@@ -65,7 +64,7 @@ def turned(image: Array, degrees: float) -> Array:
     return np.asarray((1.0 - part) * np.roll(image, whole, 1) + part * np.roll(image, whole + 1, 1))
 
 
-def _sky(environment: Environment) -> Array:
+def _sky(environment: Environment) -> Float64:
     directions = pixel_directions(HEIGHT, WIDTH)
     up = directions[..., 1:2]
     zenith, horizon, ground = (np.asarray(c) for c in (environment.zenith, environment.horizon, environment.ground))
@@ -88,7 +87,7 @@ class Illumination:
     """
 
     lights: tuple[PointLight, ...]
-    sky: Array
+    sky: Float64
 
     @property
     def dark(self) -> bool:
@@ -102,7 +101,7 @@ def illumination(scene: Scene) -> Illumination:
     return Illumination((*scene.lights, *suns), sky)
 
 
-def without_suns(image: Array) -> tuple[Array, tuple[PointLight, ...]]:
+def without_suns(image: Float64) -> tuple[Float64, tuple[PointLight, ...]]:
     """Take small bright spots out of a latitude-longitude image (H, W, 3).
 
     A spot counts when it sends, from within 6 degrees, more than 2 % of all light and is eight times as bright as what
@@ -128,7 +127,7 @@ def without_suns(image: Array) -> tuple[Array, tuple[PointLight, ...]]:
     return sky, tuple(suns)
 
 
-def _sun(flux: Array, directions: Array, smallest: float) -> PointLight:
+def _sun(flux: Float64, directions: Float64, smallest: float) -> PointLight:
     """The ball that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
     weight = flux.mean(-1)
     mean = (directions * weight[..., None]).sum((0, 1))
@@ -141,7 +140,7 @@ def _sun(flux: Array, directions: Array, smallest: float) -> PointLight:
     return PointLight((x, y, z), (red, green, blue), radius * _FAR_M)
 
 
-def lookup(image: Array, directions: Array) -> Array:
+def lookup(image: Float64, directions: Float64) -> Float64:
     """(..., 3) radiance of a latitude-longitude image at unit directions, bilinear."""
     height, width = image.shape[:2]
     at = pixel_of(directions, height, width)

@@ -17,14 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.light.environment import illumination
 from service.light.scene import Scene
 from service.light.shading import BRIGHT, DARK, GONE, LOW, Item, Shading, develop
 from service.light.surface import Surface
-
-Array = npt.NDArray[np.float64]
 
 __all__ = ["Estimates", "Facts", "develop", "estimate"]
 
@@ -99,7 +97,7 @@ class Estimates:
             return not (s.sky_open.any() or s.sky_blocked.any())
         return not (s.sky_open.any() or any(lamp.facing_it.any() for lamp in s.lamps))
 
-    def _change(self, items: list[Item], doubts: set[Item]) -> Array:
+    def _change(self, items: list[Item], doubts: set[Item]) -> Float64:
         """(P, K) absolute change by leaving out effects, under guesses about lights."""
         before = self.shading.picture(doubts) if doubts else self._whole
         change = np.abs(self.shading.picture({*items, *doubts}) - before)
@@ -110,7 +108,7 @@ class Estimates:
             change = change + MIRROR_DOUBT * mirror
         return np.asarray(change.mean(-1))
 
-    def _rare(self, effect: str, light: int | None, change: Array) -> float:
+    def _rare(self, effect: str, light: int | None, change: Float64) -> float:
         """What one more point could add, as bad as any can be."""
         places, samples = change.shape
         if effect not in _SHADOWS:
@@ -119,7 +117,7 @@ class Estimates:
         points = samples * (places if effect == "relief_shadows" else 1)
         return float((self.shading.surface.weight @ gone) / points)
 
-    def _mean(self, change: Array) -> tuple[float, float]:
+    def _mean(self, change: Float64) -> tuple[float, float]:
         """Mean and standard error in 1/255; the places of a sample are not independent and count as one."""
         w, each = self.shading.surface.weight, change.mean(0)
         mean = float(w @ each)

@@ -10,9 +10,8 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from service.arrays import Float64
 
 F0_SCALE = 0.04
 """Reflectance at normal incidence of specular albedo 1 (glTF's default)."""
@@ -23,7 +22,7 @@ COSINES, ALPHAS = 32, 32
 
 
 @functools.lru_cache(maxsize=1)
-def albedo_table() -> Array:
+def albedo_table() -> Float64:
     """(2, 32, 32): directional albedo is f0 * scale + bias; rows are cosines (i + 0.5) / 32, columns alphas likewise.
 
     Integrated over half vectors that are spread by D n.h: tan^2 = alpha^2 u / (1 - u).
@@ -38,7 +37,7 @@ def albedo_table() -> Array:
     v_h = np.sqrt(1.0 - v_z**2) * h_x + v_z * h_z
     l_z = 2.0 * v_h * h_z - v_z
 
-    def masking(c: Array) -> Array:
+    def masking(c: Float64) -> Float64:
         return np.asarray(2.0 * c / (c + np.sqrt(a2 + (1.0 - a2) * c * c)))
 
     weight = masking(v_z) * masking(np.maximum(l_z, 1e-6)) * np.maximum(v_h, 0.0) / (v_z * h_z)
@@ -47,7 +46,7 @@ def albedo_table() -> Array:
     return np.stack([(weight * (1.0 - rise)).mean((-1, -2)), (weight * rise).mean((-1, -2))])
 
 
-def mirror_weights(reflected: Array, alpha: Array, directions: Array) -> Array:
+def mirror_weights(reflected: Float64, alpha: Float64, directions: Float64) -> Float64:
     """(K, D) shares, sum 1, of the radiance of D directions in the mirror of K rough points."""
     cosine = np.clip(reflected @ directions.T, -1.0, 1.0)
     d = 1.0 - 0.5 * (1.0 + cosine) * (1.0 - np.clip(alpha, 0.08, 1.0)[:, None] ** 2)
@@ -55,7 +54,7 @@ def mirror_weights(reflected: Array, alpha: Array, directions: Array) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(1, keepdims=True), 1e-12))
 
 
-def mirror_openness(openness: Array, n_v: Array, alpha: Array) -> Array:
+def mirror_openness(openness: Float64, n_v: Float64, alpha: Float64) -> Float64:
     """Occlusion of a lobe from ambient occlusion."""
     power = np.exp2(-16.0 * np.sqrt(np.clip(alpha, SMALLEST_ALPHA, 1.0)) - 1.0)
     return np.asarray(np.clip(np.maximum(n_v + openness, 0.0) ** power - 1.0 + openness, 0.0, 1.0))

@@ -5,12 +5,10 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32
 from service.light.scene import PointLight
 from service.runtime.sessions import MODELS, Session, load_session
-
-Float = npt.NDArray[np.float32]
 
 FOLDER = MODELS.parent / "light"
 
@@ -30,7 +28,7 @@ class Graphs:
     def __init__(self, threads: int = 2) -> None:
         self._threads = threads
 
-    def run(self, name: str, **inputs: npt.NDArray[np.floating]) -> Float:
+    def run(self, name: str, **inputs: AnyFloat) -> Float32:
         """The result of one graph, whole.
 
         Raises:
@@ -40,7 +38,7 @@ class Graphs:
         arrays = {key: np.ascontiguousarray(value, np.float32) for key, value in inputs.items()}
         return np.asarray(_session(name, self._threads).run(arrays)[0], np.float32)
 
-    def at_points(self, name: str, points: dict[str, Float], **fixed: npt.NDArray[np.floating]) -> Float:
+    def at_points(self, name: str, points: dict[str, Float32], **fixed: AnyFloat) -> Float32:
         """(C, N) or (N,) of a graph whose ``points`` are (C, N) or (N,), in pieces; raises as :meth:`run`."""
         count = next(iter(points.values())).shape[-1]
         parts = []
@@ -53,7 +51,7 @@ class Graphs:
         width = 3 if name in ("irradiance", "reflection") or name.startswith("highlight") else 0
         return np.zeros((width, 0) if width else 0, np.float32)
 
-    def lit(self, name: str, occluders: Float, spacing_mm: float, points: Float, towards: Float) -> Float:
+    def lit(self, name: str, occluders: Float32, spacing_mm: float, points: Float32, towards: Float32) -> Float32:
         """(N,) share of light in [0, 1] from a direction or a point (3,), see ``models.lightstage.light.graphs``.
 
         Args:
@@ -75,13 +73,13 @@ def _session(name: str, threads: int) -> Session:
     return load_session(name, threads, FOLDER, in_order=True)
 
 
-def lamp_numbers(light: PointLight) -> dict[str, Float]:
+def lamp_numbers(light: PointLight) -> dict[str, Float32]:
     """Inputs of graphs about a lamp."""
     numbers = {"at": light.position_m, "intensity": light.intensity, "radius": light.radius_m}
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()}
 
 
-def _cells(name: str, occluders: Float, spacing_mm: float, towards: Float) -> int:
+def _cells(name: str, occluders: Float32, spacing_mm: float, towards: Float32) -> int:
     """Cells a side that hold the depth map for certain: the graph uses of them what it needs, 2049 at most."""
     diagonal = float(np.linalg.norm(occluders.max(1) - occluders.min(1)))
     if name == "lit_from_direction":

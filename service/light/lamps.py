@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.geometry.normals import normalise
 from service.light.scene import PointLight
-
-Array = npt.NDArray[np.float64]
 
 SHARP_RAD = 0.002
 """Lamps that look smaller than this from the head are points."""
@@ -16,7 +14,7 @@ SHARP_RAD = 0.002
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
-def disc_of(light: PointLight, centre_m: Array) -> Array:
+def disc_of(light: PointLight, centre_m: Float64) -> Float64:
     """(S, 3) metres, points on the disc that a lamp shows to a head, S = 1 to 16 (sunflower pattern).
 
     Args:

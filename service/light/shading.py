@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, Float64
 from service.colour import LUMA
 from service.light.environment import Illumination
 from service.light.gloss import F0_SCALE, mirror_openness, mirror_weights
@@ -22,7 +22,6 @@ from service.light.scene import PointLight, Response, Scene, Triple
 from service.light.sphere import flux_by_direction, spread_directions
 from service.light.surface import AZIMUTHS, Surface
 
-Array = npt.NDArray[np.float64]
 Item = tuple[str, int | None]
 """An effect and its light. Four items are no effects but doubts about a light, see ``Shading.arriving``."""
 
@@ -45,7 +44,7 @@ _CONE = np.radians(9.0)
 _SOFT_SLOPE = 0.08
 
 
-def develop(light: Array, response: Response) -> Array:
+def develop(light: Float64, response: Response) -> Float64:
     """(..., 3) coded sRGB in [0, 1] of linear light, as the camera's response says."""
     x = np.maximum(light * np.asarray(response.white_balance) * float(response.exposure or 0.0), 0.0)
     if response.shoulder > 0.0:
@@ -57,7 +56,7 @@ def develop(light: Array, response: Response) -> Array:
     return np.asarray(np.maximum(coded, 0.0) ** response.gamma)
 
 
-def unit(v: Array) -> Array:
+def unit(v: Float64) -> Float64:
     """Vectors of length 1 along the last axis; shorter ones where there is no direction."""
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
 
@@ -75,19 +74,19 @@ class Lamp:
         n_l: (K,) cosine on the diffuse normal.
     """
 
-    irradiance: Array
-    facing_it: Array
-    seen: Array
-    least: Array
-    most: Array
-    towards: Array
-    size: Array
-    relief: Array
-    lowest: Array
-    n_l: Array
+    irradiance: Float64
+    facing_it: Float64
+    seen: Float64
+    least: Float64
+    most: Float64
+    towards: Float64
+    size: Float64
+    relief: Float64
+    lowest: Float64
+    n_l: Float64
 
     @classmethod
-    def of(cls, light: PointLight, s: Surface, directions: Array) -> Lamp:
+    def of(cls, light: PointLight, s: Surface, directions: Float64) -> Lamp:
         """Shade the samples by one light."""
         offset = np.asarray(light.position_m) - s.position
         distance = np.maximum(np.linalg.norm(offset, axis=-1), 1e-6)
@@ -111,7 +110,7 @@ def _graph(name: str, kind: str) -> str:
     return f"{name}_flat" if kind == "flat" else name
 
 
-def _computed(name: str, points: Mapping[str, Array], **fixed: npt.NDArray[np.float32]) -> Array:
+def _computed(name: str, points: Mapping[str, Float64], **fixed: Float32) -> Float64:
     """(..., 3) or (...) float64 of one of the light stage's formulas at points (..., 3) and (...)."""
     shape = next(value.shape[:-1] for key, value in points.items() if key in _VECTORS)
     flat = {
@@ -122,7 +121,7 @@ def _computed(name: str, points: Mapping[str, Array], **fixed: npt.NDArray[np.fl
     return np.asarray(result.T, np.float64).reshape(*shape, *result.shape[:-1])
 
 
-def _shadow(towards: Array, size: Array, s: Surface, directions: Array) -> tuple[Array, Array, Array]:
+def _shadow(towards: Float64, size: Float64, s: Surface, directions: Float64) -> tuple[Float64, Float64, Float64]:
     """Mean, least and greatest visibility within a cone about the light."""
     cosine = towards @ directions.T
     near = (cosine > np.cos(np.minimum(_CONE + size, 1.5))[:, None]) & (s.normal @ directions.T > 0.04)
@@ -138,7 +137,7 @@ def _shadow(towards: Array, size: Array, s: Surface, directions: Array) -> tuple
     return seen, least, most
 
 
-def _relief(towards: Array, s: Surface) -> tuple[Array, Array]:
+def _relief(towards: Float64, s: Surface) -> tuple[Float64, Float64]:
     """(P, K) light let through by the relief, its horizon taken at the nearest azimuth and as the higher of two."""
     x, y, z = (np.einsum("kx,kx->k", towards, axis) for axis in (s.tangent, s.bitangent, s.normal))
     slope = z / np.maximum(np.hypot(x, y), 1e-4)
@@ -149,7 +148,7 @@ def _relief(towards: Array, s: Surface) -> tuple[Array, Array]:
     return _let_through(slope, nearest), _let_through(slope, higher)
 
 
-def _let_through(slope: Array, horizon: Array) -> Array:
+def _let_through(slope: Float64, horizon: Float64) -> Float64:
     return np.asarray(np.clip((slope - horizon) / _SOFT_SLOPE + 1.0, 0.0, 1.0))
 
 
@@ -164,12 +163,12 @@ class View:
         facing: (K,) cosine of the smooth normal.
     """
 
-    highlights: dict[str, Array]
-    mirror: dict[str, Array]
-    mirror_open: dict[str, Array]
-    kept: dict[str, Array]
-    kept_dull: Array
-    facing: Array
+    highlights: dict[str, Float64]
+    mirror: dict[str, Float64]
+    mirror_open: dict[str, Float64]
+    kept: dict[str, Float64]
+    kept_dull: Float64
+    facing: Float64
 
 
 class Shading:
@@ -198,7 +197,7 @@ class Shading:
         weight = np.stack([np.maximum(v.facing, 0.02) ** 4 for v in self.views])
         self.view_weight = weight / weight.sum(0)
 
-    def _view(self, viewpoint: Triple, radiance: Array) -> View:
+    def _view(self, viewpoint: Triple, radiance: Float64) -> View:
         s = self.surface
         v = unit(np.asarray(viewpoint) - s.position[0])
         f0 = F0_SCALE * np.clip(s.specular, 0.0, 1.0)
@@ -223,11 +222,11 @@ class Shading:
         highlights = {kind: self._highlights(v, lobes[kind], kind) for kind in KINDS}
         return View(highlights, mirror, opened, kept, 1.0 - f0, np.einsum("kx,kx->k", s.normal, v))
 
-    def _highlights(self, v: Array, lobes: tuple[tuple[Array, Array], ...], kind: str) -> Array:
+    def _highlights(self, v: Float64, lobes: tuple[tuple[Float64, Float64], ...], kind: str) -> Float64:
         """(lights, P, K, 3) of lamps that nothing hides."""
         s, places = self.surface, len(self.surface.specular_normal)
 
-        def everywhere(values: Array) -> Array:
+        def everywhere(values: Float64) -> Float64:
             return np.broadcast_to(values, (places, *values.shape))
 
         points = {
@@ -243,7 +242,7 @@ class Shading:
             result.append(value)
         return np.stack(result) if result else np.zeros((0, *s.specular_normal.shape))
 
-    def arriving(self, i: int, out: set[Item]) -> Array:
+    def arriving(self, i: int, out: set[Item]) -> Float64:
         """(P, K) share of light i that arrives.
 
         With ``(DARK, i)`` or ``(BRIGHT, i)`` its shadows are as dark or as light as they may be, with ``(LOW, i)``
@@ -258,7 +257,7 @@ class Shading:
             return np.broadcast_to(seen, lamp.relief.shape)
         return np.asarray(seen * (lamp.lowest if (LOW, i) in out else lamp.relief))
 
-    def diffuse(self, out: set[Item]) -> Array:
+    def diffuse(self, out: set[Item]) -> Float64:
         """(K, 3) albedo times irradiance, scattered."""
         s = self.surface
         e = (self.sky_open if ("occlusion", None) in out else self.sky_blocked).copy()
@@ -272,7 +271,7 @@ class Shading:
         blurred = x[0] * (1.0 - RINGS.sum(0)) + np.einsum("rkc,rc->kc", rings, RINGS)
         return np.asarray(root[0] * blurred)
 
-    def picture(self, out: set[Item]) -> Array:
+    def picture(self, out: set[Item]) -> Float64:
         """(P, K, 3) coded sRGB with some effects left out.
 
         The places of a sample differ in their fine relief only: its highlights and its shadows.
@@ -282,7 +281,7 @@ class Shading:
             total += weight[:, None] * develop(light, self.scene.response)
         return total
 
-    def light(self, out: set[Item]) -> list[Array]:
+    def light(self, out: set[Item]) -> list[Float64]:
         """(P, K, 3) linear light towards each viewpoint, with some effects left out."""
         diffuse = self.diffuse(out)
         mirrors = ("reflection", None) not in out
@@ -302,7 +301,7 @@ class Shading:
             result.append(light)
         return result
 
-    def luminance(self) -> Array:
+    def luminance(self) -> Float64:
         """(K,) linear luminance of the samples, white balance included, nothing left out; free of the exposure."""
         balance = np.asarray(self.scene.response.white_balance) * LUMA
         return sum(
@@ -310,7 +309,7 @@ class Shading:
             np.zeros(len(self.surface.weight)),
         )
 
-    def _beside(self, arriving: list[Array]) -> Array:
+    def _beside(self, arriving: list[Float64]) -> Float64:
         """(P, K, 3) diffuse light of each place less that of the centre, by the relief's shadows; not scattered."""
         s = self.surface
         total = np.zeros_like(s.specular_normal)
@@ -324,7 +323,7 @@ class Shading:
         cosines = [[(v * unit(lamp.towards + v)).sum(-1) for v in views] for lamp in self.lamps]
         return [max(float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0))).mean()) for c in each) for each in cosines]
 
-    def soft_edges(self) -> Array:
+    def soft_edges(self) -> Float64:
         """(K, 3) what scattering does to shadow edges that the samples are too coarse to see."""
         full = self.diffuse(set()) / np.pi
         total = np.zeros_like(full)
@@ -335,7 +334,7 @@ class Shading:
         return total
 
 
-def _irradiance(s: Surface, flux: Array, directions: Array) -> Array:
+def _irradiance(s: Surface, flux: Float64, directions: Float64) -> Float64:
     """(S, K, 3) light of the sky that the head does not hide, on the diffuse normals."""
     vector = np.einsum("kd,dcx->kcx", s.visible, flux[:, :, None] * directions[:, None, :], optimize=True)
     return np.asarray(np.maximum(np.einsum("kcx,skx->skc", vector, s.diffuse_normal), 0.0))

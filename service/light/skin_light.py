@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from service.arrays import Float64
 
 BAND_GAIN = np.array([1.0, *[2 / 3] * 3, *[1 / 4] * 5])
 """Clamped-cosine transfer A_l / pi of the bands 0, 1, 2."""
@@ -13,7 +12,7 @@ RIDGE = 1e-3
 """Share of the trace added to the diagonal: half the sphere of normals is never seen."""
 
 
-def sh_basis(normals: Array) -> Array:
+def sh_basis(normals: Float64) -> Float64:
     """(N, 3) unit normals -> (N, 9) irradiance basis: harmonics times A_l / pi, so that ``basis @ light`` is E / pi."""
     x, y, z = normals.T
     one = np.ones_like(x)
@@ -31,7 +30,7 @@ def sh_basis(normals: Array) -> Array:
     return np.asarray(np.stack(harmonics, 1) * BAND_GAIN, np.float64)
 
 
-def estimate_light(normals: Array, colours: Array, weights: Array, rounds: int = 4) -> Array | None:
+def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds: int = 4) -> Float64 | None:
     """Light that explains skin colours, up to one factor that the skin's mean albedo hides.
 
     Robust ridge least squares: brows, lips and shadows are outliers of a one-albedo skin and lose weight.
@@ -51,7 +50,7 @@ def estimate_light(normals: Array, colours: Array, weights: Array, rounds: int =
         return None
     basis, colour, weight = sh_basis(normals[used]), colours[used], weights[used]
     belief = np.ones(len(weight))
-    light: Array = np.zeros((9, 3))
+    light: Float64 = np.zeros((9, 3))
     for _ in range(rounds):
         w = (weight * belief)[:, None]
         gram = basis.T @ (w * basis)

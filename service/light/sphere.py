@@ -10,15 +10,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from service.arrays import AnyFloat, Float32, Float64
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
 @functools.lru_cache(maxsize=8)
-def pixel_directions(height: int, width: int) -> Array:
+def pixel_directions(height: int, width: int) -> Float64:
     """(height, width, 3) unit directions of the pixel centres."""
     theta = (np.arange(height) + 0.5) / height * np.pi
     phi = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
@@ -28,13 +27,13 @@ def pixel_directions(height: int, width: int) -> Array:
 
 
 @functools.lru_cache(maxsize=8)
-def pixel_solid_angles(height: int, width: int) -> Array:
+def pixel_solid_angles(height: int, width: int) -> Float64:
     """(height, width) steradians, exact, sum 4 pi."""
     edges = np.cos(np.arange(height + 1) / height * np.pi)
     return np.broadcast_to(((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None], (height, width))
 
 
-def pixel_of(directions: Array, height: int, width: int) -> Array:
+def pixel_of(directions: Float64, height: int, width: int) -> Float64:
     """(..., 2) row and column, pixel centres at whole numbers, of unit directions (..., 3)."""
     d = np.asarray(directions, np.float64)
     theta = np.arccos(np.clip(d[..., 1], -1.0, 1.0))
@@ -43,7 +42,7 @@ def pixel_of(directions: Array, height: int, width: int) -> Array:
 
 
 @functools.lru_cache(maxsize=8)
-def spread_directions(count: int) -> Array:
+def spread_directions(count: int) -> Float64:
     """(count, 3) unit directions, evenly spread (Fibonacci spiral about the vertical); each stands for 4 pi / count."""
     y = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     radius = np.sqrt(1.0 - y * y)
@@ -52,7 +51,7 @@ def spread_directions(count: int) -> Array:
 
 
 @functools.lru_cache(maxsize=4)
-def _sharing(count: int, height: int, width: int) -> npt.NDArray[np.float32]:
+def _sharing(count: int, height: int, width: int) -> Float32:
     """(count, height * width) solid angle of each pixel, shared out over the directions near it."""
     pixels = pixel_directions(height, width).reshape(-1, 3)
     sharpness = count / 3.0  # a Gaussian about as wide as the directions are apart
@@ -61,7 +60,7 @@ def _sharing(count: int, height: int, width: int) -> npt.NDArray[np.float32]:
     return (weight * pixel_solid_angles(height, width).ravel()).astype(np.float32)
 
 
-def flux_by_direction(radiance: npt.NDArray[np.floating], count: int) -> Array:
+def flux_by_direction(radiance: AnyFloat, count: int) -> Float64:
     """(count, 3) radiance times solid angle that each of ``count`` spread directions stands for; the total is kept.
 
     A pixel is shared by its neighbours with smooth weights, so shadows of a small bright spot do not jump from one

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
+from service.arrays import Float64
 
 RING_MM = (0.0, *(0.6,) * 4, *(1.8,) * 4, *(3.8,) * 4)
 """Distance of each place of a sample from its centre."""
@@ -35,16 +32,16 @@ class Surface:
         weight: (K,) share of the face's texels that the sample stands for, sum 1.
     """
 
-    position: Array
-    diffuse_normal: Array
-    albedo: Array
-    normal: Array
-    tangent: Array
-    bitangent: Array
-    specular_normal: Array
-    specular: Array
-    alpha: Array
-    share: Array
-    visible: Array
-    horizon: Array
-    weight: Array
+    position: Float64
+    diffuse_normal: Float64
+    albedo: Float64
+    normal: Float64
+    tangent: Float64
+    bitangent: Float64
+    specular_normal: Float64
+    specular: Float64
+    alpha: Float64
+    share: Float64
+    visible: Float64
+    horizon: Float64
+    weight: Float64

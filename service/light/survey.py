@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float64, Int64
 from service.light.surface import PLACES, RING_MM, Surface
 
-Array = npt.NDArray[np.float64]
-Plane = npt.NDArray[np.floating]
-Index = npt.NDArray[np.int64]
+Index = Int64
 
 
 @dataclass(frozen=True)
@@ -32,23 +30,23 @@ class LitChart:
         weight: (h, w) >= 0, how much a texel counts.
     """
 
-    position_m: Plane
-    normal: Plane
-    tangent: Plane
-    bitangent: Plane
-    diffuse_normal: Plane
-    specular_normal: Plane
-    albedo: Plane
-    specular: Plane
-    alpha: Plane
-    share: Plane
-    texels_per_mm: Plane
-    skin: npt.NDArray[np.bool_]
-    weight: Plane
+    position_m: AnyFloat
+    normal: AnyFloat
+    tangent: AnyFloat
+    bitangent: AnyFloat
+    diffuse_normal: AnyFloat
+    specular_normal: AnyFloat
+    albedo: AnyFloat
+    specular: AnyFloat
+    alpha: AnyFloat
+    share: AnyFloat
+    texels_per_mm: AnyFloat
+    skin: Bool
+    weight: AnyFloat
 
 
 def survey(
-    chart: LitChart, offsets: Array, visible: Callable[[Index], Array], horizon: Callable[[Index], Array]
+    chart: LitChart, offsets: Float64, visible: Callable[[Index], Float64], horizon: Callable[[Index], Float64]
 ) -> Surface:
     """Samples spread evenly over the texels that count; over the skin, and over all, where none do.
 
@@ -70,7 +68,7 @@ def survey(
     rings = [_beside(density, index, place, width, height) for place in range(len(RING_MM))]
     places = _on_skin(rings, chart.skin.ravel())
 
-    def all_places(image: Plane, count: int = len(places)) -> Array:
+    def all_places(image: AnyFloat, count: int = len(places)) -> Float64:
         return np.stack([_pick(image, at) for at in places[:count]])
 
     return Surface(
@@ -90,12 +88,12 @@ def survey(
     )
 
 
-def _pick(image: Plane, index: Index) -> Array:
+def _pick(image: AnyFloat, index: Index) -> Float64:
     """(K, C) float64 of a map at flat texels."""
     return np.asarray(np.reshape(image, (image.shape[0] * image.shape[1], -1))[index], np.float64)
 
 
-def _beside(density: Array, index: Index, place: int, width: int, height: int) -> Index:
+def _beside(density: Float64, index: Index, place: int, width: int, height: int) -> Index:
     """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
     ring, spoke = divmod(place + 3, 4)
     angle = (spoke + 0.5 * ring) * 0.5 * math.pi
@@ -104,7 +102,7 @@ def _beside(density: Array, index: Index, place: int, width: int, height: int) -
     return np.asarray(row * width + column)
 
 
-def _on_skin(places: list[Index], skin: npt.NDArray[np.bool_]) -> list[Index]:
+def _on_skin(places: list[Index], skin: Bool) -> list[Index]:
     """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
     result = places[:1]
     for k, at in enumerate(places[1:], 1):

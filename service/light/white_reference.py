@@ -9,14 +9,12 @@ hue; how strong the light is, all tell that are no lids.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.sclera import BETWEEN_LIDS, eye_white_light
 from service.anatomy.teeth.measure import teeth_light
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import LUMA
-
-Array = npt.NDArray[np.float64]
 
 CHEEKS = (50, 280)
 """Landmarks in the middle of the cheeks."""
@@ -30,12 +28,12 @@ RANGE = (1e-3, 4.0)
 
 
 def light_by_whites(
-    pixels: npt.NDArray[np.uint8],
-    landmarks: npt.NDArray[np.floating],
+    pixels: UInt8,
+    landmarks: AnyFloat,
     gaze: Gaze | None,
-    mouth_rim: npt.NDArray[np.floating],
+    mouth_rim: AnyFloat,
     inter_ocular_px: float,
-) -> Array | None:
+) -> Float64 | None:
     """Light between the lids, told by the whites of the eyes and by the front teeth, which stand in more of it.
 
     Args:
@@ -58,7 +56,7 @@ def light_by_whites(
     return palest(np.stack(seen)) if seen else None
 
 
-def palest(lights: Array) -> Array:
+def palest(lights: Float64) -> Float64:
     """(3,) light by (N, 3) positive ones, N > 0: their geometric mean in strength, that of the palest in hue."""
     pale = lights[:, 2] / lights[:, 0]
     logs = np.log(lights)
@@ -66,9 +64,7 @@ def palest(lights: Array) -> Array:
     return np.asarray(np.clip(np.exp(hue) * (np.exp(all_) @ LUMA) / (np.exp(hue) @ LUMA), *RANGE), np.float64)
 
 
-def cheek_colour(
-    pixels: npt.NDArray[np.uint8], landmarks: npt.NDArray[np.floating], inter_ocular_px: float
-) -> npt.NDArray[np.float32] | None:
+def cheek_colour(pixels: UInt8, landmarks: AnyFloat, inter_ocular_px: float) -> Float32 | None:
     """(3,) median sRGB colour in [0, 1] of the cheeks; None where the photo shows neither."""
     height, width = pixels.shape[:2]
     radius, found = CHEEK_RADIUS * inter_ocular_px, []

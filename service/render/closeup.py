@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 
-Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
 
 REACH_MM = 40.0
@@ -30,16 +29,16 @@ class Eyes:
     """
 
     chart: Chart
-    own: npt.NDArray[np.int64]
-    occluders: Float
+    own: Int64
+    occluders: Float32
     spacing_mm: float
 
     @classmethod
     def of(
         cls,
         chart: Chart,
-        vertices: npt.NDArray[np.floating],
-        casts: npt.NDArray[np.bool_],
+        vertices: AnyFloat,
+        casts: Bool,
         spacing: float,
     ) -> Eyes | None:
         """The eyes of a head; None where it has none, or the chart is so small that they have no texel.
@@ -64,7 +63,7 @@ class Eyes:
         cloud = surface_points(millimetres, head.triangles[casts & near[head.triangles].any(1)], spacing)
         return cls(chart, own, np.ascontiguousarray(cloud.T), spacing)
 
-    def over(self, image: Float, values: Float) -> Float:
+    def over(self, image: Float32, values: Float32) -> Float32:
         """(H, W, C) image of the whole chart with values (n, C) on the eyes."""
         stacked = np.zeros((len(self.chart.texels), values.shape[1] + 1), np.float32)
         stacked[self.own] = np.c_[values, np.ones(len(self.own), np.float32)]
@@ -73,7 +72,7 @@ class Eyes:
         return np.where(share > 0.5, there[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
 
 
-def resized(image: Float, size: Size) -> Float:
+def resized(image: Float32, size: Size) -> Float32:
     """(H, W, C) bilinear values of an image (h, w, C), of any number of channels, at ``size`` (width, height)."""
     import cv2
 

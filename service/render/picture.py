@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.images import encode_png
+from service.arrays import AnyFloat, Float32, Int64
 from service.colour import to_bytes
 from service.geometry.camera import Camera
 from service.geometry.normals import normalise
@@ -13,12 +13,10 @@ from service.light.environment import lookup
 from service.light.scene import Response
 from service.light.shading import develop
 
-Float = npt.NDArray[np.float32]
-
 _BAND = 64
 
 
-def resolved(radiance: Float, index: npt.NDArray[np.int64], shape: tuple[int, int], finer: int) -> tuple[Float, Float]:
+def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], finer: int) -> tuple[Float32, Float32]:
     """Means over the samples of each pixel.
 
     Args:
@@ -39,7 +37,7 @@ def resolved(radiance: Float, index: npt.NDArray[np.int64], shape: tuple[int, in
     return light.reshape(rows, columns, 3).astype(np.float32), covered.reshape(rows, columns).astype(np.float32)
 
 
-def behind(camera: Camera, environment: npt.NDArray[np.floating]) -> Float:
+def behind(camera: Camera, environment: AnyFloat) -> Float32:
     """(h, w, 3) linear radiance of a latitude-longitude image in the direction of each pixel."""
     result = np.zeros((camera.height, camera.width, 3), np.float32)
     x = (np.arange(camera.width) + 0.5 - camera.principal_point[0]) / camera.focal_px
@@ -51,7 +49,7 @@ def behind(camera: Camera, environment: npt.NDArray[np.floating]) -> Float:
     return result
 
 
-def coded(light: Float, covered: Float, response: Response, background: Float | None, *, alpha: bool) -> bytes:
+def coded(light: Float32, covered: Float32, response: Response, background: Float32 | None, *, alpha: bool) -> bytes:
     """PNG bytes, 8-bit sRGB.
 
     Args:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.light import surface as points
 from service.light.environment import Illumination
 from service.light.exposure import BRIGHT, exposed_for
@@ -40,7 +40,7 @@ def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> point
     )
     offsets = np.asarray(np.arange(COUNT) * _GOLDEN % 1.0, np.float64)
 
-    def visible(at: Index) -> npt.NDArray[np.float64]:
+    def visible(at: Index) -> Float64:
         sky = visibility.sky()
         rows, columns = (at // width) * sky.shape[1] // height, (at % width) * sky.shape[2] // width
         return sky[:, rows, columns].T / 255.0
@@ -49,7 +49,7 @@ def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> point
     return survey(chart, offsets, visible, lambda at: flat)
 
 
-def _weight(seen: Samples, height: int, width: int) -> npt.NDArray[np.float64]:
+def _weight(seen: Samples, height: int, width: int) -> Float64:
     """(H, W) how many samples of the picture each texel is nearest to."""
     column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
     row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)

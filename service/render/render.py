@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.fine import subdivided
 from service.archive.materials import material_of
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
+from service.arrays import AnyFloat, Float32
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.subdivide import Subdivision
@@ -34,8 +34,6 @@ from service.render.request import RenderRequest
 from service.render.shade import Clock, Shader
 from service.render.surface import LARGEST, ROLES, Surface, build_surface
 from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
-
-Float = npt.NDArray[np.float32]
 
 MOST_POLYGONS = 20_000
 """Up to which a mesh is subdivided once; an archive's has about 4,500."""
@@ -61,8 +59,8 @@ class Picture:
     """
 
     png: bytes
-    light: Float
-    covered: Float
+    light: Float32
+    covered: Float32
     camera: Camera
     scene: Scene
     plan: Plan
@@ -114,7 +112,7 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock)
 
 
-def smoothed(head: HeadModel, vertices: npt.NDArray[np.floating]) -> tuple[HeadModel, npt.NDArray[np.floating]]:
+def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     """One step towards the smooth surface that the skin's polygons stand for, so that outlines have no corners.
 
     Other parts keep their shape: smoothing would make coarse ones like teeth a good deal smaller. Meshes that are fine
@@ -138,7 +136,7 @@ def _named(avatar: AvatarFile) -> tuple[str, str]:
 
 def render_head(
     head: HeadModel,
-    vertices: npt.NDArray[np.floating],
+    vertices: AnyFloat,
     maps: dict[str, StoredMap],
     request: RenderRequest,
     *,
@@ -205,7 +203,7 @@ def _simulated(made: Plan, without: tuple[str, ...]) -> Plan:
     return Plan(tuple(left), made.tolerance)
 
 
-def _chart_size(head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera, narrowest: int) -> tuple[int, int]:
+def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: int) -> tuple[int, int]:
     """The smallest of a few sizes whose texels are as small as the picture's pixels."""
     pixel = texels_a_pixel(head, vertices, camera)
     width = narrowest

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.light.environment import Illumination
 from service.light.graphs import Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
@@ -19,8 +19,6 @@ from service.light.scene import PointLight, Triple
 from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
-
-Float = npt.NDArray[np.float32]
 
 SCATTER_MM = 8.2
 """Three standard deviations of the widest Gaussian that light is scattered by (red, 7.41 mm^2)."""
@@ -57,14 +55,14 @@ class Shader:
     graphs: Graphs
     clock: Clock
 
-    def radiance(self, samples: Samples, viewpoint: Triple) -> Float:
+    def radiance(self, samples: Samples, viewpoint: Triple) -> Float32:
         """(N, 3) linear radiance >= 0 of the samples towards a viewpoint."""
         shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
         diffuse = samples.read(self._diffuse(shades, samples))
         with self.clock.step("gloss"):
             return self._glossy(samples, viewpoint, diffuse, shades)
 
-    def _shade(self, light: PointLight, index: int) -> Float:
+    def _shade(self, light: PointLight, index: int) -> Float32:
         """(H, W) share of a lamp that arrives."""
         height, width = self.surface.specular.shape
         if not self.plan.runs("shadows", index):
@@ -72,7 +70,7 @@ class Shader:
         with self.clock.step("shadows"):
             return self.visibility.shadow(light, (width, height))
 
-    def _diffuse(self, shades: list[Float], samples: Samples) -> Float:
+    def _diffuse(self, shades: list[Float32], samples: Samples) -> Float32:
         """(H, W, 3) light that leaves the skin after scattering, before the surface takes its part."""
         s = self.surface
         with self.clock.step("diffuse"):
@@ -91,7 +89,7 @@ class Shader:
                 radiosity = self._scattered(albedo, arriving, samples)
         return np.ascontiguousarray(np.moveaxis(self._continued(radiosity) / np.float32(math.pi), 0, 2))
 
-    def _scattered(self, albedo: Float, arriving: Float, samples: Samples) -> Float:
+    def _scattered(self, albedo: Float32, arriving: Float32, samples: Samples) -> Float32:
         """(3, H, W) radiosity, scattered on the skin that samples read; elsewhere albedo times irradiance.
 
         Tile by tile: the blurs of a whole chart would need gigabytes. Each sees far enough beyond its border.
@@ -114,10 +112,10 @@ class Shader:
             radiosity[there] = np.where(s.skin[inner][None], made[:, rows, columns], radiosity[there])
         return np.asarray(radiosity)
 
-    def _continued(self, planes: Float) -> Float:
+    def _continued(self, planes: Float32) -> Float32:
         return np.moveaxis(self.surface.chart.fill_outside(np.moveaxis(planes, 0, 2)), 2, 0)
 
-    def _sky(self) -> Float:
+    def _sky(self) -> Float32:
         """(3, H, W) irradiance of the surroundings."""
         s = self.surface
         height, width = s.specular.shape
@@ -128,7 +126,7 @@ class Shader:
         vector = self.visibility.sky_light(self.light.sky, (width, height))
         return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
 
-    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float, shades: list[Float]) -> Float:
+    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
         """(N, 3): what the surface lets out of ``diffuse``, highlights, and the mirror image of the sky."""
         s, plan = self.surface, self.plan
         specular, alphas, share = samples.read(s.specular)[:, 0], samples.read(s.alpha), samples.read(s.share)[:, 0]
@@ -179,12 +177,12 @@ def _grown(part: slice, halo: int, size: int) -> slice:
     return slice(max(part.start - halo, 0), min(part.stop + halo, size))
 
 
-def _planes(image: Float) -> Float:
+def _planes(image: Float32) -> Float32:
     """(C, H, W) of (H, W, C)."""
     return np.ascontiguousarray(np.moveaxis(image, 2, 0), np.float32)
 
 
-def _unit(vectors: Float) -> Float:
+def _unit(vectors: Float32) -> Float32:
     """(N, 3) of length 1; (0, 0, 1) where there is no direction."""
     length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))[:, None]
     sound = length > 1e-6

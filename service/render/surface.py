@@ -6,17 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
 from service.archive.reading import StoredMap
 from service.archive.unpack import unpack_map
+from service.arrays import AnyFloat, Bool, Float32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
 
 ROLES = ("diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "texture")
@@ -52,24 +51,22 @@ class Surface:
     """
 
     chart: Chart
-    position_m: Float
-    normal: Float
-    tangent: Float
-    bitangent: Float
-    diffuse_normal: Float
-    specular_normal: Float
-    albedo: Float
-    specular: Float
-    alpha: Float
-    share: Float
-    texels_per_mm: Float
-    skin: npt.NDArray[np.bool_]
+    position_m: Float32
+    normal: Float32
+    tangent: Float32
+    bitangent: Float32
+    diffuse_normal: Float32
+    specular_normal: Float32
+    albedo: Float32
+    specular: Float32
+    alpha: Float32
+    share: Float32
+    texels_per_mm: Float32
+    skin: Bool
     fallbacks: tuple[str, ...]
 
 
-def build_surface(
-    head: HeadModel, vertices: npt.NDArray[np.floating], maps: Mapping[str, StoredMap], size: Size
-) -> Surface:
+def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, StoredMap], size: Size) -> Surface:
     """Unpack the maps and reduce them to a size, colours as light and normals with the spread that is lost.
 
     Args:
@@ -114,7 +111,7 @@ def build_surface(
     )
 
 
-def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> Float:
+def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> Float32:
     if "diffuse_albedo" in maps:
         return _reduced(maps["diffuse_albedo"], size, colours=True)
     if "texture" in maps:
@@ -126,7 +123,7 @@ def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> 
     )
 
 
-def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float:
+def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float32:
     """(H, W, 3) float32 means over the area of each texel: linear light of sRGB colours, else code / 255."""
     import cv2
 
@@ -149,12 +146,12 @@ def _step(shape: tuple[int, ...], size: Size) -> int:
     return step
 
 
-def _means(values: Float, step: int) -> Float:
+def _means(values: Float32, step: int) -> Float32:
     height, width = values.shape[0] // step, values.shape[1] // step
     return np.asarray(values.reshape(height, step, width, step, -1).mean((1, 3)), np.float32)
 
 
-def _normals(stored: StoredMap | None, axes: tuple[Float, ...], size: Size) -> tuple[Float, Float]:
+def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) -> tuple[Float32, Float32]:
     """Unit normals (H, W, 3) in head space, and slope variance (H, W) of what each texel averages over.
 
     The mean of unit vectors is shorter than 1 by half their variance (Toksvig 2005).
@@ -183,7 +180,7 @@ def _normals(stored: StoredMap | None, axes: tuple[Float, ...], size: Size) -> t
     return local, np.asarray(spread, np.float32)
 
 
-def _unit(vectors: Float, fallback: Float | None = None) -> tuple[Float, Float]:
+def _unit(vectors: Float32, fallback: Float32 | None = None) -> tuple[Float32, Float32]:
     """Unit vectors (..., 3) and lengths (...); those without a direction are ``fallback``, or (0, 0, 1)."""
     length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     sound = (length > 1e-3)[..., None]
@@ -192,7 +189,7 @@ def _unit(vectors: Float, fallback: Float | None = None) -> tuple[Float, Float]:
     return np.asarray(made, np.float32), np.asarray(length, np.float32)
 
 
-def _lobes(chart: Chart, spread: Float) -> tuple[Float, Float]:
+def _lobes(chart: Chart, spread: Float32) -> tuple[Float32, Float32]:
     """(H, W, 2) alpha and (H, W) share by part; the variance of averaged normals widens the lobes (LEAN mapping)."""
     first, second, share = (np.full(spread.shape, value, np.float32) for value in LOBES)
     part = chart.fill_outside(chart.part)
@@ -206,13 +203,13 @@ def _lobes(chart: Chart, spread: Float) -> tuple[Float, Float]:
     return np.asarray(np.clip(np.stack(alphas, -1), 0.0, 1.0), np.float32), share
 
 
-def _density(chart: Chart, vertices: npt.NDArray[np.floating]) -> Float:
+def _density(chart: Chart, vertices: AnyFloat) -> Float32:
     """(H, W) square root of texels per mm^2, at most 12 (what scattering is exported for)."""
     metric = chart.metric(vertices)
     area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
     return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), 12.0), np.float32)
 
 
-def _is_skin(chart: Chart) -> npt.NDArray[np.bool_]:
+def _is_skin(chart: Chart) -> Bool:
     detailed = [i for i, name in enumerate(chart.head.part_names) if material_of(name).detailed]
     return np.asarray(np.isin(chart.part, detailed) & (chart.part != NO_PART))

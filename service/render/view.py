@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64
 from service.errors import UsageError
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.normals import normalise
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
-
-Float = npt.NDArray[np.float32]
 
 VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
 """Degrees about the vertical by which the camera goes around the head, towards the subject's left."""
@@ -47,7 +45,7 @@ def viewpoint_of(view: str | None, viewpoints: tuple[Triple, ...]) -> Triple:
     return float(distance * np.sin(angle)), 0.0, float(distance * np.cos(angle))
 
 
-def camera_at(viewpoint: Triple, vertices: npt.NDArray[np.floating], width: int, height: int) -> Camera:
+def camera_at(viewpoint: Triple, vertices: AnyFloat, width: int, height: int) -> Camera:
     """Camera at a point in head space that looks at the middle of the head, upright, the head filling the picture.
 
     Args:
@@ -92,12 +90,12 @@ class Samples:
     """
 
     shape: tuple[int, int]
-    index: npt.NDArray[np.int64]
-    uv: Float
-    position_m: Float
+    index: Int64
+    uv: Float32
+    position_m: Float32
 
     @classmethod
-    def of(cls, head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera, finer: int) -> Samples:
+    def of(cls, head: HeadModel, vertices: AnyFloat, camera: Camera, finer: int) -> Samples:
         """What each sample sees; parts that are not drawn (opacity 0) are looked through."""
         width, height = camera.width * finer, camera.height * finer
         drawn = np.array([material_of(name).opacity > 0 for name in head.part_names])[head.triangle_part]
@@ -114,7 +112,7 @@ class Samples:
         )
         return cls((height, width), index, uv, position)
 
-    def read(self, image: Float) -> Float:
+    def read(self, image: Float32) -> Float32:
         """(N, C) of a chart image (H, W, C) or (H, W), bilinear, borders repeated."""
         import cv2
 
@@ -132,7 +130,7 @@ class Samples:
         return np.asarray(values[: len(self.uv)].reshape(len(self.uv), -1), np.float32)
 
 
-def texels_a_pixel(head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera) -> float:
+def texels_a_pixel(head: HeadModel, vertices: AnyFloat, camera: Camera) -> float:
     """Side of a pixel on the chart as a share of its width, median over the skin that the camera sees; 0 for none."""
     points = camera.project(vertices)
     seen, chart = (
@@ -148,15 +146,15 @@ def texels_a_pixel(head: HeadModel, vertices: npt.NDArray[np.floating], camera: 
     return float(np.sqrt(ratio[order][int(np.searchsorted(until, until[-1] / 2))]))
 
 
-def _areas(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _areas(corners: Float64) -> Float64:
     """(T,) signed areas of (T, 3, 2)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.asarray(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def _mixed(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
+def _mixed(weights: Float32, values: AnyFloat, corners: AnyInt) -> Float32:
     source = np.asarray(values, np.float32)
-    mixed: Float = weights[:, :1] * source[corners[:, 0]]
+    mixed: Float32 = weights[:, :1] * source[corners[:, 0]]
     for i in (1, 2):
         mixed += weights[:, i : i + 1] * source[corners[:, i]]
     return mixed

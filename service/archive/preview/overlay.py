@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
 from service.archive.preview.render import render
 from service.archive.surface import vertex_normals
+from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -71,7 +71,7 @@ def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
     return int(left), int(top), int(right), int(bottom)
 
 
-def fitted_landmarks(head: HeadModel, fit: Fit) -> npt.NDArray[np.float64]:
+def fitted_landmarks(head: HeadModel, fit: Fit) -> Float64:
     """(L, 2) photo pixels of the head's landmarks; outline landmarks at the place for the nearest tabled yaw."""
     triangle, weights = head.landmark_triangle.copy(), head.landmark_barycentric.copy()
     if len(head.contour_landmarks) and len(head.contour_yaw_deg):
@@ -83,9 +83,7 @@ def fitted_landmarks(head: HeadModel, fit: Fit) -> npt.NDArray[np.float64]:
     return fit.camera.project(np.einsum("lk,lkc->lc", weights, corners))
 
 
-def _panel_camera(
-    camera: Camera, corner: tuple[int, int], zoom: npt.NDArray[np.float64], size: tuple[int, int]
-) -> Camera:
+def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: tuple[int, int]) -> Camera:
     """The photo's camera for a cut of the photo; width and height differ in scale by rounding only."""
     return replace(
         camera,
@@ -104,7 +102,7 @@ def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
     return to_pixels(photo + np.float32(0.72) * (drawn.over(photo) - photo))
 
 
-def _landmarks(avatar: Avatar, cut: Image, corner: npt.NDArray[np.int64], zoom: npt.NDArray[np.float64]) -> Image:
+def _landmarks(avatar: Avatar, cut: Image, corner: Int64, zoom: Float64) -> Image:
     """Detected points, fitted points and what lies between them, over the dimmed photo."""
     import cv2
 

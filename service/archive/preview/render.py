@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
 from service.archive.preview.shading import STUDIO, Lamps, baked, clay_colours, double_sided
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
-Image = npt.NDArray[np.uint8]
+Image = UInt8
 
 DISTANCE_M = 1.2
 """From camera to head in the views that are not the photo's."""
@@ -30,15 +29,15 @@ class Rendered:
         coverage: (h, w, 1) float32 in [0, 1], how much of the pixel the head covers.
     """
 
-    colour: Float
-    coverage: Float
+    colour: Float32
+    coverage: Float32
 
-    def over(self, background: Float) -> Float:
+    def over(self, background: Float32) -> Float32:
         """(h, w, 3) sRGB float32 in [0, 1] over a background that broadcasts to this shape."""
         return np.asarray(self.colour + (1 - self.coverage) * background, np.float32)
 
 
-def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int, height: int) -> Camera:
+def turned_camera(vertices: AnyFloat, yaw_deg: float, width: int, height: int) -> Camera:
     """Camera at ``DISTANCE_M`` that sees all of ``vertices`` (V, 3) turned by ``yaw_deg`` (> 0: to the image right).
 
     The scale depends on the head only, not on the yaw, so views side by side have the same one.
@@ -56,8 +55,8 @@ def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int
 
 def render(
     head: HeadModel,
-    vertices: npt.NDArray[np.floating],
-    normals: npt.NDArray[np.floating],
+    vertices: AnyFloat,
+    normals: AnyFloat,
     camera: Camera,
     texture: Image | None = None,
     *,
@@ -124,8 +123,8 @@ def render(
 class _Layer:
     """Triangles (T, 3) that are drawn together, their uv (T, 3), and their opacity; the opaque ones come first."""
 
-    triangles: npt.NDArray[np.int32]
-    chart: npt.NDArray[np.int32]
+    triangles: Int32
+    chart: Int32
     opacity: float
 
 
@@ -146,7 +145,7 @@ def _layers(head: HeadModel) -> list[_Layer]:
     return layers
 
 
-def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[slice, slice]:
+def _window(points: Float64, width: int, height: int) -> tuple[slice, slice]:
     """Columns and rows of the picture that points (N, 2) can touch; at least one pixel."""
     bounds = []
     for values, end in zip(np.nan_to_num(points).T, (width, height), strict=True):
@@ -155,21 +154,21 @@ def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[s
     return bounds[0], bounds[1]
 
 
-def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
+def _interpolate(weights: Float32, values: AnyFloat, corners: AnyInt) -> Float32:
     """(N, C) of ``values`` (V, C) at corners (N, 3) mixed by weights (N, 3)."""
     source = np.asarray(values, np.float32)
-    mixed: Float = weights[:, :1] * source[corners[:, 0]]
+    mixed: Float32 = weights[:, :1] * source[corners[:, 0]]
     mixed += weights[:, 1:2] * source[corners[:, 1]]
     mixed += weights[:, 2:] * source[corners[:, 2]]
     return mixed
 
 
-def _in_light(albedo: Float, light: Float) -> Float:
+def _in_light(albedo: Float32, light: Float32) -> Float32:
     """(N, 3) sRGB of an albedo (N, 3), sRGB, in light (N, 4): linear RGB, and gloss on top of it."""
     return np.asarray(linear_to_srgb(np.clip(srgb_to_linear(albedo) * light[:, :3] + light[:, 3:], 0, 1)), np.float32)
 
 
-def _sample(texture: Image, uv: Float) -> Float:
+def _sample(texture: Image, uv: Float32) -> Float32:
     """(N, 3) float32 sRGB in [0, 1] of the chart at (N, 2), between texels."""
     import cv2
 

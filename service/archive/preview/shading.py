@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
+from service.arrays import AnyFloat, Bool, Float32
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
 from service.light.scene import Triple
-
-Float = npt.NDArray[np.float32]
 
 CLAY = (0.50, 0.47, 0.44)
 """Linear RGB of the untextured skin."""
@@ -47,9 +45,7 @@ class Lamps:
     lamps: tuple[tuple[Triple, Triple], ...]
     ambient: Triple
 
-    def on(
-        self, head: HeadModel, in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]
-    ) -> tuple[Float, Float]:
+    def on(self, head: HeadModel, in_camera: AnyFloat, normals: AnyFloat) -> tuple[Float32, Float32]:
         """(V, 3) linear light that a white matt surface would show, and (V, 1) gloss, which any surface shows.
 
         Args:
@@ -89,13 +85,13 @@ def side_lamp(azimuth_deg: float) -> Lamps:
     return Lamps(((key, (1.5, 1.46, 1.4)), ((0.0, -1.0, 0.3), (0.25, 0.27, 0.31))), (0.12, 0.125, 0.14))
 
 
-def baked(in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Float:
+def baked(in_camera: AnyFloat, normals: AnyFloat) -> Float32:
     """(V, 1) factor on the coded colours of a texture that has its light in it; arguments as :meth:`Lamps.on`."""
     cosine = (normals * normalise(-in_camera, _NOWHERE)).sum(1, keepdims=True)
     return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
 
 
-def clay_colours(head: HeadModel) -> Float:
+def clay_colours(head: HeadModel) -> Float32:
     """(V, 3) linear albedo of each vertex by its part."""
     colours = np.tile(np.array(CLAY, np.float32), (len(head.mean), 1))
     for index, name in enumerate(head.part_names):
@@ -103,6 +99,6 @@ def clay_colours(head: HeadModel) -> Float:
     return colours
 
 
-def double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
+def double_sided(head: HeadModel) -> Bool:
     """(T,) True for triangles of double-sided parts."""
     return np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]

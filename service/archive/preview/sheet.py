@@ -11,6 +11,7 @@ from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, blank, place, write
 from service.archive.preview.views import TILE, clay, relit, small_albedo, textured
+from service.arrays import Float32, UInt8, UInt16
 
 _GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
 _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
@@ -88,10 +89,10 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     if made is None:
         return
 
-    def small(codes: npt.NDArray[np.uint16] | npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    def small(codes: UInt16 | npt.NDArray[np.int16]) -> Float32:
         return np.asarray(cv2.resize(codes, _map_size(), interpolation=cv2.INTER_AREA), np.float32)
 
-    def grey(values: npt.NDArray[np.float32]) -> Image:
+    def grey(values: Float32) -> Image:
         return np.repeat(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)[..., None], 3, 2)
 
     if made.diffuse_albedo is not None:
@@ -106,7 +107,7 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(height + np.float32(0.5))
 
 
-def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:
+def confidence_colours(confidence: UInt8) -> Image:
     """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where a kind of texel is less sure."""
     from service.texture.result import MIRRORED, SEEN
 

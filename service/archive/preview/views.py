@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.preview.page import Image, backdrop, to_pixels
 from service.archive.preview.render import render, turned_camera
 from service.archive.preview.shading import side_lamp
 from service.archive.surface import vertex_normals
+from service.arrays import Float32, UInt16
 
 What = TypeVar("What")
 
@@ -63,7 +63,7 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     yield from _side_by_side(view, RELIT)
 
 
-def small_albedo(codes: npt.NDArray[np.uint16], size: tuple[int, int]) -> Image:
+def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
     """``size`` (width, height) uint8 sRGB of a diffuse albedo (H, W, 3), whose codes are 16 bits."""
     import cv2
 
@@ -80,7 +80,7 @@ def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         ("Shape, neutral, 45°", avatar.fit.neutral, 45),
     )
 
-    def view(what: tuple[str, npt.NDArray[np.float32], int]) -> tuple[str, Image]:
+    def view(what: tuple[str, Float32, int]) -> tuple[str, Image]:
         caption, vertices, yaw = what
         normals = vertex_normals(vertices, avatar.head.triangles)
         drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32
 from service.head.model import HeadModel
 
-Array = npt.NDArray[np.float64]
 
-
-def surface_points(
-    values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer], weights: npt.NDArray[np.floating]
-) -> Array:
+def surface_points(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Float64:
     """(..., V, C) per-vertex values -> (..., L, C) at barycentric points: corners (L, 3) vertices, weights (L, 3)."""
     return np.asarray((values[..., corners, :].astype(np.float64) * weights.astype(np.float64)[..., None]).sum(-2))
 
@@ -30,12 +26,12 @@ class LandmarkBasis:
         sigma: (L,) metres, expected scatter of the detector.
     """
 
-    mean: Array
-    modes: Array
-    normals: Array
-    sigma: Array
+    mean: Float64
+    modes: Float64
+    normals: Float64
+    sigma: Float64
 
-    def points(self, coefficients: Array) -> Array:
+    def points(self, coefficients: Float64) -> Float64:
         """(K + E,) -> (L, 3) metres."""
         return np.asarray(self.mean + np.tensordot(coefficients, self.modes, 1))
 
@@ -59,7 +55,7 @@ class LandmarkModel:
         """Identity and expression coefficients together."""
         return self.identity_count + self.expression_count
 
-    def _gather(self, head: HeadModel, corners: npt.NDArray[np.int32], weights: npt.NDArray[np.float32]) -> list[Array]:
+    def _gather(self, head: HeadModel, corners: Int32, weights: Float32) -> list[Float64]:
         """[mean (L, 3), modes (K + E, L, 3), normals (L, 3)] at barycentric points of the mesh."""
         parts = (head.identity[: self.identity_count], head.expression)
         modes = np.concatenate([surface_points(part, corners, weights) for part in parts])

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.state import State, project
 from service.face.fit.terms import PointTerm
 from service.head.model import HeadModel
-
-Array = npt.NDArray[np.float64]
 
 SAMPLES = 25
 """Odd number of samples along each search line."""
@@ -36,9 +34,9 @@ class Outline:
         normal: (N, 2) unit, pointing out of the face.
     """
 
-    vertices: npt.NDArray[np.int32]
-    uv: Array
-    normal: Array
+    vertices: Int32
+    uv: Float64
+    normal: Float64
 
 
 class OutlineFinder:
@@ -58,7 +56,7 @@ class OutlineFinder:
         self.edges, self.sides = self.edges[face], self.sides[face]
         self.triangles = head.triangles
 
-    def find(self, state: State, vertices: Array) -> Outline:
+    def find(self, state: State, vertices: Float64) -> Outline:
         """The occluding contour of (V, 3) vertices in a pose, hidden parts left out."""
         projection = project(state, vertices)
         uv, position = projection.uv, projection.position
@@ -78,8 +76,8 @@ class OutlineFinder:
         return Outline(edges[keep], middle[keep], across[keep] / length[keep, None])
 
     def _open(
-        self, state: State, uv: Array, position: Array, middle: Array, across: Array, length: Array
-    ) -> npt.NDArray[np.bool_]:
+        self, state: State, uv: Float64, position: Float64, middle: Float64, across: Float64, length: Float64
+    ) -> Bool:
         """True where nothing of the head lies just outside the contour point: a real outline, not an inner fold."""
         from service.geometry.raster import rasterise
 
@@ -95,12 +93,12 @@ class OutlineFinder:
 
 
 def outline_term(
-    photo: npt.NDArray[np.float32],
-    middle: Array,
+    photo: Float32,
+    middle: Float64,
     state: State,
     outline: Outline,
-    mean: Array,
-    modes: Array,
+    mean: Float64,
+    modes: Float64,
     reach_m: float,
 ) -> PointTerm | None:
     """A term that pulls the outline to edges of the photo.
@@ -126,7 +124,7 @@ def outline_term(
     height, width = photo.shape[:2]
     x, y = np.moveaxis(where.astype(np.float32), -1, 0)
     lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    beyond: npt.NDArray[np.bool_] = (where < 0) | (where > np.array([width - 1, height - 1]))
+    beyond: Bool = (where < 0) | (where > np.array([width - 1, height - 1]))
     outside = np.asarray(beyond.any(-1))
     step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
     step[outside[:, 1:-1]] = 0.0

@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float64
 from service.face.fit.basis import LandmarkBasis, LandmarkModel
 from service.face.fit.initial import weak_pose
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State, project
 from service.face.fit.terms import DepthTerm, PointTerm, Prior, Term
-
-Array = npt.NDArray[np.float64]
 
 DISTANCE_M = (0.15, 20.0)
 """Box for the distance of the camera, metres: a focal length that runs away stops here."""
@@ -49,16 +47,16 @@ class LandmarkFit:
 
     state: State
     basis: LandmarkBasis
-    belief: Array
+    belief: Float64
     terms: tuple[Term, ...]
 
 
-def robust_weights(residual: Array, sigma: Array, c: float) -> Array:
+def robust_weights(residual: Float64, sigma: Float64, c: float) -> Float64:
     """Geman-McClure weights (1 + (r / c sigma)^2)^-2 in (0, 1] for (N,) residual lengths."""
     return np.asarray((1.0 + (residual / (c * np.maximum(sigma, 1e-12))) ** 2) ** -2)
 
 
-def facing(normals: Array, positions: Array, rotation: Array) -> Array:
+def facing(normals: Float64, positions: Float64, rotation: Float64) -> Float64:
     """(N,) in [0, 1]: 1 where a surface faces the camera, 0 where it is turned away.
 
     Args:
@@ -71,7 +69,7 @@ def facing(normals: Array, positions: Array, rotation: Array) -> Array:
     return np.asarray(np.clip((cosine + GRAZING) / (2 * GRAZING), 0.0, 1.0))
 
 
-def start_state(model: LandmarkModel, pixels: Array, trust: Array, log_distance: float) -> State:
+def start_state(model: LandmarkModel, pixels: Float64, trust: Float64, log_distance: float) -> State:
     """First pose on the average head; its yaw picks the contour table, so it is done twice."""
     yaw = 0.0
     for _ in range(2):
@@ -85,7 +83,7 @@ def start_state(model: LandmarkModel, pixels: Array, trust: Array, log_distance:
     return state
 
 
-def bounds(model: LandmarkModel) -> tuple[Array, Array]:
+def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     """(n,) lower and upper bounds of the unknowns."""
     upper = np.full(POSE + model.shape_count, np.inf)
     lower = -upper
@@ -97,8 +95,8 @@ def bounds(model: LandmarkModel) -> tuple[Array, Array]:
 
 
 def weigh(
-    state: State, basis: LandmarkBasis, pixels: Array, depth: Array, trust: Array, c: float
-) -> tuple[Array, tuple[Term, Term]]:
+    state: State, basis: LandmarkBasis, pixels: Float64, depth: Float64, trust: Float64, c: float
+) -> tuple[Float64, tuple[Term, Term]]:
     """How far each landmark is believed at a state, and the terms that say so."""
     points = basis.points(state.coefficients)
     projection = project(state, points)
@@ -115,7 +113,7 @@ def weigh(
 
 
 def fit_landmarks(
-    model: LandmarkModel, landmarks: Array, middle: Array, prior: Prior, settings: FitSettings
+    model: LandmarkModel, landmarks: Float64, middle: Float64, prior: Prior, settings: FitSettings
 ) -> LandmarkFit:
     """Fit the head to landmarks.
 
@@ -129,8 +127,8 @@ def fit_landmarks(
     Returns:
         A finite fit.
     """
-    good: npt.NDArray[np.bool_] = np.asarray(np.isfinite(landmarks).all(1))
-    trust: Array = good.astype(np.float64)
+    good: Bool = np.asarray(np.isfinite(landmarks).all(1))
+    trust: Float64 = good.astype(np.float64)
     known = np.where(good[:, None], landmarks, 0.0)
     pixels, depth = known[:, :2] - middle, known[:, 2]
     state = start_state(model, pixels, trust, prior.log_distance)

@@ -7,8 +7,8 @@ skin (``light.py``), and solves again with the landmark terms still in force.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.contour import OutlineFinder, outline_term
@@ -18,8 +18,6 @@ from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
 from service.face.fit.terms import Term
 from service.head.model import HeadModel
-
-Array = npt.NDArray[np.float64]
 
 REACH_M = (0.008, 0.004)
 """Search reach of the outline, metres on the face, round by round."""
@@ -35,7 +33,7 @@ class PixelStage:
         self.head, self.model = head, model
         self.outline = OutlineFinder(head)
 
-    def refine(self, stage: LandmarkFit, pixels: npt.NDArray[np.uint8], middle: Array) -> tuple[State, Array | None]:
+    def refine(self, stage: LandmarkFit, pixels: UInt8, middle: Float64) -> tuple[State, Float64 | None]:
         """The refined state, and the light on the face there (:func:`light_on_face`).
 
         The state is that of the landmarks where the photo has neither edges nor shading to offer.
@@ -60,13 +58,11 @@ class PixelStage:
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
 
-    def _vertices(self, state: State) -> npt.NDArray[np.float64]:
+    def _vertices(self, state: State) -> Float64:
         identity, expression = np.split(state.coefficients, [self.model.identity_count])
         return self.head.shape(identity, expression).astype(np.float64)
 
-    def _outline(
-        self, photo: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array, reach: float
-    ) -> Term | None:
+    def _outline(self, photo: Float32, middle: Float64, state: State, vertices: Float64, reach: float) -> Term | None:
         outline = self.outline.find(state, vertices)
         ends = outline.vertices
         count = self.model.identity_count
@@ -75,7 +71,7 @@ class PixelStage:
         return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
-def blurred(pixels: npt.NDArray[np.uint8], sigma_px: float) -> npt.NDArray[np.float32]:
+def blurred(pixels: UInt8, sigma_px: float) -> Float32:
     """(H, W, 3) uint8 -> float32 sRGB in [0, 1], Gaussian blur of sigma_px (none below a third of a pixel)."""
     import cv2
 

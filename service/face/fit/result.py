@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
 from service.anatomy.eyes.gaze import Gaze
+from service.arrays import Float32, Float64
 from service.geometry.camera import Camera
 
 
@@ -36,14 +34,14 @@ class Fit:
     """
 
     camera: Camera
-    identity: npt.NDArray[np.float64]
-    expression: npt.NDArray[np.float64]
-    vertices: npt.NDArray[np.float32]
-    neutral: npt.NDArray[np.float32]
-    light: npt.NDArray[np.float64] | None
+    identity: Float64
+    expression: Float64
+    vertices: Float32
+    neutral: Float32
+    light: Float64 | None
     landmark_rms_px: float
     inter_ocular_px: float
     warnings: tuple[str, ...] = field(default=())
     gaze: Gaze | None = None
-    eye_light: npt.NDArray[np.float64] | None = None
-    mouth_rim: npt.NDArray[np.float64] | None = None
+    eye_light: Float64 | None = None
+    mouth_rim: Float64 | None = None

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import facing
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.light.skin_light import BAND_GAIN, estimate_light, sh_basis
-
-Array = npt.NDArray[np.float64]
 
 SIGMA = 0.10
 """Expected deviation of log-like relative intensity from one-albedo shading."""
@@ -38,11 +37,11 @@ class ShadingTerm:
         start: (K,) coefficients of the linearisation.
     """
 
-    residual: Array
-    jacobian: Array
-    start: Array
+    residual: Float64
+    jacobian: Float64
+    start: Float64
 
-    def _at(self, state: State) -> Array:
+    def _at(self, state: State) -> Float64:
         return np.asarray(self.residual + self.jacobian @ (state.coefficients[: len(self.start)] - self.start))
 
     def cost(self, state: State) -> float:
@@ -50,14 +49,14 @@ class ShadingTerm:
         r = self._at(state)
         return 0.5 * float(r @ r)
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         block = slice(POSE, POSE + len(self.start))
         hessian[block, block] += self.jacobian.T @ self.jacobian
         gradient[block] += self.jacobian.T @ self._at(state)
 
 
-def skin_weight(head: HeadModel) -> Array:
+def skin_weight(head: HeadModel) -> Float64:
     """(V,) in [0, 1]: face skin without brows, lips, lids and beard."""
     weight = head.region("face").astype(np.float64)
     for name in LEFT_OUT:
@@ -67,11 +66,11 @@ def skin_weight(head: HeadModel) -> Array:
 
 
 def normal_derivative(
-    vertices: Array,
-    modes: npt.NDArray[np.float32],
-    triangles: npt.NDArray[np.int32],
+    vertices: Float64,
+    modes: Float32,
+    triangles: Int32,
     chosen: npt.NDArray[np.intp],
-) -> Array:
+) -> Float64:
     """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
 
     Args:
@@ -102,7 +101,7 @@ def normal_derivative(
     return np.asarray(np.moveaxis(slope, 1, 2))
 
 
-def sh_gradient(normals: Array, light: Array) -> Array:
+def sh_gradient(normals: Float64, light: Float64) -> Float64:
     """(N, 3) gradient of ``sh_basis(n) @ light`` by n, for (9,) light."""
     x, y, z = normals.T
     zero, one = np.zeros_like(x), np.ones_like(x)
@@ -128,14 +127,12 @@ class SkinSamples:
     """
 
     vertex: npt.NDArray[np.intp]
-    normal: Array
-    colour: Array
-    weight: Array
+    normal: Float64
+    colour: Float64
+    weight: Float64
 
 
-def seen_skin(
-    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
-) -> SkinSamples:
+def seen_skin(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
     """What a photo shows of the face's skin, at the vertices.
 
     Args:
@@ -149,7 +146,7 @@ def seen_skin(
     projection = project(state, vertices)
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
     where = np.floor(projection.uv + middle).astype(int)
-    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
+    inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))
     weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
     # Steep skin is seen badly and is where the outline term speaks.
     view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
@@ -159,9 +156,7 @@ def seen_skin(
     return SkinSamples(used, normals[used], colour, weight[used])
 
 
-def light_on_face(
-    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
-) -> Array | None:
+def light_on_face(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> Float64 | None:
     """Light on the fitted face; the arguments are those of :func:`seen_skin`.
 
     Returns:
@@ -175,10 +170,10 @@ def light_on_face(
 def shading_term(
     head: HeadModel,
     model: LandmarkModel,
-    linear: npt.NDArray[np.float32],
-    middle: Array,
+    linear: Float32,
+    middle: Float64,
     state: State,
-    vertices: Array,
+    vertices: Float64,
 ) -> ShadingTerm | None:
     """Shading term at a state.
 
