@@ -1,4 +1,4 @@
-"""BlazeFace: anchors, decoding and merging of boxes.
+"""BlazeFace: anchors, decoding of boxes, non-maximum suppression by averaging.
 
 Bazarevsky et al., "BlazeFace: Sub-millisecond Neural Face Detection on Mobile GPUs", 2019; constants as in MediaPipe's
 ``face_detection_back`` graph (256 pixels, strides 16, 32, 32, 32).
@@ -15,10 +15,12 @@ from service.face.region import Region, roll
 from service.runtime.sessions import Session, load_session
 
 INPUT_SIZE = 256
+"""Side of the network's input, pixels."""
 STRIDES = (16, 32, 32, 32)
 MERGE_OVERLAP = 0.3
-"""Boxes that overlap by more (intersection over union) are one face (MediaPipe's min_suppression_threshold)."""
+"""Intersection over union above which two boxes are the same face (MediaPipe's min_suppression_threshold)."""
 LOGIT_LIMIT = 80.0
+"""Magnitude at which raw scores are clipped, so that the sigmoid's exponential does not overflow."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Detection:
 
 
 def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float64:
-    """(A, 2) float64 anchor centres in input pixels: per cell two for each layer, layers of equal stride together.
+    """(A, 2) float64 anchor centres in input pixels: two per cell and layer, layers of equal stride together.
 
     >>> anchors().shape
     (896, 2)
@@ -102,7 +104,7 @@ def overlap(one: Float64, others: Float64) -> Float64:
 def merge(found: list[Detection], limit: float = MERGE_OVERLAP) -> list[Detection]:
     """Average detections of the same face, weighted by score, best first (MediaPipe's weighted suppression).
 
-    Greedy suppression would keep one of two half-off boxes; their average sits on the face.
+    Greedy suppression would keep one of two boxes that are each half off the face; their average is centred on it.
     """
     rest = sorted(found, key=lambda d: -d.score)
     merged = []
@@ -127,14 +129,14 @@ def _average(group: list[Detection]) -> Detection:
 
 
 class Detector:
-    """The detector network behind a region: crop, run, decode, merge, carry back to the photo."""
+    """The detector network applied to square regions: crop, run, decode, merge, map back to the photo."""
 
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_detector", threads)
         self._anchors = anchors()
 
     def __call__(self, pixels: UInt8, region: Region, threshold: float = 0.5) -> list[Detection]:
-        """Faces of at least ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
+        """Faces of score >= ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
         crop = region.cut(pixels, INPUT_SIZE)
         image = crop.astype(np.float32)[None] / 127.5 - 1
         regressors, logits = self._session.run({"image": image})
@@ -142,6 +144,6 @@ class Detector:
         scale = region.side / INPUT_SIZE
         found = []
         for row, score in zip(points, scores, strict=True):
-            carried = region.to_photo(np.concatenate([row[:1], row[2:]]), INPUT_SIZE)
-            found.append(Detection(carried[0], float(row[1].max()) * scale, float(score), carried[1:]))
+            mapped = region.to_photo(np.concatenate([row[:1], row[2:]]), INPUT_SIZE)
+            found.append(Detection(mapped[0], float(row[1].max()) * scale, float(score), mapped[1:]))
         return merge(found)

@@ -1,4 +1,4 @@
-"""Square, turned regions of a photo: the maths of cutting them out and of carrying points back."""
+"""Rotated square regions of a photo: cropping, and the maps between crop and photo coordinates."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class Region:
         return np.concatenate([moved, points[:, 2:] * (size / self.side)], 1)
 
     def cut(self, pixels: UInt8, size: int) -> UInt8:
-        """(size, size, 3) uint8 crop of an (H, W, 3) photo; black outside. Shrinking averages, it does not alias."""
+        """(size, size, 3) uint8 crop of an (H, W, 3) photo, black outside, area-averaged where it is reduced."""
         height, width = pixels.shape[:2]
-        shrink = max(1, round(self.side / size))  # whole numbers are what OpenCV averages fast
+        shrink = max(1, round(self.side / size))  # OpenCV averages fast by integer factors
         reach = self.side * 0.7072 + 2 * shrink
         x0, x1 = (int(np.clip(self.x + s * reach, 0, width)) for s in (-1, 1))
         y0, y1 = (int(np.clip(self.y + s * reach, 0, height)) for s in (-1, 1))
@@ -70,8 +70,8 @@ class Region:
 def roll(left_eye: Float64, right_eye: Float64, mouth: Float64) -> float:
     """Radians by which a face is turned clockwise in the photo; 0 where the three points coincide.
 
-    The eye line and the line from the eyes down to the mouth each tell the roll; their sum weights them by length, so
-    that in a profile, where the eyes coincide and their line means nothing, the second decides.
+    The line between the eyes and the line from the eyes down to the mouth each give the roll. Their sum weights them by
+    length, so that the second decides in a profile, where the eyes nearly coincide.
     """
     across = np.asarray(right_eye[:2], np.float64) - left_eye[:2]
     down = np.asarray(mouth[:2], np.float64) - (np.asarray(left_eye[:2]) + right_eye[:2]) / 2

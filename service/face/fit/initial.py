@@ -1,4 +1,4 @@
-"""A first pose from landmarks: weak perspective in closed form."""
+"""Initial pose from landmarks: weak perspective in closed form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the fit hands on."""
+"""Result of the fit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Fit:
     Attributes:
         camera: pose and focal length.
         identity: (k,) float64 standard deviations.
-        expression: (E,) float64 in [0, 1].
+        expression: (E,) float64 activations in [0, 1].
         vertices: (V, 3) float32 metres, head space, the photo's expression.
         neutral: (V, 3) float32 metres, head space, no expression.
         light: (9, 3) float64 spherical-harmonic radiance, linear RGB, camera frame: ``sh_basis(n) @ light`` of
@@ -28,8 +28,8 @@ class Fit:
         warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
             are set straight ahead for want of a visible iris.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
-        eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo, told
-            by them and by the teeth (``service.light.white_reference``); None if no white is seen well.
+        eye_light: (3,) linear RGB radiance in the photo of a white diffuse surface in place of the sclera, estimated
+            from sclera and teeth (``service.light.white_reference``); None if neither is seen well.
         mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
     """
 

@@ -1,8 +1,8 @@
-"""What the shading of the skin says about its slope.
+"""Shape from shading: a term of the fit that turns the head's normals towards the shading in the photo.
 
-The skin's colour is taken as one albedo times spherical-harmonic light; where it differs, the normals of the head are
-asked to turn. Albedo varies too, so only low frequencies can be believed, and brows, lips, eyes and beard are left
-out. The derivative runs through the normals alone: correspondences are the landmarks' business.
+The skin is modelled as one albedo times spherical-harmonic irradiance, and the difference to the photo is attributed to
+the normals. Albedo varies too, so the term has little weight, and brows, lips, eyes and beard are left out. The
+derivative goes through the normals alone; where vertices project to is left to the landmark terms.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from service.face.fit.landmarks import facing
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
-from service.light.skin_light import BAND_GAIN, estimate_light, sh_basis
+from service.light.skin_light import BAND_GAIN, LUMINANCE, estimate_light, sh_basis
+from service.robust import geman_mcclure
 
 SIGMA = 0.10
-"""Expected deviation of log-like relative intensity from one-albedo shading."""
+"""Standard deviation of the log intensity about one-albedo shading."""
 SHARE = 0.005
-"""Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
+"""Weight of one vertex: the albedo errors of neighbours are correlated."""
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
+"""Regions of the head that are not skin of one albedo."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def sh_gradient(normals: Float64, light: Float64) -> Float64:
 
 @dataclass(frozen=True)
 class SkinSamples:
-    """Skin vertices that the photo shows.
+    """Visible skin vertices and their colour in the photo.
 
     Attributes:
         vertex: (N,) indices.
@@ -133,7 +135,7 @@ class SkinSamples:
 
 
 def seen_skin(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
-    """What a photo shows of the face's skin, at the vertices.
+    """Sample the photo at the visible vertices of the face's skin.
 
     Args:
         head: the head model.
@@ -148,7 +150,7 @@ def seen_skin(head: HeadModel, linear: Float32, middle: Float64, state: State, v
     where = np.floor(projection.uv + middle).astype(int)
     inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))
     weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
-    # Steep skin is seen badly and is where the outline term speaks.
+    # At grazing angles the colour is unreliable; there the contour term constrains the shape.
     view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
     weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
     used = np.flatnonzero(weight > 0.05)
@@ -161,7 +163,7 @@ def light_on_face(head: HeadModel, linear: Float32, middle: Float64, state: Stat
 
     Returns:
         (9, 3) coefficients in the camera frame (x right, y down, z forward), see :func:`estimate_light`; None where
-        fewer than 30 vertices of skin are seen or they are black.
+        fewer than 30 vertices of skin are visible or they are black.
     """
     skin = seen_skin(head, linear, middle, state, vertices)
     return estimate_light(skin.normal @ state.rotation.T, skin.colour, skin.weight)
@@ -192,14 +194,14 @@ def shading_term(
     light = estimate_light(skin.normal, skin.colour, skin.weight)
     if light is None:
         return None
-    grey = light @ np.array([0.2126, 0.7152, 0.0722])
-    seen = skin.colour @ np.array([0.2126, 0.7152, 0.0722])
+    grey = light @ LUMINANCE
+    seen = skin.colour @ LUMINANCE
     shaded = np.maximum(sh_basis(skin.normal) @ grey, 0.05)
     albedo = float(np.median(seen / shaded))
     residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
-    robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
+    robust = geman_mcclure(residual, 2.5 * SIGMA)
     root = np.sqrt(SHARE * skin.weight * robust) / SIGMA
     slope = sh_gradient(skin.normal, grey) * (shaded > 0.05)[:, None] / shaded[:, None]
-    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
-    jacobian = np.einsum("ni,nik->nk", slope, turn)
+    rotation = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
+    jacobian = np.einsum("ni,nik->nk", slope, rotation)
     return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

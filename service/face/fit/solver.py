@@ -18,7 +18,7 @@ from service.face.fit.terms import Term, energy, linearise
 
 @dataclass
 class Damping:
-    """State that survives between calls, so that a solve can go on after the weights changed."""
+    """Damping kept between calls, so that a solve can be resumed after the weights changed."""
 
     mu: float = 1e-3
     nu: float = 2.0

@@ -1,11 +1,11 @@
-"""The unknowns of the fit and how they move points in the photo.
+"""The unknowns of the fit, projection, and its Jacobian.
 
 The unknowns are
 
     w (3) rotation step, tx, ty (2) metres, log scale, log distance, identity (K), expression (E)
 
-with scale = focal / distance in pixels per metre: focal length and distance are nearly degenerate for a face, scale
-and distance are nearly independent.
+with scale = focal / distance in pixels per metre. Focal length and distance are nearly degenerate for a face, whereas
+scale and distance are nearly independent.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.rotation import exp_rotation, nearest_rotation, skew
 
 POSE = 7
-"""How many unknowns stand before the shape coefficients."""
+"""Number of pose unknowns, which precede the shape coefficients."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class State:
     coefficients: Float64
 
     def stepped(self, step: Float64) -> State:
-        """The state after a step in the unknowns: the rotation is multiplied from the left, the rest is added."""
+        """The state after a step of the unknowns: a rotation multiplied from the left, and a sum for the rest."""
         x = self.unknowns() + step
         rotation = nearest_rotation(exp_rotation(step[:3]) @ self.rotation)
         return State(rotation, x[3:5], float(x[5]), float(x[6]), x[POSE:])
 
     def unknowns(self) -> Float64:
-        """(7 + K + E,); the rotation counts as zero, since steps start from it."""
+        """(7 + K + E,) unknowns; the rotation is zero, since steps are relative to it."""
         pose = [np.zeros(3), self.translation_xy, [self.log_scale, self.log_distance]]
         return np.concatenate([*pose, self.coefficients])
 

@@ -1,4 +1,4 @@
-"""The terms of the fit's energy, each with its residuals and its share of the normal equations.
+"""The terms of the fit's energy: their residuals and their parts of the normal equations.
 
 A term returns half its sum of squares and adds J^T J and J^T r in place; ``energy`` and ``linearise`` sum over terms.
 """
@@ -27,7 +27,7 @@ class Term(Protocol):
 
 @dataclass(frozen=True)
 class PointTerm:
-    """Points that should land on given pixels.
+    """Reprojection error of points.
 
     Attributes:
         mean, modes: (N, 3) and (M, N, 3) metres, the points as a linear function of the coefficients.
@@ -68,7 +68,7 @@ class PointTerm:
 
 @dataclass(frozen=True)
 class DepthTerm:
-    """Relative depth of points, up to a common offset.
+    """Error of the relative depth of points, up to a common offset.
 
     Attributes:
         mean, modes: as in PointTerm.
@@ -109,7 +109,7 @@ class DepthTerm:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beforehand: Gaussians on log distance, log focal length and the shape coefficients.
+    """Gaussian prior on log distance, log focal length and the shape coefficients.
 
     Attributes:
         log_distance, log_distance_sigma: metres.
