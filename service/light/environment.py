@@ -1,4 +1,4 @@
-"""The light that a scene's environment sends: shipped images, made-up skies, and the suns taken out of them."""
+"""Radiance of a scene's environment: shipped images, analytic skies, and suns extracted as point lights."""
 
 from __future__ import annotations
 
@@ -17,12 +17,17 @@ from service.light.sphere import pixel_directions, pixel_of, pixel_solid_angles
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "environments" / "environments.npz"
 HEIGHT, WIDTH = 64, 128
+"""Size of environment images, pixels."""
 
 _FAR_M = 100.0
+"""Distance of extracted suns, metres: their light is parallel across a head."""
 _MOST_SUNS = 3
 _SUN_REACH_DEG = 6.0
+"""Angular radius around a peak within which radiance belongs to a sun."""
 _SUN_SHARE = 0.02
+"""Fraction of all light that a sun has to exceed."""
 _SUN_CONTRAST = 8.0
+"""Ratio of a sun's peak to the ring around it that has to be exceeded."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -43,7 +48,7 @@ def names() -> tuple[str, ...]:
 
 
 def radiance(environment: Environment) -> Float64:
-    """(64, 128, 3) float64 linear radiance >= 0, turned and scaled as the scene asks.
+    """(64, 128, 3) float64 linear radiance >= 0, rotated and scaled as the scene says.
 
     Raises:
         UsageError: no environment of that name.
@@ -57,7 +62,7 @@ def radiance(environment: Environment) -> Float64:
 
 
 def turned(image: Float64, degrees: float) -> Float64:
-    """A latitude-longitude image turned about the vertical, interpolated between columns."""
+    """A latitude-longitude image (H, W, C) rotated about the vertical, linear between columns."""
     shift = degrees / 360.0 * image.shape[1]
     whole = math.floor(shift)
     part = shift - whole
@@ -79,10 +84,10 @@ def _sky(environment: Environment) -> Float64:
 
 @dataclass(frozen=True)
 class Illumination:
-    """A scene's light, sorted by how it is to be computed.
+    """A scene's light, divided by how it is computed.
 
     Attributes:
-        lights: the scene's point lights, then the suns of the environment as far-away balls.
+        lights: the scene's point lights, then the suns of the environment as distant spherical lights.
         sky: (64, 128, 3) radiance of the environment without its suns.
     """
 
@@ -96,17 +101,17 @@ class Illumination:
 
 
 def illumination(scene: Scene) -> Illumination:
-    """Point lights and sky of a scene. Suns become point lights: a few directions cannot give them sharp shadows."""
+    """Point lights and sky of a scene; suns become point lights, as few directions cannot resolve their shadows."""
     sky, suns = without_suns(radiance(scene.environment))
     return Illumination((*scene.lights, *suns), sky)
 
 
 def without_suns(image: Float64) -> tuple[Float64, tuple[PointLight, ...]]:
-    """Take small bright spots out of a latitude-longitude image (H, W, 3).
+    """Extract suns from a latitude-longitude image (H, W, 3) of linear radiance.
 
-    A spot counts when it sends, from within 6 degrees, more than 2 % of all light and is eight times as bright as what
-    surrounds it. It is replaced by its surroundings and returned as a ball 100 m away that gives the same irradiance
-    on a facing surface and is as wide.
+    A sun is a spot that sends more than 2 % of all light from within 6 degrees and whose peak is eight times as bright
+    as the ring around it. It is replaced by the level of that ring, and returned as a spherical light at 100 m of the
+    same angular size and the same irradiance on a facing surface.
     """
     height, width = image.shape[:2]
     directions, angles = pixel_directions(height, width), pixel_solid_angles(height, width)
@@ -128,7 +133,7 @@ def without_suns(image: Float64) -> tuple[Float64, tuple[PointLight, ...]]:
 
 
 def _sun(flux: Float64, directions: Float64, smallest: float) -> PointLight:
-    """The ball that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
+    """The spherical light that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
     weight = flux.mean(-1)
     mean = (directions * weight[..., None]).sum((0, 1))
     towards = mean / np.linalg.norm(mean)

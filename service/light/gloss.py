@@ -1,8 +1,7 @@
-"""Mirror-like reflection of skin: the table of a GGX lobe's directional albedo, and a short look at the sky in it.
+"""Specular reflection of skin: a table of a GGX lobe's directional albedo, and an approximate reflection of the sky.
 
-The formulas of the lobe itself are those of ``models/lightstage/light``, which come here exported
-(``service.light.graphs``); the table is made here and used there (Walter et al. 2007; Karis 2013; Lagarde and de
-Rousiers 2014).
+The lobe itself is evaluated by the graphs exported from ``models/lightstage/light`` (``service.light.graphs``), which
+use the table made here (Walter et al. 2007; Karis 2013; Lagarde and de Rousiers 2014).
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ F0_SCALE = 0.04
 """Reflectance at normal incidence of specular albedo 1 (glTF's default)."""
 
 SMALLEST_ALPHA = 0.03
+"""GGX alpha below which lobes are not made narrower."""
 COSINES, ALPHAS = 32, 32
 """Rows and columns of the table of directional albedo."""
 
@@ -47,7 +47,7 @@ def albedo_table() -> Float64:
 
 
 def mirror_weights(reflected: Float64, alpha: Float64, directions: Float64) -> Float64:
-    """(K, D) shares, sum 1, of the radiance of D directions in the mirror of K rough points."""
+    """(K, D) weights, sum 1, of the radiance of D directions in the reflection at K rough points."""
     cosine = np.clip(reflected @ directions.T, -1.0, 1.0)
     d = 1.0 - 0.5 * (1.0 + cosine) * (1.0 - np.clip(alpha, 0.08, 1.0)[:, None] ** 2)
     weight = np.maximum(cosine, 0.0) / (d * d)
@@ -55,6 +55,6 @@ def mirror_weights(reflected: Float64, alpha: Float64, directions: Float64) -> F
 
 
 def mirror_openness(openness: Float64, n_v: Float64, alpha: Float64) -> Float64:
-    """Occlusion of a lobe from ambient occlusion."""
+    """Specular occlusion in [0, 1] of a lobe from ambient occlusion (Lagarde and de Rousiers 2014)."""
     power = np.exp2(-16.0 * np.sqrt(np.clip(alpha, SMALLEST_ALPHA, 1.0)) - 1.0)
     return np.asarray(np.clip(np.maximum(n_v + openness, 0.0) ** power - 1.0 + openness, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""The formulas of light, as ``export.light`` wrote them: loaded when first needed, fed in pieces of bounded size."""
+"""Formulas of light as networks written by ``export.light``: loaded on first use, run in pieces of bounded size."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from service.runtime.sessions import MODELS, Session, load_session
 FOLDER = MODELS.parent / "light"
 
 PIECE = 1 << 17
-"""Points at a time: some tens of intermediate planes stay in tens of megabytes."""
+"""Points per run: some tens of intermediate planes then take tens of megabytes."""
 
 _NOTHING = -1e30
+"""Depth of empty cells."""
 
 
 class Graphs:
-    """Sessions by name.
+    """Runs graphs by name.
 
     Args:
         threads: compute threads of each.
@@ -29,7 +30,7 @@ class Graphs:
         self._threads = threads
 
     def run(self, name: str, **inputs: AnyFloat) -> Float32:
-        """The result of one graph, whole.
+        """The first output of one graph.
 
         Raises:
             ModelFault: the graph is missing, changed, or refuses the inputs.
@@ -43,7 +44,7 @@ class Graphs:
         count = next(iter(points.values())).shape[-1]
         parts = []
         for first in range(0, count, PIECE):
-            # Graphs take maps (C, h, w): a list of points is a map of one row.
+            # Graphs take maps (C, h, w), so points are passed as a map of one row.
             rows = {key: value[..., None, first : first + PIECE] for key, value in points.items()}
             parts.append(self.run(name, **rows, **fixed)[..., 0, :])
         if parts:
@@ -74,18 +75,18 @@ def _session(name: str, threads: int) -> Session:
 
 
 def lamp_numbers(light: PointLight) -> dict[str, Float32]:
-    """Inputs of graphs about a lamp."""
+    """A lamp as inputs of the graphs."""
     numbers = {"at": light.position_m, "intensity": light.intensity, "radius": light.radius_m}
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()}
 
 
 def _cells(name: str, occluders: Float32, spacing_mm: float, towards: Float32) -> int:
-    """Cells a side that hold the depth map for certain: the graph uses of them what it needs, 2049 at most."""
+    """Side of the depth map in cells, an upper bound of what the graph uses; at most 2049."""
     diagonal = float(np.linalg.norm(occluders.max(1) - occluders.min(1)))
     if name == "lit_from_direction":
         return min(int(np.ceil(diagonal / (1.6 * spacing_mm))), 2048) + 2
     distance = np.linalg.norm(occluders - towards[:, None], axis=0)
     if float(distance.min()) < 0.5 * diagonal:
-        return 2049  # the lamp is so near that the head fills any angle
+        return 2049  # so near that the head may fill any angle
     angle = 2.0 * np.arctan(0.5 * diagonal / float(distance.min())) * 1.5
     return min(int(np.ceil(angle * float(np.median(distance)) * 1.01 / (1.6 * spacing_mm))), 2047) + 2

@@ -41,9 +41,9 @@ def project(radiance: AnyFloat) -> Float64:
 
 
 def irradiance(coefficients: AnyFloat, normals: AnyFloat) -> Float64:
-    """(..., 3) irradiance >= 0 on surfaces with unit normals (..., 3), without anything in the way.
+    """(..., 3) irradiance >= 0 on surfaces with unit normals (..., 3), without occlusion.
 
-    Degree 2 rings for hard light; what comes out negative is cut to 0.
+    Truncation at degree 2 rings for hard light; negative values are clipped to 0.
     """
     values = basis(normals) @ (COSINE_LOBE[:, None] * np.asarray(coefficients, np.float64))
     return np.asarray(np.maximum(values, 0.0))

@@ -1,4 +1,4 @@
-"""The surroundings as seen in the mirror of a rough surface: prefiltered once per environment and roughness."""
+"""Reflection of the environment in a rough surface: prefiltered once per environment and roughness."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from service.arrays import AnyFloat, Float32
 from service.light.sphere import pixel_directions, pixel_solid_angles
 
 ALPHAS = (0.08, 0.16, 0.27, 0.42, 0.64, 1.0)
-"""GGX alpha of each level; what is smoother sees the first."""
+"""GGX alpha of each level; smoother surfaces use the first."""
 
 SIZE = (32, 64)
+"""Rows and columns of each level."""
 
 
 @functools.lru_cache(maxsize=len(ALPHAS))
 def _kernel(alpha: float) -> Float32:
-    """(out pixels, in pixels) weights of radiance for a mirror direction, viewed along the normal (Karis 2013)."""
+    """(out pixels, in pixels) weights of radiance for each mirror direction, viewed along the normal (Karis 2013)."""
     seen = pixel_directions(*SIZE).reshape(-1, 3).astype(np.float32)
     cosine = np.clip(seen @ seen.T, -1.0, 1.0)  # of twice the angle between normal and half vector
     n_h2 = 0.5 * (1.0 + cosine)

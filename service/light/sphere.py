@@ -1,4 +1,4 @@
-"""Directions on the sphere: latitude-longitude images, evenly spread directions, and the way from one to the other.
+"""Directions on the sphere: latitude-longitude images, evenly spread directions, and resampling to these.
 
 Directions are in head space: +X the subject's left, +Y up, +Z out of the face. A latitude-longitude image has +Y at its
 top and the direction +Z, from where light falls on the face, at its middle column; a column further right is nearer to
@@ -13,7 +13,8 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64
 
-_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+"""Radians between successive points of a Fibonacci spiral."""
 
 
 @functools.lru_cache(maxsize=8)
@@ -46,13 +47,13 @@ def spread_directions(count: int) -> Float64:
     """(count, 3) unit directions, evenly spread (Fibonacci spiral about the vertical); each stands for 4 pi / count."""
     y = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     radius = np.sqrt(1.0 - y * y)
-    angle = np.arange(count) * _GOLDEN
+    angle = np.arange(count) * GOLDEN_ANGLE
     return np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], 1)
 
 
 @functools.lru_cache(maxsize=4)
 def _sharing(count: int, height: int, width: int) -> Float32:
-    """(count, height * width) solid angle of each pixel, shared out over the directions near it."""
+    """(count, height * width) solid angle of each pixel, distributed over the nearest directions."""
     pixels = pixel_directions(height, width).reshape(-1, 3)
     sharpness = count / 3.0  # a Gaussian about as wide as the directions are apart
     weight = np.exp(sharpness * (spread_directions(count) @ pixels.T - 1.0))
@@ -61,10 +62,10 @@ def _sharing(count: int, height: int, width: int) -> Float32:
 
 
 def flux_by_direction(radiance: AnyFloat, count: int) -> Float64:
-    """(count, 3) radiance times solid angle that each of ``count`` spread directions stands for; the total is kept.
+    """(count, 3) radiance times solid angle of each of ``count`` spread directions, of the same sum as the image's.
 
-    A pixel is shared by its neighbours with smooth weights, so shadows of a small bright spot do not jump from one
-    direction to the next.
+    A pixel is distributed over several directions with smooth weights, so that the shadow of a small bright spot does
+    not jump from one direction to the next.
     """
     height, width = radiance.shape[:2]
     return np.asarray(_sharing(count, height, width) @ np.asarray(radiance, np.float64).reshape(-1, 3))

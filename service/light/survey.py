@@ -1,4 +1,4 @@
-"""Sample points of a lit chart, for the planner: drawn once here for the light stage and for the renderer."""
+"""Sampling of a lit chart for the planner, shared by the light stage and the renderer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float64, Int64
-from service.light.surface import PLACES, RING_MM, Surface
+from service.light.surface import PLACES, RING_MM, SurfaceSamples
 
 Index = Int64
 
@@ -24,10 +24,10 @@ class LitChart:
         diffuse_normal, specular_normal: unit, head space.
         albedo: linear diffuse albedo in [0, 1].
         specular: specular albedo s in [0, 1].
-        alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) of the first.
+        alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) weight of the first.
         texels_per_mm: square root of texels per mm^2.
-        skin: (h, w) bool, where light scatters.
-        weight: (h, w) >= 0, how much a texel counts.
+        skin: (h, w) bool, texels where light scatters.
+        weight: (h, w) >= 0 sampling density.
     """
 
     position_m: AnyFloat
@@ -47,13 +47,13 @@ class LitChart:
 
 def survey(
     chart: LitChart, offsets: Float64, visible: Callable[[Index], Float64], horizon: Callable[[Index], Float64]
-) -> Surface:
-    """Samples spread evenly over the texels that count; over the skin, and over all, where none do.
+) -> SurfaceSamples:
+    """Stratified samples of the texels by weight; where all weights are 0, of the skin; without skin, of all texels.
 
     Args:
-        chart: the surface at the resolution that is lit: fine relief casts no shadow on coarse maps.
-        offsets: (K,) in [0, 1), where each sample lies in its share of the texels.
-        visible: (K,) flat texels -> (K, D) in [0, 1], which spread directions they see.
+        chart: the surface at the resolution that is lit, as coarse maps have no relief shadows.
+        offsets: (K,) in [0, 1), position of each sample within its stratum.
+        visible: (K,) flat texels -> (K, D) in [0, 1], visibility of the spread directions.
         horizon: (K,) flat texels -> (K, 16) slope of the fine relief's horizon.
     """
     height, width = chart.skin.shape
@@ -71,7 +71,7 @@ def survey(
     def all_places(image: AnyFloat, count: int = len(places)) -> Float64:
         return np.stack([_pick(image, at) for at in places[:count]])
 
-    return Surface(
+    return SurfaceSamples(
         position=all_places(chart.position_m),
         diffuse_normal=all_places(chart.diffuse_normal),
         albedo=all_places(chart.albedo).clip(0.0, 1.0),
@@ -94,7 +94,7 @@ def _pick(image: AnyFloat, index: Index) -> Float64:
 
 
 def _beside(density: Float64, index: Index, place: int, width: int, height: int) -> Index:
-    """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
+    """(K,) flat index of the texel at a place of the rings: circles on the chart, as is the blur of scattering."""
     ring, spoke = divmod(place + 3, 4)
     angle = (spoke + 0.5 * ring) * 0.5 * math.pi
     right, up = (np.rint(density * RING_MM[place] * f(angle)).astype(np.int64) for f in (math.cos, math.sin))
@@ -103,7 +103,7 @@ def _beside(density: Float64, index: Index, place: int, width: int, height: int)
 
 
 def _on_skin(places: list[Index], skin: Bool) -> list[Index]:
-    """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
+    """Places off the skin, which scatter no light, replaced by the opposite place of their ring, or else the centre."""
     result = places[:1]
     for k, at in enumerate(places[1:], 1):
         opposite = places[(k - 1) // 4 * 4 + (k + 1) % 4 + 1]

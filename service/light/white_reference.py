@@ -1,9 +1,9 @@
-"""What eyes and teeth together tell of the light.
+"""White reference: the light of the photo, measured on sclera and teeth.
 
-Whether skin is dark or dimly lit, or brown or lit by a lamp, a photo of skin alone cannot say. Eyes and teeth are
-white in everybody. Whatever is mistaken for them (lids, lips, lashes, shadow within the mouth) is redder than they are,
-and so are whites that a lamp from one side leaves to what the skin around sends. So the palest of several tells the
-hue; how strong the light is, all tell that are no lids.
+Skin alone cannot tell dark skin from dim light, nor brown skin from a warm lamp. Sclera and teeth are close to white in
+everybody. Whatever is mistaken for them (lids, lips, lashes, shadow in the mouth) is redder, and so is sclera that is
+lit by the skin around it alone, on the side away from a lamp. So the hue is taken from the least red measurements, and
+the strength from all that are not lids.
 """
 
 from __future__ import annotations
@@ -19,34 +19,33 @@ from service.colour import LUMA
 CHEEKS = (50, 280)
 """Landmarks in the middle of the cheeks."""
 CHEEK_RADIUS = 0.12
-"""Of the distance of the eyes."""
+"""Radius of the sample on each cheek, over the inter-ocular distance."""
 REDDER, SAME_HUE = 2.0, 1.3
-"""Times by which a white may have less blue over red than the palest, and still be one (1.5 in the shade of a lamp from
-one side; lids have 1.4 to 2.5), and by which it may and still tell the hue."""
+"""Factors by which the ratio of blue to red may be below that of the least red measurement: to be sclera or tooth at
+all (1.5 in the shade of a lamp from one side; lids have 1.4 to 2.5), and to contribute to the hue."""
 RANGE = (1e-3, 4.0)
-"""Light outside it is not to be measured in 8 bits."""
+"""Range of linear radiance that an 8-bit photo can measure; results are clipped to it."""
 
 
-def light_by_whites(
+def light_from_sclera_and_teeth(
     pixels: UInt8,
     landmarks: AnyFloat,
     gaze: Gaze | None,
     mouth_rim: AnyFloat,
     inter_ocular_px: float,
 ) -> Float64 | None:
-    """Light between the lids, told by the whites of the eyes and by the front teeth, which stand in more of it.
+    """Light between the lids, measured on the sclera and on the front teeth, which receive more of it.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
         landmarks: (468, >= 2) photo pixels.
-        gaze: with the irises that were found.
+        gaze: with the detected irises.
         mouth_rim: (N, 2) photo pixels round the opening between the lips.
         inter_ocular_px: distance of the eyes in photo pixels.
 
     Returns:
-        (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive:
-        as strong as the whites are in the geometric mean, in the hue of the palest.
-        None where no white is seen well.
+        (3,) linear RGB radiance of a white diffuse surface in place of the sclera, finite and positive: the geometric
+        mean of the measurements in strength, the least red ones in hue. None where neither can be measured.
     """
     seen = [light for iris in (gaze.irises if gaze else ()) if (light := eye_white_light(pixels, iris)) is not None]
     skin = cheek_colour(pixels, landmarks, inter_ocular_px)
@@ -57,7 +56,7 @@ def light_by_whites(
 
 
 def palest(lights: Float64) -> Float64:
-    """(3,) light by (N, 3) positive ones, N > 0: their geometric mean in strength, that of the palest in hue."""
+    """(3,) light from (N, 3) positive measurements, N > 0: strength of their geometric mean, hue of the least red."""
     pale = lights[:, 2] / lights[:, 0]
     logs = np.log(lights)
     hue, all_ = (logs[pale * redder >= pale.max()].mean(0) for redder in (SAME_HUE, REDDER))

@@ -19,7 +19,7 @@ COUNT = 384
 _GOLDEN = 0.6180339887498949
 
 
-def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.Surface:
+def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.SurfaceSamples:
     """Samples of what the camera sees of the skin, as many texels as pixels count."""
     s = surface
     height, width = s.specular.shape
@@ -56,7 +56,7 @@ def _weight(seen: Samples, height: int, width: int) -> Float64:
     return np.bincount(row * width + column, minlength=height * width).reshape(height, width).astype(np.float64)
 
 
-def exposed(scene: Scene, surface: points.Surface, light: Illumination) -> Scene:
+def exposed(scene: Scene, surface: points.SurfaceSamples, light: Illumination) -> Scene:
     """The scene with a number for its exposure: the target for the 90th percentile of the samples' luminance.
 
     One that has an exposure is returned as it is.

@@ -19,7 +19,7 @@ from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
 from service.head.model import HeadModel
-from service.light.white_reference import cheek_colour, light_by_whites
+from service.light.white_reference import cheek_colour, light_from_sclera_and_teeth
 from service.photo.photo import Photo
 
 UNKNOWN_FOCAL = 1.2
@@ -139,7 +139,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, fou
         float(inter_ocular),
         tuple(warnings),
         gaze,
-        light_by_whites(photo.pixels, face.landmarks, gaze, mouth_rim, inter_ocular),
+        light_from_sclera_and_teeth(photo.pixels, face.landmarks, gaze, mouth_rim, inter_ocular),
         mouth_rim,
     )
 

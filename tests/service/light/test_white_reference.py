@@ -7,7 +7,7 @@ import pytest
 
 from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.colour import LUMA
-from service.light.white_reference import CHEEKS, RANGE, cheek_colour, light_by_whites, palest
+from service.light.white_reference import CHEEKS, RANGE, cheek_colour, light_from_sclera_and_teeth, palest
 from tests.service.anatomy.eyes.test_sclera import MEAN, photo_of
 from tests.service.anatomy.teeth.test_measure import RIM, SKINS, mouth
 
@@ -43,14 +43,15 @@ def test_teeth_speak_for_closed_eyes() -> None:
     cheeks = np.empty_like(pixels)
     cheeks[:] = mouth(np.array(SKINS["brown"]), LIGHT, np.array(SKINS["brown"]))[0][25, 40]
     both = np.concatenate([pixels, cheeks])
-    found = light_by_whites(both, landmarks_at([(30, 100), (90, 100)]), None, RIM, 60.0)
+    found = light_from_sclera_and_teeth(both, landmarks_at([(30, 100), (90, 100)]), None, RIM, 60.0)
     assert found is not None and np.abs(np.log(found / (LIGHT * BETWEEN_LIDS))).max() < 0.06
-    assert light_by_whites(both, landmarks_at([(np.nan, 0), (900, 900)]), None, RIM, 60.0) is None
+    assert light_from_sclera_and_teeth(both, landmarks_at([(np.nan, 0), (900, 900)]), None, RIM, 60.0) is None
 
 
 def test_eyes_speak_for_a_closed_mouth() -> None:
     pixels, gaze = photo_of(LIGHT, 15.0)
-    found = light_by_whites(pixels, landmarks_at([(60, 200), (260, 200)]), gaze, np.repeat(RIM[:1], 8, 0), 100.0)
+    rim = np.repeat(RIM[:1], 8, 0)
+    found = light_from_sclera_and_teeth(pixels, landmarks_at([(60, 200), (260, 200)]), gaze, rim, 100.0)
     assert found is not None and np.abs(np.log(found / (LIGHT * MEAN))).max() < 0.15
 
 
