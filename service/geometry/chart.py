@@ -1,4 +1,4 @@
-"""The UV chart as an image: which point of the surface each texel shows."""
+"""The UV chart as an image: the surface point of each texel, and tangent frames and derivatives on it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64, UInt8
 from service.geometry.normals import normalise, vertex_normals
-from service.geometry.raster import rasterise
+from service.geometry.raster import interpolate, rasterise
 from service.head.model import HeadModel
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -108,11 +108,7 @@ class Chart:
         v = v[:, None] if v.ndim == 1 else v
         corners = self._chart_corners if on_chart else self.corners
         weights = self.weights
-        # np.take: several times faster than v[corners] on rows.
-        result = np.take(v, corners[:, 0], axis=0) * weights[:, :1]
-        for i in (1, 2):
-            result += np.take(v, corners[:, i], axis=0) * weights[:, i : i + 1]
-        return np.asarray(result)
+        return interpolate(v, corners, weights)
 
     def spread(self, values: AnyFloat, outside: tuple[float, ...] | float = 0.0) -> Float32:
         """(H, W, C) float32 image of values (N, C) at the inner ``texels``; ``outside`` elsewhere."""
@@ -134,7 +130,7 @@ class Chart:
         """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
 
         A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
-        Where the surface has no direction of +u the tangent is any; outside the islands the axes are x, y, z.
+        Where the direction of +u is degenerate the tangent is arbitrary; outside the islands the axes are x, y, z.
 
         Args:
             vertices: (V, 3) positions.
@@ -144,9 +140,9 @@ class Chart:
         normal = unit(self.inside(n), _Z)
         along = self.inside(tangents(self.head, vertices), on_chart=True)
         along -= normal * dot(along, normal)
-        lost = dot(along, along)[:, 0] < 1e-12
-        if lost.any():
-            along[lost] = _any_orthogonal(normal[lost])
+        degenerate = dot(along, along)[:, 0] < 1e-12
+        if degenerate.any():
+            along[degenerate] = any_orthogonal(normal[degenerate])
         tangent = unit(along, _X)
         bitangent = np.cross(normal, tangent)
         return Frame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
@@ -181,14 +177,14 @@ def nearest_inside(mask: Bool) -> Int64:
     """(H, W) int64 flat index of the nearest True texel of ``mask``; each texel's own index where there is none."""
     import cv2
 
-    own = np.arange(mask.size).reshape(mask.shape)
+    index = np.arange(mask.size).reshape(mask.shape)
     if mask.all() or not mask.any():
-        return own
+        return index
     outside = (~mask).astype(np.uint8)
     _, label = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     label = np.asarray(label)
     source = np.zeros(int(label.max()) + 1, np.int64)
-    source[label[mask]] = own[mask]
+    source[label[mask]] = index[mask]
     return np.asarray(source[label])
 
 
@@ -198,20 +194,20 @@ def dot(a: Float32, b: Float32) -> Float32:
 
 
 def unit(vectors: Float32, fallback: tuple[float, float, float] = _Z) -> Float32:
-    """Unit vectors (N, 3) in float32, for vectors that began as unit ones and were averaged."""
+    """Unit vectors (N, 3) float32 of averaged unit vectors; ``fallback`` where the length is below 1e-6."""
     length = np.sqrt(dot(vectors, vectors))
     sound = length > 1e-6
     return np.where(sound, vectors / np.where(sound, length, 1), np.asarray(fallback, np.float32))
 
 
-def _any_orthogonal(normal: Float32) -> Float32:
+def any_orthogonal(normal: Float32) -> Float32:
     """(N, 3) vectors of length at least 0.5 orthogonal to unit normals."""
     axis = np.where(np.abs(normal[:, :1]) < 0.7, np.asarray(_X, np.float32), np.asarray(_Y, np.float32))
     return np.asarray(axis - normal * dot(axis, normal))
 
 
 def tangents(head: HeadModel, vertices: AnyFloat) -> Float64:
-    """(U, 3) float64 unit direction of growing u at each chart vertex, mean of its triangles by area; 0 where none."""
+    """(U, 3) float64 unit direction of +u at each chart vertex, area-weighted mean of its triangles; 0 where none."""
     du, _ = _derivatives(head, vertices)
     weight = np.abs(_chart_area(head))
     index = head.triangle_uv.ravel()
@@ -248,6 +244,7 @@ def solve_affine(source: AnyFloat, target: AnyFloat) -> tuple[Float64, Float64]:
 
 
 _SHIFT = 4
+"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
 def islands(head: HeadModel, size: tuple[int, int]) -> UInt8:

@@ -7,8 +7,7 @@ import numpy as np
 from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
 SMALLEST_LENGTH = 1e-20
-"""Vectors shorter than this have no direction (a micrometre-sized triangle's normal is about 1e-12 m^2 long)."""
-
+"""Length below which a vector has no direction (a micrometre-sized triangle's normal has a length of 1e-12 m^2)."""
 
 FALLBACK_NORMAL = (0.0, 0.0, 1.0)
 """For vertices whose triangles all have no area: forward, so that every normal has unit length."""

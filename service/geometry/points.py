@@ -1,4 +1,4 @@
-"""A surface as a cloud of points, for what needs no triangles."""
+"""Sampling of a mesh surface by points."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
 
 def surface_points(vertices: AnyFloat, triangles: AnyInt, spacing: float) -> Float32:
-    """(N, 3) float32 points on all triangles, nowhere further apart than ``spacing``; triangles without area too.
+    """(N, 3) float32 points on all triangles, degenerate ones too, at most ``spacing`` apart.
 
     Args:
         vertices: (V, 3) in the unit of ``spacing``.
         triangles: (T, 3) vertex indices.
-        spacing: a triangle's side is cut into 256 parts at most.
+        spacing: largest distance of neighbours; a triangle's side is divided into at most 256 parts.
     """
     corners = np.asarray(vertices, np.float64)[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
@@ -30,7 +30,7 @@ def surface_points(vertices: AnyFloat, triangles: AnyInt, spacing: float) -> Flo
 
 
 def _distinct(points: Float64, grain: float) -> Float64:
-    """Points of which no two fall into the same cube of side ``grain``: triangles share their corners and edges."""
+    """One point per cube of side ``grain``, as triangles share their corners and edges."""
     cell = np.rint((points - points.min(0)) / grain).astype(np.int64)
     x, y, z = np.minimum(cell, (1 << 21) - 1).T
     _, first = np.unique((x << 42) | (y << 21) | z, return_index=True)

@@ -1,8 +1,8 @@
-"""A z-buffer for triangles in numpy.
+"""A z-buffer rasteriser for triangles in numpy.
 
-Every triangle is cut into pixel rows and every row into one span of pixel centres, so that only pixels which are really
-covered are ever looked at. Two triangles that share an edge compute its crossing with a row from the same two points in
-the same order, hence to the same bits, and spans are half open: no pixel between neighbours is missed or drawn twice.
+Every triangle is divided into pixel rows and every row into one span of pixel centres, so that only covered pixels are
+visited. Two triangles that share an edge compute its crossing with a row from the same two points in the same order,
+hence to the same bits, and spans are half open: no pixel between neighbours is missed or drawn twice.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int32, Int6
 from service.geometry.camera import NEAREST_M
 
 CHUNK = 1 << 20
-"""Rows or pixels that are expanded at once; bounds the memory to some tens of megabytes."""
+"""Rows or pixels processed at once; bounds the memory to some tens of megabytes."""
 
 _EMPTY = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 @dataclass(frozen=True)
 class Raster:
-    """What each pixel sees.
+    """Visible triangle of each pixel.
 
     Attributes:
         triangle: (H, W) int32 index of the nearest triangle, -1 where there is none.
@@ -82,6 +82,15 @@ def rasterise(
     for rows in _spans(planes.corners, width, height, first_row):
         _draw(buffer, rows, planes, width, first_row, perspective)
     return _resolve(buffer, planes, keep, width, height, first_row, perspective)
+
+
+def interpolate(values: Float32, corners: AnyInt, weights: Float32) -> Float32:
+    """(N, C) float32 of ``values`` (V, C) at barycentric ``weights`` (N, 3) of vertices ``corners`` (N, 3)."""
+    # np.take: several times faster than values[corners] on rows.
+    result = np.take(values, corners[:, 0], axis=0) * weights[:, :1]
+    for i in (1, 2):
+        result += np.take(values, corners[:, i], axis=0) * weights[:, i : i + 1]
+    return np.asarray(result)
 
 
 def signed_area(points_2d: AnyFloat, triangles: AnyInt) -> Float64:
@@ -193,7 +202,7 @@ def _cut(ordered: Float64, top: Int64, count: Int64, width: int) -> _Rows:
 
 
 def _crossing(origin: Float64, slope: Float64, edge: Int64, y: Float64) -> Float64:
-    """Abscissae of the edges at height y."""
+    """X of the edges at height y."""
     return np.asarray(origin[:, 0][edge] + (y - origin[:, 1][edge]) * slope[edge])
 
 
@@ -235,7 +244,7 @@ def _from_sortable(bits: npt.NDArray[np.uint32]) -> Float32:
 def _resolve(
     buffer: npt.NDArray[np.uint64],
     planes: _Planes,
-    names: Int64,
+    kept: Int64,
     width: int,
     height: int,
     first_row: int,
@@ -247,7 +256,7 @@ def _resolve(
     triangle = np.full(width * height, -1, np.int32)
     nearest = np.full(width * height, np.inf, np.float32)
     weights = np.zeros((width * height, 3), np.float32)
-    triangle[hit] = names[local]
+    triangle[hit] = kept[local]
     nearest[hit] = _from_sortable((key >> np.uint64(32)).astype(np.uint32))
     row, column = np.divmod(hit, width)
     x, y = (column + 0.5).astype(np.float64), (row + (first_row + 0.5)).astype(np.float64)

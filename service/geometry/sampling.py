@@ -1,4 +1,4 @@
-"""Reading an image at points between pixels, averaged over the area that each point stands for."""
+"""Sampling images between pixels: bilinear, or averaged over a footprint."""
 
 from __future__ import annotations
 
@@ -6,22 +6,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32
+from service.arrays import AnyFloat, Float32, UInt8
 
 _COLUMNS = 1024
 _ROWS = 16384
 """Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
 
 MOST_SAMPLES = 3
-"""Supersamples per side of a footprint; what is wider is left to the pyramid."""
+"""Most samples per side of a footprint; larger footprints read coarser levels of the pyramid."""
 
 OVERLAP = 1.4
-"""Pixels between samples that interpolation between pixels already averages over."""
+"""Spacing of samples in pixels: bilinear interpolation averages over what lies between them."""
+
+
+def sample_chart(image: UInt8 | Float32, uv: Float32) -> Float32:
+    """(N, C) float32 bilinear values of a chart image (H, W, C) or (H, W) at (N, 2) chart coordinates in [0, 1].
+
+    Chart coordinates have their origin at the bottom left; borders are repeated. Codes of uint8 stay in [0, 255].
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    rows = max(-(-len(uv) // _COLUMNS), 1)
+    places = np.zeros((rows * _COLUMNS, 2), np.float32)
+    places[: len(uv), 0] = uv[:, 0] * width - 0.5
+    places[: len(uv), 1] = (1 - uv[:, 1]) * height - 0.5
+    at = places.reshape(rows, _COLUMNS, 2)
+    pieces = [
+        cv2.remap(image, at[first : first + _ROWS], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        for first in range(0, rows, _ROWS)
+    ]
+    values = np.concatenate([np.asarray(piece).reshape(-1, *image.shape[2:]) for piece in pieces])
+    return np.asarray(values[: len(uv)].reshape(len(uv), -1), np.float32)
 
 
 @dataclass(frozen=True)
 class Pyramid:
-    """An image and its halves.
+    """An image at successively halved resolutions.
 
     Attributes:
         levels: level i is (about H / 2^i, about W / 2^i, C) float32, each pixel the mean of 2 x 2 of the level below
@@ -94,10 +115,10 @@ class Pyramid:
 
 
 def sample_area(pyramid: Pyramid, points: AnyFloat, jacobian: AnyFloat) -> Float32:
-    """(..., C) means over the parallelograms that unit squares become, by regular supersampling.
+    """(..., C) means over the parallelograms onto which unit squares are mapped, by regular supersampling.
 
-    A texel seen at a slant is long and narrow in the photo; several samples along it keep what a single round footprint
-    would blur or let alias.
+    A texel seen at a grazing angle is long and narrow in the photo; several samples along it avoid the blur or aliasing
+    of a single round footprint.
 
     Args:
         pyramid: of the image.

@@ -11,9 +11,9 @@ from service.arrays import AnyFloat, AnyInt, Bool, Float64, Int64
 
 @dataclass(frozen=True)
 class Subdivision:
-    """One step, prepared for a list of faces; any values at their corners can then be subdivided alike.
+    """One step, prepared for the topology of a mesh and applicable to any values at its points.
 
-    New points are the old ones, then one in each face, then one on each edge.
+    The new points are the old ones, then one per face, then one per edge.
 
     Attributes:
         faces: (F, 4) int64, -1 in the last column marks a triangle.
@@ -81,7 +81,7 @@ class Subdivision:
         edge_count = np.bincount(ends, minlength=self.count)[:, None]
         edge_mean = _sum(ends, middle[index], self.count) / np.maximum(edge_count, 1)
         smooth = (face_mean + 2 * edge_mean + (n - 3) * v) / n
-        # On an open border only its own two edges count; where more than two meet, or none do, the point stays.
+        # On an open border only its two edges count; points where more than two border edges meet are kept.
         open_ends = border[index]
         borders = np.bincount(ends[open_ends], minlength=self.count)[:, None]
         along = _sum(ends[open_ends], middle[index[open_ends]], self.count) / np.maximum(borders, 1)

@@ -1,4 +1,4 @@
-"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, checked on the way in."""
+"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, validated when read."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def save_head(model: HeadModel, path: Path) -> None:
         _write(archive, "header", np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8))
         for key in _SHAPES:
             if key.startswith("triangle"):
-                continue  # follow from the polygons
+                continue  # derived from the polygons
             value = getattr(model, key)
             _write(archive, key, value.astype(np.float16) if key in _HALF else value)
 
@@ -80,7 +80,7 @@ def _write(archive: zipfile.ZipFile, key: str, value: npt.NDArray[Any]) -> None:
 
 
 def load_head(path: Path | None = None) -> HeadModel:
-    """Read and check a head model file, by default the one in the box.
+    """Read and check a head model file, by default the shipped one.
 
     Raises:
         ModelFault: the file is missing, damaged, of another format version, or its arrays contradict each other.
@@ -137,7 +137,7 @@ def _header(raw: dict[str, npt.NDArray[Any]], path: Path) -> dict[str, Any]:
     except (KeyError, ValueError) as fault:
         raise ModelFault(f"head model {path} has no readable header: {fault}") from fault
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ModelFault(f"head model {path} has another format than version {FORMAT}")
+        raise ModelFault(f"head model {path} is not of format version {FORMAT}")
     return header
 
 

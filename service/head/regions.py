@@ -1,4 +1,4 @@
-"""The head's soft vertex masks by name; imported heads have fewer of them."""
+"""The head's soft vertex masks by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From radiance of samples to a coded picture."""
+"""From radiance samples to a PNG: pixel filter, background, tone curve."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from service.light.scene import Response
 from service.light.shading import develop
 
 _BAND = 64
+"""Rows of the background computed at once."""
 
 
 def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], finer: int) -> tuple[Float32, Float32]:
-    """Means over the samples of each pixel.
+    """Mean of the samples of each pixel (box filter).
 
     Args:
-        radiance: (N, 3) of the samples that see the head.
-        index: (N,) flat position of them.
+        radiance: (N, 3) of the samples on the head.
+        index: (N,) flat positions of these samples.
         shape: rows and columns of samples.
         finer: samples per pixel and axis.
 
     Returns:
-        (h, w, 3) linear light that reaches the pixel from the head, and (h, w) share of it that the head covers.
+        (h, w, 3) linear radiance of the head times its coverage, and (h, w) coverage of the pixel in [0, 1].
     """
     rows, columns = shape[0] // finer, shape[1] // finer
     row, column = np.divmod(index, shape[1])
@@ -55,9 +56,9 @@ def coded(light: Float32, covered: Float32, response: Response, background: Floa
     Args:
         light: (h, w, 3) linear, as from :func:`resolved`.
         covered: (h, w) in [0, 1].
-        response: of the camera, with a number for its exposure.
+        response: tone curve, with a number for its exposure.
         background: (h, w, 3) linear radiance behind the head; None for none.
-        alpha: add a channel with ``covered``; colours are then those of the head alone.
+        alpha: add ``covered`` as alpha channel; colours are then not premultiplied.
     """
     if alpha:
         whole = light / np.maximum(covered, np.float32(1e-6))[..., None]

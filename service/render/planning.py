@@ -1,4 +1,4 @@
-"""What the planner is shown of a picture: sample points on the skin that the camera sees, and an exposure."""
+"""Input of the planner for a picture: samples of the visible skin, and the exposure."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from service.render.surface import Surface
 from service.render.view import Samples
 
 COUNT = 384
+"""Samples of the skin."""
 _GOLDEN = 0.6180339887498949
+"""Golden ratio less 1: its multiples modulo 1 are spread evenly."""
 
 
 def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.SurfaceSamples:
-    """Samples of what the camera sees of the skin, as many texels as pixels count."""
+    """Samples of the visible skin, with the density of the picture's pixels."""
     s = surface
     height, width = s.specular.shape
     chart = LitChart(
@@ -50,16 +52,16 @@ def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> point
 
 
 def _weight(seen: Samples, height: int, width: int) -> Float64:
-    """(H, W) how many samples of the picture each texel is nearest to."""
+    """(H, W) number of the picture's samples nearest to each texel."""
     column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
     row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)
     return np.bincount(row * width + column, minlength=height * width).reshape(height, width).astype(np.float64)
 
 
 def exposed(scene: Scene, surface: points.SurfaceSamples, light: Illumination) -> Scene:
-    """The scene with a number for its exposure: the target for the 90th percentile of the samples' luminance.
+    """The scene with an exposure that maps the 90th percentile of the samples' luminance to the target.
 
-    One that has an exposure is returned as it is.
+    A scene that has an exposure is returned unchanged.
     """
     if scene.response.exposure is not None:
         return scene

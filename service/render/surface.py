@@ -1,4 +1,4 @@
-"""The surface of an avatar as maps at the resolution that a picture needs."""
+"""The surface of an avatar as maps at the resolution of a picture."""
 
 from __future__ import annotations
 
@@ -19,18 +19,21 @@ from service.head.model import HeadModel
 Size = tuple[int, int]
 
 ROLES = ("diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "texture")
-"""Maps that a picture is made of; the texture only where there is no albedo."""
+"""Maps that a render uses; the texture only where there is no albedo."""
 
 SPECULAR = 0.65
 """Specular albedo where there is no map: F0 = 0.026, between water and dry skin."""
 
 LOBES = (0.25, 0.48, 0.75)
-"""Of skin: GGX alpha of both lobes and the share of the first, middle of what the light stage draws."""
+"""Skin: GGX alpha of both lobes and weight of the first, the middle of the light stage's ranges."""
 
 LARGEST = 3072
-"""Widest chart that is lit; a picture of 4096 pixels shows no more of a head."""
+"""Widest chart that is lit; a picture of 4096 pixels resolves no more of a head."""
 
 _BAND = 64
+"""Rows of the reduced map computed at once."""
+_DENSEST = 12.0
+"""Most texels per mm for which the scattering network is exported."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,10 @@ class Surface:
         diffuse_normal, specular_normal: (H, W, 3) unit, head space.
         albedo: (H, W, 3) linear in [0, 1].
         specular: (H, W) in [0, 1].
-        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) of the first, 1 where there is one only.
+        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) weight of the first, 1 where there is one only.
         texels_per_mm: (H, W).
         skin: (H, W) bool, texels where light scatters.
-        fallbacks: stable codes of maps that were not there.
+        fallbacks: stable codes of missing or changed maps.
     """
 
     chart: Chart
@@ -67,7 +70,7 @@ class Surface:
 
 
 def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, StoredMap], size: Size) -> Surface:
-    """Unpack the maps and reduce them to a size, colours as light and normals with the spread that is lost.
+    """Decode the maps and reduce them to a size: colours as linear light, normals with their variance.
 
     Args:
         head: topology and chart.
@@ -139,7 +142,7 @@ def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float32
 
 
 def _step(shape: tuple[int, ...], size: Size) -> int:
-    """Power of two by which a map can be reduced before it is as small as ``size``."""
+    """Largest power of two that divides the map and leaves it no smaller than ``size``."""
     step = 1
     while shape[1] >= 2 * step * size[0] and shape[0] % (2 * step) == 0 and shape[1] % (2 * step) == 0:
         step *= 2
@@ -152,7 +155,7 @@ def _means(values: Float32, step: int) -> Float32:
 
 
 def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) -> tuple[Float32, Float32]:
-    """Unit normals (H, W, 3) in head space, and slope variance (H, W) of what each texel averages over.
+    """Unit normals (H, W, 3) in head space, and the variance (H, W) of slopes within each texel.
 
     The mean of unit vectors is shorter than 1 by half their variance (Toksvig 2005).
     """
@@ -163,7 +166,7 @@ def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) ->
     codes = unpack_map(stored.png, stored.role)
     step = _step(codes.shape, size)
     small = np.zeros((codes.shape[0] // step, codes.shape[1] // step, 3), np.float32)
-    # 16-bit codes come rounded: code / 257.
+    # 16-bit codes are decoded as code / 257, rounded.
     unit = 257.0 if stored.bits == 16 else 1.0
     for first in range(0, codes.shape[0], _BAND * step):
         vectors = (codes[first : first + _BAND * step] * np.float32(unit) - np.float32(stored.zero)) / np.float32(
@@ -190,7 +193,7 @@ def _unit(vectors: Float32, fallback: Float32 | None = None) -> tuple[Float32, F
 
 
 def _lobes(chart: Chart, spread: Float32) -> tuple[Float32, Float32]:
-    """(H, W, 2) alpha and (H, W) share by part; the variance of averaged normals widens the lobes (LEAN mapping)."""
+    """(H, W, 2) alpha and (H, W) weight by part; the variance of normals widens the lobes (LEAN mapping)."""
     first, second, share = (np.full(spread.shape, value, np.float32) for value in LOBES)
     part = chart.fill_outside(chart.part)
     for index, name in enumerate(chart.head.part_names):
@@ -204,10 +207,10 @@ def _lobes(chart: Chart, spread: Float32) -> tuple[Float32, Float32]:
 
 
 def _density(chart: Chart, vertices: AnyFloat) -> Float32:
-    """(H, W) square root of texels per mm^2, at most 12 (what scattering is exported for)."""
+    """(H, W) square root of texels per mm^2, at most ``_DENSEST``."""
     metric = chart.metric(vertices)
     area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
-    return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), 12.0), np.float32)
+    return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), _DENSEST), np.float32)
 
 
 def _is_skin(chart: Chart) -> Bool:
