@@ -1,25 +1,30 @@
-"""Maps and previews as PNG and JPEG bytes, the same bytes every time."""
+"""Maps and previews as PNG and JPEG bytes, reproducible."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from service.archive.png import chunk
+from service.archive.png import SRGB_PERCEPTUAL, chunk
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.errors import NumericFault
 
 NORMAL_ZERO = 128
 NORMAL_SCALE = 127
-"""8-bit normals code n as 128 + 127 n: zero has a code of its own, which ``n * 0.5 + 0.5`` over 255 has not.
-Without it, integrating a flat map gives a ramp."""
+"""8-bit normals are coded as 128 + 127 n, which represents 0 exactly; ``255 (0.5 n + 0.5)`` does not, so that the
+integral of a flat map would be a ramp."""
 
 _AFTER_IHDR = 8 + 25
-_SRGB_PERCEPTUAL = 0
+"""Bytes of the PNG signature and the IHDR chunk."""
 
 
 def normal_coding(bits: int) -> tuple[int, int]:
     """Code of 0 and codes per unit of normals in 8 or 16 bits: value = (code - zero) / scale."""
     return (NORMAL_ZERO, NORMAL_SCALE) if bits == 8 else (32768, 32767)
+
+
+def to_8_bits(codes: UInt16) -> UInt8:
+    """16-bit codes rounded to 8 bits, any shape."""
+    return np.asarray((codes.astype(np.uint32) * 255 + 32767) // 65535, np.uint8)
 
 
 def encode_normals8(normals: AnyFloat) -> UInt8:
@@ -70,7 +75,7 @@ def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 3) -> bytes:
     data = buffer.tobytes()
     if not srgb:
         return data
-    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
+    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
 
 
 def encode_jpeg(image: UInt8, quality: int = 90) -> bytes:

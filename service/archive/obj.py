@@ -1,4 +1,4 @@
-"""``mesh/head.obj`` and ``head.mtl``: the head as it is in the photo.
+"""``mesh/head.obj`` and ``head.mtl``: the head with the photo's expression.
 
 Metres, +Y up, +Z out of the face, unposed (the camera holds the pose). The original polygons, a ``vt`` per chart
 vertex with its origin bottom left, one object, group and material per part. OBJ has no unit, so the header names it.
@@ -29,7 +29,7 @@ mtllib head.mtl
 def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
     """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, to the micrometre.
 
-    Vertex order is the head model's, so equal lines of two archives are the same point of two heads.
+    Vertex order is the head model's, so the same line of two archives is the same point of two heads.
 
     Raises:
         NumericFault: a vertex is not finite.
@@ -49,8 +49,8 @@ def mtl_bytes(
     """Materials of the parts.
 
     Args:
-        head: its parts.
-        textured: False where the archive goes without ``texture``.
+        head: the head model.
+        textured: False where the archive has no ``texture``.
         texture: relative path of the colours.
         normal: relative path of tangent-space normals for the skin (``norm``, of the PBR extension to MTL).
     """
@@ -85,7 +85,7 @@ def _faces(polygons: Int32, uv: Int32) -> Iterator[str]:
 
 def _material(material: Material, texture: str | None, normal: str | None) -> str:
     red, green, blue = material.colour
-    # Phong exponent of about the same lobe as GGX with alpha = roughness^2.
+    # Phong exponent whose lobe is about as wide as that of GGX with alpha = roughness^2.
     exponent = 2.0 / max(material.roughness, 0.05) ** 4 - 2.0
     lines = [
         f"newmtl {material.name}",

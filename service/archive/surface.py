@@ -1,4 +1,4 @@
-"""The head cut into parts with one index per vertex, and which normals its meshes have."""
+"""Parts of the head with one index per vertex, and the vertex normals of all meshes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ vertex_normals = area_normals
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the head with vertices split where the chart is cut.
+    """One part of the head with vertices split at the cuts of the chart.
 
     Attributes:
         name: of ``HeadModel.part_names``.

@@ -1,4 +1,4 @@
-"""``preview/overlay.jpg``: does the fitted head sit where the photo's head is?"""
+"""``preview/overlay.jpg``: the fitted head and the landmarks over the photo."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from service.geometry.camera import Camera
 from service.head.model import HeadModel
 
 PANEL = (520, 640)
-"""Largest width and height of one of the three panels."""
+"""Largest width and height of each of the three panels, pixels."""
 LARGEST_SCALE = 4.0
-"""A tiny face is not blown up beyond this."""
+"""Largest magnification of the photo."""
 
 _MARGIN, _CAPTION = 12, 34
 _AROUND = 0.18
+"""Border around the head over its size."""
 _DETECTED, _FITTED = (0, 210, 255), (255, 120, 20)
 
 
@@ -51,14 +52,14 @@ def overlay(avatar: Avatar) -> Image:
 
 
 def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom in whole photo pixels: fitted head and detected face with some room, within the photo.
+    """Left, top, right, bottom in photo pixels: bounding box of fitted head and detected face with a border, clipped.
 
-    If the head lies wholly outside, the whole photo.
+    The whole photo where the head lies outside it.
     """
     width, height = avatar.photo.size
     points = avatar.fit.camera.project(avatar.fit.vertices[np.unique(avatar.head.triangles)])
     points = np.concatenate([points[np.isfinite(points).all(1)], avatar.face.box.reshape(2, 2)])
-    # A fit gone wrong must not make the picture useless: never wider than five detector boxes.
+    # A failed fit must not make the picture useless: at most five detector boxes wide.
     low_face, high_face = avatar.face.box[:2], avatar.face.box[2:]
     reach = 2 * (high_face - low_face)
     low = np.maximum(points.min(0), low_face - reach)
@@ -72,7 +73,7 @@ def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
 
 
 def fitted_landmarks(head: HeadModel, fit: Fit) -> Float64:
-    """(L, 2) photo pixels of the head's landmarks; outline landmarks at the place for the nearest tabled yaw."""
+    """(L, 2) photo pixels of the head's landmarks; contour landmarks at the nearest tabulated yaw."""
     triangle, weights = head.landmark_triangle.copy(), head.landmark_barycentric.copy()
     if len(head.contour_landmarks) and len(head.contour_yaw_deg):
         yaw = fit.camera.yaw_pitch_roll_deg()[0]
@@ -84,7 +85,7 @@ def fitted_landmarks(head: HeadModel, fit: Fit) -> Float64:
 
 
 def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: tuple[int, int]) -> Camera:
-    """The photo's camera for a cut of the photo; width and height differ in scale by rounding only."""
+    """The photo's camera for a crop of the photo; the scales of width and height differ by rounding only."""
     return replace(
         camera,
         width=size[0],
@@ -95,7 +96,7 @@ def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: 
 
 
 def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
-    """Clay over the photo, see-through enough to compare eyes, lips and outline."""
+    """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
     normals = vertex_normals(avatar.fit.vertices, avatar.head.triangles)
     drawn = render(avatar.head, avatar.fit.vertices, normals, camera, finer=1)
     photo = np.asarray(cut, np.float32) / np.float32(255)
@@ -103,7 +104,7 @@ def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
 
 
 def _landmarks(avatar: Avatar, cut: Image, corner: Int64, zoom: Float64) -> Image:
-    """Detected points, fitted points and what lies between them, over the dimmed photo."""
+    """Detected points, fitted points and the lines between them, over the dimmed photo."""
     import cv2
 
     picture = to_pixels(np.asarray(cut, np.float32) / 255 * 0.62 + 0.04)

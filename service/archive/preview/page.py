@@ -1,4 +1,4 @@
-"""Paper, tiles and words for the preview pictures."""
+"""Colours, tiles and text of the preview pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def backdrop(width: int, height: int) -> Float32:
 
 
 def place(page: Image, picture: Image, x: int, y: int) -> None:
-    """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to fit."""
+    """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to lie within the page."""
     height, width = picture.shape[:2]
     page[y : y + height, x : x + width] = picture
 
@@ -42,7 +42,7 @@ def place(page: Image, picture: Image, x: int, y: int) -> None:
 def write(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
     """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high.
 
-    OpenCV 5 brings a typeface; before it there are only its plotter letters, without a degree sign.
+    OpenCV 5 has a typeface; before it there are only stroke fonts, without a degree sign.
     """
     import cv2
 

@@ -18,16 +18,16 @@ _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
 
 _MAPS_A_ROW = 3
 _RELIEF_MM = 0.15
-"""Height that is black or white in the sheet's picture of the relief."""
+"""Height that is shown white; the negative is shown black."""
 
 SEEN_COLOUR = (46, 134, 96)
 MIRRORED_COLOUR = (66, 122, 186)
-MADE_UP_COLOUR = (206, 202, 196)
-"""Confidence in the sheet: from the photo, from the other side of the face, made up."""
+INPAINTED_COLOUR = (206, 202, 196)
+"""Confidence in the sheet: from the photo, from the other side of the face, inpainted."""
 
 
 def sheet(avatar: Avatar) -> Image:
-    """(h, w, 3) uint8 sRGB: textured from five sides, in other light, clay, the facts of the fit, the maps."""
+    """(h, w, 3) uint8 sRGB: textured views, relit views, untextured views, measurements of the fit, maps."""
     maps, in_lamps = list(_maps(avatar)), list(relit(avatar))
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
@@ -80,7 +80,7 @@ def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """Maps of the networks that there are, made small first: they may have a hundred times the texels."""
+    """Maps of the networks, reduced first, as they may have a hundred times the texels."""
     import cv2
 
     from service.reflectance.result import MID, SCALE_MM, unpack_normals
@@ -108,21 +108,21 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def confidence_colours(confidence: UInt8) -> Image:
-    """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where a kind of texel is less sure."""
+    """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where the confidence is lower."""
     from service.texture.result import MIRRORED, SEEN
 
     codes = np.arange(256)
-    made_up = np.array(MADE_UP_COLOUR, np.float64)
-    table = np.tile(made_up, (256, 1))
+    inpainted = np.array(INPAINTED_COLOUR, np.float64)
+    table = np.tile(inpainted, (256, 1))
     for low, high, colour in ((SEEN, 255, SEEN_COLOUR), (MIRRORED, SEEN - 1, MIRRORED_COLOUR)):
         sure = 0.35 + 0.65 * (codes - low) / (high - low)
-        mixed = made_up + sure[:, None] * (np.array(colour) - made_up)
+        mixed = inpainted + sure[:, None] * (np.array(colour) - inpainted)
         table = np.where(((codes >= low) & (codes <= high))[:, None], mixed, table)
     return np.rint(table).astype(np.uint8)[confidence]
 
 
 def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
-    """What was measured, and what to be wary of."""
+    """Write measurements and warnings."""
     write(page, "Measured", x, y + 14, 16, INK, bold=True)
     y += 42
     for name, value in _measured(avatar):
