@@ -1,7 +1,7 @@
-"""Networks in eight bits: a folder of them made from another, with onnxruntime's own tools.
+"""Quantise a folder of networks to eight bits, with onnxruntime's tools.
 
-"Dynamic" rounds weights beforehand and each tensor as it comes; "static" fixes the range of every tensor beforehand
-from maps of this head. Only convolutions are quantised. The tools need the package ``onnx``, which serving does not.
+"Dynamic" quantises activations by their range at run time; "static" calibrates the range of every activation on maps of
+this head. Only convolutions are quantised. The tools need the package ``onnx``, which serving does not.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from service.runtime.sessions import TABLE, checked_bytes, fold, model_table
 from service.runtime.tiles import run_whole
 
 SIDE = 256
-"""Pixels of the maps that ranges are read off."""
+"""Side of the maps for calibration, pixels."""
 
 
 def available() -> bool:
@@ -40,7 +40,7 @@ def quantise(stages: Sequence[StageName], static: bool, engine: Engine, material
 
     Args:
         stages: whose networks.
-        static: ranges from the material's maps, else as they come.
+        static: calibrate on the material's maps; otherwise dynamic.
         engine: its folder has the networks.
         material_folder: of the material, with the reference's maps.
         target: an empty folder.
@@ -107,7 +107,7 @@ def _zeta_sample(name: str, what: Description, engine: Engine, material: Materia
 
 
 class _Once:
-    """Hands one input to the tool that reads ranges."""
+    """Calibration data of one input (onnxruntime's ``CalibrationDataReader``)."""
 
     def __init__(self, maps: Float32) -> None:
         self._left = [{INPUT: maps}]
@@ -122,7 +122,7 @@ def _write(name: str, engine: Engine, maps: Float32 | None, path: Path) -> None:
     plain = path.with_suffix(".folded")
     fold(name, checked_bytes(name, engine.folder), plain, engine.folder)
     before = logging.root.manager.disable
-    logging.disable(logging.WARNING)  # the tools advise on things that were weighed here
+    logging.disable(logging.WARNING)  # the tools log advice that does not apply here
     try:
         if maps is None:
             quantize_dynamic(plain, path, op_types_to_quantize=["Conv"], weight_type=QuantType.QUInt8)
@@ -131,7 +131,7 @@ def _write(name: str, engine: Engine, maps: Float32 | None, path: Path) -> None:
                 plain, path, _Once(maps), op_types_to_quantize=["Conv"], per_channel=True,
                 activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
             )  # fmt: skip
-    except Exception as error:  # the tools raise whatever a graph makes them stumble over
+    except Exception as error:  # the tools raise exceptions of any type
         raise ModelFault(f"{engine.folder / name}: cannot be quantised ({error})") from error
     finally:
         logging.disable(before)
