@@ -19,7 +19,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def isolated(work: Callable[..., T], *arguments: Any, blas_threads: int = 1) -> T:
-    """``work(*arguments)`` in a process of its own.
+    """``work(*arguments)`` in a separate process.
 
     Args:
         work: a function at the top level of a module.

@@ -40,7 +40,7 @@ def bench(
         families: of networks; the first is the reference.
         photo: contents of the photo to measure on; None for the sample photo.
         chosen: stages to measure; their inputs from other stages are computed by the reference.
-        launch: runs a function in a process of its own.
+        launch: runs a function in a separate process.
         progress: called with the current measurement and the completed share.
 
     Raises:

@@ -30,7 +30,7 @@ class Work:
 
     Attributes:
         multiply_adds: of one pixel of input where the network runs in tiles; of one run where it takes a whole map.
-        numbers: float32 numbers that go in and come out, per pixel of input, or of one run likewise.
+        numbers: float32 numbers of input and output, per pixel of input, or of one run likewise.
         weights: bytes of the file.
     """
 

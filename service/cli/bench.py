@@ -76,7 +76,7 @@ def find_families(folder: Path | None, shipped: Path = MODELS) -> list[Family]:
     if folder is not None:
         places = [folder] if (folder / TABLE).is_file() else sorted(path.parent for path in folder.glob(f"*/{TABLE}"))
         if not places:
-            raise UsageError(f"neither {folder} nor its subfolders have a {TABLE}", field="networks")
+            raise UsageError(f"{folder} has no {TABLE}, and neither has any of its subfolders", field="networks")
         families += [_family(place.resolve().name, place) for place in places]
     if not families:
         raise UsageError(

@@ -3,7 +3,7 @@
 The search goes from coarse to fine: the whole photo with a margin, the whole photo, then overlapping tiles of half its
 side, a quarter and so on. It ends at the smallest face worth reporting or, once a face is known, at faces of a sixth of
 the largest one's area. If nothing is found, the photo is also searched turned by 90, 180 and 270 degrees. Each
-candidate is verified in level crops of its own, in which detector and landmark mesh have to agree.
+candidate is verified in separate level crops, in which detector and landmark mesh have to agree.
 """
 
 from __future__ import annotations

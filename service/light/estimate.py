@@ -34,7 +34,7 @@ MIRROR_DOUBT = 0.04
 """Relative difference of the sky's reflection between one lobe and two, which the few directions cannot resolve."""
 
 PROFILE_DOUBT = 0.2
-"""Relative error of the change by scattering: three rings miss what is narrower than they are apart."""
+"""Relative error of the change by scattering: three rings miss features narrower than their spacing."""
 
 _SHADOWS = ("shadows", "relief_shadows")
 _ASSUMPTIONS: dict[str, tuple[tuple[str, ...], ...]] = {

@@ -40,7 +40,7 @@ def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds:
     Ridge regression with robust weights: brows, lips and cast shadows are outliers of a one-albedo model.
 
     Args:
-        normals: (N, 3) unit, any frame; the light comes out in the same.
+        normals: (N, 3) unit, any frame; the light is in the same.
         colours: (N, 3) linear RGB in [0, 1].
         weights: (N,) >= 0.
         rounds: number of re-weightings.

@@ -17,24 +17,24 @@ _BAND = 64
 """Rows of the background computed at once."""
 
 
-def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], finer: int) -> tuple[Float32, Float32]:
+def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], supersampling: int) -> tuple[Float32, Float32]:
     """Mean of the samples of each pixel (box filter).
 
     Args:
         radiance: (N, 3) of the samples on the head.
         index: (N,) flat positions of these samples.
         shape: rows and columns of samples.
-        finer: samples per pixel and axis.
+        supersampling: samples per pixel and axis.
 
     Returns:
         (h, w, 3) linear radiance of the head times its coverage, and (h, w) coverage of the pixel in [0, 1].
     """
-    rows, columns = shape[0] // finer, shape[1] // finer
+    rows, columns = shape[0] // supersampling, shape[1] // supersampling
     row, column = np.divmod(index, shape[1])
-    pixel = (row // finer) * columns + column // finer
+    pixel = (row // supersampling) * columns + column // supersampling
     count = rows * columns
-    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / finer**2
-    covered = np.bincount(pixel, minlength=count) / finer**2
+    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / supersampling**2
+    covered = np.bincount(pixel, minlength=count) / supersampling**2
     return light.reshape(rows, columns, 3).astype(np.float32), covered.reshape(rows, columns).astype(np.float32)
 
 

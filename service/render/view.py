@@ -82,7 +82,7 @@ class Samples:
     """The N samples of a picture that show the head.
 
     Attributes:
-        shape: rows and columns of samples, ``finer`` per pixel and axis.
+        shape: rows and columns of samples, ``supersampling`` per pixel and axis.
         index: (N,) flat position among them.
         uv: (N, 2) on the chart.
         position_m: (N, 3) head space.
@@ -94,14 +94,14 @@ class Samples:
     position_m: Float32
 
     @classmethod
-    def of(cls, head: HeadModel, vertices: AnyFloat, camera: Camera, finer: int) -> Samples:
+    def of(cls, head: HeadModel, vertices: AnyFloat, camera: Camera, supersampling: int) -> Samples:
         """Rasterise a head; parts of opacity 0 are left out."""
-        width, height = camera.width * finer, camera.height * finer
+        width, height = camera.width * supersampling, camera.height * supersampling
         drawn = np.array([material_of(name).opacity > 0 for name in head.part_names])[head.triangle_part]
         triangles, chart = head.triangles[drawn], head.triangle_uv[drawn]
         depth = camera.to_camera(vertices)[:, 2]
         raster = rasterise(
-            camera.project(vertices) * finer, depth, triangles, width, height, cull=True, perspective=True
+            camera.project(vertices) * supersampling, depth, triangles, width, height, cull=True, perspective=True
         )
         index = np.flatnonzero(raster.triangle >= 0)
         triangle, weights = raster.triangle.ravel()[index], raster.barycentric.reshape(-1, 3)[index]

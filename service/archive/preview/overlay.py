@@ -98,7 +98,7 @@ def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: 
 def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
     """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
     normals = vertex_normals(avatar.fit.vertices, avatar.head.triangles)
-    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, finer=1)
+    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, supersampling=1)
     photo = np.asarray(cut, np.float32) / np.float32(255)
     return to_pixels(photo + np.float32(0.72) * (drawn.over(photo) - photo))
 

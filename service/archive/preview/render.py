@@ -62,7 +62,7 @@ def render(
     texture: Image | None = None,
     *,
     lamps: Lamps | None = None,
-    finer: float = 1.5,
+    supersampling: float = 1.5,
 ) -> Rendered:
     """Render the head with shading at its vertices, which lie a few pixels apart.
 
@@ -74,11 +74,11 @@ def render(
         texture: (h, w, 3) uint8 sRGB on the chart; None for a uniform colour per part.
         lamps: light for a texture that is albedo; None for a texture with baked-in light, which is hardly shaded.
             Without texture, None is ``STUDIO``.
-        finer: samples per pixel and axis, >= 1; 1.5 antialiases at half the cost of 2.
+        supersampling: samples per pixel and axis, >= 1; 1.5 antialiases at half the cost of 2.
     """
     import cv2
 
-    width, height = round(camera.width * finer), round(camera.height * finer)
+    width, height = round(camera.width * supersampling), round(camera.height * supersampling)
     in_camera = camera.to_camera(vertices)
     points = camera.project(vertices) * (width / camera.width, height / camera.height)
     turned = np.asarray(normals) @ camera.rotation.T
@@ -114,7 +114,7 @@ def render(
             paint += here * (1 - paint[..., 3:])
         picture[y, x] = paint
         nearest[y, x] = np.minimum(raster.depth, depth)
-    if finer > 1:
+    if supersampling > 1:
         size = (camera.width, camera.height)
         picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
     return Rendered(picture[..., :3], picture[..., 3:])

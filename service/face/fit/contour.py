@@ -131,7 +131,7 @@ def outline_term(
     height, width = photo.shape[:2]
     x, y = np.moveaxis(where.astype(np.float32), -1, 0)
     lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    outside: Bool = ((where < 0) | (where > np.array([width - 1, height - 1]))).any(-1)
+    outside: Bool = np.asarray(((where < 0) | (where > np.array([width - 1, height - 1]))).any(-1))
     step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
     step[outside[:, 1:-1]] = 0.0
     inner = offset[1:-1]

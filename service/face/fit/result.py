@@ -29,7 +29,7 @@ class Fit:
             are set straight ahead for want of a visible iris.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
         eye_light: (3,) linear RGB radiance in the photo of a white diffuse surface in place of the sclera, estimated
-            from sclera and teeth (``service.light.white_reference``); None if neither is seen well.
+            from sclera and teeth (``service.light.white_reference``); None if neither can be measured.
         mouth_rim: (20, 2) photo pixels of the detected opening between the lips, in order; None if not known.
     """
 
