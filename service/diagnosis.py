@@ -1,4 +1,4 @@
-"""What this machine and this installation are like, and whether the data files are those that were shipped."""
+"""Facts of the machine and the installation, and verification of the shipped data files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def library_versions() -> dict[str, str | None]:
 
 
 def cpu() -> dict[str, object]:
-    """``model``, ``cores`` that this process may use, and the vector ``features`` that the runtimes care about."""
+    """``model``, ``cores`` that this process may use, and the vector ``features`` that the runtimes use."""
     fields = _fields(Path("/proc/cpuinfo"))
     flags = set((fields.get("flags") or fields.get("Features") or "").split())
     return {
@@ -57,7 +57,7 @@ def memory_mb() -> dict[str, int | None]:
 def peak_rss_mb() -> float:
     """Largest resident memory of this process so far, MiB.
 
-    Linux counts into ``ru_maxrss`` what the program that started this one held at that moment, hence /proc first.
+    /proc comes first, because ``ru_maxrss`` on Linux includes the memory of the parent at the time of the fork.
     """
     try:
         with open("/proc/self/status", encoding="ascii", errors="replace") as status:
@@ -68,12 +68,12 @@ def peak_rss_mb() -> float:
 
 
 def runtimes() -> list[str]:
-    """Inference runtimes that are here, with their versions, for example ``onnxruntime 1.31.1``."""
+    """Installed inference runtimes with their versions, for example ``onnxruntime 1.31.1``."""
     return [f"{name} {version}" for name in ("onnxruntime", "openvino") if (version := _version(name))]
 
 
 def shipped_files(folder: Path = DATA) -> list[DataFile]:
-    """The data files that belong to this version.
+    """The data files of this version.
 
     Raises:
         ModelFault: the list itself is missing or a line of it is not ``<sha256>  <path>``.
@@ -92,7 +92,7 @@ def shipped_files(folder: Path = DATA) -> list[DataFile]:
 
 
 def data_faults(folder: Path = DATA) -> list[str]:
-    """One sentence for each data file that is missing or not the one that was shipped; empty when all is well.
+    """One sentence for each data file that is missing or differs from the shipped one.
 
     Raises:
         ModelFault: as :func:`shipped_files`.

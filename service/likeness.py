@@ -1,18 +1,18 @@
-"""Does the finished head look like the photo? The last stage compares the two by the identity network.
+"""Similarity of the finished head and the photo by the identity network.
 
-The head is rendered from the front, whatever the pose in the photo, so that a likeness has to come from shape and
-texture and not from projecting the photo back to where it came from.
+The head is rendered from the front whatever the pose in the photo, so that the score depends on shape and texture;
+rendered in the photo's own pose, any shape would reproduce the photo that was projected onto it.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Similarity
 from service.archive.preview.render import render, turned_camera
+from service.arrays import UInt8
 from service.face.face import Face
-from service.face.fit.basis import surface_points
+from service.face.fit.basis import at_barycentric
 from service.face.fit.result import Fit
 from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.geometry.normals import vertex_normals
@@ -20,13 +20,11 @@ from service.head.model import HeadModel
 from service.photo.photo import Photo
 
 SIZE = (240, 300)
-"""Width and height of the render; the network looks at a crop of 150 pixels."""
+"""Width and height of the render, pixels; the network takes a crop of 150 pixels."""
 GREY = np.full((1, 1, 3), 0.5, np.float32)
 
 
-def likeness(
-    photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: npt.NDArray[np.uint8], recogniser: Recogniser
-) -> Similarity:
+def likeness(photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser) -> Similarity:
     """Distance and centred cosine between the photo and a frontal render of the textured head.
 
     Args:
@@ -41,7 +39,7 @@ def likeness(
     picture = render(head, fit.vertices, vertex_normals(fit.vertices, head.triangles), camera, texture)
     pixels = np.clip(picture.over(GREY) * 255.0 + 0.5, 0, 255).astype(np.uint8)
     corners = head.triangles[head.landmark_triangle]
-    landmarks = camera.project(surface_points(fit.vertices, corners, head.landmark_barycentric))
+    landmarks = camera.project(at_barycentric(fit.vertices, corners, head.landmark_barycentric))
     theirs = recogniser.embed(photo.pixels, face.landmarks)
     ours = recogniser.embed(pixels, landmarks)
     return Similarity(distance(theirs, ours), centred_cosine(theirs, ours), population().impostor)

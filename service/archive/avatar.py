@@ -1,4 +1,4 @@
-"""What goes into an archive: one photo's results, gathered by the pipeline."""
+"""Contents of an archive: the results of one photo, or of an external mesh and texture."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from service.texture.result import Texture
 
 @dataclass(frozen=True)
 class ModelCard:
-    """One data file that took part.
+    """One data file that an avatar was computed with.
 
     Attributes:
-        name: as a user would look it up.
+        name: of the model.
         sha256: hex digest of the file.
         licence: SPDX identifier.
-        role: what it did ("head model", "face detector", ...).
+        role: what it is for ("head model", "face detector", ...).
     """
 
     name: str
@@ -34,15 +34,14 @@ class ModelCard:
 
 @dataclass(frozen=True)
 class Similarity:
-    """How alike the rendered head and the photo look to the identity network.
+    """Similarity of the rendered head and the photo by the identity network.
 
-    A raw cosine of this network says nothing by itself (all faces score high), so the numbers come with the
-    distribution of the same numbers between different people.
+    Both measures come with their distribution between different people, without which they are hard to interpret.
 
     Attributes:
         distance: Euclidean distance of the two descriptors; the network's authors call < 0.6 the same person.
-        centred_cosine: cosine after subtracting the population mean, in [-1, 1].
-        impostor: facts of the distribution between different people, for example ``centred_cosine_mean``,
+        centred_cosine: cosine after subtraction of the population mean, in [-1, 1].
+        impostor: statistics of the distribution between different people, for example ``centred_cosine_mean``,
             ``centred_cosine_p95``, ``distance_mean``, ``distance_p05``, ``pairs``.
     """
 
@@ -53,10 +52,10 @@ class Similarity:
 
 @dataclass(frozen=True)
 class Given:
-    """What a head of one's own was made of, in place of a photo.
+    """External mesh and texture that an avatar was made from, in place of a photo.
 
     Attributes:
-        texture_sha256, mesh_sha256: hex digests of both files as they came in.
+        texture_sha256, mesh_sha256: hex digests of the input files.
         size: (width, height) of the texture in pixels.
     """
 
@@ -66,13 +65,13 @@ class Given:
 
     @classmethod
     def of(cls, texture: bytes, mesh: bytes, size: tuple[int, int]) -> Given:
-        """Of the bytes of both files."""
+        """From the contents of both files."""
         return cls(hashlib.sha256(texture).hexdigest(), hashlib.sha256(mesh).hexdigest(), size)
 
 
 @dataclass(frozen=True)
 class Avatar:
-    """Everything that one photo gave, or a texture and a mesh.
+    """All results of one photo, or of an external mesh and texture.
 
     Attributes:
         photo: the upright photo; its pixels go into ``preview/overlay.jpg`` only.
@@ -80,17 +79,17 @@ class Avatar:
         head: the head model; ``fit`` indexes its vertices.
         fit: pose, shape, expression, light.
         texture: the maps.
-        options: what the caller asked for, JSON values only.
+        options: as requested, JSON values only.
         seed: of every random choice.
-        models: data files that took part.
-        reflectance: what the networks made of the texture, or None where nothing of it was asked for.
-        given: None for a photo. Else there was none and nothing was fitted: of ``photo``, ``face`` and ``fit`` only the
-            texture's pixels and the vertices mean something, and the manifest has null for them.
+        models: data files that were used.
+        reflectance: maps computed by the networks, or None where none was requested.
+        given: None for a photo. Otherwise nothing was fitted: of ``photo``, ``face`` and ``fit`` only the texture's
+            pixels and the vertices are meaningful, and the manifest has null for them.
         similarity: identity check, or None where it did not run.
-        effects: names of the effects that were simulated in the previews, empty while there are none.
-        warnings: stable codes of the run; those of photo, face, fit and texture are added by themselves.
-        timings_s: seconds per stage; only written to the archive when asked for, see ``docs/archive.md``.
-        peak_rss_mb: the same for memory.
+        effects: names of the effects that are simulated in the previews, empty while there are none.
+        warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
+        timings_s: seconds per stage; only written to the archive on request, see ``docs/archive.md``.
+        peak_rss_mb: largest resident memory in MiB, written likewise.
     """
 
     photo: Photo

@@ -1,4 +1,4 @@
-"""Which data files made an avatar, for the manifest."""
+"""The data files that an avatar was computed with, for the manifest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REFLECTANCE_ROLES = {
     "rho": "diffuse albedo to specular normals",
     "sigma": "diffuse albedo to diffuse normals",
 }
-"""Networks that run where their maps are asked for."""
+"""Networks that run where their maps are requested."""
 
 
 def model_cards(
@@ -35,9 +35,9 @@ def model_cards(
 
     Args:
         head: the head model.
-        head_file: where it was read from; None for the one in the box.
-        networks: names of those of the reflectance that ran.
-        photo: whether the networks that look at photos ran.
+        head_file: where it was read from; None for the shipped one.
+        networks: names of the reflectance networks that ran.
+        photo: whether the networks of ``ROLES`` ran.
 
     Raises:
         ModelFault: the table of networks is broken.

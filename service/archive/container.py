@@ -1,7 +1,7 @@
-"""A zip whose bytes depend on nothing but its content, written whole or not at all.
+"""Deterministic zip archives, written atomically.
 
 Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
-mode 0644. Names come from that list only, so no input can make a name that leaves the folder of extraction.
+mode 0644. Names come from that list only, so no input can cause a path traversal at extraction.
 """
 
 from __future__ import annotations
@@ -38,18 +38,20 @@ MEMBER_NAMES = (
     "preview/overlay.jpg",
     "preview/sheet.jpg",
 )
-"""Every name that an archive may hold, in the order of the file."""
+"""Every name that an archive may contain, in the order of the file."""
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
+"""Code of the system that the file modes are for (zip specification, 4.4.2)."""
 _IN_MEMORY = 64 << 20
+"""Bytes of an archive assembled in memory; larger ones go to a temporary file."""
 
 
 def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
     """Write ``members`` (name -> content) as a zip to a seekable binary stream.
 
     Raises:
-        ValueError: a name is not in ``MEMBER_NAMES`` (a mistake of ours, no input reaches names).
+        ValueError: a name is not in ``MEMBER_NAMES`` (a bug: names do not depend on input).
         OSError: as the stream raises it.
     """
     unknown = sorted(set(members) - set(MEMBER_NAMES))
@@ -62,23 +64,22 @@ def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
 
 
 def write_file(path: Path, members: Mapping[str, bytes]) -> None:
-    """Write the zip to ``path``: complete, or not there at all; a file that was there before stays until then.
+    """Write the zip to ``path`` atomically; an existing file is replaced only by a complete one.
 
-    The content goes to a hidden temporary file in the same folder, is flushed to the disk, and takes the name in
-    one step.
+    The content goes to a hidden temporary file in the same folder, is flushed to the disk, and is then renamed.
 
     Raises:
-        OutputFault: names the path and what the system said (no space, no permission, no such folder).
+        OutputFault: with the path and the system's reason (no space, no permission, no such folder).
     """
     replace_file(path, lambda stream: write_zip(stream, members))
 
 
 def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Let ``write`` fill a new file that then takes the name ``path``, in one step; raises as :func:`write_file`."""
+    """Let ``write`` fill a new file that atomically replaces ``path``; raises as :func:`write_file`."""
     try:
         if path.exists() and not path.is_file():
-            raise OutputFault(f"cannot write {path}: it is no file; name one that is or is to be", path=str(path))
-        target = path.resolve()  # a link keeps pointing where it did
+            raise OutputFault(f"cannot write {path}: it is not a regular file", path=str(path))
+        target = path.resolve()  # a symbolic link is kept, its target replaced
         with _temporary(target) as temporary:
             with temporary.open("r+b") as stream:
                 write(stream)
@@ -93,10 +94,10 @@ def replace_file(path: Path, write: Callable[[IO[bytes]], object]) -> None:
 def write_stream(stream: BinaryIO, members: Mapping[str, bytes]) -> None:
     """Write the same bytes as :func:`write_file` to a stream that cannot seek (standard output, a socket).
 
-    The zip is assembled first, because a zip written without seeking carries other headers.
+    The zip is assembled first, because a zip written without seeking has other headers.
 
     Raises:
-        OutputFault: the reader went away or the stream failed.
+        OutputFault: the reader closed the stream, or it failed.
     """
     try:
         with tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY) as assembled:
@@ -120,7 +121,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 @contextlib.contextmanager
 def _temporary(target: Path) -> Iterator[Path]:
-    """A new empty file beside ``target``, gone afterwards unless it was renamed; the umask sets its mode."""
+    """A new empty file beside ``target``, deleted afterwards unless it was renamed; its mode is set by the umask."""
     temporary = target.with_name(f".{target.name[:64]}.{secrets.token_hex(4)}.part")
     os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     try:
@@ -130,7 +131,7 @@ def _temporary(target: Path) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the rename durable; file systems that cannot sync a folder are left as they are."""
+    """Make the rename durable, where the file system can sync a folder."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):

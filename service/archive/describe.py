@@ -26,7 +26,7 @@ MEDIA_TYPES = {
     "md": "text/markdown",
     "json": "application/json",
 }
-"""By the ending of the name."""
+"""Media type by file name extension."""
 
 ROLES = {
     "LICENSES.md": "licences",

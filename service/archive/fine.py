@@ -1,48 +1,45 @@
-"""``mesh/head_fine.obj``: the head subdivided, with the displacement map embossed."""
+"""``mesh/head_fine.obj``: the head subdivided and displaced."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.obj import obj_bytes
 from service.archive.surface import vertex_normals
+from service.arrays import AnyFloat, Float32, Float64, UInt16
 from service.geometry.normals import face_normals
 from service.geometry.subdivide import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.reflectance.result import MID, SCALE_MM
 
-Array = npt.NDArray[np.float64]
-
 STEPS = 3
-"""Every quad becomes 64: edges of about half a millimetre."""
+"""Subdivision steps: every quad becomes 64, with edges of about half a millimetre."""
 
 RELIEF_WIDTH = 1536
-"""The map is averaged to this width first: finer relief would alias on a mesh of that size."""
+"""Width to which the displacement map is reduced first, as finer relief would alias on the mesh."""
 
 MOST_HALVINGS = 6
+"""Most halvings of a displacement that turns a triangle over; the last sets it to 0."""
 
 
-def fine_obj_bytes(
-    head: HeadModel, vertices: npt.NDArray[np.floating], displacement: npt.NDArray[np.uint16], title: str
-) -> bytes:
+def fine_obj_bytes(head: HeadModel, vertices: AnyFloat, displacement: UInt16, title: str) -> bytes:
     """OBJ text of the subdivided, displaced head.
 
     Args:
         head: topology and chart.
         vertices: (V, 3) metres.
-        displacement: (H, W) codes of heights.
+        displacement: (H, W) uint16 codes of heights.
         title: first line of the file.
     """
     fine, smooth = subdivided(head, vertices)
-    return obj_bytes(fine, embossed(fine, smooth, displacement), f"{title}, subdivided and displaced")
+    return obj_bytes(fine, displaced(fine, smooth, displacement), f"{title}, subdivided and displaced")
 
 
-def subdivided(head: HeadModel, vertices: npt.NDArray[np.floating], steps: int = STEPS) -> tuple[HeadModel, Array]:
-    """A head model of quads with the finer topology and chart (its other fields are meaningless), and its vertices."""
+def subdivided(head: HeadModel, vertices: AnyFloat, steps: int = STEPS) -> tuple[HeadModel, Float64]:
+    """A head model of quads with the finer topology and chart (its other fields are not valid), and its vertices."""
     points, uv = np.asarray(vertices, np.float64), np.asarray(head.uv, np.float64)
     polygons, polygons_uv, part = head.polygons.astype(np.int64), head.polygon_uv.astype(np.int64), head.polygon_part
     for _ in range(steps):
@@ -64,10 +61,10 @@ def subdivided(head: HeadModel, vertices: npt.NDArray[np.floating], steps: int =
     return fine, points
 
 
-def embossed(head: HeadModel, vertices: Array, displacement: npt.NDArray[np.uint16]) -> Array:
-    """(V, 3) vertices moved along their normals by a map (H, W); where that would turn a triangle over, by less.
+def displaced(head: HeadModel, vertices: Float64, displacement: UInt16) -> Float64:
+    """(V, 3) vertices displaced along their normals by a map (H, W); by less where that would turn a triangle over.
 
-    Vertices on a cut of the chart take the mean of what both sides say, so that the mesh stays closed.
+    Vertices on a cut of the chart take the mean height of both sides, so that the mesh stays closed.
     """
     height = heights_at(head, displacement) * 1e-3
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
@@ -81,8 +78,8 @@ def embossed(head: HeadModel, vertices: Array, displacement: npt.NDArray[np.uint
     return moved
 
 
-def heights_at(head: HeadModel, displacement: npt.NDArray[np.uint16]) -> Array:
-    """(V,) height in mm of each vertex of a head of quads: the mean over its places on the chart."""
+def heights_at(head: HeadModel, displacement: UInt16) -> Float64:
+    """(V,) height in mm of each vertex of a head of quads: mean over its chart vertices."""
     import cv2
 
     relief = displacement.astype(np.float32)
@@ -99,13 +96,13 @@ def heights_at(head: HeadModel, displacement: npt.NDArray[np.uint16]) -> Array:
     return np.asarray((mean - MID) * SCALE_MM)
 
 
-def _bilinear(image: npt.NDArray[np.float32], uv: Array) -> Array:
+def _bilinear(image: Float32, uv: Float64) -> Float64:
     """(N,) values of an (H, W) map at chart coordinates (N, 2), origin bottom left."""
-    tall, wide = image.shape
-    x = np.clip(uv[:, 0] * wide - 0.5, 0, wide - 1)
-    y = np.clip((1 - uv[:, 1]) * tall - 0.5, 0, tall - 1)
-    left, top = np.minimum(x.astype(int), max(wide - 2, 0)), np.minimum(y.astype(int), max(tall - 2, 0))
-    right, bottom = np.minimum(left + 1, wide - 1), np.minimum(top + 1, tall - 1)
+    height, width = image.shape
+    x = np.clip(uv[:, 0] * width - 0.5, 0, width - 1)
+    y = np.clip((1 - uv[:, 1]) * height - 0.5, 0, height - 1)
+    left, top = np.minimum(x.astype(int), max(width - 2, 0)), np.minimum(y.astype(int), max(height - 2, 0))
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
     across, down = x - left, y - top
     upper = image[top, left] * (1 - across) + image[top, right] * across
     lower = image[bottom, left] * (1 - across) + image[bottom, right] * across

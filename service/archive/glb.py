@@ -1,7 +1,7 @@
 """``mesh/head.glb``: the neutral head with its blendshapes as morph targets.
 
-trimesh writes no morph targets, so the file is put together in ``gltf.py``. glTF wants metres, +Y up, the face to
-+Z, and v growing downwards, so only v changes. Every part is a mesh of its own with the same list of targets (names in
+trimesh writes no morph targets, so the file is assembled in ``gltf.py``. glTF has metres, +Y up, the face towards +Z,
+and v increasing downwards, so only v changes. Every part is a separate mesh with the same list of targets (names in
 ``mesh.extras.targetNames``), so one set of weights drives all of them. Where there is a normal map the skin has the
 tangents that it refers to: along u, made orthogonal to the normal.
 """
@@ -13,21 +13,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.gltf import GltfWriter
 from service.archive.materials import Material, material_of
 from service.archive.surface import Part, split_parts, vertex_normals
+from service.arrays import AnyFloat, Float32, Float64
 from service.errors import NumericFault
-from service.geometry.chart import tangents
+from service.geometry.chart import any_orthogonal, tangents
 from service.head.model import HeadModel
 
 Object = dict[str, Any]
 
-MOVES_M = 1e-6
-"""A target leaves vertices alone that it moves by less than a micrometre."""
-TURNS = 0.01
-"""And normals that it turns by less than about half a degree."""
+SMALLEST_OFFSET_M = 1e-6
+"""Shorter position offsets of a morph target are written as 0."""
+SMALLEST_TURN = 0.01
+"""Shorter normal offsets of a morph target are written as 0: about half a degree."""
 
 SPECULAR = "KHR_materials_specular"
 
@@ -44,7 +44,7 @@ class Picture:
 
 def glb_bytes(
     head: HeadModel,
-    neutral: npt.NDArray[np.floating],
+    neutral: AnyFloat,
     texture: Picture,
     *,
     normal: Picture | None = None,
@@ -65,10 +65,10 @@ def glb_bytes(
         generator: for ``asset.generator``.
         copyright_notice: for ``asset.copyright``.
         expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
-        extras: more facts for ``asset.extras``, JSON values.
+        extras: further ``asset.extras``, JSON values.
 
     Raises:
-        NumericFault: a vertex or blendshape is not finite (glTF cannot say NaN).
+        NumericFault: a vertex or blendshape is not finite (glTF has no NaN).
     """
     if not (np.isfinite(neutral).all() and np.isfinite(head.expression).all()):
         raise NumericFault("the head or one of its blendshapes is not finite")
@@ -106,24 +106,24 @@ def glb_bytes(
 
 @dataclass(frozen=True)
 class _Morphs:
-    """Offsets of every blendshape, (E, V, 3) float32, zero where they are too small to matter."""
+    """Offsets of every blendshape, (E, V, 3) float32, zero where they are negligible."""
 
     names: tuple[str, ...]
-    position: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    base_normal: npt.NDArray[np.float32]
+    position: Float32
+    normal: Float32
+    base_normal: Float32
 
     @classmethod
-    def of(cls, head: HeadModel, neutral: npt.NDArray[np.float32]) -> _Morphs:
+    def of(cls, head: HeadModel, neutral: Float32) -> _Morphs:
         base = vertex_normals(neutral, head.triangles)
         if not len(head.expression):
             empty = np.zeros((0, len(neutral), 3), np.float32)
             return cls(head.expression_names, empty, empty, base)
         turned = vertex_normals(neutral + head.expression, head.triangles) - base
-        return cls(head.expression_names, _cut(head.expression, MOVES_M), _cut(turned, TURNS), base)
+        return cls(head.expression_names, _cut(head.expression, SMALLEST_OFFSET_M), _cut(turned, SMALLEST_TURN), base)
 
 
-def _cut(offsets: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.float32]:
+def _cut(offsets: Float32, least: float) -> Float32:
     """Offsets with rows shorter than ``least`` set to zero."""
     small = np.einsum("evc,evc->ev", offsets, offsets) < least * least
     return np.where(small[..., None], np.float32(0), offsets)
@@ -133,10 +133,10 @@ def _mesh(
     writer: GltfWriter,
     head: HeadModel,
     part: Part,
-    neutral: npt.NDArray[np.float32],
+    neutral: Float32,
     morphs: _Morphs,
     material: int,
-    along: npt.NDArray[np.float64] | None,
+    along: Float64 | None,
 ) -> Object:
     flipped = np.stack([head.uv[part.uv, 0], 1 - head.uv[part.uv, 1]], 1)
     primitive: Object = {
@@ -166,14 +166,12 @@ def _mesh(
     return mesh
 
 
-def _tangents(along: npt.NDArray[np.float64], normal: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """(N, 4) unit tangents along u, orthogonal to the normals, and 1: normal x tangent points up the chart."""
+def _tangents(along: Float64, normal: Float32) -> Float32:
+    """(N, 4) unit tangents along u, orthogonal to the normals, and handedness 1: normal x tangent points along +v."""
     flat = along.astype(np.float32) - normal * np.einsum("ni,ni->n", along.astype(np.float32), normal)[:, None]
-    # Where the chart has no direction of u (a pole, a sliver) any tangent will do.
-    axis = np.where(np.abs(normal[:, :1]) < 0.7, np.array([1, 0, 0], np.float32), np.array([0, 1, 0], np.float32))
-    other = axis - normal * np.einsum("ni,ni->n", axis, normal)[:, None]
-    lost = np.einsum("ni,ni->n", flat, flat)[:, None] < 1e-6
-    flat = np.where(lost, other, flat)
+    # Where the direction of u is degenerate (a pole, a sliver) the tangent is arbitrary.
+    degenerate = np.einsum("ni,ni->n", flat, flat) < 1e-6
+    flat[degenerate] = any_orthogonal(normal[degenerate])
     unit = flat / np.sqrt(np.einsum("ni,ni->n", flat, flat))[:, None]
     return np.concatenate([unit, np.ones((len(unit), 1), np.float32)], 1)
 
@@ -196,6 +194,6 @@ def _material(material: Material, textures: Mapping[str, int]) -> Object:
     return written
 
 
-def weights_by_name(names: Sequence[str], values: npt.NDArray[np.floating]) -> dict[str, float]:
-    """Blendshape weights of a fit by name, those that are not zero."""
+def weights_by_name(names: Sequence[str], values: AnyFloat) -> dict[str, float]:
+    """Non-zero blendshape weights of a fit by name."""
     return {name: float(value) for name, value in zip(names, values, strict=True) if value != 0}

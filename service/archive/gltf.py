@@ -1,6 +1,6 @@
 """Accessors, buffer views and the GLB container (glTF 2.0, sections 3.6 and 4).
 
-Only what a head with morph targets needs. Arrays of a kind share one buffer view, which keeps the JSON small.
+Covers what a head with morph targets needs. Arrays of a kind share one buffer view, which keeps the JSON small.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import AnyFloat, AnyInt, Float32
 
 Object = dict[str, Any]
 
@@ -27,21 +28,21 @@ class GltfWriter:
     chunks: dict[str, list[bytes]] = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
     views: list[str] = field(default_factory=list)
-    still: dict[tuple[int, bool], int] = field(default_factory=dict)
+    zeros: dict[tuple[int, bool], int] = field(default_factory=dict)
 
     def add_raw(self, data: bytes) -> int:
-        """A buffer view of its own for bytes that no accessor reads."""
+        """A separate buffer view for bytes without an accessor."""
         view, _ = self._append(f"raw{len(self.views)}", data)
         return view
 
-    def add_vertices(self, rows: npt.NDArray[np.floating], *, bounds: bool = False) -> int:
+    def add_vertices(self, rows: AnyFloat, *, bounds: bool = False) -> int:
         """Accessor of (N, 2), (N, 3) or (N, 4) float32 vertex data."""
         data = np.ascontiguousarray(rows, "<f4")
         view, offset = self._append(f"vec{data.shape[1]}", data.tobytes())
         return self._accessor(data, bounds, {"bufferView": view, "byteOffset": offset})
 
-    def add_indices(self, triangles: npt.NDArray[np.integer], vertex_count: int) -> int:
-        """Accessor of triangle corners; 16 bits where they do (65535 would restart the primitive)."""
+    def add_indices(self, triangles: AnyInt, vertex_count: int) -> int:
+        """Accessor of triangle corners, 16-bit where possible (index 65535 would restart the primitive)."""
         wide = vertex_count > 0xFFFF
         data = np.ascontiguousarray(triangles.ravel(), "<u4" if wide else "<u2")
         view, offset = self._append("indices32" if wide else "indices16", data.tobytes())
@@ -50,8 +51,8 @@ class GltfWriter:
         self.accessors.append({**accessor, "type": "SCALAR"})
         return len(self.accessors) - 1
 
-    def add_offsets(self, rows: npt.NDArray[np.float32], *, bounds: bool = False) -> int:
-        """Accessor of (N, 3) morph offsets: none stored if all are zero, only the others if that is smaller."""
+    def add_offsets(self, rows: Float32, *, bounds: bool = False) -> int:
+        """Accessor of (N, 3) morph offsets: without data if all are zero, sparse where that is smaller."""
         moved = np.flatnonzero(rows.any(1))
         if not len(moved):
             return self._zeros(len(rows), bounds)
@@ -91,11 +92,11 @@ class GltfWriter:
 
     def _zeros(self, count: int, bounds: bool) -> int:
         key = (count, bounds)
-        if key not in self.still:
-            self.still[key] = self._accessor(np.zeros((count, 3), np.float32), bounds, {})
-        return self.still[key]
+        if key not in self.zeros:
+            self.zeros[key] = self._accessor(np.zeros((count, 3), np.float32), bounds, {})
+        return self.zeros[key]
 
-    def _accessor(self, rows: npt.NDArray[np.floating], bounds: bool, source: Object) -> int:
+    def _accessor(self, rows: AnyFloat, bounds: bool, source: Object) -> int:
         facts: Object = {"componentType": _FLOAT, "count": len(rows), "type": f"VEC{rows.shape[1]}"}
         if bounds:
             facts |= {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
@@ -115,7 +116,7 @@ class GltfWriter:
 
 
 def _view_facts(name: str) -> Object:
-    """Vertex data in a shared view needs a stride; indices need a target; sparse data and images must have neither."""
+    """Shared vertex data needs target and stride, indices a target; sparse data and images must have neither."""
     if name.startswith("vec"):
         return {"target": _ARRAY_BUFFER, "byteStride": 4 * int(name[3:])}
     return {"target": _ELEMENT_BUFFER} if name.startswith("indices") else {}

@@ -1,20 +1,20 @@
-"""Maps and previews as PNG and JPEG bytes, the same bytes every time."""
+"""Maps and previews as PNG and JPEG bytes, reproducible."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from service.archive.png import chunk
+from service.archive.png import SRGB_PERCEPTUAL, chunk
+from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.errors import NumericFault
 
 NORMAL_ZERO = 128
 NORMAL_SCALE = 127
-"""8-bit normals code n as 128 + 127 n: zero has a code of its own, which ``n * 0.5 + 0.5`` over 255 has not.
-Without it, integrating a flat map gives a ramp."""
+"""8-bit normals are coded as 128 + 127 n, which represents 0 exactly; ``255 (0.5 n + 0.5)`` does not, so that the
+integral of a flat map would be a ramp."""
 
 _AFTER_IHDR = 8 + 25
-_SRGB_PERCEPTUAL = 0
+"""Bytes of the PNG signature and the IHDR chunk."""
 
 
 def normal_coding(bits: int) -> tuple[int, int]:
@@ -22,7 +22,12 @@ def normal_coding(bits: int) -> tuple[int, int]:
     return (NORMAL_ZERO, NORMAL_SCALE) if bits == 8 else (32768, 32767)
 
 
-def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+def to_8_bits(codes: UInt16) -> UInt8:
+    """16-bit codes rounded to 8 bits, any shape."""
+    return np.asarray((codes.astype(np.uint32) * 255 + 32767) // 65535, np.uint8)
+
+
+def encode_normals8(normals: AnyFloat) -> UInt8:
     """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) uint8 codes; flat (0, 0, 1) becomes (128, 128, 255).
 
     Raises:
@@ -31,7 +36,7 @@ def encode_normals8(normals: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return np.asarray(quantise_normals(normals, 8), np.uint8)
 
 
-def quantise_normals(normals: npt.NDArray[np.floating], bits: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+def quantise_normals(normals: AnyFloat, bits: int) -> UInt8 | UInt16:
     """(h, w, 3) unit normals in [-1, 1] -> (h, w, 3) codes in 8 or 16 bits, see :func:`normal_coding`.
 
     Raises:
@@ -50,12 +55,12 @@ def quantise_normals(normals: npt.NDArray[np.floating], bits: int) -> npt.NDArra
     return np.asarray(codes, np.uint8) if bits == 8 else np.asarray(codes, np.uint16)
 
 
-def decode_normals8(codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+def decode_normals8(codes: UInt8) -> Float32:
     """Inverse of :func:`encode_normals8` to within 1/254 per component; not normalised again."""
     return (codes.astype(np.float32) - np.float32(NORMAL_ZERO)) / np.float32(NORMAL_SCALE)
 
 
-def encode_png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], *, srgb: bool, level: int = 3) -> bytes:
+def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 3) -> bytes:
     """(h, w) grey, (h, w, 3) RGB or (h, w, 4) RGBA, uint8 or uint16 -> PNG bytes, with an sRGB chunk for sRGB colours.
 
     Data maps (normals, confidence) get no colour chunk, so that no reader converts them. ``level`` is zlib's.
@@ -70,10 +75,10 @@ def encode_png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], *, srgb: b
     data = buffer.tobytes()
     if not srgb:
         return data
-    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
+    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
 
 
-def encode_jpeg(image: npt.NDArray[np.uint8], quality: int = 90) -> bytes:
+def encode_jpeg(image: UInt8, quality: int = 90) -> bytes:
     """(h, w, 3) RGB uint8 sRGB -> baseline JPEG bytes without metadata, 4:4:4."""
     import cv2
 

@@ -1,4 +1,4 @@
-"""``LICENSES.md``: what may be done with an archive, and what made it."""
+"""``LICENSES.md``: terms of use of an archive, and the data files it was computed with."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""``manifest.json``: what is in an archive and how it came about.
+"""``manifest.json``: contents and provenance of an archive.
 
 The classes are plain dataclasses, so writing a manifest costs no import of pydantic (0.15 to 0.3 s, a tenth of a whole
 run); pydantic reads the same classes where a manifest has to be checked, and makes the published JSON Schema
 (``docs/manifest.schema.json``) from them.
 
-``timings_s`` and ``peak_rss_mb`` differ from run to run while the archive of the same photo, options and seed is
-promised to be the same bytes. So both keys are always there, and are null unless the caller asks to have them written.
+``timings_s`` and ``peak_rss_mb`` differ from run to run, whereas the same photo, options and seed give the same archive
+to the byte. So both keys are null unless they are requested.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from annotated_types import Ge, Gt, Interval, Len, MinLen
 from service.errors import NumericFault, UnreadableInput
 
 SCHEMA_VERSION: Literal["1.0"] = "1.0"
-"""Major: a key changed its meaning or went; minor: a key came."""
+"""Major: a key changed its meaning or was removed; minor: a key was added."""
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
 Sha256 = Annotated[str, Len(64, 64)]
@@ -41,7 +41,7 @@ class Generator(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Input(_Strict):
-    """The photo, which is not in the archive but for the part in preview/overlay.jpg."""
+    """The photo, of which only the part in preview/overlay.jpg is in the archive."""
 
     sha256: str
     """Hex digest of the photo's bytes as they came in; empty where the pixels did not come from a file."""
@@ -55,7 +55,7 @@ class Input(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Given(_Strict):
-    """Texture and mesh that a head of one's own was made of (avatarme maps); neither is in the archive as it was."""
+    """External mesh and texture that the avatar was made from (avatarme maps); neither file is in the archive."""
 
     texture_sha256: Sha256
     mesh_sha256: Sha256
@@ -138,11 +138,11 @@ class Integration(_Strict):
 
     iterations: Annotated[int, Ge(0)]
     residual: Annotated[float, Ge(0)]
-    """What is left of the equations, as a share of the right-hand side."""
+    """Norm of the residual over that of the right-hand side."""
     ignored_fraction: Fraction
     """Share of the texels whose normals were not usable."""
     cut_fraction: Fraction | None
-    """Share of the equations between neighbours that were given up for cliffs; null at levels that give up none."""
+    """Share of the equations between neighbours that were dropped at cliffs; null at levels that drop none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,7 +165,7 @@ class Reflectance(_Strict):
     """Of albedo, normals and displacement."""
     height: Annotated[int, Gt(0)]
     super_resolution: bool
-    """Whether a network enlarged the texture; else it was resampled."""
+    """Whether a network enlarged the texture; otherwise it was resampled."""
     runtime: Literal["onnxruntime", "openvino"]
     """Of most networks."""
     precision: Literal["fp32", "bf16"]
@@ -174,7 +174,7 @@ class Reflectance(_Strict):
     tile: Annotated[int, Gt(0)]
     """Inner side of the tiles; the result does not depend on it."""
     fallbacks: list[str]
-    """Stable codes of what ran otherwise than it would on another machine or with another option."""
+    """Stable codes of what ran differently than on another machine or with other options."""
     integration: Integration | None
     corrections: list[Correction]
     """Those that ran, in order."""
@@ -193,12 +193,12 @@ class Head(_Strict):
     blendshapes: list[str]
     """Morph targets of mesh/head.glb in order; ARKit's names where the unit is one of the 52."""
     uv_origin: Literal["bottom-left"]
-    """Of OBJ and USD; GLB has v flipped, as glTF wants."""
+    """Of OBJ and USD; v is flipped in the GLB, as glTF requires."""
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentitySimilarity(_Strict):
-    """How alike the rendered head and the photo are to an identity network; only meaningful beside ``impostor``."""
+    """Similarity of the rendered head and the photo by an identity network; only meaningful beside ``impostor``."""
 
     distance: Annotated[float, Ge(0)]
     centred_cosine: Annotated[float, Interval(ge=-1, le=1)]
@@ -228,7 +228,7 @@ class Gaze(_Strict):
     pitch_deg: float
     """> 0 upwards."""
     irises_seen: Annotated[int, Interval(ge=0, le=2)]
-    """How many eyes it was read from. 0: not seen, and the eyes are set straight ahead; "gaze-not-seen" says so too."""
+    """Number of eyes it was measured on. 0: not visible, and the eyes look straight ahead (warning "gaze-not-seen")."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -244,19 +244,19 @@ class FitReport(_Strict):
     light: Light | None
     """Null where options.fit is "landmarks", or, with the warning "no-light", where too little lit skin is seen."""
     eye_light: Triple | None
-    """What a white surface in place of the whites of the eyes would show, linear RGB of the photo; null if not seen."""
+    """Radiance of a white diffuse surface in place of the sclera, linear RGB of the photo; null if not measured."""
     gaze: Gaze | None
     """Null for a head without eyeballs."""
     identity: list[float]
     """Coefficients of the head model in standard deviations."""
     expression: dict[str, float]
-    """Activation of each blendshape in the photo, those that are not zero."""
+    """Non-zero activations of blendshapes in the photo."""
     warnings: list[str]
 
 
 @dataclasses.dataclass(frozen=True)
 class Model(_Strict):
-    """One data file of the program that took part."""
+    """One data file of the program that was used."""
 
     name: str
     sha256: str
@@ -271,10 +271,10 @@ class Manifest(_Strict):
     schema_version: Literal["1.0"]
     generator: Generator
     options: dict[str, JsonValue]
-    """What the caller asked for."""
+    """As requested."""
     seed: int
     input: Input | None
-    """Null for a head of one's own, as are camera and fit: no photo was looked at, nothing was fitted."""
+    """Null for an external mesh, as are camera and fit: there was no photo."""
     given: Given | None
     """Null for a photo."""
     camera: Camera | None
@@ -287,14 +287,14 @@ class Manifest(_Strict):
     """Every file of the archive except this one."""
     displacement: Displacement | None
     reflectance: Reflectance | None
-    """Null where only texture, confidence and shape normals were asked for."""
+    """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
     effects: list[str]
     """Effects that the previews simulate."""
     timings_s: dict[str, float] | None
-    """Seconds per stage; null unless asked for, because they differ from run to run."""
+    """Seconds per stage; null unless requested, because they differ from run to run."""
     peak_rss_mb: float | None
-    """Largest resident memory in MiB; null unless asked for."""
+    """Largest resident memory in MiB; null unless requested."""
     models: list[Model]
     warnings: list[str]
     """Stable codes of every stage."""

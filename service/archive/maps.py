@@ -1,4 +1,4 @@
-"""Which maps there are, how each is coded, and their PNG bytes."""
+"""The maps of an archive, their coding, and their PNG bytes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from service.archive import png
 from service.archive.avatar import Avatar
-from service.archive.images import normal_coding, quantise_normals
+from service.archive.images import normal_coding, quantise_normals, to_8_bits
 from service.archive.png import Rows
+from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
 from service.texture.result import MIRRORED, SEEN
@@ -27,8 +28,8 @@ class MapSpec:
         kind: what its values are: "colour" in [0, 1], "normal" components, "height" in mm.
         colour_space: "srgb", "linear" or "data" (vectors).
         meaning: of the value.
-        codes: takes an avatar, gives the rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
-        framed: whether the options choose the frame of its normals; those of other maps are in object space.
+        codes: avatar -> rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
+        framed: whether the options choose the frame of its normals; other normals are in object space.
     """
 
     role: str
@@ -44,30 +45,30 @@ class MapSpec:
         return f"maps/{self.role}.png"
 
     def coding(self, bits: int) -> tuple[float, float]:
-        """``zero`` and ``scale`` of value = (code - zero) / scale."""
+        """``zero`` and ``scale`` in value = (code - zero) / scale."""
         if self.kind == "normal":
             return normal_coding(bits)
         return (MID, round(1 / SCALE_MM)) if self.kind == "height" else (0, 2**bits - 1)
 
     def frame(self, avatar: Avatar) -> Literal["object", "tangent"] | None:
-        """Of normals."""
+        """Frame of normals; None for other maps."""
         if self.kind != "normal":
             return None
         return "tangent" if self.framed and not in_object_space(avatar) else "object"
 
 
 def normal_bits(avatar: Avatar) -> int:
-    """Bits per component of normal maps that the options ask for."""
+    """Bits per component of normal maps that the options request."""
     return int(avatar.options.get("bits") or LEVELS[avatar.options.get("quality", "standard")].normal_bits)
 
 
 def in_object_space(avatar: Avatar) -> bool:
-    """Whether the options ask for object-space normals."""
+    """Whether the options request object-space normals."""
     return avatar.options.get("normals") == "object"
 
 
 def fine_mesh_wanted(avatar: Avatar) -> bool:
-    """Whether the options ask for the subdivided, displaced mesh: displacement at a level that has it."""
+    """Whether the options request the subdivided, displaced mesh: displacement at a level that has it."""
     level = LEVELS[avatar.options.get("quality", "standard")]
     return level.fine_mesh and "displacement" in (avatar.options.get("maps") or ("displacement",))
 
@@ -83,23 +84,20 @@ def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Ava
     return lambda avatar: None if avatar.reflectance is None else made(avatar.reflectance)
 
 
-def _eight_bits(codes: npt.NDArray[np.uint16] | None) -> Rows | None:
+def _eight_bits(codes: UInt16 | None) -> Rows | None:
     """16-bit codes rounded to 8 bits."""
     if codes is None:
         return None
 
-    def read(first: int, last: int) -> npt.NDArray[np.uint8]:
-        return np.asarray((codes[first:last].astype(np.uint32) * 255 + 32767) // 65535, np.uint8)
-
-    return Rows(codes.shape, 8, read)
+    return Rows(codes.shape, 8, lambda first, last: to_8_bits(codes[first:last]))
 
 
-def _as_they_are(codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | None) -> Rows | None:
+def _as_they_are(codes: UInt8 | UInt16 | None) -> Rows | None:
     return None if codes is None else Rows.of(codes)
 
 
 def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
-    """Codes of the archive for normals of the reflectance, in the frame and bits that the options ask for."""
+    """Normals of the reflectance as codes of the archive, in the frame and bits that the options request."""
     if codes is None:
         return None
     if in_object_space(avatar):
@@ -109,7 +107,7 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
     bits, plain = normal_bits(avatar), codes
 
-    def read(first: int, last: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    def read(first: int, last: int) -> UInt8 | UInt16:
         strip = plain[first:last]
         vectors = unpack_normals(strip) if strip.shape[-1] == 2 else strip * np.float32(1 / NORMAL_ONE)
         return quantise_normals(vectors, bits)

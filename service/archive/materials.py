@@ -1,4 +1,4 @@
-"""How each part of the head looks, said once for OBJ, glTF and USD."""
+"""Materials of the head's parts, shared by OBJ, glTF and USD."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Material:
         name: of the material in every format.
         colour: linear RGB in [0, 1]; multiplies the texture where there is one.
         roughness: GGX alpha's square root, in [0, 1].
-        textured: takes its colour from the chart.
-        detailed: takes normals and specular albedo from the chart too.
-        opacity: 1 is opaque; what has 0 is left out of GLB and previews, and there but unseen in OBJ and USD.
-        double_sided: drawn from behind as well.
+        textured: colour from the chart.
+        detailed: normals and specular albedo from the chart, too.
+        opacity: 1 is opaque; parts of 0 are left out of GLB and previews, and invisible in OBJ and USD.
+        double_sided: no backface culling.
     """
 
     name: str
@@ -34,11 +34,11 @@ _BY_PREFIX = {
     "eye": Material("eye", (1.0, 1.0, 1.0), 0.1, textured=True),
     "teeth": Material("teeth", (1.0, 1.0, 1.0), 0.25, textured=True),
     "tongue": Material("tongue", (1.0, 1.0, 1.0), 0.35, textured=True),
-    # Cards without a cut-out look like a mask; the photo's own lashes are on the lids.
+    # Cards without an alpha cut-out look like a mask; the texture shows the photo's lashes on the lids.
     "lashes": Material("lashes", (0.012, 0.009, 0.007), 0.7, opacity=0.0, double_sided=True),
 }
 
 
 def material_of(part: str) -> Material:
-    """Material of a part by the first word of its name; unknown parts (an imported head) look like skin."""
+    """Material of a part by the first word of its name; unknown parts (of an imported head) are skin."""
     return _BY_PREFIX.get(part.split("_")[0], _SKIN)

@@ -1,4 +1,4 @@
-"""``mesh/head.obj`` and ``head.mtl``: the head as it is in the photo.
+"""``mesh/head.obj`` and ``head.mtl``: the head with the photo's expression.
 
 Metres, +Y up, +Z out of the face, unposed (the camera holds the pose). The original polygons, a ``vt`` per chart
 vertex with its origin bottom left, one object, group and material per part. OBJ has no unit, so the header names it.
@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import Material, material_of
 from service.archive.surface import vertex_normals
+from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
 from service.head.model import HeadModel
 
@@ -26,10 +26,10 @@ mtllib head.mtl
 """
 
 
-def obj_bytes(head: HeadModel, vertices: npt.NDArray[np.floating], title: str) -> bytes:
+def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
     """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, to the micrometre.
 
-    Vertex order is the head model's, so equal lines of two archives are the same point of two heads.
+    Vertex order is the head model's, so the same line of two archives is the same point of two heads.
 
     Raises:
         NumericFault: a vertex is not finite.
@@ -49,8 +49,8 @@ def mtl_bytes(
     """Materials of the parts.
 
     Args:
-        head: its parts.
-        textured: False where the archive goes without ``texture``.
+        head: the head model.
+        textured: False where the archive has no ``texture``.
         texture: relative path of the colours.
         normal: relative path of tangent-space normals for the skin (``norm``, of the PBR extension to MTL).
     """
@@ -59,7 +59,7 @@ def mtl_bytes(
     return "\n".join(_material(material, *files) for material in used.values()).encode("ascii")
 
 
-def _lines(pattern: str, rows: npt.NDArray[np.floating]) -> str:
+def _lines(pattern: str, rows: AnyFloat) -> str:
     values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
     return (pattern * len(values)) % tuple(values.ravel().tolist())
 
@@ -72,7 +72,7 @@ def _parts(head: HeadModel) -> Iterator[str]:
             yield from _faces(head.polygons[chosen], head.polygon_uv[chosen])
 
 
-def _faces(polygons: npt.NDArray[np.int32], uv: npt.NDArray[np.int32]) -> Iterator[str]:
+def _faces(polygons: Int32, uv: Int32) -> Iterator[str]:
     """Lines ``f v/vt/vn ...``, in the order of the model; a vertex and its normal have the same index."""
     corners = np.stack([polygons, uv, polygons], 2).astype(np.int64) + 1
     quad = "f %d/%d/%d %d/%d/%d %d/%d/%d %d/%d/%d\n"
@@ -85,7 +85,7 @@ def _faces(polygons: npt.NDArray[np.int32], uv: npt.NDArray[np.int32]) -> Iterat
 
 def _material(material: Material, texture: str | None, normal: str | None) -> str:
     red, green, blue = material.colour
-    # Phong exponent of about the same lobe as GGX with alpha = roughness^2.
+    # Phong exponent whose lobe is about as wide as that of GGX with alpha = roughness^2.
     exponent = 2.0 / max(material.roughness, 0.05) ** 4 - 2.0
     lines = [
         f"newmtl {material.name}",

@@ -1,7 +1,7 @@
-"""The archive of an avatar: what is in it, and writing it.
+"""Assemble and write the archive of an avatar.
 
-The same photo, options and seed give the same bytes. That is why nothing here looks at the clock, and why measured
-times and memory are left out unless ``timings`` asks for them.
+The same photo, options and seed give the same bytes, so nothing here depends on the clock, and measured times and
+memory are left out unless ``timings`` requests them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from service.runtime.memory import release
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:
-    """Write the archive of ``avatar`` to a file, whole or not at all, or to a binary stream.
+    """Write the archive of ``avatar`` to a file, atomically, or to a binary stream.
 
     Args:
         avatar: the results of one photo.
@@ -46,7 +46,7 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
         else:
             write_stream(target, members)
     finally:
-        release()  # a process that makes many avatars would keep what each left behind in pieces
+        release()  # else fragmented memory accumulates in a process that makes many avatars
 
 
 def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
@@ -60,7 +60,7 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
 
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
-    """PNG bytes by path; two at a time, as packing is most of the time and leaves Python's lock alone."""
+    """PNG bytes by path; on two threads, as compression takes most of the time and releases the GIL."""
     wanted = [spec for spec in MAPS if _wanted(avatar, spec.role)]
     with ThreadPoolExecutor(2) as pool:
         packed = pool.map(lambda spec: encode_map(spec, avatar), wanted)
@@ -68,7 +68,7 @@ def _maps(avatar: Avatar) -> dict[str, bytes]:
 
 
 def _wanted(avatar: Avatar, role: str) -> bool:
-    """Whether the options ask for a map; without a list, all that there are."""
+    """Whether the options request a map; without a list they request all."""
     chosen = avatar.options.get("maps")
     return chosen is None or role in chosen
 
@@ -79,8 +79,8 @@ def _meshes(avatar: Avatar) -> dict[str, bytes]:
     albedo = made is not None and made.diffuse_albedo is not None
     role = "diffuse_albedo" if albedo and _wanted(avatar, "diffuse_albedo") else "texture"
     textured, texture = _wanted(avatar, role), f"../maps/{role}.png"
-    bumpy = made is not None and made.specular_normal is not None and _wanted(avatar, "specular_normal")
-    normal = "../maps/specular_normal.png" if bumpy and not in_object_space(avatar) else None
+    has_normals = made is not None and made.specular_normal is not None and _wanted(avatar, "specular_normal")
+    normal = "../maps/specular_normal.png" if has_normals and not in_object_space(avatar) else None
     glb = glb_bytes(
         head,
         fit.neutral,

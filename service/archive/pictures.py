@@ -1,4 +1,4 @@
-"""Textures of the GLB: the maps at a size that viewers take, coded as glTF wants them."""
+"""Textures of the GLB: the maps at a size that viewers accept, in glTF's coding."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.glb import Picture
-from service.archive.images import encode_jpeg, encode_normals8, encode_png
+from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
+from service.arrays import UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -27,8 +28,8 @@ def colours(avatar: Avatar) -> Picture:
     return _picture((codes // 257).astype(np.uint8), photographic=codes is not made.diffuse_albedo)
 
 
-def glb_texture(texture: npt.NDArray[np.uint8]) -> Picture:
-    """A texture (h, w, 3) uint8 sRGB as PNG; scaled down and as JPEG where it is larger than a viewer wants."""
+def glb_texture(texture: UInt8) -> Picture:
+    """A texture (h, w, 3) uint8 sRGB as PNG; larger ones reduced to ``GLB_TEXTURE_PX`` as JPEG."""
     smaller = _fitting(texture)
     return _picture(smaller, photographic=smaller is not texture)
 
@@ -36,7 +37,7 @@ def glb_texture(texture: npt.NDArray[np.uint8]) -> Picture:
 def normal_picture(made: Reflectance) -> Picture | None:
     """Specular normals, tangent space, +Y up, as 8-bit PNG; None where there are none.
 
-    glTF decodes code / 127.5 - 1, so that 128 is 0.004 and not 0: nobody sees that, and no code is 0 exactly.
+    glTF decodes code / 127.5 - 1, so that 128 is 0.004 instead of 0; no code is 0 exactly, and the error is invisible.
     """
     if made.specular_normal is None:
         return None
@@ -46,24 +47,24 @@ def normal_picture(made: Reflectance) -> Picture | None:
 def specular_picture(made: Reflectance) -> Picture | None:
     """Specular albedo in the alpha of an 8-bit PNG, where KHR_materials_specular reads it; None where there is none.
 
-    Its factor scales F0 = 0.04 of the default index of refraction: the same convention as the map's.
+    The factor scales F0 = 0.04 of the default index of refraction, which is the convention of the map.
     """
     if made.specular_albedo is None:
         return None
     alpha = _fitting(made.specular_albedo)
     rgba = np.full((*alpha.shape, 4), 255, np.uint8)
-    rgba[..., 3] = (alpha.astype(np.uint32) * 255 + 32767) // 65535
+    rgba[..., 3] = to_8_bits(alpha)
     return Picture(encode_png(rgba, srgb=False), "image/png")
 
 
-def _picture(image: npt.NDArray[np.uint8], *, photographic: bool) -> Picture:
+def _picture(image: UInt8, *, photographic: bool) -> Picture:
     if photographic:
         return Picture(encode_jpeg(image, 92), "image/jpeg")
     return Picture(encode_png(image, srgb=True), "image/png")
 
 
 def _fitting(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-    """The image, by area smaller where its longest side is above ``GLB_TEXTURE_PX``."""
+    """The image, reduced by area where its longest side exceeds ``GLB_TEXTURE_PX``."""
     import cv2
 
     longest = max(image.shape[:2])

@@ -1,9 +1,9 @@
-"""PNG in strips: a map is coded, filtered and packed a few rows at a time, so a second copy of it never exists.
+"""PNG in strips: a map is coded, filtered and compressed a few rows at a time, which avoids a second copy of it.
 
-Each row is filtered by the difference to the pixel on its left ("Sub") and packed with run lengths and Huffman codes
-alone (zlib's ``Z_RLE``). For maps of skin that takes half of the time of OpenCV's encoder at its fastest level, a third
-with 16 bits, and gives files that are a tenth smaller: longer matches hardly occur in noise. The same rows give the
-same bytes with the same zlib.
+Each row is filtered by the difference to the pixel on its left ("Sub") and compressed with run lengths and Huffman
+codes alone (zlib's ``Z_RLE``). For maps of skin that takes half the time of OpenCV's encoder at its fastest level, a
+third with 16 bits, and gives files that are a tenth smaller, as longer matches hardly occur in noise. The same rows
+give the same bytes with the same zlib.
 """
 
 from __future__ import annotations
@@ -15,18 +15,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+from service.arrays import UInt8, UInt16
+
+Codes = UInt8 | UInt16
 
 ROWS = 64
-"""Of a strip."""
+"""Rows of a strip."""
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
 _SUB = 1
-_SRGB_PERCEPTUAL = 0
+SRGB_PERCEPTUAL = 0
+"""Rendering intent of the sRGB chunk."""
 _MEMORY = 9
+"""zlib's memory level, the highest."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def encode(rows: Rows, *, srgb: bool) -> bytes:
     """PNG bytes, with an sRGB chunk for sRGB colours; data maps get none, so that no reader converts them.
 
     Raises:
-        ValueError: not a shape or depth that PNG has.
+        ValueError: a shape or depth that PNG does not support.
     """
     return b"".join(_chunks(rows, srgb=srgb))
 
@@ -65,7 +68,7 @@ def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
     yield SIGNATURE
     yield chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, rows.bits, _COLOUR_TYPES[channels], 0, 0, 0))
     if srgb:
-        yield chunk(b"sRGB", bytes([_SRGB_PERCEPTUAL]))
+        yield chunk(b"sRGB", bytes([SRGB_PERCEPTUAL]))
     packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, _MEMORY, zlib.Z_RLE)
     for first in range(0, height, ROWS):
         packed = packer.compress(_filtered(rows.read(first, min(first + ROWS, height)), channels).data)
@@ -75,8 +78,8 @@ def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
     yield chunk(b"IEND", b"")
 
 
-def _filtered(strip: Codes, channels: int) -> npt.NDArray[np.uint8]:
-    """(h, 1 + bytes of a row) uint8: the filter's number, then each byte minus that of the pixel before."""
+def _filtered(strip: Codes, channels: int) -> UInt8:
+    """(h, 1 + bytes of a row) uint8: the filter type, then each byte minus that of the pixel before."""
     plain: Any = strip if strip.dtype.itemsize == 1 else strip.astype(">u2")
     samples = np.ascontiguousarray(plain).reshape(len(strip), -1).view(np.uint8)
     pixel = channels * strip.dtype.itemsize

@@ -1,7 +1,7 @@
 """Reading an OBJ file: positions, chart coordinates, polygons and parts, in the order of the file.
 
-Libraries for OBJ merge, split or reorder vertices; here the order is what ties a mesh to the head's chart. Anything but
-``v``, ``vt``, ``f`` and the names of parts is passed over.
+Libraries for OBJ merge, split or reorder vertices, whose order is the correspondence to the head's chart. Anything but
+``v``, ``vt``, ``f`` and the names of parts is ignored.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, Int32, UInt8
 from service.errors import BadMesh
 from service.head.files import triangle_fields
 from service.head.model import HeadModel
@@ -20,13 +20,10 @@ MAX_BYTES = 64 << 20
 MAX_VERTICES = 500_000
 MAX_PARTS = 64
 
-Float = npt.NDArray[np.float64]
-Int = npt.NDArray[np.int32]
-
 
 @dataclass(frozen=True)
 class ObjMesh:
-    """A mesh as its file has it.
+    """A mesh in the order of its file.
 
     Attributes:
         vertices: (V, 3) float64, finite.
@@ -37,23 +34,23 @@ class ObjMesh:
         polygon_part: (Q,) uint8 index into ``part_names``.
     """
 
-    vertices: Float
-    uv: Float
-    polygons: Int
-    polygon_uv: Int
+    vertices: Float64
+    uv: Float64
+    polygons: Int32
+    polygon_uv: Int32
     part_names: tuple[str, ...]
-    polygon_part: npt.NDArray[np.uint8]
+    polygon_part: UInt8
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.
 
         Raises:
-            BadMesh: a face has no chart coordinates, or they leave [0, 1].
+            BadMesh: a face has no chart coordinates, or they are outside [0, 1].
         """
         if (self.polygon_uv[:, :3] < 0).any():
-            raise BadMesh("the mesh has faces without texture coordinates (vt); they say where its maps lie")
+            raise BadMesh("the mesh has faces without texture coordinates (vt), which its maps need")
         if not ((self.uv >= 0) & (self.uv <= 1)).all():
-            raise BadMesh("texture coordinates of the mesh leave [0, 1]; its maps are one chart")
+            raise BadMesh("texture coordinates of the mesh are outside [0, 1]; all its maps have to share one chart")
         count = len(self.vertices)
         none, ints = np.zeros((0, count, 3), np.float32), np.zeros(0, np.int32)
         corners = triangle_fields(self.polygons, self.polygon_uv, self.polygon_part)
@@ -73,8 +70,8 @@ def read_obj(data: bytes) -> ObjMesh:
     """Read an OBJ file.
 
     Raises:
-        BadMesh: too large, not text, a number that is none or not finite, an index out of range, a face of other than
-            three or four corners, no face at all; the message names the line.
+        BadMesh: too large, not text, a coordinate that is not a finite number, an index out of range, a face without
+            three or four corners, or no face; the message names the line.
     """
     if len(data) > MAX_BYTES:
         raise BadMesh(f"the OBJ file has {len(data)} bytes; at most {MAX_BYTES} are accepted")
@@ -139,7 +136,7 @@ class _Reader:
     def mesh(self) -> ObjMesh:
         if not self.polygons:
             raise BadMesh("the OBJ file has no faces; a mesh is expected")
-        used = sorted(set(self.owner))  # exporters name groups that hold nothing
+        used = sorted(set(self.owner))  # exporters write empty groups
         position = {old: new for new, old in enumerate(used)}
         return ObjMesh(
             np.array(self.vertices, np.float64),
@@ -160,7 +157,7 @@ def _numbers(number: int, words: Sequence[str], count: int) -> list[float]:
         raise BadMesh(f"line {number}: {len(values)} numbers instead of {count}")
     for value in values:
         if not abs(value) < 1e9:
-            raise BadMesh(f"line {number}: the coordinate {value} is not finite, or too far away")
+            raise BadMesh(f"line {number}: the coordinate {value} is not finite or not below 1e9")
     return values
 
 

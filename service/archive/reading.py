@@ -1,4 +1,4 @@
-"""Opening an archive of an avatar that may come from anywhere: bounded, checked, nothing decoded yet."""
+"""Read an untrusted archive: sizes bounded, contents checked, maps not decoded yet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MESH = "mesh/head.obj"
 
 @dataclass(frozen=True)
 class StoredMap:
-    """One map, still packed.
+    """One map, still encoded.
 
     Attributes:
         role: as in the manifest.
@@ -32,7 +32,7 @@ class StoredMap:
         frame: of normals.
         bits: per component as stored.
         zero, scale: value = (code - zero) / scale at ``bits``.
-        changed: whether it is another file than the manifest's.
+        changed: whether its digest differs from the manifest's.
     """
 
     role: str
@@ -46,10 +46,10 @@ class StoredMap:
 
 @dataclass(frozen=True)
 class AvatarFile:
-    """What an archive holds, as far as a renderer needs it.
+    """The contents of an archive that a renderer needs.
 
     Attributes:
-        manifest: as it stands; of its keys only those that are used were checked.
+        manifest: as stored; only the keys that are used here were checked.
         mesh: ``mesh/head.obj``.
         maps: by role.
     """
@@ -64,11 +64,11 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
 
     Args:
         source: path of an archive, or a seekable stream of one.
-        roles: maps that are wanted; those that the archive lacks are left out.
+        roles: maps to read; those that the archive lacks are left out.
 
     Raises:
         UsageError: there is no such file.
-        BadArchive: not a zip, not one of ours, damaged, or larger inside than is accepted.
+        BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
         BadMesh: its mesh cannot be read.
     """
     if isinstance(source, Path) and not source.is_file():
@@ -87,15 +87,15 @@ def _check_names(archive: zipfile.ZipFile) -> None:
     names = archive.namelist()
     unknown = sorted(set(names) - set(MEMBER_NAMES))
     if unknown or len(set(names)) != len(names):
-        odd = repr(unknown[0][:60]) if unknown else "a name that is there twice"
-        raise BadArchive(f"the zip holds {odd}; an archive of avatarme holds manifest.json, maps/ and mesh/ only")
+        odd = repr(unknown[0][:60]) if unknown else "a duplicate name"
+        raise BadArchive(f"the zip contains {odd}; an archive of avatarme has manifest.json, maps/ and mesh/ only")
     for name in ("manifest.json", _MESH):
         if name not in names:
-            raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is not whole")
+            raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is incomplete")
 
 
 def _member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    """Content of a member; never more than ``limit`` bytes are unpacked, whatever its header says."""
+    """Content of a member; at most ``limit`` + 1 bytes are unpacked, whatever its header claims."""
     with archive.open(name) as stream:
         data = stream.read(limit + 1)
     if len(data) > limit:
@@ -112,7 +112,7 @@ def _manifest(data: bytes) -> dict[str, Any]:
     if not isinstance(version, str) or version.partition(".")[0] != "1":
         raise BadArchive(f"the manifest has schema version {version!r}; this program reads versions 1.x")
     if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
-        raise BadArchive("the manifest's list of maps is missing or is none")
+        raise BadArchive("the manifest's list of maps is missing or not a list of objects")
     return dict(content)
 
 

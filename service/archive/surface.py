@@ -1,12 +1,12 @@
-"""The head cut into parts with one index per vertex, and which normals its meshes have."""
+"""Parts of the head with one index per vertex, and the vertex normals of all meshes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Int64
 from service.geometry.normals import FALLBACK_NORMAL, area_normals
 from service.head.model import HeadModel
 
@@ -18,7 +18,7 @@ vertex_normals = area_normals
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the head with vertices split where the chart is cut.
+    """One part of the head with vertices split at the cuts of the chart.
 
     Attributes:
         name: of ``HeadModel.part_names``.
@@ -28,9 +28,9 @@ class Part:
     """
 
     name: str
-    vertex: npt.NDArray[np.int64]
-    uv: npt.NDArray[np.int64]
-    triangles: npt.NDArray[np.int64]
+    vertex: Int64
+    uv: Int64
+    triangles: Int64
 
 
 def split_parts(head: HeadModel) -> list[Part]:

@@ -1,10 +1,10 @@
-"""Pixels of maps that may come from anywhere: through the decode gate, as photos, but kept as the numbers they are."""
+"""Decode untrusted map PNGs in the photos' decode gate, without colour conversion."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, UnreadableInput
 from service.photo.container import Codec
 from service.photo.exif import ExifFacts
@@ -17,10 +17,10 @@ LIMITS = Limits(
     max_bytes=512 << 20, min_side=8, max_side=8192, max_pixels=40_000_000, max_aspect=2.0, cpu_seconds=60,
     wall_seconds=120.0,
 )  # fmt: skip
-"""A map of 6144 x 4096 takes a second to decode; a busy machine more."""
+"""A map of 6144 x 4096 takes a second to decode, more on a busy machine."""
 
 
-def unpack_map(png: bytes, name: str) -> npt.NDArray[np.uint8]:
+def unpack_map(png: bytes, name: str) -> UInt8:
     """(H, W, 3) uint8 codes of a PNG, 3:2; grey has three equal channels, 16-bit codes are rounded: code / 257.
 
     Raises:
@@ -30,7 +30,7 @@ def unpack_map(png: bytes, name: str) -> npt.NDArray[np.uint8]:
         container = open_container(png, LIMITS)
         if container.codec != Codec.PNG:
             raise CorruptImage("it is not a PNG")
-        # Codes of maps are numbers: a stated gamma or profile, an EXIF turn would make others of them.
+        # Codes of maps are data: gamma, colour profile and EXIF orientation must not be applied.
         plain = container._replace(icc=b"", gamma=0.0, exif=b"")
         reply, raw = run_decoder(decoding_request(plain, ExifFacts(), LIMITS), LIMITS)
         if reply.status != Status.DONE or (reply.width, reply.height) != container.size:

@@ -7,11 +7,11 @@ Mesh and one UsdPreviewSurface material per part.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import Material, material_of
 from service.archive.obj import TEXTURE_FROM_MESH
 from service.archive.surface import vertex_normals
+from service.arrays import AnyFloat, AnyInt, Float32, Int32
 from service.errors import NumericFault
 from service.head.model import HeadModel
 
@@ -91,7 +91,7 @@ _TEXTURE = """
 
 def usda_bytes(
     head: HeadModel,
-    vertices: npt.NDArray[np.floating],
+    vertices: AnyFloat,
     title: str,
     *,
     textured: bool = True,
@@ -120,11 +120,11 @@ def usda_bytes(
 
 def _mesh(
     name: str,
-    polygons: npt.NDArray[np.int32],
-    polygon_uv: npt.NDArray[np.int32],
-    uv: npt.NDArray[np.float32],
-    vertices: npt.NDArray[np.floating],
-    normals: npt.NDArray[np.floating],
+    polygons: Int32,
+    polygon_uv: Int32,
+    uv: Float32,
+    vertices: AnyFloat,
+    normals: AnyFloat,
 ) -> str:
     present = polygons >= 0
     own, local = np.unique(polygons[present], return_inverse=True)
@@ -155,12 +155,12 @@ def _material(material: Material, textured: bool, texture: str) -> str:
     )
 
 
-def _tuples(rows: npt.NDArray[np.floating] | list[npt.NDArray[np.floating]], digits: int) -> str:
+def _tuples(rows: AnyFloat | list[AnyFloat], digits: int) -> str:
     values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
     number = f"%.{digits}g"
     pattern = "(" + ", ".join([number] * values.shape[1]) + ")"
     return ", ".join([pattern] * len(values)) % tuple(values.ravel().tolist())
 
 
-def _integers(values: npt.NDArray[np.integer]) -> str:
+def _integers(values: AnyInt) -> str:
     return ", ".join(map(str, np.asarray(values).ravel().tolist()))

@@ -1,4 +1,4 @@
-"""The name under which files say who wrote them."""
+"""Name and version of the program as written into files."""
 
 from service import __version__
 

@@ -1,4 +1,4 @@
-"""A fresh process for each measurement: nothing is warm, and its peak memory is its own."""
+"""A fresh process for each measurement, so that caches are cold and its peak memory is measured alone."""
 
 from __future__ import annotations
 
@@ -15,30 +15,32 @@ from service.errors import Crashed
 T = TypeVar("T")
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
-"""Read by numeric libraries when they load."""
+"""Environment variables that numeric libraries read when they load."""
 
 
 def isolated(work: Callable[..., T], *arguments: Any, blas_threads: int = 1) -> T:
-    """``work(*arguments)`` in a process of its own.
+    """``work(*arguments)`` in a separate process.
 
     Args:
         work: a function at the top level of a module.
-        arguments: that can be sent to another process.
-        blas_threads: threads that numpy multiplies matrices with; the program itself runs with one.
+        arguments: of ``work``, picklable.
+        blas_threads: threads of numpy's matrix products; the program itself runs with one.
 
     Raises:
-        Crashed: the process ended without an answer, for example for want of memory.
-        Exception: whatever ``work`` raises.
+        Crashed: the process ended without a result, for example for want of memory.
+        Exception: as ``work`` raises it.
     """
     with _environment(blas_threads), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         try:
             return pool.submit(work, *arguments).result()
         except BrokenProcessPool as error:
-            raise Crashed(f"the process of {work.__name__} ended without an answer; is there enough memory?") from error
+            raise Crashed(
+                f"the process of {work.__name__} ended without a result; there may be too little memory"
+            ) from error
 
 
 def here(work: Callable[..., T], *arguments: Any, blas_threads: int = 1) -> T:
-    """The same without a process of its own; peak memory then means nothing."""
+    """``work(*arguments)`` in this process; the measured peak memory is then meaningless."""
     return work(*arguments)
 
 

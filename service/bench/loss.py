@@ -1,7 +1,7 @@
-"""How far one map is from another: decibels for albedo, degrees for normals, micrometres for heights.
+"""Difference of two maps: PSNR for albedo, degrees for normals, micrometres for heights.
 
-Maps of different sizes are compared twice: the larger one made small (what a viewer sees who needs no more), and the
-smaller one enlarged (what is missing for one who does).
+Maps of different sizes are compared at both sizes: at the smaller one, for uses that need no more resolution, and at
+the larger one, which counts the missing detail.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, UInt8
 from service.reflectance.result import unpack_normals
 
-Float = npt.NDArray[np.float32]
 Kind = Literal["colour", "normal", "height"]
 
 UNITS: dict[Kind, str] = {"colour": "dB", "normal": "°", "height": "µm"}
 """Unit of :meth:`Loss.shown`."""
 
 SAME_DB = 99.0
-"""PSNR that stands for maps without any difference."""
+"""PSNR reported for identical maps."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Loss:
 
     Attributes:
         kind: of the maps.
-        at_own: with the reference made as small as the map: root mean square in [0, 1] of coded colours, mean degrees
+        at_own: at the size of the map: root mean square in [0, 1] of coded colours, mean degrees
             of normals, root mean square in micrometres of heights.
-        at_full: the same with the map made as large as the reference.
+        at_full: the same at the size of the reference.
     """
 
     kind: Kind
@@ -40,7 +40,7 @@ class Loss:
     at_full: float
 
     def shown(self, error: float) -> float:
-        """The number that people read: decibels for colours, else the error itself."""
+        """The error in ``UNITS``: decibels for colours, else unchanged."""
         return decibels(error) if self.kind == "colour" else error
 
 
@@ -49,14 +49,14 @@ def decibels(rms: float) -> float:
     return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
 
 
-def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: npt.NDArray[np.uint8]) -> Loss:
+def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: UInt8) -> Loss:
     """Loss of a map.
 
     Args:
         kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes. "height": (h, w) float32 mm.
         found: (h, w, ...).
         reference: (H, W, ...) of the same part of the chart.
-        mask: (H, W) uint8, above 0 where it counts; with nothing in it, everything counts.
+        mask: (H, W) uint8, above 0 where texels are compared; if it is empty, all are.
     """
     one, other = _values(kind, found), _values(kind, reference)
     errors = []
@@ -66,15 +66,15 @@ def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], ma
     return Loss(kind, *errors)
 
 
-def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float:
+def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float32:
     if kind == "normal":
         return unpack_normals(codes)
-    # OpenCV drops an axis of length 1; a map with it would then be compared with one without, each with all.
+    # OpenCV drops an axis of length 1; comparing maps with and without it would broadcast.
     plain = codes[..., 0] if codes.ndim == 3 and codes.shape[2] == 1 else codes
     return np.asarray(plain, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
 
 
-def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bool_]) -> float:
+def _error(kind: Kind, found: Float32, reference: Float32, counts: Bool) -> float:
     chosen = counts if counts.any() else np.ones_like(counts)
     if kind == "normal":
         return float(degrees(found[chosen], reference[chosen]).mean())
@@ -82,14 +82,14 @@ def _error(kind: Kind, found: Float, reference: Float, counts: npt.NDArray[np.bo
     return 1000 * rms if kind == "height" else rms
 
 
-def degrees(found: Float, reference: Float) -> npt.NDArray[np.float64]:
-    """(...) angles between vectors (..., 3) of any length; 0 where one has none. Exact also for the smallest."""
+def degrees(found: Float32, reference: Float32) -> Float64:
+    """(...) angles between vectors (..., 3) of any length; 0 where one is zero. Accurate for small angles."""
     one, other = (np.asarray(vectors, np.float64) for vectors in (found, reference))
     sine = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, np.einsum("...i,...i->...", one, other))))
 
 
-def _sized(kind: Kind, values: Float, size: tuple[int, int]) -> Float:
+def _sized(kind: Kind, values: Float32, size: tuple[int, int]) -> Float32:
     if values.shape[1::-1] == size:
         return values
     result = _resized(values, size)
@@ -101,7 +101,7 @@ def _sized(kind: Kind, values: Float, size: tuple[int, int]) -> Float:
     )
 
 
-def _resized(values: Float, size: tuple[int, int]) -> Float:
+def _resized(values: Float32, size: tuple[int, int]) -> Float32:
     import cv2
 
     way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC

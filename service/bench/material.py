@@ -1,6 +1,6 @@
-"""What stages are measured on: the sample photo's head, and a window of its chart where the photo shows the face.
+"""Input of the stages' benchmarks: the sample photo's head, and a window of its chart on the face.
 
-Parts of a map lie in files of one folder, so that every variant can run in a process of its own.
+It lies in files of one folder, so that every variant can run in a separate process.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32, UInt8
 from service.colour import Codes
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
 from service.reflectance.planes import Planes
@@ -19,15 +20,13 @@ from service.reflectance.relief.displacement import Steps
 from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
 
-Float = npt.NDArray[np.float32]
-
 GRID = 64
-"""Texels of the full chart between places where a window may begin: whole texels of every coarser map."""
+"""Alignment of windows in texels of the full chart, so that they begin at whole texels of every coarser map."""
 
 FILE = "material.npz"
 
 ARRAYS = ("texture", "geometry", "clues", "steps", "skin")
-"""What the file holds beside the window: fields of :class:`Material`."""
+"""Fields of :class:`Material` in the file, besides the window."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Window:
 
     @classmethod
     def around(cls, weight: npt.NDArray[Any], side: int) -> Window:
-        """The window whose middle is nearest to the centre of a weight (h, w) >= 0 on the whole chart."""
+        """The window centred on the mean position of a weight (h, w) >= 0 on the whole chart."""
         width, height = FULL_SIZE
         side = min(max(side // GRID, 1) * GRID, height)
         rows, columns = (np.asarray(weight, np.float64).sum(axis) for axis in (1, 0))
@@ -75,8 +74,8 @@ class Material:
     """One head.
 
     Attributes:
-        folder: of the files, also those of results.
-        window: that stages are measured on.
+        folder: of the files, including the results.
+        window: on which stages are measured.
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
         clues: (10, h, w) of the whole chart, see ``service.reflectance.subject.CLUES``.
@@ -87,10 +86,10 @@ class Material:
     folder: Path
     window: Window
     texture: Codes
-    geometry: Float
-    clues: Float
-    steps: Float
-    skin: npt.NDArray[np.uint8]
+    geometry: Float32
+    clues: Float32
+    steps: Float32
+    skin: UInt8
 
     def save(self) -> None:
         """Write ``FILE``."""
@@ -122,7 +121,7 @@ class Material:
         return planes
 
     def whole_texture(self) -> Planes:
-        """Texture, geometry and light of the whole chart, as zeta and delta's context take them."""
+        """Texture, geometry and light of the whole chart: input of zeta and of delta's context."""
         planes = Planes((self.texture.shape[1], self.texture.shape[0]))
         planes.add_codes("texture", self.texture)
         planes.add_coarse(GEOMETRY, self.geometry)
@@ -130,7 +129,7 @@ class Material:
         return planes
 
     def enlarged(self, width: int) -> Codes:
-        """The window's texture on a chart ``width`` texels wide, as delta takes it."""
+        """The window's texture on a chart ``width`` texels wide: input of delta."""
         side = self.window.pixels(width)
         source = self.result("zeta") if width >= SMALLEST_ENLARGED and self.has("zeta") else None
         return resample(np.ascontiguousarray(self.window.of(self.texture)) if source is None else source, (side, side))
@@ -146,7 +145,7 @@ class Material:
         return Steps(along, lean, across, self.steps.shape[2])
 
 
-def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[Any], side: int, folder: Path) -> None:
+def prepare(subject: Subject, texture: UInt8, seen: npt.NDArray[Any], side: int, folder: Path) -> None:
     """Write the material of a head.
 
     Args:
@@ -159,7 +158,7 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     window = Window.around(seen, side)
     found = Steps.of(subject.chart, subject.vertices)
     steps = window.planes(np.stack([found.along, found.lean, found.across]))
-    # At the geometry's own size: a mask for comparisons needs no more.
+    # At the geometry's size, which is enough for a mask of comparisons.
     skin = window.of(np.where(subject.chart.mask, subject.skin(GEOMETRY_SIZE), 0).astype(np.uint8))
     codes = texture.astype(np.uint16) * np.uint16(257)
     side = window.pixels(FULL_SIZE[0])
@@ -167,7 +166,7 @@ def prepare(subject: Subject, texture: npt.NDArray[np.uint8], seen: npt.NDArray[
     Material(folder, window, codes, subject.geometry, subject.clues, steps, mask).save()
 
 
-def resized_mask(mask: npt.NDArray[np.uint8], side: int) -> npt.NDArray[np.uint8]:
+def resized_mask(mask: UInt8, side: int) -> UInt8:
     """(side, side) nearest values of a mask."""
     import cv2
 
@@ -179,7 +178,7 @@ def from_photo(data: bytes, texture_size: tuple[int, int] | None, side: int, fol
 
     Args:
         data: bytes of the photo.
-        texture_size: (width, height) that zeta takes; None for the usual one.
+        texture_size: (width, height) of zeta's input; None for the default.
         side: of the window.
         folder: to write to.
 

@@ -1,4 +1,4 @@
-"""Which points of cost against loss are worth having, and how straight a line is."""
+"""Pareto front of cost against loss, and the fit of a straight line."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
     """Whether each point (every coordinate: smaller is better) is on the Pareto front.
 
-    A point is off it where another is at least as good in every coordinate and better in one. Equal points are all on
-    it. A point with a coordinate that is NaN is never on it.
+    A point is dominated where another is at least as good in every coordinate and better in one. Equal points are all
+    on the front. A point with a NaN is never on it.
     """
     if not points:
         return []
@@ -21,14 +21,14 @@ def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
     front = []
     for index, point in enumerate(table):
         others = table[sound]
-        beaten = (others <= point).all(1) & (others < point).any(1)
-        front.append(bool(sound[index] and not beaten.any()))
+        dominated = (others <= point).all(1) & (others < point).any(1)
+        front.append(bool(sound[index] and not dominated.any()))
     return front
 
 
 @dataclass(frozen=True)
 class Line:
-    """Least-squares line ``start + slope x``, and the largest distance of a point from it as a share of that point."""
+    """Least-squares line ``start + slope x``, and the largest relative deviation of a point from it."""
 
     start: float
     slope: float
@@ -36,9 +36,9 @@ class Line:
 
 
 def line(x: Sequence[float], y: Sequence[float]) -> Line | None:
-    """The line through points weighted by 1 / y, so that each counts by its relative error.
+    """Least-squares line through points weighted by 1 / y, which minimises relative errors.
 
-    None with fewer than three points, which every line fits, or with a y that is not above 0.
+    None with fewer than three points, which a line fits exactly, or with a y that is not above 0.
     """
     across, up = np.asarray(x, np.float64), np.asarray(y, np.float64)
     if len(across) < 3 or not (up > 0).all() or np.ptp(across) == 0:

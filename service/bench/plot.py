@@ -1,4 +1,4 @@
-"""A benchmark as a picture: loss against seconds for each stage and for the whole, the Pareto front marked."""
+"""Plot of a benchmark: loss against seconds for each stage and the whole run, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from service.bench.variants import STAGES
 from service.errors import UsageError
 
 LEAST = {"colour": 99.0, "normal": 1e-4, "height": 1e-3}
-"""Where a map without any loss is drawn."""
+"""Loss at which an identical map is drawn, in ``UNITS``."""
 
 WHOLE = "specular_normal"
+"""Map whose loss is drawn for whole runs."""
 
 
 def require_matplotlib() -> None:
     """Raise UsageError where the plot cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise UsageError("the plot needs matplotlib: pip install matplotlib, or leave out -o and take the tables")
+        raise UsageError("the plot needs matplotlib: pip install matplotlib, or leave out -o to get the tables only")
 
 
 def draw(bench: Bench, path: Path) -> None:
@@ -74,7 +75,7 @@ def _panel(axis: Any, title: str, points: Sequence[tuple[str, float, Any, bool]]
         axis.plot(seconds, value, "o", color="tab:red" if best else "tab:gray", markersize=7 if best else 4)
         if best and (not line or sign * value < sign * line[-1][1]):  # the front may have a third quantity: bytes
             line.append((seconds, value))
-        if best or value != best_value:  # of many without a loss the tables tell
+        if best or value != best_value:  # points without loss would overlap; they are in the tables
             place = (5, 4) if best else (5, -8)
             axis.annotate(label, (seconds, value), fontsize=6, xytext=place, textcoords="offset points")
     axis.plot([seconds for seconds, _ in line], [value for _, value in line], "-", color="tab:red", linewidth=1)

@@ -1,7 +1,7 @@
-"""Networks in eight bits: a folder of them made from another, with onnxruntime's own tools.
+"""Quantise a folder of networks to eight bits, with onnxruntime's tools.
 
-"Dynamic" rounds weights beforehand and each tensor as it comes; "static" fixes the range of every tensor beforehand
-from maps of this head. Only convolutions are quantised. The tools need the package ``onnx``, which serving does not.
+"Dynamic" quantises activations by their range at run time; "static" calibrates the range of every activation on maps of
+this head. Only convolutions are quantised. The tools need the package ``onnx``, which serving does not.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.bench.material import Material
 from service.bench.stages import inputs
 from service.bench.variants import NETWORKS, StageName, Variant, reference
@@ -26,10 +26,8 @@ from service.runtime.networks import INPUT, Engine, describe, open_network
 from service.runtime.sessions import TABLE, checked_bytes, fold, model_table
 from service.runtime.tiles import run_whole
 
-Float = npt.NDArray[np.float32]
-
 SIDE = 256
-"""Pixels of the maps that ranges are read off."""
+"""Side of the maps for calibration, pixels."""
 
 
 def available() -> bool:
@@ -42,7 +40,7 @@ def quantise(stages: Sequence[StageName], static: bool, engine: Engine, material
 
     Args:
         stages: whose networks.
-        static: ranges from the material's maps, else as they come.
+        static: calibrate on the material's maps; otherwise dynamic.
         engine: its folder has the networks.
         material_folder: of the material, with the reference's maps.
         target: an empty folder.
@@ -61,7 +59,7 @@ def quantise(stages: Sequence[StageName], static: bool, engine: Engine, material
     )
 
 
-def write_folder(networks: Iterable[tuple[str, Float | None]], engine: Engine, target: Path) -> None:
+def write_folder(networks: Iterable[tuple[str, Float32 | None]], engine: Engine, target: Path) -> None:
     """Write eight-bit networks and their models.json: static with maps (1, C, h, w), dynamic without.
 
     Raises:
@@ -78,7 +76,7 @@ def write_folder(networks: Iterable[tuple[str, Float | None]], engine: Engine, t
     (target / TABLE).write_text(json.dumps({"models": entries}), encoding="utf-8")
 
 
-def sample(stage: StageName, name: str, engine: Engine, material: Material) -> Float:
+def sample(stage: StageName, name: str, engine: Engine, material: Material) -> Float32:
     """(1, C, h, w) input of a network, taken from the material."""
     what = describe(name, engine.folder)
     if stage == "zeta":
@@ -93,7 +91,7 @@ def sample(stage: StageName, name: str, engine: Engine, material: Material) -> F
     return np.ascontiguousarray(planes.read(what.channels)(index, index)[None])
 
 
-def _zeta_sample(name: str, what: Description, engine: Engine, material: Material) -> Float:
+def _zeta_sample(name: str, what: Description, engine: Engine, material: Material) -> Float32:
     planes = material.whole_texture()
     about = describe(BODY, engine.folder)
     add_noise(planes, about.channels, Grain())
@@ -109,22 +107,22 @@ def _zeta_sample(name: str, what: Description, engine: Engine, material: Materia
 
 
 class _Once:
-    """Hands one input to the tool that reads ranges."""
+    """Calibration data of one input (onnxruntime's ``CalibrationDataReader``)."""
 
-    def __init__(self, maps: Float) -> None:
+    def __init__(self, maps: Float32) -> None:
         self._left = [{INPUT: maps}]
 
-    def get_next(self) -> dict[str, Float] | None:
+    def get_next(self) -> dict[str, Float32] | None:
         return self._left.pop() if self._left else None
 
 
-def _write(name: str, engine: Engine, maps: Float | None, path: Path) -> None:
+def _write(name: str, engine: Engine, maps: Float32 | None, path: Path) -> None:
     from onnxruntime.quantization import QuantType, quantize_dynamic, quantize_static
 
     plain = path.with_suffix(".folded")
     fold(name, checked_bytes(name, engine.folder), plain, engine.folder)
     before = logging.root.manager.disable
-    logging.disable(logging.WARNING)  # the tools advise on things that were weighed here
+    logging.disable(logging.WARNING)  # the tools log advice that does not apply here
     try:
         if maps is None:
             quantize_dynamic(plain, path, op_types_to_quantize=["Conv"], weight_type=QuantType.QUInt8)
@@ -133,7 +131,7 @@ def _write(name: str, engine: Engine, maps: Float | None, path: Path) -> None:
                 plain, path, _Once(maps), op_types_to_quantize=["Conv"], per_channel=True,
                 activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
             )  # fmt: skip
-    except Exception as error:  # the tools raise whatever a graph makes them stumble over
+    except Exception as error:  # the tools raise exceptions of any type
         raise ModelFault(f"{engine.folder / name}: cannot be quantised ({error})") from error
     finally:
         logging.disable(before)

@@ -1,4 +1,4 @@
-"""What this machine can do at best: products per second and bytes per second."""
+"""Peak rates of this machine: floating-point operations and bytes per second."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from service.runtime.networks import has_bf16
 from service.runtime.openvino_library import has_openvino, openvino_library
 
 SIDE = 1536
-"""Of the matrices that are multiplied: too large for caches, a fraction of a second."""
+"""Side of the matrices that are multiplied: too large for caches, yet a fraction of a second."""
 
 COPIED = 64 * 2**20
 """Bytes that each thread copies."""
@@ -27,7 +27,7 @@ class Rates:
     bytes: float
 
     def floor(self, operations: float, moved: float, precision: str) -> float | None:
-        """Seconds below which no program gets on this machine; None where the precision's rate was not measured."""
+        """Lower bound of the time on this machine in seconds; None where the precision's rate was not measured."""
         if operations and precision not in self.operations:
             return None
         return max(operations / self.operations[precision] if operations else 0.0, moved / self.bytes)
@@ -36,8 +36,8 @@ class Rates:
 def measure(threads: int, side: int = SIDE, copied: int = COPIED) -> Rates:
     """Time matrix products and copies with ``threads`` threads.
 
-    numpy multiplies with as many threads as OPENBLAS_NUM_THREADS said when the process began. OpenVINO multiplies as
-    well where it is installed; the faster of both counts, as a floor is what the machine can do.
+    numpy uses as many threads as OPENBLAS_NUM_THREADS said when the process began. Where OpenVINO is installed, the
+    faster of both counts.
     """
     operations = {"fp32": 2.0 * side**3 / _numpy_product(side)}
     if has_openvino():

@@ -12,7 +12,7 @@ from service.bench.whole_rows import sized
 from service.runtime.networks import Engine
 
 MARK = ("<!-- bench -->", "<!-- /bench -->")
-"""Lines between which a file keeps the tables."""
+"""Lines of a file between which the tables are replaced."""
 
 TITLES = {
     "zeta": "zeta: super-resolution, 576 x 384 -> 4608 x 3072",

@@ -1,4 +1,4 @@
-"""What a benchmark found, as values for tables, plots and machines."""
+"""Results of a benchmark, for tables, plots and JSON."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Row:
     """One variant of one stage.
 
     Attributes:
-        variant: what was done.
-        measured: what it took; None where it failed.
+        variant: what was run.
+        measured: time and memory; None where it failed.
         loss: against the stage's reference; None where it failed.
-        floor_s: seconds that the machine needs at best for the whole chart; None where it is not known.
-        front: whether no other variant of the stage is both as fast and as near.
+        floor_s: lower bound of the seconds for the whole chart on this machine; None where it is not known.
+        front: whether it is on the Pareto front of its stage.
         fault: why it failed.
     """
 
@@ -38,7 +38,7 @@ class Row:
 
 @dataclass(frozen=True)
 class WholeRow:
-    """One run from photo to archive; ``losses`` by map, against the run called reference."""
+    """One run from photo to archive; ``losses`` by map, against the reference run."""
 
     run: Whole
     made: Made | None = None
@@ -49,16 +49,16 @@ class WholeRow:
 
 @dataclass(frozen=True)
 class Bench:
-    """Everything that one benchmark found.
+    """All results of one benchmark.
 
     Attributes:
         machine: facts of machine and installation.
-        rates: what the machine can do.
+        rates: of the machine.
         rows: of all stages.
         wholes: runs from photo to archive.
         line: seconds without super-resolution against megatexels of the map.
         notes: what was left out, and why.
-        seconds: that the benchmark took.
+        seconds: duration of the benchmark.
     """
 
     machine: Mapping[str, Any]

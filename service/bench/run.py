@@ -1,6 +1,6 @@
 """The benchmark: every variant of every stage and of the whole, one after the other, in one run.
 
-Absolute times move from machine to machine; that everything is measured in the same run is what makes ratios hold.
+Absolute times differ between machines and over time; ratios hold, as everything is measured in the same run.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def bench(
     """Measure.
 
     Args:
-        extent: how much.
+        extent: which variants.
         families: of networks; the first is the reference.
-        photo: bytes of the photo that it is measured on; None for the sample photo.
-        chosen: stages to measure; what they take from others is made by the reference all the same.
-        launch: runs a function in a process of its own.
-        progress: told what is being measured, and the share that is done.
+        photo: contents of the photo to measure on; None for the sample photo.
+        chosen: stages to measure; their inputs from other stages are computed by the reference.
+        launch: runs a function in a separate process.
+        progress: called with the current measurement and the completed share.
 
     Raises:
         ModelFault: the first family has none of the networks, or its networks fail.

@@ -1,4 +1,4 @@
-"""What all measurements of one run share."""
+"""Context of the measurements of one run."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Progress = Callable[[str, float], None]
 Launch = Callable[..., Any]
 
 STAGES_SHARE = 0.5
-"""Of the progress bar."""
+"""Share of the progress bar for the stages; the rest is for whole runs."""
 
 
 @dataclass
 class Setting:
-    """What all measurements of a run share."""
+    """Context of the measurements of one run: extent, networks, material, machine; notes and caches are added to."""
 
     extent: Extent
     families: Sequence[Family]
@@ -42,11 +42,11 @@ class Setting:
         return self.families[0]
 
     def family(self, variant: Variant) -> Family:
-        """The networks that a variant is of."""
+        """The family of a variant's networks."""
         return next((family for family in self.families if family.name == variant.family), self.first)
 
     def engine(self, variant: Variant) -> Engine | None:
-        """What a variant's networks run on; None where there are none in eight bits."""
+        """Engine of a variant's networks; None where they were not quantised."""
         folder = self.family(variant).folder
         if variant.precision in INT8:
             if variant.precision not in self.int8:

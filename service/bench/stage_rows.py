@@ -1,4 +1,4 @@
-"""Every variant of every stage measured: time, loss against the reference, and the floor of the machine."""
+"""Measure every variant of every stage: time, loss against the reference, and the machine's lower bound."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ KINDS: dict[StageName, Kind] = {
 }  # fmt: skip
 
 BEATEN = 1.1
-"""The rule of ``--runtime auto`` is called wrong where another runtime is so many times as fast."""
+"""Factor by which another runtime has to be faster for a note that ``--runtime auto`` chose wrong."""
 
 
 def _with_sources(chosen: Sequence[StageName], at: Setting) -> list[StageName]:
-    """Stages to run: those that are chosen and possible, and those whose maps they take."""
+    """Stages to run: those that are chosen and possible, and those that compute their inputs."""
     sources: dict[StageName, tuple[StageName, ...]] = {
         "delta": ("zeta",), "psi": ("delta",), "rho": ("delta",), "sigma": ("delta",), "integration": ("rho",),
         "encoding": ("delta", "rho"),
@@ -50,10 +50,10 @@ def _with_sources(chosen: Sequence[StageName], at: Setting) -> list[StageName]:
 
 
 def measure_stages(at: Setting, chosen: Sequence[StageName], progress: Progress) -> list[Row]:
-    """A row for each variant of the chosen stages; variants that fail say why.
+    """A row for each variant of the chosen stages, with the fault of those that fail.
 
     Raises:
-        ModelFault: a reference fails, without which nothing can be compared.
+        ModelFault: a reference fails.
     """
     wanted = _with_sources(chosen, at)
     names = [family.name for family in at.families[1:]]
@@ -107,12 +107,12 @@ def _measure(at: Setting, variant: Variant) -> Row:
 
 
 def _floor(at: Setting, variant: Variant, engine: Engine) -> float | None:
-    """Seconds for a whole chart without halos, if products and copies ran at the machine's rates."""
+    """Seconds for a whole chart without padding, if products and copies ran at the machine's rates."""
     texels = variant.width**2 * FULL_SIZE[1] / FULL_SIZE[0]
     if variant.stage == "integration":
         return at.rates.floor(0, 8 * texels, "fp32")  # two int16 in, a float32 out
     if variant.stage == "encoding":
-        return at.rates.floor(0, 6 * texels, "fp32")  # three 16-bit codes in; what comes out is smaller
+        return at.rates.floor(0, 6 * texels, "fp32")  # three 16-bit codes in; the file is smaller
     if variant.knob:
         return None
     operations = moved = 0.0
@@ -121,7 +121,7 @@ def _floor(at: Setting, variant: Variant, engine: Engine) -> float | None:
         if key not in at.works:
             if name not in at.family(variant).networks:
                 continue
-            folder = at.family(variant).folder  # eight bits do not change the work
+            folder = at.family(variant).folder  # quantisation does not change the number of operations
             at.works[key] = (at.launch(count, name, folder), describe(name, folder))
         work, what = at.works[key]
         height, width = at.material.texture.shape[:2]
@@ -132,7 +132,7 @@ def _floor(at: Setting, variant: Variant, engine: Engine) -> float | None:
 
 
 def rule_notes(rows: Sequence[Row], threads: int, first: Family) -> list[str]:
-    """Stages where ``auto`` takes a runtime that another one beat by more than a tenth in this run."""
+    """Notes on stages where ``auto`` chooses a runtime that another one outran by more than a tenth."""
     found = []
     for stage in (*TRANSLATORS, "zeta"):
         taken = {

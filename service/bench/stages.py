@@ -1,4 +1,4 @@
-"""One stage in one variant: run it, time it, keep its map."""
+"""Run and time one variant of one stage, and keep its map."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.bench.material import Material
 from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.colour import to_codes
@@ -28,16 +29,15 @@ from service.runtime.tiles import Tile, run_tiles, tiles
 Result = npt.NDArray[Any]
 
 LONG_S = 4.0
-"""Runs that take longer are not repeated: starting matters little in them."""
+"""Runs that take longer are not repeated, as start-up is a small part of them."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a variant took.
+    """Time and memory of a variant.
 
     Attributes:
-        seconds: for the whole chart: those of the window, times the pixels that the whole takes, halos included, over
-            the pixels that the window took.
+        seconds: for the whole chart, extrapolated from the window by the number of pixels computed, padding included.
         window_s: as measured.
         peak_mb: largest resident memory of the process.
         megabytes: of the file, where the stage writes one.
@@ -54,17 +54,17 @@ def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeat
 
     Args:
         variant: what to run.
-        engine: that its networks run on; its folder holds the family in the variant's precision.
+        engine: of its networks; its folder has the family in the variant's precision.
         folder: of the material.
         output: ``.npy`` file.
-        repeats: the fastest of the further runs counts; with 0, or where it took longer than ``LONG_S``, the first
-            does.
+        repeats: runs after the first, of which the fastest counts; the first counts with 0, or where it took longer
+            than ``LONG_S``.
 
     Raises:
-        AvatarError: as the stage.
+        AvatarError: as the stage raises it.
     """
     material = Material.load(folder)
-    ways: dict[str, Callable[[], _Job]] = {
+    ways: dict[str, Callable[[], _Workload]] = {
         "zeta": lambda: _zeta(variant, engine, material),
         "integration": lambda: _integration(variant, material),
         "encoding": lambda: _encoding(variant, material),
@@ -84,8 +84,8 @@ def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeat
 
 
 @dataclass(frozen=True)
-class _Job:
-    """Work to time; how many times as much the whole chart is; seconds that do not grow with the chart."""
+class _Workload:
+    """A function to time, the factor from window to whole chart, and seconds that do not grow with the chart."""
 
     work: Callable[[], Any]
     scale: float = 1.0
@@ -96,25 +96,25 @@ def _timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float]:
     seconds: list[float] = []
     result = None
     while len(seconds) <= repeats and max(seconds, default=0.0) < LONG_S:
-        result = None  # not two results in memory at a time
+        result = None  # frees the memory of the last run first
         begin = time.perf_counter()
         result = work()
         seconds.append(time.perf_counter() - begin)
     return result, min(seconds[1:] or seconds)
 
 
-def _zeta(variant: Variant, engine: Engine, material: Material) -> _Job:
+def _zeta(variant: Variant, engine: Engine, material: Material) -> _Workload:
     from service.reflectance.super_resolution import Grain, enlarge, resample
 
     if variant.knob:
         height, width = material.texture.shape[:2]
         factor = material.result("zeta").shape[0] // material.window.of(material.texture).shape[0]
         size = (width * factor, height * factor)
-        return _Job(lambda: resample(material.texture, size))
-    return _Job(lambda: enlarge(material.whole_texture(), Grain(), engine, variant.tile))
+        return _Workload(lambda: resample(material.texture, size))
+    return _Workload(lambda: enlarge(material.whole_texture(), Grain(), engine, variant.tile))
 
 
-def _translation(variant: Variant, engine: Engine, network: Network, material: Material) -> _Job:
+def _translation(variant: Variant, engine: Engine, network: Network, material: Material) -> _Workload:
     what = network.description
     if variant.halo < 1:
         what = replace(what, halo=int(what.halo * variant.halo) // what.stride * what.stride)
@@ -129,7 +129,7 @@ def _translation(variant: Variant, engine: Engine, network: Network, material: M
         result: Result = np.zeros((height, width, 2), np.int16) if normal else np.zeros(
             (height, width, len(what.outputs)), np.uint16)  # fmt: skip
 
-        def keep(tile: Tile, values: npt.NDArray[np.float32]) -> None:
+        def keep(tile: Tile, values: Float32) -> None:
             packed = pack_normals(*values) if normal else np.moveaxis(to_codes(values), 0, 2)
             result[tile.scaled(1)] = packed
 
@@ -137,11 +137,11 @@ def _translation(variant: Variant, engine: Engine, network: Network, material: M
         return result
 
     whole = (variant.width, variant.width * FULL_SIZE[1] // FULL_SIZE[0])
-    return _Job(run, computed(whole, variant.tile, what) / computed(planes.size, variant.tile, what), fixed)
+    return _Workload(run, computed(whole, variant.tile, what) / computed(planes.size, variant.tile, what), fixed)
 
 
 def computed(size: tuple[int, int], tile: int, what: Description) -> int:
-    """Pixels of input that a network computes for a map (width, height), halos included."""
+    """Pixels of input that a network computes for a map (width, height), padding included."""
     return sum(
         (one.bottom - one.top + 2 * what.halo) * (one.right - one.left + 2 * what.halo)
         for one in tiles(*size, tile, what.stride)
@@ -149,7 +149,7 @@ def computed(size: tuple[int, int], tile: int, what: Description) -> int:
 
 
 def inputs(variant: Variant, engine: Engine, material: Material, what: Description) -> tuple[Planes, float]:
-    """What a translator reads in the window, and the seconds of delta's context, which sees the whole chart once."""
+    """Input of a translator in the window, and the seconds of delta's context, which runs once on the whole chart."""
     planes = material.map_planes(variant.width)
     seconds = 0.0
     if variant.stage == "delta" or SHADED_GREY in what.channels:
@@ -169,7 +169,7 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
     return planes, seconds
 
 
-def _integration(variant: Variant, material: Material) -> _Job:
+def _integration(variant: Variant, material: Material) -> _Workload:
     from service.bench.material import resized_mask
     from service.reflectance.relief.displacement import displacement
     from service.reflectance.relief.integrate import MOST_STEPS
@@ -185,7 +185,7 @@ def _integration(variant: Variant, material: Material) -> _Job:
     def work() -> Result:
         return displacement(normals, steps, mask, tolerance=tolerance, most_steps=most, keep_cliffs=cliffs)[0]
 
-    return _Job(work, variant.width**2 * FULL_SIZE[1] / FULL_SIZE[0] / side**2)
+    return _Workload(work, variant.width**2 * FULL_SIZE[1] / FULL_SIZE[0] / side**2)
 
 
 def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
@@ -198,9 +198,9 @@ def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
     return np.asarray(np.rint(small), np.int16)
 
 
-def _encoding(variant: Variant, material: Material) -> _Job:
+def _encoding(variant: Variant, material: Material) -> _Workload:
     from service.archive import png
-    from service.archive.images import encode_png, quantise_normals
+    from service.archive.images import encode_png, quantise_normals, to_8_bits
     from service.reflectance.result import unpack_normals
 
     kind, bits, level = coding(variant.knob)
@@ -211,24 +211,24 @@ def _encoding(variant: Variant, material: Material) -> _Job:
         strip = codes[first:last]
         if kind == "normals":
             return quantise_normals(unpack_normals(strip), bits)
-        return strip if bits == 16 else ((strip.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
+        return strip if bits == 16 else to_8_bits(strip)
 
     def work() -> bytes:
         if level is None:
             return png.encode(png.Rows((*codes.shape[:2], 3), bits, read), srgb=kind != "normals")
         return encode_png(read(0, len(codes)), srgb=kind != "normals", level=level)
 
-    return _Job(work, FULL_SIZE[0] * FULL_SIZE[1] / (codes.shape[0] * codes.shape[1]))
+    return _Workload(work, FULL_SIZE[0] * FULL_SIZE[1] / (codes.shape[0] * codes.shape[1]))
 
 
 def coding(knob: str) -> tuple[str, int, int | None]:
-    """Kind of map, bits and level of OpenCV's packing of a knob such as "normals 8 bits, level 1"; None: in strips."""
+    """Kind of map, bits and OpenCV's compression level of a knob such as "normals 8 bits, level 1"; None: in strips."""
     kind, bits, _, how, level = knob.replace(",", "").split()
     return kind, int(bits), int(level) if how == "level" else None
 
 
 def _decoded(variant: Variant, data: bytes) -> Result:
-    """What a reader gets: codes as the reference's."""
+    """The decoded PNG in the reference's codes."""
     import cv2
 
     from service.archive.images import normal_coding

@@ -1,4 +1,4 @@
-"""What is tried: every knob that trades accuracy for time, one at a time from the reference."""
+"""Variants of the benchmark: every setting that trades accuracy for time, one at a time from the reference."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ NETWORKS: dict[StageName, tuple[str, ...]] = {
     "integration": (),
     "encoding": (),
 }
-"""Models that a stage loads."""
+"""Networks of each stage."""
 
 SHIPPED = "shipped"
-"""Name of the family of networks that is the reference."""
+"""Name of the reference family of networks."""
 
 INT8: tuple[Precision, ...] = ("int8 dynamic", "int8 static")
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to do one stage.
+    """One variant of one stage.
 
     Attributes:
         stage: which.
         family: of networks; the name of a folder.
         runtime, precision: of the networks.
         tile: inner side of tiles in texels.
-        halo: share of the network's own halo that tiles are read with; below 1 the result depends on the tiles.
+        halo: fraction of the network's halo that tiles are padded with; below 1 the result depends on the tiles.
         width: of the maps in texels.
-        knob: what else differs: "resampled" for zeta, the solver's tolerance, or the coding of a map.
+        knob: another setting: "resampled" for zeta, the solver's tolerance, or the coding of a map.
     """
 
     stage: StageName
@@ -58,12 +58,12 @@ class Variant:
 
     @property
     def reference(self) -> bool:
-        """Whether the others are compared with this one."""
+        """Whether this is the reference of its stage."""
         return self == reference(self.stage)
 
     @property
     def label(self) -> str:
-        """What is unlike the reference, in words."""
+        """The differences to the reference, as text."""
         plain = reference(self.stage)
         words = [self.family] if self.family != plain.family else []
         if self.runtime != plain.runtime:
@@ -88,26 +88,26 @@ CODINGS = (
 
 
 def reference(stage: StageName) -> Variant:
-    """fp32 on onnxruntime, full halo, 6144 texels wide, the solver run to its end, 16 bits."""
+    """fp32 on onnxruntime, full padding, 6144 texels wide, the solver run to convergence, 16 bits."""
     return Variant(stage, knob={"integration": TOLERANCES[0], "encoding": CODINGS[0]}.get(stage, ""))
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is tried.
+    """Extent of a benchmark.
 
     Attributes:
         side: of the window of the chart, in texels of the full chart, that stages are measured on.
         widths: of maps, other than the reference's.
         tiles: other than the reference's.
-        halo_tile: one of the tiles, at which smaller halos are tried.
-        halos: shares, other than 1.
+        halo_tile: tile at which smaller padding is tried.
+        halos: padding shares, other than 1.
         int8: ways to quantise networks.
-        levels: of quality that are made from the photo to the archive.
-        sizes: widths of maps of the straight-line check.
-        draft: whether the whole is made at draft size with other runtimes, precisions and tiles.
+        levels: of quality, run from the photo to the archive.
+        sizes: widths of maps for the fit of time against size.
+        draft: whether draft quality is run with other runtimes, precisions and tiles.
         repeats: runs after the first; the fastest counts.
-        knobs: most values of a stage's own knob, other than the reference's.
+        knobs: most values of a stage's ``knob``, other than the reference's.
     """
 
     side: int
@@ -127,7 +127,7 @@ FULL = Extent(
     1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("int8 static",), ("draft", "standard", "high", "reference"),
     (1536, 3072, 6144), True, 1,
 )  # fmt: skip
-"""Dynamic quantisation is left to ``benchmarks.accuracy_time``: its convolutions are as slow as those of fp32."""
+"""Without dynamic quantisation, which ``benchmarks.accuracy_time`` has: its convolutions are as slow as fp32."""
 QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (), (384, 768, 1536), False, 0, 1)
 
 
@@ -145,7 +145,7 @@ def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str
 
 
 def precisions(extent: Extent) -> Iterator[tuple[RuntimeName, Precision]]:
-    """What this machine and this installation can compute with, other than the reference."""
+    """Runtimes and precisions of this machine and installation, other than the reference's."""
     if has_openvino():
         yield "openvino", "fp32"
         if has_bf16():
@@ -164,7 +164,7 @@ def _of_networks(extent: Extent, first: Variant, families: Sequence[str]) -> Ite
 
 @dataclass(frozen=True)
 class Family:
-    """Networks of one size: where they lie, and which are there."""
+    """Networks of one size: folder and names."""
 
     name: str
     folder: Path

@@ -1,4 +1,4 @@
-"""The whole way from a photo to an archive, timed by stage; and the window of its maps, to compare."""
+"""One run from a photo to an archive, timed by stage, and the window of its maps for comparison."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from service.runtime.tiles import DEFAULT_TILE
 COMPARED: dict[str, Kind] = {
     "diffuse_albedo": "colour", "specular_albedo": "colour", "specular_normal": "normal", "diffuse_normal": "normal",
 }  # fmt: skip
-"""Maps whose loss is told."""
+"""Maps whose loss is reported."""
 
 WRITING = "write"
+"""Name of the time of writing the archive."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class Whole:
     """One run.
 
     Attributes:
-        label: what it is.
-        quality: a level, which decides on enlarging, bits and the fine mesh.
+        label: its name.
+        quality: a level, which decides on super-resolution, bits and the fine mesh.
         width: of the maps; None for the level's.
         engine: of the networks.
         tile: inner side of tiles.
@@ -50,7 +51,7 @@ class Whole:
 
 @dataclass(frozen=True)
 class Made:
-    """What a run took: seconds in all and by stage, peak memory, bytes of the archive, width of the maps."""
+    """Result of a run: seconds in total and by stage, peak memory in MiB, archive in MB, width of the maps."""
 
     seconds: float
     timings_s: Mapping[str, float]

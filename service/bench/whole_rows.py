@@ -1,4 +1,4 @@
-"""Whole archives measured: the levels, other sizes, and drafts by other means."""
+"""Measure runs from photo to archive: all levels, other sizes, and draft quality with other engines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from service.runtime.networks import Precision as EnginePrecision
 
 
 def whole_runs(at: Extent, families: Sequence[Family], threads: int, int8: Mapping[str, Path]) -> list[Whole]:
-    """Runs of the whole; the last is the reference. Levels that come to the same on this machine are one run."""
+    """Whole runs; the last is the reference. Levels with equal settings on this machine share one run."""
     folder = families[0].folder
     runs: dict[tuple[object, ...], Whole] = {}
     for name in at.levels:
@@ -41,7 +41,7 @@ def whole_runs(at: Extent, families: Sequence[Family], threads: int, int8: Mappi
 
 
 def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine, int8: Mapping[str, Path]) -> list[Whole]:
-    """Draft by other means than the level's own."""
+    """Draft quality with other engines, tiles and networks."""
     found = []
     networks = Plan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
     for runtime, precision in (("onnxruntime", "fp32"), *precisions(at)):
@@ -57,7 +57,7 @@ def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine, int8: Ma
 
 
 def measure_wholes(at: Setting, progress: Progress) -> list[WholeRow]:
-    """A row for each run of the whole; losses are against the last, the reference."""
+    """A row for each whole run; losses are against the last, the reference."""
     runs = whole_runs(at.extent, at.families, at.threads, at.int8)
     rows = []
     for index, run in enumerate(runs):
@@ -70,7 +70,7 @@ def measure_wholes(at: Setting, progress: Progress) -> list[WholeRow]:
     if not rows:
         return rows
     if rows[-1].fault:
-        at.notes.append("the whole has no losses: the run that is the reference failed")
+        at.notes.append("whole runs have no losses: the reference run failed")
         return rows
     with np.load(at.folder / f"whole{len(rows) - 1}.npz") as file:
         best = {name: file[name] for name in file.files}
@@ -103,7 +103,7 @@ def _told(rows: Sequence[WholeRow]) -> list[str]:
 
 
 def straight(rows: Sequence[WholeRow], extent: Extent) -> Line | None:
-    """The line through seconds, super-resolution left out as its cost does not depend on the size of the map."""
+    """Line through seconds without super-resolution, whose cost does not depend on the size of the map."""
     points = dict(sized(rows, extent))
     return line(*zip(*sorted(points.items()), strict=True)) if len(points) > 2 else None
 

@@ -1,8 +1,8 @@
-"""Work in a network, counted from its graph: multiply-adds of convolutions and matrix products.
+"""Operations of a network, counted from its graph: multiply-adds of convolutions and matrix products.
 
 The runtime knows the shape of every tensor once it has run the graph; its profile of one run on a small map, with no
-node fused or folded, has them. Everything else in the networks (activations, sums, resizing) is not counted: a floor is
-what cannot be avoided.
+node fused or folded, has them. Other operations (activations, sums, resizing) are not counted, as this is for a lower
+bound.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from service.runtime.networks import INPUT, OUTPUT, describe
 from service.runtime.sessions import checked_bytes, profile
 
 SIDE = 128
-"""Pixels (rounded to the stride) of the square that networks for tiles are counted on."""
+"""Side of the square on which networks for tiles are counted, pixels, rounded to the stride."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What one network does.
+    """Operations and memory traffic of one network.
 
     Attributes:
         multiply_adds: of one pixel of input where the network runs in tiles; of one run where it takes a whole map.
-        numbers: float32 numbers that go in and come out, per pixel of input, or of one run likewise.
+        numbers: float32 numbers of input and output, per pixel of input, or of one run likewise.
         weights: bytes of the file.
     """
 
@@ -58,7 +58,7 @@ def count(name: str, folder: Path) -> Work:
 
 
 def nodes(events: Iterable[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
-    """Facts of the nodes among the events of a profile, one each."""
+    """Arguments of the node events of a profile, one per node."""
     for event in events:
         if event.get("cat") == "Node" and str(event.get("name", "")).endswith("_kernel_time"):
             yield event["args"]

@@ -1,4 +1,4 @@
-"""The command ``avatarme``: what it offers. Each command lives in a module of its own that is imported when it runs."""
+"""The command ``avatarme``: its commands and options. Each command's module is imported when it runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help: square brackets are ours, and rich is not imported for it
+    rich_markup_mode=None,  # square brackets in help are literal, and rich need not be imported
 )
 
 MAPS_HELP = (
@@ -44,8 +44,8 @@ Seed = Annotated[int | None, typer.Option(help="Seed of every random choice. [de
 
 def main() -> None:
     """Entry point of the console script; always ends in SystemExit with the status of ``service.cli.failures``."""
-    # OpenBLAS reads this once, when numpy loads. The fit's matrices are too small to gain from threads, and OpenBLAS
-    # waits for its threads by spinning: a fit of 0.13 s took 9 s while another process had the second core.
+    # OpenBLAS reads this when numpy loads. The fit's matrices are too small to gain from threads, and OpenBLAS waits
+    # for its threads by spinning: a fit of 0.13 s took 9 s while another process used the second core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app(prog_name="avatarme")
 
@@ -188,7 +188,7 @@ def maps(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Make reflectance maps for a head of one's own, without a photo.
+    """Make reflectance maps for an external mesh and texture, without a photo.
 
     Exit status: 0 done, 2 usage, 4 texture or mesh cannot be used, 1 anything else.
     """

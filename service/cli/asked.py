@@ -1,4 +1,4 @@
-"""From the flags of ``make`` and ``batch`` to options: words are parsed here, checked in ``service.options``."""
+"""From the flags of ``make`` and ``batch`` to options: parsed here, checked in ``service.options``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PARSERS: dict[str, Callable[[str], Any]] = {
 
 
 def asked(**flags: Any) -> dict[str, Any]:
-    """Fields of :class:`Options` that were asked for; a flag that was not given (None) is left out.
+    """Fields of :class:`Options` whose flags were given (are not None).
 
     Raises:
         UsageError: a value is out of range or cannot be read.
@@ -28,5 +28,5 @@ def asked(**flags: Any) -> dict[str, Any]:
 
 
 def as_json(fields: dict[str, Any]) -> dict[str, Any]:
-    """The same as JSON values."""
+    """Fields of :class:`Options` as JSON values."""
     return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}

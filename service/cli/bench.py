@@ -1,4 +1,4 @@
-"""``avatarme bench``: what accuracy costs in time, on this machine."""
+"""``avatarme bench``: accuracy against time on this machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def bench(*, quick: bool, as_json: bool, output: str | None, networks: str | Non
     Args:
         quick: fewer variants, smaller maps.
         as_json: print JSON.
-        output: folder for ``accuracy-time.md`` and ``.png``; a file with marks keeps the text around them.
+        output: folder for ``accuracy-time.md`` and ``.png``; the text around the marks of an existing file is kept.
         networks: folder of further networks.
 
     Raises:
@@ -63,9 +63,9 @@ def bench(*, quick: bool, as_json: bool, output: str | None, networks: str | Non
 
 
 def find_families(folder: Path | None, shipped: Path = MODELS) -> list[Family]:
-    """The shipped networks, then those of ``folder``: it has a models.json, or folders of its own that have one.
+    """The shipped networks, then those of ``folder``, which has a models.json or subfolders with one.
 
-    An installation without networks takes those of ``folder`` alone.
+    Without shipped networks, those of ``folder`` alone.
 
     Raises:
         UsageError: ``folder`` has no networks.
@@ -76,7 +76,7 @@ def find_families(folder: Path | None, shipped: Path = MODELS) -> list[Family]:
     if folder is not None:
         places = [folder] if (folder / TABLE).is_file() else sorted(path.parent for path in folder.glob(f"*/{TABLE}"))
         if not places:
-            raise UsageError(f"{folder} has no {TABLE}, nor has any folder in it", field="networks")
+            raise UsageError(f"{folder} has no {TABLE}, and neither has any of its subfolders", field="networks")
         families += [_family(place.resolve().name, place) for place in places]
     if not families:
         raise UsageError(

@@ -1,4 +1,4 @@
-"""``avatarme doctor``: is this installation well, and what is it made of?"""
+"""``avatarme doctor``: check the installation, and print its facts."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from service.errors import AvatarError
 from service.options import Options
 
 TRIAL_SIZE = (384, 256)
-"""Small maps: every network that draft quality needs runs, in a second."""
+"""Size of the maps of the self-test: all networks of draft quality run in a second."""
 
 
 def doctor(*, as_json: bool) -> None:
-    """Print the findings; raises ``typer.Exit(1)`` where something is not well."""
+    """Print the findings; raises ``typer.Exit(1)`` where there are faults."""
     findings = examine()
     typer.echo(json.dumps(findings) if as_json else as_text(findings))
     if findings["faults"]:
@@ -27,7 +27,7 @@ def doctor(*, as_json: bool) -> None:
 
 
 def examine() -> dict[str, Any]:
-    """Facts of the machine and the installation, and ``faults``: a sentence for each thing that is not well."""
+    """Facts of the machine and the installation, and ``faults``, one sentence each."""
     libraries = diagnosis.library_versions()
     faults = [f"{name} is not installed" for name in diagnosis.REQUIRED if libraries[name] is None]
     files: list[str] = []
@@ -65,7 +65,7 @@ def self_test() -> tuple[dict[str, Any], list[str]]:
         stream = io.BytesIO()
         avatar = make_avatar(diagnosis.SAMPLE.read_bytes(), Options(quality="draft", size=TRIAL_SIZE))
         write_archive(avatar, stream)
-    except Exception as error:  # a doctor reports whatever is wrong, bugs included
+    except Exception as error:  # the doctor reports every fault, bugs included
         return {}, [f"self-test failed: {type(error).__name__}: {error}"]
     return {
         "seconds": round(time.perf_counter() - begin, 3),
@@ -76,7 +76,7 @@ def self_test() -> tuple[dict[str, Any], list[str]]:
 
 
 def as_text(findings: dict[str, Any]) -> str:
-    """The findings for people, one line each; faults last."""
+    """The findings as text, one line each, faults last."""
     cpu, memory, trial = findings["cpu"], findings["memory_mb"], findings["self_test"]
     versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in findings["libraries"].items())
     lines = [

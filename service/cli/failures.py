@@ -1,4 +1,4 @@
-"""How a fault leaves the command line: the one place that maps errors to exit statuses and to words."""
+"""Errors on the command line: the only place that maps them to exit statuses and messages."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ import typer
 from service.errors import AvatarError
 
 INTERRUPTED = 130
-"""128 + SIGINT, as shells expect of a program that Ctrl-C ended."""
+"""128 + SIGINT: the exit status that shells expect after Ctrl-C."""
 
 UNEXPECTED = 1
+"""Exit status of a bug."""
 
 
 def exit_status(error: BaseException) -> int:
-    """Exit status for a fault: that of its class in ``service.errors``, 130 for Ctrl-C, 1 for anything else."""
+    """Exit status of an error: that of its class in ``service.errors``, 130 for Ctrl-C, 1 for anything else."""
     if isinstance(error, AvatarError):
         return error.exit_status
     return INTERRUPTED if isinstance(error, KeyboardInterrupt) else UNEXPECTED
 
 
 def describe(error: BaseException) -> dict[str, Any]:
-    """``{"error": {"code", "message", ...}}`` with the machine-readable facts that the fault carries."""
+    """``{"error": {"code", "message", ...}}`` with the error's machine-readable facts."""
     if isinstance(error, AvatarError):
         return {"error": {**error.extra, "code": error.code, "message": error.message}}
     if isinstance(error, KeyboardInterrupt):
@@ -36,9 +37,9 @@ def describe(error: BaseException) -> dict[str, Any]:
 
 @contextmanager
 def reported(*, as_json: bool) -> Iterator[None]:
-    """Turn any fault of the body into words on stderr, a JSON object on stdout if asked for, and ``typer.Exit``.
+    """Turn any exception of the body into a message on stderr, JSON on stdout if requested, and ``typer.Exit``.
 
-    A fault that is not ours is a bug, so its traceback goes to stderr for the bug report.
+    An exception that is not an :class:`AvatarError` is a bug, so its traceback goes to stderr for the bug report.
     """
     try:
         yield

@@ -1,8 +1,10 @@
-"""Reading one bounded file, or standard input."""
+"""Input and output paths: bounded reading, standard input and output, checks of combinations."""
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from service.errors import TooManyBytes, UnreadableInput, UsageError
@@ -12,12 +14,12 @@ PIPE = "-"
 
 
 def called(source: str) -> str:
-    """What messages call a source."""
+    """Name of a source in messages."""
     return "standard input" if source == PIPE else source
 
 
 def read_bounded(source: str, limit: int) -> bytes:
-    """At most ``limit + 1`` bytes of a file, or of standard input for ``-``, which may be endless.
+    """At most ``limit + 1`` bytes of a file, or of standard input for ``-``, which may be infinite.
 
     Raises:
         FileNotFoundError, NotADirectoryError, IsADirectoryError: there is no such file.
@@ -33,6 +35,46 @@ def read_bounded(source: str, limit: int) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise UnreadableInput(f"cannot read {called(source)}: {reason}") from error
+
+
+def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:
+    """Check that inputs and output do not share a stream or a file.
+
+    Args:
+        output: path, or ``-`` for standard output.
+        inputs: path, or ``-`` for standard input, by what it is.
+        what: the output in messages.
+        example: a file name for ``-o`` in messages.
+        as_json: whether a JSON object goes to standard output.
+
+    Raises:
+        UsageError: two inputs from standard input; output and JSON, or a terminal, on standard output; an input that
+            the output would overwrite.
+    """
+    piped = [name for name, path in inputs.items() if path == PIPE]
+    if len(piped) > 1:
+        raise UsageError(f"{' and '.join(piped)} cannot both come from standard input; name a file for one of them")
+    if output == PIPE and as_json:
+        raise UsageError(f"--json and the {what} cannot both go to standard output; name a file with -o {example}")
+    if output == PIPE and sys.stdout.isatty():
+        raise UsageError(f"standard output is a terminal; name a file with -o {example}, or redirect it")
+    for name, path in inputs.items():
+        files = output != PIPE and path != PIPE and os.path.exists(output) and os.path.exists(path)
+        if files and os.path.samefile(output, path):
+            raise UsageError(f"{output} is the {name}, which would be overwritten; name another file with -o {example}")
+
+
+def head_file(path: str | None) -> Path | None:
+    """Path of a head model file, None for the shipped one.
+
+    Raises:
+        UsageError: there is no such file.
+    """
+    if path is not None and not Path(path).is_file():
+        raise UsageError(
+            f"there is no head model file {path}; docs/head-model.md describes how to make one", field="head"
+        )
+    return None if path is None else Path(path)
 
 
 def read_file(source: str, limit: int, what: str) -> bytes:

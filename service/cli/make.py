@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from service.cli.files import PIPE
+from service.cli.files import PIPE, head_file
 from service.cli.progress import progress_bar
 from service.cli.source import destination, read_photo
-from service.errors import UsageError
 from service.options import Options
 
 if TYPE_CHECKING:
@@ -22,31 +21,29 @@ if TYPE_CHECKING:
 
 
 def make(photo: str, output: str | None, options: Options, *, head: str | None = None, as_json: bool) -> None:
-    """Read ``photo``, run the pipeline, write the archive, say what came of it.
+    """Read ``photo``, run the pipeline, write the archive, report the result.
 
     Args:
         photo: path, or ``-`` for standard input.
         output: path, ``-`` for standard output, or None for beside the photo.
         options: the request.
-        head: path of a head model file, None for the one in the box.
+        head: path of a head model file, None for the shipped one.
         as_json: print facts of the run as one JSON object instead of the path.
 
     Raises:
         UsageError: there is no head model file of that name.
-        AvatarError: whatever a stage found wrong.
+        AvatarError: as the stages raise it.
     """
     begin = time.perf_counter()
     target = destination(photo, output, as_json=as_json)
-    head_file = None if head is None else Path(head)
-    if head_file is not None and not head_file.is_file():
-        raise UsageError(f"there is no head model file {head}; docs/head-model.md says how one is made", field="head")
+    model = head_file(head)
     data = read_photo(photo)
     with progress_bar() as progress:
-        # The numeric libraries take a large part of a second to import: first the cheap checks, then those.
+        # After the cheap checks, as importing the numeric libraries takes a large part of a second.
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
 
-        avatar = make_avatar(data, options, progress, head_file)
+        avatar = make_avatar(data, options, progress, model)
         write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
     seconds = time.perf_counter() - begin
     for code in avatar.all_warnings():
@@ -54,7 +51,7 @@ def make(photo: str, output: str | None, options: Options, *, head: str | None =
     if as_json:
         typer.echo(json.dumps(summary(avatar, target, seconds), allow_nan=False))
     elif target != PIPE:
-        typer.echo(os.fsencode(target))  # bytes: a file name need not be text
+        typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
 
 
 def summary(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:

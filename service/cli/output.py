@@ -1,4 +1,4 @@
-"""Writing one file of results: whole or not at all."""
+"""Atomic writing of one output file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def write_bytes(target: str, data: bytes) -> None:
     """Write to a path, or to standard output for ``-``.
 
     Raises:
-        OutputFault: it cannot be written; a file that was there before is still there.
+        OutputFault: it cannot be written; an existing file is unchanged.
     """
     if target != PIPE:
         replace_file(Path(target), lambda stream: stream.write(data))

@@ -1,4 +1,4 @@
-"""The progress bar, on stderr and only where a person can see it."""
+"""The progress bar, on stderr where that is a terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """A bar while stderr is a terminal, else nothing. Colour obeys NO_COLOR."""
+    """A progress bar if stderr is a terminal, else a function that does nothing. Colour obeys NO_COLOR."""
     if not sys.stderr.isatty():
         yield lambda stage, share: None
         return

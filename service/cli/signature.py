@@ -1,4 +1,4 @@
-"""Commands that share options: they stand in one place, so that they cannot drift apart."""
+"""Commands that share the options of another one, so that they cannot diverge."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Callable, Collection
 def with_options_of(
     command: Callable[..., None], other: Callable[..., None], *, leave_out: Collection[str]
 ) -> Callable[..., None]:
-    """``command`` with the parameters of ``other`` in place of its ``**`` parameter, in the eyes of typer.
+    """``command`` whose signature has the parameters of ``other`` in place of its ``**`` parameter, for typer.
 
     Args:
         command: a function whose last parameter is ``**``.
         other: the function whose parameters are to be taken as well.
-        leave_out: names of those that are not.
+        leave_out: names of parameters of ``other`` to leave out.
     """
     own = inspect.signature(command, eval_str=True)
     plain = [item for item in own.parameters.values() if item.kind is not inspect.Parameter.VAR_KEYWORD]

@@ -1,12 +1,10 @@
-"""Where the photo comes from and where the archive goes."""
+"""Input photo and output path of ``make``."""
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
 
-from service.cli.files import PIPE, called, read_bounded
+from service.cli.files import PIPE, called, check_paths, read_bounded
 from service.errors import EmptyFile, TooManyBytes, UsageError
 from service.photo.limits import Limits
 
@@ -18,7 +16,7 @@ def read_photo(source: str) -> bytes:
         UsageError: there is no such file, or it is a folder.
         UnreadableInput: the system refuses to read it.
         EmptyFile: zero bytes.
-        TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be endless.
+        TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be infinite.
     """
     limit = Limits().max_bytes
     name = called(source)
@@ -36,18 +34,12 @@ def read_photo(source: str) -> bytes:
 
 
 def destination(source: str, output: str | None, *, as_json: bool) -> str:
-    """The path of the archive, or ``-``: what was asked for, else beside the photo, else standard output for a pipe.
+    """Path of the archive, or ``-``: as given, else beside the photo, or standard output for a photo from a pipe.
 
     Raises:
         UsageError: the archive would overwrite the photo, share standard output with the JSON, or fill a terminal.
     """
     if output is None:
         output = PIPE if source == PIPE else str(Path(source).with_suffix(".zip"))
-    if output == PIPE:
-        if as_json:
-            raise UsageError("--json and the archive cannot both go to standard output; name a file with -o OUT.zip")
-        if sys.stdout.isatty():
-            raise UsageError("standard output is a terminal; name a file with -o OUT.zip, or redirect it")
-    elif source != PIPE and os.path.exists(output) and os.path.samefile(source, output):
-        raise UsageError(f"{output} is the photo itself; name another file with -o OUT.zip")
+    check_paths(output, {"photo": source}, what="archive", example="OUT.zip", as_json=as_json)
     return output

@@ -1,4 +1,4 @@
-"""Which of the faces in a photo is to be fitted, or why none can be."""
+"""Choose the face to fit among those found in a photo, or say why none can be fitted."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from service.face.face import Face
 SMALLEST_FACE = 40.0
 """Face box in pixels below which no fit is attempted.
 
-Landmarks of real photos that were shrunk differ from those of the full photo, in root mean square over the
-inter-ocular distance, by 0.7 % for faces of 80 pixels, 2.0 % for 40, 2.7 % for 30, 3.3 % for 24 (median of 17 photos;
-largest 1.2, 3.4, 5.0 and 5.5 %): below 40 the landmarks' own noise takes more than a good fit may be off.
+Measured by shrinking 17 real photos: root mean square shift of the landmarks over the inter-ocular distance, median
+(largest), is 0.7 % (1.2 %) for a face of 80 pixels, 2.0 % (3.4 %) for 40, 2.7 % (5.0 %) for 30 and 3.3 % (5.5 %) for
+24. Below 40 pixels this noise alone exceeds the landmark error of a good fit.
 """
 GOOD_FACE = 80.0
-"""Face box in pixels that the messages recommend."""
+"""Face box in pixels that the error messages recommend."""
 RIVAL_AREA = 1 / 6
-"""A second face counts when its box has at least this part of the largest one's area."""
+"""Box area over that of the largest face, from which another face makes the choice ambiguous."""
 INSIDE_SHARE = 0.75
-"""Part of the mesh points that must lie inside the photo."""
+"""Smallest fraction of the landmarks that must lie inside the photo."""
 
 
 def choose_face(faces: list[Face], which: int | Literal["largest"] | None, photo_size: tuple[int, int]) -> Face:
     """The one face to fit.
 
-    Without a choice (None) there must be one face that matters: others count only when their box has at least a sixth
-    of the largest one's area, so people in the background of a portrait do not stand in the way.
+    Without a choice (None) the largest face has to be unambiguous: other faces are ignored when their box has less
+    than a sixth of its area, so that people in the background of a portrait do not prevent a fit.
 
     Args:
         faces: as ``FaceFinder.find`` returns them, largest first.
@@ -37,7 +37,7 @@ def choose_face(faces: list[Face], which: int | Literal["largest"] | None, photo
 
     Raises:
         NoFace: there is none.
-        MultipleFaces: several matter and none was chosen; ``extra["boxes"]`` has all boxes, in the order of the index.
+        MultipleFaces: several are large enough and none was chosen; ``extra["boxes"]`` lists all boxes by index.
         UsageError: the index does not exist.
         FaceTooSmall: the box is smaller than 40 pixels.
         FaceCutOff: less than three quarters of the face lie inside the photo.

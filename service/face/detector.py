@@ -1,4 +1,4 @@
-"""BlazeFace: anchors, decoding and merging of boxes.
+"""BlazeFace: anchors, decoding of boxes, non-maximum suppression by averaging.
 
 Bazarevsky et al., "BlazeFace: Sub-millisecond Neural Face Detection on Mobile GPUs", 2019; constants as in MediaPipe's
 ``face_detection_back`` graph (256 pixels, strides 16, 32, 32, 32).
@@ -9,18 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float64, UInt8
 from service.face.region import Region, roll
 from service.runtime.sessions import Session, load_session
 
-Float = npt.NDArray[np.float64]
-
 INPUT_SIZE = 256
+"""Side of the network's input, pixels."""
 STRIDES = (16, 32, 32, 32)
 MERGE_OVERLAP = 0.3
-"""Boxes that overlap by more (intersection over union) are one face (MediaPipe's min_suppression_threshold)."""
+"""Intersection over union above which two boxes are the same face (MediaPipe's min_suppression_threshold)."""
 LOGIT_LIMIT = 80.0
+"""Magnitude at which raw scores are clipped, so that the sigmoid's exponential does not overflow."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class Detection:
         keypoints: (6, 2) float64, in the order of ``Face.keypoints``.
     """
 
-    centre: Float
+    centre: Float64
     size: float
     score: float
-    keypoints: Float
+    keypoints: Float64
 
     @property
-    def box(self) -> Float:
+    def box(self) -> Float64:
         """(4,) x0, y0, x1, y1 of the upright square."""
         half = self.size / 2
         return np.concatenate([self.centre - half, self.centre + half])
@@ -55,8 +55,8 @@ class Detection:
         return Region(float(self.centre[0]), float(self.centre[1]), self.size * scale, self.angle)
 
 
-def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float:
-    """(A, 2) float64 anchor centres in input pixels: per cell two for each layer, layers of equal stride together.
+def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float64:
+    """(A, 2) float64 anchor centres in input pixels: two per cell and layer, layers of equal stride together.
 
     >>> anchors().shape
     (896, 2)
@@ -70,9 +70,7 @@ def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float
     return np.concatenate(parts)
 
 
-def decode(
-    regressors: npt.NDArray[np.floating], logits: npt.NDArray[np.floating], grid: Float, threshold: float
-) -> tuple[Float, Float]:
+def decode(regressors: AnyFloat, logits: AnyFloat, grid: Float64, threshold: float) -> tuple[Float64, Float64]:
     """Boxes and keypoints in input pixels.
 
     Args:
@@ -93,7 +91,7 @@ def decode(
     return points[keep], scores[keep]
 
 
-def overlap(one: Float, others: Float) -> Float:
+def overlap(one: Float64, others: Float64) -> Float64:
     """(N,) intersection over union of a (4,) box with (N, 4) boxes x0, y0, x1, y1; 0 where both are empty."""
     low = np.maximum(one[:2], others[:, :2])
     high = np.minimum(one[2:], others[:, 2:])
@@ -106,7 +104,7 @@ def overlap(one: Float, others: Float) -> Float:
 def merge(found: list[Detection], limit: float = MERGE_OVERLAP) -> list[Detection]:
     """Average detections of the same face, weighted by score, best first (MediaPipe's weighted suppression).
 
-    Greedy suppression would keep one of two half-off boxes; their average sits on the face.
+    Greedy suppression would keep one of two boxes that are each half off the face; their average is centred on it.
     """
     rest = sorted(found, key=lambda d: -d.score)
     merged = []
@@ -131,14 +129,14 @@ def _average(group: list[Detection]) -> Detection:
 
 
 class Detector:
-    """The detector network behind a region: crop, run, decode, merge, carry back to the photo."""
+    """The detector network applied to square regions: crop, run, decode, merge, map back to the photo."""
 
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_detector", threads)
         self._anchors = anchors()
 
-    def __call__(self, pixels: npt.NDArray[np.uint8], region: Region, threshold: float = 0.5) -> list[Detection]:
-        """Faces of at least ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
+    def __call__(self, pixels: UInt8, region: Region, threshold: float = 0.5) -> list[Detection]:
+        """Faces of score >= ``threshold`` in a square of an (H, W, 3) uint8 photo, best first, in photo pixels."""
         crop = region.cut(pixels, INPUT_SIZE)
         image = crop.astype(np.float32)[None] / 127.5 - 1
         regressors, logits = self._session.run({"image": image})
@@ -146,6 +144,6 @@ class Detector:
         scale = region.side / INPUT_SIZE
         found = []
         for row, score in zip(points, scores, strict=True):
-            carried = region.to_photo(np.concatenate([row[:1], row[2:]]), INPUT_SIZE)
-            found.append(Detection(carried[0], float(row[1].max()) * scale, float(score), carried[1:]))
+            mapped = region.to_photo(np.concatenate([row[:1], row[2:]]), INPUT_SIZE)
+            found.append(Detection(mapped[0], float(row[1].max()) * scale, float(score), mapped[1:]))
         return merge(found)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import Float64
 
 LANDMARK_COUNT = 468
 """MediaPipe face mesh topology."""
@@ -27,10 +28,10 @@ class Face:
         warnings: stable codes found while locating the face.
     """
 
-    box: npt.NDArray[np.float64]
+    box: Float64
     score: float
-    keypoints: npt.NDArray[np.float64]
-    landmarks: npt.NDArray[np.float64]
+    keypoints: Float64
+    landmarks: Float64
     presence: float
     warnings: tuple[str, ...] = field(default=())
 

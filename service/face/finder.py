@@ -1,10 +1,9 @@
-"""From pixels to faces: search, then a second look at every candidate.
+"""Find the faces of a photo: multi-scale search, then verification of every candidate.
 
-The search goes from coarse to fine: the whole photo with a margin, the whole photo, then tiles of half its side, a
-quarter and so on, until the smallest face that would still count has been looked for. That is the smallest one worth
-reporting while none is known, else one of a sixth of the largest face's area. Where nothing is found, the photo's
-three turned copies are searched too. Each candidate then has to stand a second look in a level crop of its own, and
-its mesh has to agree with what the detector sees there.
+The search goes from coarse to fine: the whole photo with a margin, the whole photo, then overlapping tiles of half its
+side, a quarter and so on. It ends at the smallest face worth reporting or, once a face is known, at faces of a sixth of
+the largest one's area. If nothing is found, the photo is also searched turned by 90, 180 and 270 degrees. Each
+candidate is verified in separate level crops, in which detector and landmark mesh have to agree.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, UInt8
 from service.face import conditions
 from service.face.choice import RIVAL_AREA, choose_face
 from service.face.detector import INPUT_SIZE as DETECTOR_SIZE
@@ -24,27 +23,28 @@ from service.face.region import Region
 
 __all__ = ["FaceFinder", "choose_face"]
 
-Pixels = npt.NDArray[np.uint8]
+Pixels = UInt8
 
 SMALLEST_SOUGHT = 24.0
-"""Faces are sought down to this box size, so that a small one is reported as small and not as absent."""
+"""Smallest face box searched for, pixels; below ``SMALLEST_FACE``, so that a small face is reported as such."""
 SMALLEST_IN_CROP = 14.0
-"""Box size in the detector's 256-pixel input that it still finds (measured: 12 pixels, 98 of 100)."""
+"""Smallest box found reliably in the detector's 256-pixel input, pixels (measured: 98 of 100 at 12 pixels)."""
 MOST_TILES = 150
-"""The finest pass over a huge photo is coarsened to about this many tiles, which bounds the time."""
+"""Approximate limit of tiles in the finest pass; larger photos get larger tiles, which bounds the time."""
 MOST_CANDIDATES = 12
-"""Candidates of one pass that get a second look, best first."""
+"""Most candidates of one pass that are verified, best first."""
 HINT, CERTAIN = 0.4, 0.5
-"""Detector scores that make a candidate, and that its second look needs."""
+"""Detector scores from which a box is a candidate, and from which its verification succeeds."""
 UNCERTAIN = 10.0
-"""Presence logit below which the mesh carries the warning ``landmarks-uncertain``; yaw of 75 degrees and more."""
+"""Presence logit below which the face gets the warning ``landmarks-uncertain``; typical from 75 degrees of yaw."""
 ABSENT = 1.0
-"""Presence logit below which there is no face; a full profile, whose landmarks would be guesses, counts as none."""
+"""Presence logit below which there is no face; full profiles are below, as their landmarks would be guesses."""
 CONSISTENT = 0.12
 """Largest mean distance between mesh and detector keypoints, over the box size, that counts as agreement.
 
 Measured: 0.01 to 0.04 on portraits, over 0.2 for a mesh beside the face."""
-MOST_LOOKS = 3
+MOST_ROUNDS = 3
+"""Most rounds of detector and landmarks in the verification of a candidate."""
 LOW_RESOLUTION = 80.0
 """Face box in pixels below which the fit is less certain (warning ``low-resolution``)."""
 
@@ -79,7 +79,7 @@ class FaceFinder:
         for side in passes(width, height):
             largest = max((float(np.sqrt(face.area)) for face in faces), default=0.0)
             if largest * RIVAL_AREA**0.5 > 2 * side * SMALLEST_IN_CROP / DETECTOR_SIZE:
-                break  # the pass before this one, with tiles of twice the side, saw all that would count
+                break  # the pass before, with tiles of twice the side, found every face large enough to count
             faces = self._scan(pixels, side, 0.0, faces)
         for turn in (0.5, 1.5, 1.0):
             if not faces:
@@ -94,51 +94,51 @@ class FaceFinder:
         for region in tiles(width, height, side, angle):
             found.extend(self._detector(pixels, region, HINT))
         for candidate in merge(found)[:MOST_CANDIDATES]:
-            if _known(candidate.box, faces):
+            if _found_before(candidate.box, faces):
                 continue
-            face = self._examine(pixels, candidate)
-            if face is not None and not _known(face.box, faces):
+            face = self._verify(pixels, candidate)
+            if face is not None and not _found_before(face.box, faces):
                 faces = [*faces, face]
         return faces
 
-    def _examine(self, pixels: Pixels, candidate: Detection) -> Face | None:
-        """Look at a candidate again, find its mesh, and look again where the mesh is, until both agree; None: no face.
+    def _verify(self, pixels: Pixels, candidate: Detection) -> Face | None:
+        """Run detector and landmark network in turn until they agree; None where there is no face.
 
-        The second and third look use the way up and the place that the mesh found, so that a box that was half off, or
-        taken from a turned face, gets corrected.
+        The later rounds use the roll and the position of the mesh, which corrects a box that was half off the face or
+        that came from a turned face.
         """
-        seen = self._look(pixels, candidate.region(1.0), candidate)
+        seen = self._detect_near(pixels, candidate.region(1.0), candidate)
         best: tuple[float, Detection, Mesh] | None = None
-        for _ in range(MOST_LOOKS):
+        for _ in range(MOST_ROUNDS):
             if seen is None:
                 break
             mesh = locate(self._mesh, pixels, seen)
             if mesh.logit < ABSENT:
                 break
             level = mesh.region
-            again = self._look(pixels, Region(level.x, level.y, level.side / REGION_SCALE, level.angle), seen)
+            again = self._detect_near(pixels, Region(level.x, level.y, level.side / REGION_SCALE, level.angle), seen)
             gap = mesh.disagreement(again) if again else 1.0
             if again and (best is None or gap < best[0]):
                 best = gap, again, mesh
             if gap <= CONSISTENT:
                 break
             seen = again
-        if best is None or not plausible(best[1], best[2]):
+        if best is None or not is_face(best[1], best[2]):
             return None
         return _face(pixels, *best)
 
-    def _look(self, pixels: Pixels, region: Region, near: Detection) -> Detection | None:
-        """The detector's average answer to two crops about a square that should just hold the face."""
-        looks: list[Detection] = []
+    def _detect_near(self, pixels: Pixels, region: Region, near: Detection) -> Detection | None:
+        """Average of the detections in two crops around ``region``, the expected box; None where none is near."""
+        found: list[Detection] = []
         for scale in (2.0, 3.0):
             crop = Region(region.x, region.y, region.side * scale, region.angle)
             close = [d for d in self._detector(pixels, crop, CERTAIN) if _close(d, near)]
-            looks.extend(close[:1])
-        return merge(looks)[0] if looks else None
+            found.extend(close[:1])
+        return merge(found)[0] if found else None
 
 
 def passes(width: int, height: int) -> Iterator[float]:
-    """Tile sides in pixels, coarse to fine: 1.5 and 1 times the longer side, then halves, down to the finest needed.
+    """Tile sides in pixels, coarse to fine: 1.5 and 1 times the longer side, then halved down to the finest needed.
 
     >>> [round(side) for side in passes(1600, 1200)]
     [2400, 1600, 800, 439]
@@ -155,9 +155,9 @@ def passes(width: int, height: int) -> Iterator[float]:
 
 
 def tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Region]:
-    """Squares of ``side`` that cover a photo with a third of overlap; one that is as large as the photo is centred."""
+    """Squares of ``side`` that cover a photo and overlap by a third; a square as large as the photo is centred."""
 
-    def centres(length: int) -> npt.NDArray[np.float64]:
+    def centres(length: int) -> Float64:
         if length <= side:
             return np.array([length / 2])
         count = int(np.ceil((length - side) / (side * 2 / 3))) + 1
@@ -166,8 +166,8 @@ def tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Regi
     return [Region(float(x), float(y), side, angle) for y in centres(height) for x in centres(width)]
 
 
-def plausible(detection: Detection, mesh: Mesh) -> bool:
-    """Whether detector and mesh together make a face: a clear mesh, or a weak one with a strong detection."""
+def is_face(detection: Detection, mesh: Mesh) -> bool:
+    """Whether detector and mesh together show a face: a clear mesh, or a weak one with a strong detection."""
     return mesh.logit >= UNCERTAIN or (mesh.logit >= ABSENT and detection.score >= STRONG)
 
 
@@ -175,8 +175,8 @@ def _close(one: Detection, other: Detection) -> bool:
     return bool(np.hypot(*(one.centre - other.centre)) < 0.5 * other.size and 0.5 < one.size / other.size < 2)
 
 
-def _known(box: npt.NDArray[np.float64], faces: list[Face]) -> bool:
-    """Whether a box is one of the faces: half of the smaller of the two lies in the other."""
+def _found_before(box: Float64, faces: list[Face]) -> bool:
+    """Whether a box is one of the faces: half of the smaller one lies in the other, or IoU is above 0.3."""
     for face in faces:
         shared = np.prod(np.maximum(np.minimum(box[2:], face.box[2:]) - np.maximum(box[:2], face.box[:2]), 0))
         smaller = min(float(np.prod(box[2:] - box[:2])), face.area)

@@ -1,10 +1,10 @@
-"""Who it is: dlib's 128-number face descriptor, and how alike two of them are.
+"""Identity: dlib's 128-number face descriptor, and the similarity of two of them.
 
 Alignment as in dlib's ``get_face_chip_details`` for the 5-point model (150 pixels, padding 0.25). The raw cosine of two
-descriptors says nothing, since all lie in one narrow cone (different people have 0.87 on average); what counts is the
-Euclidean distance (King: under 0.6 the same person) or the cosine after the population mean is taken off. The file
-``face_identity_population.json``, made by ``python -m export.faces.population``, holds that mean and how different
-people compare.
+descriptors is not discriminative, since all lie in a narrow cone (different people have 0.87 on average). Use the
+Euclidean distance (King: under 0.6 the same person) or the cosine after subtraction of the population mean. The file
+``face_identity_population.json``, made by ``python -m export.faces.population``, holds that mean and the distribution
+of both measures between different people.
 """
 
 from __future__ import annotations
@@ -14,37 +14,39 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.errors import ModelFault
 from service.face.region import Region
 from service.runtime.sessions import Session, checked_bytes, load_session
 
-Float = npt.NDArray[np.float64]
-Embedding = npt.NDArray[np.float32]
+Embedding = Float32
 
 SIZE = 150
+"""Side of the aligned crop, pixels."""
 DIMENSIONS = 128
 PADDING = 0.25
+"""Border around the template, as a fraction of its side."""
 TEMPLATE = np.array([[0.8596, 0.2135], [0.6461, 0.2290], [0.1206, 0.2137], [0.3341, 0.2291], [0.4901, 0.6278]])
 """dlib's mean positions of eye corners (image-right outer, inner, image-left outer, inner) and nose base, box units."""
 TEMPLATE_LANDMARKS = (263, 362, 33, 133, 2)
+"""Landmarks of the face mesh at the points of ``TEMPLATE``."""
 SAME_PERSON = 0.6
 """Distance under which two photos show the same person, by dlib's own benchmark."""
 
 
 @dataclass(frozen=True)
 class Population:
-    """How descriptors of different people are distributed.
+    """Distribution of the descriptors of different people.
 
     Attributes:
         mean: (128,) float64.
-        faces: number of faces, each of another person, that it was measured on.
+        faces: number of faces, one per person, that it was measured on.
         impostor: "distance_mean", "distance_p05", "centred_cosine_mean", "centred_cosine_p95" over all pairs; a pair's
             cosine is centred by the mean of all other faces.
     """
 
-    mean: Float
+    mean: Float64
     faces: int
     impostor: dict[str, float]
 
@@ -55,7 +57,7 @@ class Recogniser:
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_identity", threads)
 
-    def embed(self, pixels: npt.NDArray[np.uint8], landmarks: npt.NDArray[np.floating]) -> Embedding:
+    def embed(self, pixels: UInt8, landmarks: AnyFloat) -> Embedding:
         """(128,) float32 descriptor of a face.
 
         Args:
@@ -70,7 +72,7 @@ class Recogniser:
         return np.asarray(embedding[0], np.float32)
 
 
-def alignment(landmarks: npt.NDArray[np.floating]) -> Region:
+def alignment(landmarks: AnyFloat) -> Region:
     """The square of the photo whose 150-pixel crop has eyes and nose where dlib's template has them.
 
     Least-squares similarity transform without reflection (Umeyama 1991), from template to photo.
@@ -89,15 +91,13 @@ def alignment(landmarks: npt.NDArray[np.floating]) -> Region:
     return Region(float(x), float(y), side, angle)
 
 
-def distance(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> float:
+def distance(one: AnyFloat, other: AnyFloat) -> float:
     """Euclidean distance of two descriptors: 0 the same picture, under 0.6 the same person."""
     return float(np.linalg.norm(np.asarray(one, np.float64) - np.asarray(other, np.float64)))
 
 
-def centred_cosine(
-    one: npt.NDArray[np.floating], other: npt.NDArray[np.floating], mean: npt.NDArray[np.floating] | None = None
-) -> float:
-    """Cosine in [-1, 1] of two descriptors after ``mean`` (default: the population's) is taken off.
+def centred_cosine(one: AnyFloat, other: AnyFloat, mean: AnyFloat | None = None) -> float:
+    """Cosine in [-1, 1] of two descriptors after subtraction of ``mean`` (default: the population's).
 
     About 0 for different people and 1 for the same picture; 0 where a descriptor equals the mean.
     """
@@ -117,7 +117,7 @@ def population() -> Population:
         impostor = {str(k): float(v) for k, v in content["impostor"].items()}
         faces = int(content["faces"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ModelFault(f"face_identity_population: not what it should be ({error})") from error
+        raise ModelFault(f"face_identity_population: not JSON with mean, impostor and faces ({error})") from error
     if mean.shape != (DIMENSIONS,) or not np.isfinite(mean).all():
         raise ModelFault(f"face_identity_population: the mean has shape {mean.shape} or is not finite")
     return Population(mean, faces, impostor)

@@ -1,10 +1,10 @@
-"""The 468-point face mesh: which way up, iteration until the region stands still, agreement with the detector.
+"""The 468-point face mesh: search for the roll, iteration of the region to convergence, agreement with the detector.
 
-Kartynnik et al., "Real-time Facial Surface Geometry from Monocular Video on Mobile GPUs", 2019. The network answers
-any region with a well-formed mesh, and its presence probability is 1 to seven digits for regions that hold a turned or
-half a face. Two things do tell: the presence *logit* (over 28 on upright faces up to 45 degrees of yaw, 13 and more at
-75, under 8 upside down or beside the face, negative on textures) and the distance to the keypoints of the detector,
-which is an independent network.
+Kartynnik et al., "Real-time Facial Surface Geometry from Monocular Video on Mobile GPUs", 2019. The network returns a
+well-formed mesh for any region, and its presence probability saturates: it is 1 to seven digits even for regions that
+hold a turned or half a face. Two measures discriminate: the presence *logit* (over 28 on upright faces up to 45 degrees
+of yaw, 13 and more at 75, under 8 upside down or beside the face, negative on textures) and the distance to the
+keypoints of the detector, which is an independent network.
 """
 
 from __future__ import annotations
@@ -13,35 +13,36 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64, UInt8
 from service.face.detector import Detection
 from service.face.region import Region, roll
 from service.face.topology import MIRROR
 from service.runtime.sessions import Session, load_session
 
-Float = npt.NDArray[np.float64]
-Pixels = npt.NDArray[np.uint8]
+Pixels = UInt8
 
 INPUT_SIZE = 192
+"""Side of the network's input, pixels."""
 LANDMARKS = 468
 REGION_SCALE = 1.5
-"""Side of the network's region over the longer side of box or landmarks (MediaPipe)."""
+"""Side of the network's region over the longer side of the box, or of the landmarks' bounding box (MediaPipe)."""
 MOST_STEPS = 5
-STILL = 0.01
-"""A region that moves, grows or turns (radians) by less than this part of its side stands still."""
+"""Most iterations of the region."""
+CONVERGED = 0.01
+"""Change of position and size over the side, and of the angle in radians, below which a region has converged."""
 CLEAR = 20.0
-"""Presence logit from which a region is taken without trying others."""
+"""Presence logit from which a region is accepted without trying others."""
 HOPELESS = -6.0
-"""Presence logit below which no other start is tried: not even a full profile gets this little."""
+"""Presence logit below which no other start is tried; even full profiles are above it."""
 STRONG = 0.85
-"""Detector score from which a mesh without evidence is worth other starts; textures stay below."""
+"""Detector score from which a mesh without evidence is tried from other starts; textures score lower."""
 LOGIT_SCALE = 10.0
-"""Difference of presence logits that weights the better of two answers e : 1 (from a yaw sweep of a known head)."""
-FADED = 10.0
-"""A step that loses this much presence logit is not taken."""
-STRAYED = 0.6
-"""A mesh whose centre is farther than this part of the box from the box centre belongs to something else."""
+"""Difference of presence logits at which the better of two answers weighs e : 1 (from a yaw sweep of a known head)."""
+LARGEST_LOSS = 10.0
+"""Loss of presence logit above which an iteration is rejected."""
+LARGEST_SHIFT = 0.6
+"""Distance of the mesh's centre from the box's, over the box size, above which the mesh is of something else."""
 EYE_LEFT, EYE_RIGHT, NOSE, MOUTH = (33, 133), (362, 263), (1, 4), (13, 14)
 """Mesh points whose mean corresponds to the detector's image-left eye, image-right eye, nose tip and mouth."""
 
@@ -55,7 +56,7 @@ class Mesh:
         logit: log-odds that the region held a face in the expected position.
     """
 
-    landmarks: Float
+    landmarks: Float64
     logit: float
 
     @property
@@ -64,13 +65,13 @@ class Mesh:
         return 1 / (1 + float(np.exp(-np.clip(self.logit, -80, 80))))
 
     @property
-    def keypoints(self) -> Float:
+    def keypoints(self) -> Float64:
         """(4, 2) eyes, nose tip and mouth, comparable to the first four of ``Detection.keypoints``."""
         return np.stack([self.landmarks[list(pair), :2].mean(0) for pair in (EYE_LEFT, EYE_RIGHT, NOSE, MOUTH)])
 
     @property
     def region(self) -> Region:
-        """The region that the landmarks ask for: around their extent along and across the level of the face."""
+        """The region for the next iteration: the bounding square of the landmarks, level with the face, enlarged."""
         left, right, _, mouth = self.keypoints
         angle = roll(left, right, mouth)
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -86,7 +87,7 @@ class Mesh:
 
 
 class MeshNetwork:
-    """The landmark network behind a region."""
+    """The landmark network applied to square regions."""
 
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_mesh", threads)
@@ -118,9 +119,9 @@ class MeshNetwork:
 def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
     """The most convincing mesh near a detection.
 
-    The detector sees faces whichever way they are turned but takes each for upright, so the four quarter turns are
-    tried first, until one is clear; if none is, wider, narrower, turned and shifted regions follow, unless the evidence
-    so far speaks against a face. The best is iterated.
+    The detector finds faces at any roll but reports each as if it were upright, so the four quarter turns are tried
+    first, until one is clear. If none is, wider, narrower, turned and shifted regions follow, unless the evidence so
+    far speaks against a face. The best region is iterated to convergence.
     """
     region = detection.region(REGION_SCALE)
     best = _first_clear(network, pixels, (_turned(region, k * np.pi / 2) for k in range(4)))
@@ -128,7 +129,7 @@ def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
         return best[1]
     if best[1].logit < CLEAR:
         best = _first_clear(network, pixels, _around(best[0]), best)
-    return _settle(network, pixels, best[1], detection)
+    return _iterated(network, pixels, best[1], detection)
 
 
 def _first_clear(
@@ -150,7 +151,7 @@ def _turned(region: Region, angle: float) -> Region:
 
 
 def _around(region: Region) -> list[Region]:
-    """Other starts about a region: narrower, wider, turned, shifted along the axes of the face."""
+    """Other starts around a region: narrower, wider, turned, shifted along the axes of the face."""
     others = [Region(region.x, region.y, region.side * s, region.angle) for s in (0.8, 1.3)]
     others += [_turned(region, a) for a in (0.35, -0.35)]
     for across, down in ((0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15)):
@@ -159,17 +160,17 @@ def _around(region: Region) -> list[Region]:
     return others
 
 
-def _settle(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detection) -> Mesh:
-    """Move the region to its landmarks and repeat until it stands still; a mesh that strays or fades is dropped."""
+def _iterated(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detection) -> Mesh:
+    """Move the region to its landmarks until it converges; a mesh that leaves the box or loses evidence is rejected."""
     best, region = mesh, mesh.region
     for _ in range(MOST_STEPS):
         mesh = network.both_ways(pixels, region)
         following = mesh.region
         gap = np.hypot(*(mesh.landmarks[:, :2].mean(0) - detection.centre))
-        if gap > STRAYED * detection.size or mesh.logit < best.logit - FADED:
+        if gap > LARGEST_SHIFT * detection.size or mesh.logit < best.logit - LARGEST_LOSS:
             break
         best = mesh
-        if _moved(region, following) < STILL:
+        if _moved(region, following) < CONVERGED:
             break
         region = following
     return best

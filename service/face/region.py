@@ -1,4 +1,4 @@
-"""Square, turned regions of a photo: the maths of cutting them out and of carrying points back."""
+"""Rotated square regions of a photo: cropping, and the maps between crop and photo coordinates."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from service.arrays import AnyFloat, Float64, UInt8
 
 
 @dataclass(frozen=True)
@@ -26,31 +25,31 @@ class Region:
     side: float
     angle: float = 0.0
 
-    def matrix(self, size: int) -> Float:
+    def matrix(self, size: int) -> Float64:
         """(2, 3) affine map from a (size, size) crop's pixel coordinates to photo coordinates."""
         step = self.side / size
         cos, sin = np.cos(self.angle) * step, np.sin(self.angle) * step
         half = size / 2
         return np.array([[cos, -sin, self.x - (cos - sin) * half], [sin, cos, self.y - (sin + cos) * half]], np.float64)
 
-    def to_photo(self, points: npt.NDArray[np.floating], size: int) -> Float:
+    def to_photo(self, points: AnyFloat, size: int) -> Float64:
         """(N, 2 or 3) crop pixels -> the same in photo pixels; a third column (depth) is only scaled."""
         points = np.asarray(points, np.float64)
         matrix = self.matrix(size)
         moved = points[:, :2] @ matrix[:, :2].T + matrix[:, 2]
         return np.concatenate([moved, points[:, 2:] * (self.side / size)], 1)
 
-    def to_crop(self, points: npt.NDArray[np.floating], size: int) -> Float:
+    def to_crop(self, points: AnyFloat, size: int) -> Float64:
         """(N, 2 or 3) photo pixels -> crop pixels; the inverse of ``to_photo``."""
         points = np.asarray(points, np.float64)
         matrix = self.matrix(size)
         moved = (points[:, :2] - matrix[:, 2]) @ np.linalg.inv(matrix[:, :2]).T
         return np.concatenate([moved, points[:, 2:] * (size / self.side)], 1)
 
-    def cut(self, pixels: npt.NDArray[np.uint8], size: int) -> npt.NDArray[np.uint8]:
-        """(size, size, 3) uint8 crop of an (H, W, 3) photo; black outside. Shrinking averages, it does not alias."""
+    def cut(self, pixels: UInt8, size: int) -> UInt8:
+        """(size, size, 3) uint8 crop of an (H, W, 3) photo, black outside, area-averaged where it is reduced."""
         height, width = pixels.shape[:2]
-        shrink = max(1, round(self.side / size))  # whole numbers are what OpenCV averages fast
+        shrink = max(1, round(self.side / size))  # OpenCV averages fast by integer factors
         reach = self.side * 0.7072 + 2 * shrink
         x0, x1 = (int(np.clip(self.x + s * reach, 0, width)) for s in (-1, 1))
         y0, y1 = (int(np.clip(self.y + s * reach, 0, height)) for s in (-1, 1))
@@ -68,11 +67,11 @@ class Region:
         return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
 
 
-def roll(left_eye: Float, right_eye: Float, mouth: Float) -> float:
+def roll(left_eye: Float64, right_eye: Float64, mouth: Float64) -> float:
     """Radians by which a face is turned clockwise in the photo; 0 where the three points coincide.
 
-    The eye line and the line from the eyes down to the mouth each tell the roll; their sum weights them by length, so
-    that in a profile, where the eyes coincide and their line means nothing, the second decides.
+    The line between the eyes and the line from the eyes down to the mouth each give the roll. Their sum weights them by
+    length, so that the second decides in a profile, where the eyes nearly coincide.
     """
     across = np.asarray(right_eye[:2], np.float64) - left_eye[:2]
     down = np.asarray(mouth[:2], np.float64) - (np.asarray(left_eye[:2]) + right_eye[:2]) / 2

@@ -1,4 +1,4 @@
-"""Which landmark of the face mesh mirrors which; derived by ``python -m export.faces.mirror``."""
+"""Mirror symmetry of the face mesh's landmarks; derived by ``python -m export.faces.mirror``."""
 
 from __future__ import annotations
 

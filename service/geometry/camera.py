@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import AnyFloat, Float64
 
 NEAREST_M = 0.05
 """Points closer than this (metres along the axis) are clamped before the division by depth."""
@@ -30,22 +31,22 @@ class Camera:
     width: int
     height: int
     focal_px: float
-    principal_point: npt.NDArray[np.float64]
-    rotation: npt.NDArray[np.float64]
-    translation: npt.NDArray[np.float64]
+    principal_point: Float64
+    rotation: Float64
+    translation: Float64
 
-    def to_camera(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    def to_camera(self, points: AnyFloat) -> Float64:
         """(N, 3) head space metres -> (N, 3) camera space metres."""
         return np.asarray(points, np.float64) @ self.rotation.T + self.translation
 
-    def project(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    def project(self, points: AnyFloat) -> Float64:
         """(N, 3) head space metres -> (N, 2) photo pixels; depth below NEAREST_M is clamped to it."""
         camera_points = self.to_camera(points)
         depth = np.maximum(camera_points[:, 2:], NEAREST_M)
         return self.focal_px * camera_points[:, :2] / depth + self.principal_point
 
     @property
-    def centre(self) -> npt.NDArray[np.float64]:
+    def centre(self) -> Float64:
         """(3,) camera position in head space, metres."""
         return -self.rotation.T @ self.translation
 

@@ -1,4 +1,4 @@
-"""The UV chart as an image: which point of the surface each texel shows."""
+"""The UV chart as an image: the surface point of each texel, and tangent frames and derivatives on it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, Int64, UInt8
 from service.geometry.normals import normalise, vertex_normals
-from service.geometry.raster import rasterise
+from service.geometry.raster import interpolate, rasterise
 from service.head.model import HeadModel
-
-Float = npt.NDArray[np.float32]
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -27,9 +26,9 @@ NO_PART = 255
 class Frame:
     """Right-handed unit axes at each texel, each (H, W, 3) float32 in head space: u to the right, v up, normal out."""
 
-    tangent: Float
-    bitangent: Float
-    normal: Float
+    tangent: Float32
+    bitangent: Float32
+    normal: Float32
 
 
 @dataclass(frozen=True)
@@ -52,10 +51,10 @@ class Chart:
     width: int
     height: int
     first_row: int
-    triangle: npt.NDArray[np.int32]
-    barycentric: Float
-    part: npt.NDArray[np.uint8]
-    texels: npt.NDArray[np.int64]
+    triangle: Int32
+    barycentric: Float32
+    part: UInt8
+    texels: Int64
 
     @classmethod
     def build(cls, head: HeadModel, width: int, height: int, rows: tuple[int, int] | None = None) -> Chart:
@@ -69,38 +68,38 @@ class Chart:
         return cls(head, width, height, first, raster.triangle, raster.barycentric, part, texels)
 
     @property
-    def mask(self) -> npt.NDArray[np.bool_]:
+    def mask(self) -> Bool:
         """(H, W) bool, True inside the islands."""
         return self.triangle >= 0
 
     @cached_property
-    def corners(self) -> npt.NDArray[np.int32]:
+    def corners(self) -> Int32:
         """(N, 3) int32 vertices of the triangle that each inner texel shows."""
         return self.head.triangles[self.triangle.ravel()[self.texels]]
 
     @cached_property
-    def weights(self) -> Float:
+    def weights(self) -> Float32:
         """(N, 3) float32 barycentric weights of ``corners``."""
         return self.barycentric.reshape(-1, 3)[self.texels]
 
     @cached_property
-    def inner_part(self) -> npt.NDArray[np.uint8]:
+    def inner_part(self) -> UInt8:
         """(N,) uint8 part of each inner texel."""
         return self.part.ravel()[self.texels]
 
     @cached_property
-    def _chart_corners(self) -> npt.NDArray[np.int32]:
+    def _chart_corners(self) -> Int32:
         return self.head.triangle_uv[self.triangle.ravel()[self.texels]]
 
     @cached_property
-    def _nearest(self) -> npt.NDArray[np.int64]:
+    def _nearest(self) -> Int64:
         return nearest_inside(self.mask)
 
-    def interpolate(self, values: npt.NDArray[np.floating]) -> Float:
+    def interpolate(self, values: AnyFloat) -> Float32:
         """(H, W, C) float32 of per-vertex values (V, C) or (V,); 0 outside the islands."""
         return self.spread(self.inside(values))
 
-    def inside(self, values: npt.NDArray[np.floating], *, on_chart: bool = False) -> Float:
+    def inside(self, values: AnyFloat, *, on_chart: bool = False) -> Float32:
         """(N, C) float32 at the inner ``texels`` of values per vertex (V, C) or (V,).
 
         With ``on_chart`` the values belong to chart vertices (U, C), which may differ across a cut.
@@ -109,33 +108,29 @@ class Chart:
         v = v[:, None] if v.ndim == 1 else v
         corners = self._chart_corners if on_chart else self.corners
         weights = self.weights
-        # np.take: several times faster than v[corners] on rows.
-        result = np.take(v, corners[:, 0], axis=0) * weights[:, :1]
-        for i in (1, 2):
-            result += np.take(v, corners[:, i], axis=0) * weights[:, i : i + 1]
-        return np.asarray(result)
+        return interpolate(v, corners, weights)
 
-    def spread(self, values: npt.NDArray[np.floating], outside: tuple[float, ...] | float = 0.0) -> Float:
+    def spread(self, values: AnyFloat, outside: tuple[float, ...] | float = 0.0) -> Float32:
         """(H, W, C) float32 image of values (N, C) at the inner ``texels``; ``outside`` elsewhere."""
         result = np.full((self.triangle.size, values.shape[1]), outside, np.float32)
         result[self.texels] = values
         return result.reshape(*self.triangle.shape, -1)
 
-    def gather(self, per_triangle: npt.NDArray[np.floating]) -> Float:
+    def gather(self, per_triangle: AnyFloat) -> Float32:
         """(H, W, ...) float32 of values per triangle (T, ...); 0 outside the islands."""
         values = np.asarray(per_triangle, np.float32)
         flat = np.take(values.reshape(len(values), -1), self.triangle.ravel()[self.texels], axis=0)
         return self.spread(flat).reshape(*self.triangle.shape, *values.shape[1:])
 
-    def normals(self, vertices: npt.NDArray[np.floating]) -> Float:
+    def normals(self, vertices: AnyFloat) -> Float32:
         """(H, W, 3) float32 unit normals in the frame of ``vertices`` (V, 3); (0, 0, 1) outside the islands."""
         return self.spread(unit(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
 
-    def frame(self, vertices: npt.NDArray[np.floating], vertex_normal: npt.NDArray[np.floating] | None = None) -> Frame:
+    def frame(self, vertices: AnyFloat, vertex_normal: AnyFloat | None = None) -> Frame:
         """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
 
         A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
-        Where the surface has no direction of +u the tangent is any; outside the islands the axes are x, y, z.
+        Where the direction of +u is degenerate the tangent is arbitrary; outside the islands the axes are x, y, z.
 
         Args:
             vertices: (V, 3) positions.
@@ -145,14 +140,14 @@ class Chart:
         normal = unit(self.inside(n), _Z)
         along = self.inside(tangents(self.head, vertices), on_chart=True)
         along -= normal * dot(along, normal)
-        lost = dot(along, along)[:, 0] < 1e-12
-        if lost.any():
-            along[lost] = _any_orthogonal(normal[lost])
+        degenerate = dot(along, along)[:, 0] < 1e-12
+        if degenerate.any():
+            along[degenerate] = any_orthogonal(normal[degenerate])
         tangent = unit(along, _X)
         bitangent = np.cross(normal, tangent)
         return Frame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
 
-    def metric(self, vertices: npt.NDArray[np.floating]) -> Float:
+    def metric(self, vertices: AnyFloat) -> Float32:
         """(H, W, 3) float32 first fundamental form E, F, G in mm^2 per texel^2 of ``vertices`` in metres; 0 outside.
 
         E = |X_u|^2, F = X_u . X_v, G = |X_v|^2; X_u, X_v are the change of position per texel to the right and up.
@@ -168,7 +163,7 @@ class Chart:
         return flat.reshape(image.shape)
 
 
-def chart_points(head: HeadModel, width: int, height: int) -> npt.NDArray[np.float64]:
+def chart_points(head: HeadModel, width: int, height: int) -> Float64:
     """(U, 2) float64 positions of the chart vertices in texels, x right, y down, texel centres at +0.5."""
     return head.uv.astype(np.float64) * [width, -height] + [0.0, height]
 
@@ -178,41 +173,41 @@ def mirrored(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     return np.flip(image, 1)
 
 
-def nearest_inside(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+def nearest_inside(mask: Bool) -> Int64:
     """(H, W) int64 flat index of the nearest True texel of ``mask``; each texel's own index where there is none."""
     import cv2
 
-    own = np.arange(mask.size).reshape(mask.shape)
+    index = np.arange(mask.size).reshape(mask.shape)
     if mask.all() or not mask.any():
-        return own
+        return index
     outside = (~mask).astype(np.uint8)
     _, label = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     label = np.asarray(label)
     source = np.zeros(int(label.max()) + 1, np.int64)
-    source[label[mask]] = own[mask]
+    source[label[mask]] = index[mask]
     return np.asarray(source[label])
 
 
-def dot(a: Float, b: Float) -> Float:
+def dot(a: Float32, b: Float32) -> Float32:
     """(N, 1) float32 dot products of (N, 3)."""
     return np.asarray(a[:, :1] * b[:, :1] + a[:, 1:2] * b[:, 1:2] + a[:, 2:] * b[:, 2:])
 
 
-def unit(vectors: Float, fallback: tuple[float, float, float] = _Z) -> Float:
-    """Unit vectors (N, 3) in float32, for vectors that began as unit ones and were averaged."""
+def unit(vectors: Float32, fallback: tuple[float, float, float] = _Z) -> Float32:
+    """Unit vectors (N, 3) float32 of averaged unit vectors; ``fallback`` where the length is below 1e-6."""
     length = np.sqrt(dot(vectors, vectors))
     sound = length > 1e-6
     return np.where(sound, vectors / np.where(sound, length, 1), np.asarray(fallback, np.float32))
 
 
-def _any_orthogonal(normal: Float) -> Float:
+def any_orthogonal(normal: Float32) -> Float32:
     """(N, 3) vectors of length at least 0.5 orthogonal to unit normals."""
     axis = np.where(np.abs(normal[:, :1]) < 0.7, np.asarray(_X, np.float32), np.asarray(_Y, np.float32))
     return np.asarray(axis - normal * dot(axis, normal))
 
 
-def tangents(head: HeadModel, vertices: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """(U, 3) float64 unit direction of growing u at each chart vertex, mean of its triangles by area; 0 where none."""
+def tangents(head: HeadModel, vertices: AnyFloat) -> Float64:
+    """(U, 3) float64 unit direction of +u at each chart vertex, area-weighted mean of its triangles; 0 where none."""
     du, _ = _derivatives(head, vertices)
     weight = np.abs(_chart_area(head))
     index = head.triangle_uv.ravel()
@@ -221,23 +216,19 @@ def tangents(head: HeadModel, vertices: npt.NDArray[np.floating]) -> npt.NDArray
     return normalise(total, (0.0, 0.0, 0.0))
 
 
-def _chart_area(head: HeadModel) -> npt.NDArray[np.float64]:
+def _chart_area(head: HeadModel) -> Float64:
     """(T,) twice the signed area on the unit chart, positive for triangles that are not flipped."""
     uv = head.uv.astype(np.float64)[head.triangle_uv]
     d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return np.asarray(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])
 
 
-def _derivatives(
-    head: HeadModel, vertices: npt.NDArray[np.floating]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _derivatives(head: HeadModel, vertices: AnyFloat) -> tuple[Float64, Float64]:
     """(T, 3) change of position per unit of u and of v, constant on a triangle; 0 where the chart has no area."""
     return solve_affine(head.uv[head.triangle_uv].astype(np.float64), np.asarray(vertices, np.float64)[head.triangles])
 
 
-def solve_affine(
-    source: npt.NDArray[np.floating], target: npt.NDArray[np.floating]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def solve_affine(source: AnyFloat, target: AnyFloat) -> tuple[Float64, Float64]:
     """Derivatives of the affine maps that take source triangles (T, 3, 2) to target triangles (T, 3, C).
 
     Returns:
@@ -253,9 +244,10 @@ def solve_affine(
 
 
 _SHIFT = 4
+"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
-def islands(head: HeadModel, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+def islands(head: HeadModel, size: tuple[int, int]) -> UInt8:
     """(H, W) uint8 part of each texel of a map (width, height), ``NO_PART`` outside all islands.
 
     A texel that an outline crosses is inside.

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
 SMALLEST_LENGTH = 1e-20
-"""Vectors shorter than this have no direction (a micrometre-sized triangle's normal is about 1e-12 m^2 long)."""
-
+"""Length below which a vector has no direction (a micrometre-sized triangle's normal has a length of 1e-12 m^2)."""
 
 FALLBACK_NORMAL = (0.0, 0.0, 1.0)
 """For vertices whose triangles all have no area: forward, so that every normal has unit length."""
 
 
-def normalise(
-    vectors: npt.NDArray[np.floating], fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)
-) -> npt.NDArray[np.float64]:
+def normalise(vectors: AnyFloat, fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Float64:
     """Unit vectors (..., 3) float64; ``fallback`` where a vector is shorter than ``SMALLEST_LENGTH`` or not finite."""
     v = np.asarray(vectors, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -27,14 +23,14 @@ def normalise(
     return np.where(sound[..., None], unit, np.asarray(fallback, np.float64))
 
 
-def face_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+def face_normals(vertices: AnyFloat, triangles: AnyInt) -> Float64:
     """(T, 3) float64 normals of (V, 3) vertices, outward for counter-clockwise corners, length twice the area."""
     v = np.asarray(vertices, np.float64)
     a, b, c = v[triangles[:, 0]], v[triangles[:, 1]], v[triangles[:, 2]]
     return np.asarray(np.cross(b - a, c - a))
 
 
-def corner_angles(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+def corner_angles(vertices: AnyFloat, triangles: AnyInt) -> Float64:
     """(T, 3) float64 angle at each corner in radians; 0 at a corner with an edge of no length."""
     p = np.asarray(vertices, np.float64)[triangles]
     to_next = normalise(np.roll(p, -1, 1) - p, (0.0, 0.0, 0.0))
@@ -44,7 +40,7 @@ def corner_angles(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.
     return np.where(sound, np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
 
 
-def vertex_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> FloatArray:
+def vertex_normals(vertices: AnyFloat, triangles: AnyInt) -> Float64:
     """(V, 3) float64 unit normals: face normals weighted by the corner's angle (Thuermer and Wuethrich 1998).
 
     Angle weights make the result independent of how a surface is cut into triangles. Triangles without area or with a
@@ -62,7 +58,7 @@ def vertex_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np
     return normalise(np.stack(total, 1))
 
 
-def area_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+def area_normals(vertices: AnyFloat, triangles: AnyInt) -> Float32:
     """Unit normals weighted by area, of many poses at once and several times faster than :func:`vertex_normals`.
 
     Args:
@@ -89,7 +85,7 @@ def area_normals(vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.i
     return np.where(sound, total / np.where(sound, length, 1), np.array(FALLBACK_NORMAL, np.float32)).astype(np.float32)
 
 
-def _cross(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _cross(a: Float32, b: Float32) -> Float32:
     """Cross product along the last axis; several times faster than numpy.cross on these sizes."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

@@ -1,20 +1,19 @@
-"""A surface as a cloud of points, for what needs no triangles."""
+"""Sampling of a mesh surface by points."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
 
-def surface_points(
-    vertices: npt.NDArray[np.floating], triangles: npt.NDArray[np.integer], spacing: float
-) -> npt.NDArray[np.float32]:
-    """(N, 3) float32 points on all triangles, nowhere further apart than ``spacing``; triangles without area too.
+def surface_points(vertices: AnyFloat, triangles: AnyInt, spacing: float) -> Float32:
+    """(N, 3) float32 points on all triangles, degenerate ones too, at most ``spacing`` apart.
 
     Args:
         vertices: (V, 3) in the unit of ``spacing``.
         triangles: (T, 3) vertex indices.
-        spacing: a triangle's side is cut into 256 parts at most.
+        spacing: largest distance of neighbours; a triangle's side is divided into at most 256 parts.
     """
     corners = np.asarray(vertices, np.float64)[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
@@ -30,8 +29,8 @@ def surface_points(
     return _distinct(np.concatenate(points), 1e-3 * spacing).astype(np.float32)
 
 
-def _distinct(points: npt.NDArray[np.float64], grain: float) -> npt.NDArray[np.float64]:
-    """Points of which no two fall into the same cube of side ``grain``: triangles share their corners and edges."""
+def _distinct(points: Float64, grain: float) -> Float64:
+    """One point per cube of side ``grain``, as triangles share their corners and edges."""
     cell = np.rint((points - points.min(0)) / grain).astype(np.int64)
     x, y, z = np.minimum(cell, (1 << 21) - 1).T
     _, first = np.unique((x << 42) | (y << 21) | z, return_index=True)

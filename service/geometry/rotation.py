@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from service.arrays import Float64
 
 SMALL_ANGLE = 1e-4
 """Radians below which sin(a)/a and (1-cos(a))/a^2 are taken from their Taylor series."""
 
 
-def skew(w: Array) -> Array:
+def skew(w: Float64) -> Float64:
     """(..., 3) vectors -> (..., 3, 3) matrices with ``skew(w) @ v == cross(w, v)``."""
     zero = np.zeros_like(w[..., 0])
     x, y, z = w[..., 0], w[..., 1], w[..., 2]
@@ -19,7 +18,7 @@ def skew(w: Array) -> Array:
     return np.stack(rows, -2)
 
 
-def exp_rotation(w: Array) -> Array:
+def exp_rotation(w: Float64) -> Float64:
     """(3,) rotation vector in radians -> (3, 3) rotation (Rodrigues; Taylor series near zero)."""
     angle = float(np.linalg.norm(w))
     k = skew(np.asarray(w, np.float64))
@@ -30,7 +29,7 @@ def exp_rotation(w: Array) -> Array:
     return np.asarray(np.eye(3) + a * k + b * k @ k)
 
 
-def nearest_rotation(matrix: Array) -> Array:
+def nearest_rotation(matrix: Float64) -> Float64:
     """The rotation (det +1) nearest to a (3, 3) matrix in the Frobenius norm; the identity for a zero matrix."""
     u, _, vt = np.linalg.svd(matrix)
     d = np.sign(np.linalg.det(u @ vt))

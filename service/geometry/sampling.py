@@ -1,28 +1,48 @@
-"""Reading an image at points between pixels, averaged over the area that each point stands for."""
+"""Sampling images between pixels: bilinear, or averaged over a footprint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
+from service.arrays import AnyFloat, Float32, UInt8
 
 _COLUMNS = 1024
 _ROWS = 16384
 """Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
 
 MOST_SAMPLES = 3
-"""Supersamples per side of a footprint; what is wider is left to the pyramid."""
+"""Most samples per side of a footprint; larger footprints read coarser levels of the pyramid."""
 
 OVERLAP = 1.4
-"""Pixels between samples that interpolation between pixels already averages over."""
+"""Spacing of samples in pixels: bilinear interpolation averages over what lies between them."""
+
+
+def sample_chart(image: UInt8 | Float32, uv: Float32) -> Float32:
+    """(N, C) float32 bilinear values of a chart image (H, W, C) or (H, W) at (N, 2) chart coordinates in [0, 1].
+
+    Chart coordinates have their origin at the bottom left; borders are repeated. Codes of uint8 stay in [0, 255].
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    rows = max(-(-len(uv) // _COLUMNS), 1)
+    places = np.zeros((rows * _COLUMNS, 2), np.float32)
+    places[: len(uv), 0] = uv[:, 0] * width - 0.5
+    places[: len(uv), 1] = (1 - uv[:, 1]) * height - 0.5
+    at = places.reshape(rows, _COLUMNS, 2)
+    pieces = [
+        cv2.remap(image, at[first : first + _ROWS], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        for first in range(0, rows, _ROWS)
+    ]
+    values = np.concatenate([np.asarray(piece).reshape(-1, *image.shape[2:]) for piece in pieces])
+    return np.asarray(values[: len(uv)].reshape(len(uv), -1), np.float32)
 
 
 @dataclass(frozen=True)
 class Pyramid:
-    """An image and its halves.
+    """An image at successively halved resolutions.
 
     Attributes:
         levels: level i is (about H / 2^i, about W / 2^i, C) float32, each pixel the mean of 2 x 2 of the level below
@@ -30,11 +50,11 @@ class Pyramid:
         scales: (w, h) of each level's pixel in pixels of level 0 (not quite powers of two for odd sizes).
     """
 
-    levels: tuple[Float, ...]
+    levels: tuple[Float32, ...]
     scales: tuple[tuple[float, float], ...]
 
     @classmethod
-    def build(cls, image: npt.NDArray[np.floating]) -> Pyramid:
+    def build(cls, image: AnyFloat) -> Pyramid:
         """From (H, W, C) or (H, W), both sides at least 1 and at most 32767."""
         import cv2
 
@@ -49,7 +69,7 @@ class Pyramid:
         h, w = base.shape[:2]
         return cls(tuple(levels), tuple((w / a.shape[1], h / a.shape[0]) for a in levels))
 
-    def sample(self, points: npt.NDArray[np.floating], footprint: npt.NDArray[np.floating] | float = 1.0) -> Float:
+    def sample(self, points: AnyFloat, footprint: AnyFloat | float = 1.0) -> Float32:
         """(..., C) means around points (..., 2), interpolated between pixels and between levels.
 
         Args:
@@ -75,7 +95,7 @@ class Pyramid:
                 result[between] += share * (self._read(i + 1, at[between]) - result[between])
         return result.reshape(*shape, result.shape[1])
 
-    def _read(self, level: int, points: Float) -> Float:
+    def _read(self, level: int, points: Float32) -> Float32:
         import cv2
 
         image, scale = self.levels[level], self.scales[level]
@@ -94,11 +114,11 @@ class Pyramid:
         return value.reshape(padded, -1)[:count]
 
 
-def sample_area(pyramid: Pyramid, points: npt.NDArray[np.floating], jacobian: npt.NDArray[np.floating]) -> Float:
-    """(..., C) means over the parallelograms that unit squares become, by regular supersampling.
+def sample_area(pyramid: Pyramid, points: AnyFloat, jacobian: AnyFloat) -> Float32:
+    """(..., C) means over the parallelograms onto which unit squares are mapped, by regular supersampling.
 
-    A texel seen at a slant is long and narrow in the photo; several samples along it keep what a single round footprint
-    would blur or let alias.
+    A texel seen at a grazing angle is long and narrow in the photo; several samples along it avoid the blur or aliasing
+    of a single round footprint.
 
     Args:
         pyramid: of the image.

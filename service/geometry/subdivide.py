@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+from service.arrays import AnyFloat, AnyInt, Bool, Float64, Int64
 
 
 @dataclass(frozen=True)
 class Subdivision:
-    """One step, prepared for a list of faces; any values at their corners can then be subdivided alike.
+    """One step, prepared for the topology of a mesh and applicable to any values at its points.
 
-    New points are the old ones, then one in each face, then one on each edge.
+    The new points are the old ones, then one per face, then one per edge.
 
     Attributes:
         faces: (F, 4) int64, -1 in the last column marks a triangle.
@@ -26,15 +24,15 @@ class Subdivision:
         count: number of old points.
     """
 
-    faces: Ints
-    edges: Ints
-    side: Ints
-    quads: Ints
-    owner: Ints
+    faces: Int64
+    edges: Int64
+    side: Int64
+    quads: Int64
+    owner: Int64
     count: int
 
     @classmethod
-    def of(cls, faces: npt.NDArray[np.integer], count: int) -> Subdivision:
+    def of(cls, faces: AnyInt, count: int) -> Subdivision:
         """Prepare a step for (F, 4) faces of ``count`` points."""
         f = np.asarray(faces, np.int64)
         corners = 3 + (f[:, 3] >= 0)
@@ -51,12 +49,12 @@ class Subdivision:
         quads = np.stack([f, edge_point + side, face_point, edge_point + before], 2)[there]
         return cls(f, edges, side, quads, np.repeat(np.arange(len(f)), corners), count)
 
-    def linear(self, values: npt.NDArray[np.floating]) -> Array:
+    def linear(self, values: AnyFloat) -> Float64:
         """(N, C) values at the new points of (count, C): means, old points stay. For chart coordinates."""
         v = np.asarray(values, np.float64)
         return np.concatenate([v, self._face_means(v), v[self.edges].mean(1)])
 
-    def smooth(self, values: npt.NDArray[np.floating]) -> Array:
+    def smooth(self, values: AnyFloat) -> Float64:
         """(N, C) values at the new points by the rules of Catmull and Clark; open borders stay on their own curve."""
         v = np.asarray(values, np.float64)
         inner = self._face_means(v)
@@ -69,11 +67,11 @@ class Subdivision:
         on_edges = np.where(border[:, None], middle, 0.5 * (middle + around))
         return np.concatenate([self._corners(v, inner, middle, border), inner, on_edges])
 
-    def _face_means(self, v: Array) -> Array:
+    def _face_means(self, v: Float64) -> Float64:
         there = (self.faces >= 0)[..., None]
         return np.asarray((v[np.maximum(self.faces, 0)] * there).sum(1) / there.sum(1))
 
-    def _corners(self, v: Array, inner: Array, middle: Array, border: npt.NDArray[np.bool_]) -> Array:
+    def _corners(self, v: Float64, inner: Float64, middle: Float64, border: Bool) -> Float64:
         there = self.faces >= 0
         corner, owner = self.faces[there], np.nonzero(there)[0]
         valence = np.bincount(corner, minlength=self.count)[:, None]
@@ -83,7 +81,7 @@ class Subdivision:
         edge_count = np.bincount(ends, minlength=self.count)[:, None]
         edge_mean = _sum(ends, middle[index], self.count) / np.maximum(edge_count, 1)
         smooth = (face_mean + 2 * edge_mean + (n - 3) * v) / n
-        # On an open border only its own two edges count; where more than two meet, or none do, the point stays.
+        # On an open border only its two edges count; points where more than two border edges meet are kept.
         open_ends = border[index]
         borders = np.bincount(ends[open_ends], minlength=self.count)[:, None]
         along = _sum(ends[open_ends], middle[index[open_ends]], self.count) / np.maximum(borders, 1)
@@ -91,6 +89,6 @@ class Subdivision:
         return np.where((borders == 0) & (valence > 0), smooth, result)
 
 
-def _sum(index: Ints, rows: Array, count: int) -> Array:
+def _sum(index: Int64, rows: Float64, count: int) -> Float64:
     """(count, C) sums of rows (N, C) by index (N,)."""
     return np.stack([np.bincount(index, rows[:, i], count) for i in range(rows.shape[1])], 1)

@@ -1,4 +1,4 @@
-"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, checked on the way in."""
+"""Reading and writing head model files (``docs/head-model.md``): one ``.npz`` without pickle, validated when read."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Int32, UInt8
 from service.errors import ModelFault
 from service.head.model import HeadModel
 
@@ -46,7 +47,7 @@ _RANGES = {
 _PADDED = ("polygons", "polygon_uv")
 
 
-def split_polygons(polygons: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def split_polygons(polygons: Int32) -> Int32:
     """(Q, 4) polygons (-1 pads triangles) -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
     quads = polygons[polygons[:, 3] >= 0]
     return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
@@ -67,7 +68,7 @@ def save_head(model: HeadModel, path: Path) -> None:
         _write(archive, "header", np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8))
         for key in _SHAPES:
             if key.startswith("triangle"):
-                continue  # follow from the polygons
+                continue  # derived from the polygons
             value = getattr(model, key)
             _write(archive, key, value.astype(np.float16) if key in _HALF else value)
 
@@ -79,7 +80,7 @@ def _write(archive: zipfile.ZipFile, key: str, value: npt.NDArray[Any]) -> None:
 
 
 def load_head(path: Path | None = None) -> HeadModel:
-    """Read and check a head model file, by default the one in the box.
+    """Read and check a head model file, by default the shipped one.
 
     Raises:
         ModelFault: the file is missing, damaged, of another format version, or its arrays contradict each other.
@@ -120,9 +121,7 @@ def load_head(path: Path | None = None) -> HeadModel:
     return model
 
 
-def triangle_fields(
-    polygons: npt.NDArray[np.int32], polygon_uv: npt.NDArray[np.int32], polygon_part: npt.NDArray[np.uint8]
-) -> dict[str, npt.NDArray[Any]]:
+def triangle_fields(polygons: Int32, polygon_uv: Int32, polygon_part: UInt8) -> dict[str, npt.NDArray[Any]]:
     """The fields ``triangles``, ``triangle_uv`` and ``triangle_part`` that follow from the polygons."""
     quad = polygons[:, 3] >= 0
     return {
@@ -138,7 +137,7 @@ def _header(raw: dict[str, npt.NDArray[Any]], path: Path) -> dict[str, Any]:
     except (KeyError, ValueError) as fault:
         raise ModelFault(f"head model {path} has no readable header: {fault}") from fault
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ModelFault(f"head model {path} has another format than version {FORMAT}")
+        raise ModelFault(f"head model {path} is not of format version {FORMAT}")
     return header
 
 

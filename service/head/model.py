@@ -8,10 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Int = npt.NDArray[np.int32]
+from service.arrays import AnyFloat, Float32, Int32, UInt8
 
 
 @dataclass(frozen=True)
@@ -46,39 +44,37 @@ class HeadModel:
 
     name: str
     licence: str
-    mean: Float
-    identity: Float
-    expression: Float
+    mean: Float32
+    identity: Float32
+    expression: Float32
     expression_names: tuple[str, ...]
-    polygons: Int
-    polygon_uv: Int
-    polygon_part: npt.NDArray[np.uint8]
+    polygons: Int32
+    polygon_uv: Int32
+    polygon_part: UInt8
     part_names: tuple[str, ...]
-    uv: Float
-    mirror: Int
-    triangles: Int
-    triangle_uv: Int
-    triangle_part: npt.NDArray[np.uint8]
-    landmark_triangle: Int
-    landmark_barycentric: Float
-    landmark_spread: Float
-    contour_landmarks: Int
-    contour_yaw_deg: Float
-    contour_triangle: Int
-    contour_barycentric: Float
+    uv: Float32
+    mirror: Int32
+    triangles: Int32
+    triangle_uv: Int32
+    triangle_part: UInt8
+    landmark_triangle: Int32
+    landmark_barycentric: Float32
+    landmark_spread: Float32
+    contour_landmarks: Int32
+    contour_yaw_deg: Float32
+    contour_triangle: Int32
+    contour_barycentric: Float32
     region_names: tuple[str, ...]
-    regions: Float
+    regions: Float32
 
-    def shape(
-        self, identity: npt.NDArray[np.floating], expression: npt.NDArray[np.floating] | None = None
-    ) -> npt.NDArray[np.float32]:
+    def shape(self, identity: AnyFloat, expression: AnyFloat | None = None) -> Float32:
         """(V, 3) float32 vertices in metres for (k,) identity, k <= K, and (E,) expression coefficients."""
         vertices = self.mean + np.tensordot(np.asarray(identity, np.float32), self.identity[: len(identity)], 1)
         if expression is not None:
             vertices = vertices + np.tensordot(np.asarray(expression, np.float32), self.expression, 1)
         return np.asarray(vertices, np.float32)
 
-    def region(self, name: str) -> Float:
+    def region(self, name: str) -> Float32:
         """(V,) float32 soft mask; KeyError names the regions that exist."""
         if name not in self.region_names:
             raise KeyError(f"no region {name!r}; the head has {', '.join(self.region_names)}")

@@ -1,4 +1,4 @@
-"""The light that a scene's environment sends: shipped images, made-up skies, and the suns taken out of them."""
+"""Radiance of a scene's environment: shipped images, analytic skies, and suns extracted as point lights."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float64
 from service.errors import ModelFault, UsageError
 from service.light.scene import Environment, PointLight, Scene
 from service.light.sphere import pixel_directions, pixel_of, pixel_solid_angles
 
-Array = npt.NDArray[np.float64]
-
 FILE = Path(__file__).resolve().parent.parent / "data" / "environments" / "environments.npz"
 HEIGHT, WIDTH = 64, 128
+"""Size of environment images, pixels."""
 
 _FAR_M = 100.0
+"""Distance of extracted suns, metres: their light is parallel across a head."""
 _MOST_SUNS = 3
 _SUN_REACH_DEG = 6.0
+"""Angular radius around a peak within which radiance belongs to a sun."""
 _SUN_SHARE = 0.02
+"""Fraction of all light that a sun has to exceed."""
 _SUN_CONTRAST = 8.0
+"""Ratio of a sun's peak to the ring around it that has to be exceeded."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -43,8 +47,8 @@ def names() -> tuple[str, ...]:
     return tuple(_shipped())
 
 
-def radiance(environment: Environment) -> Array:
-    """(64, 128, 3) float64 linear radiance >= 0, turned and scaled as the scene asks.
+def radiance(environment: Environment) -> Float64:
+    """(64, 128, 3) float64 linear radiance >= 0, rotated and scaled as the scene says.
 
     Raises:
         UsageError: no environment of that name.
@@ -57,15 +61,15 @@ def radiance(environment: Environment) -> Array:
     return turned(made, environment.rotation_deg) * environment.strength
 
 
-def turned(image: Array, degrees: float) -> Array:
-    """A latitude-longitude image turned about the vertical, interpolated between columns."""
+def turned(image: Float64, degrees: float) -> Float64:
+    """A latitude-longitude image (H, W, C) rotated about the vertical, linear between columns."""
     shift = degrees / 360.0 * image.shape[1]
     whole = math.floor(shift)
     part = shift - whole
     return np.asarray((1.0 - part) * np.roll(image, whole, 1) + part * np.roll(image, whole + 1, 1))
 
 
-def _sky(environment: Environment) -> Array:
+def _sky(environment: Environment) -> Float64:
     directions = pixel_directions(HEIGHT, WIDTH)
     up = directions[..., 1:2]
     zenith, horizon, ground = (np.asarray(c) for c in (environment.zenith, environment.horizon, environment.ground))
@@ -80,15 +84,15 @@ def _sky(environment: Environment) -> Array:
 
 @dataclass(frozen=True)
 class Illumination:
-    """A scene's light, sorted by how it is to be computed.
+    """A scene's light, divided by how it is computed.
 
     Attributes:
-        lights: the scene's point lights, then the suns of the environment as far-away balls.
+        lights: the scene's point lights, then the suns of the environment as distant spherical lights.
         sky: (64, 128, 3) radiance of the environment without its suns.
     """
 
     lights: tuple[PointLight, ...]
-    sky: Array
+    sky: Float64
 
     @property
     def dark(self) -> bool:
@@ -97,17 +101,17 @@ class Illumination:
 
 
 def illumination(scene: Scene) -> Illumination:
-    """Point lights and sky of a scene. Suns become point lights: a few directions cannot give them sharp shadows."""
+    """Point lights and sky of a scene; suns become point lights, as few directions cannot resolve their shadows."""
     sky, suns = without_suns(radiance(scene.environment))
     return Illumination((*scene.lights, *suns), sky)
 
 
-def without_suns(image: Array) -> tuple[Array, tuple[PointLight, ...]]:
-    """Take small bright spots out of a latitude-longitude image (H, W, 3).
+def without_suns(image: Float64) -> tuple[Float64, tuple[PointLight, ...]]:
+    """Extract suns from a latitude-longitude image (H, W, 3) of linear radiance.
 
-    A spot counts when it sends, from within 6 degrees, more than 2 % of all light and is eight times as bright as what
-    surrounds it. It is replaced by its surroundings and returned as a ball 100 m away that gives the same irradiance
-    on a facing surface and is as wide.
+    A sun is a spot that sends more than 2 % of all light from within 6 degrees and whose peak is eight times as bright
+    as the ring around it. It is replaced by the level of that ring, and returned as a spherical light at 100 m of the
+    same angular size and the same irradiance on a facing surface.
     """
     height, width = image.shape[:2]
     directions, angles = pixel_directions(height, width), pixel_solid_angles(height, width)
@@ -128,8 +132,8 @@ def without_suns(image: Array) -> tuple[Array, tuple[PointLight, ...]]:
     return sky, tuple(suns)
 
 
-def _sun(flux: Array, directions: Array, smallest: float) -> PointLight:
-    """The ball that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
+def _sun(flux: Float64, directions: Float64, smallest: float) -> PointLight:
+    """The spherical light that sends the (H, W, 3) flux; its angular radius is at least ``smallest`` radians."""
     weight = flux.mean(-1)
     mean = (directions * weight[..., None]).sum((0, 1))
     towards = mean / np.linalg.norm(mean)
@@ -141,7 +145,7 @@ def _sun(flux: Array, directions: Array, smallest: float) -> PointLight:
     return PointLight((x, y, z), (red, green, blue), radius * _FAR_M)
 
 
-def lookup(image: Array, directions: Array) -> Array:
+def lookup(image: Float64, directions: Float64) -> Float64:
     """(..., 3) radiance of a latitude-longitude image at unit directions, bilinear."""
     height, width = image.shape[:2]
     at = pixel_of(directions, height, width)

@@ -1,15 +1,15 @@
-"""What each effect of light is worth on a surface, as a bound of the mean absolute error of leaving it out.
+"""Upper bound of the mean absolute error that leaving out an effect of light causes on a surface.
 
-A bound has to hold for the whole surface although only some hundred points of it were shaded. It is
+The bound has to hold for the whole surface although only some hundred points of it are shaded. It is
 ``FLOOR + MARGIN * (mean + 2 standard errors) + rare``:
 
-- The mean is over the samples, each at several places of its fine relief; where the shading only guesses (shadows
-  between the directions that visibility is known for, horizons between azimuths) the worse of two guesses counts.
-- The standard error says how well the mean is known, if the samples show what there is to see.
-- ``rare`` is for what they do not show: a shadow or a sparkle on less than one point in K may miss them all, and then
-  mean and standard error are both 0. Laplace's rule of succession: as if one more sample had been drawn, as bad as any
-  can be. For shadows that is a point without the lamp; for anything else the worst point seen.
-- ``MARGIN`` is for what the short shading leaves out.
+- The mean is over the samples, each at several places of its fine relief. Where the shading is uncertain (shadows
+  between the directions of known visibility, horizons between azimuths) the worse of two assumptions counts.
+- The standard error is that of the mean over the samples.
+- ``rare`` covers what no sample shows: a shadow or a sparkle on less than one point in K may be missed by all K, and
+  then mean and standard error are both 0. By Laplace's rule of succession one more sample is added with the largest
+  error possible: for shadows that of a point without the lamp, for other effects that of the worst sample.
+- ``MARGIN`` covers the approximations of the shading (``service.light.shading``).
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.light.environment import illumination
 from service.light.scene import Scene
 from service.light.shading import BRIGHT, DARK, GONE, LOW, Item, Shading, develop
-from service.light.surface import Surface
-
-Array = npt.NDArray[np.float64]
+from service.light.surface import SurfaceSamples
 
 __all__ = ["Estimates", "Facts", "develop", "estimate"]
 
 MARGIN = 1.4
+"""Factor of the bound for the approximations of the shading."""
 FLOOR = 0.01
+"""Constant part of every bound, 1/255 of sRGB."""
 MIRROR_DOUBT = 0.04
-"""Share of the sky's mirror image by which two lobes and one may differ: directions are too few to tell them apart."""
+"""Relative difference of the sky's reflection between one lobe and two, which the few directions cannot resolve."""
 
 PROFILE_DOUBT = 0.2
-"""Share of scattering's change that three rings may miss of a profile, in bands narrower than the rings."""
+"""Relative error of the change by scattering: three rings miss features narrower than their spacing."""
 
 _SHADOWS = ("shadows", "relief_shadows")
-_DOUBTS: dict[str, tuple[tuple[str, ...], ...]] = {
+_ASSUMPTIONS: dict[str, tuple[tuple[str, ...], ...]] = {
     "shadows": ((DARK,),),
     "relief_shadows": ((LOW,), (LOW, BRIGHT)),
     "specular": ((), (BRIGHT,)),
 }
-"""Guesses about a light for which the change is computed when an effect of that light is left out; the worst counts.
+"""Assumptions about a light under which the change is computed when an effect of it is left out; the worst counts.
 
-What a shadow hides leaves nothing to lose, so highlights and the relief's shadows are also tried in the least shadow.
+In full shadow nothing of a lamp is left to lose, so highlights and relief shadows are also tried in the lightest.
 """
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What the reasons of a plan are made of: shares of the light, means over the samples; lists by light."""
+    """Numbers that explain a plan: shares of the light, means over the samples; lists have one entry per light."""
 
     sky_share: float
     openness: float
@@ -65,44 +65,45 @@ class Facts:
 
 
 class Estimates:
-    """Shaded samples; ask for ``bound``."""
+    """Shaded samples, and the bounds computed from them."""
 
     def __init__(self, shading: Shading) -> None:
-        """From samples shaded by each light alone."""
+        """Take samples that are shaded by each light alone."""
         self.shading = shading
         self.light_count = len(shading.lamps)
         self._whole = shading.picture(set())
 
     def bound(self, effect: str, light: int | None) -> float:
-        """Mean absolute error in 1/255 if one effect is left out, at most; 0 where it cannot matter."""
+        """Upper bound of the mean absolute error, 1/255 of sRGB, of leaving out an effect; 0 if it changes nothing."""
         if self._idle(effect, light):
             return 0.0
         worst = 0.0
-        for doubts in _DOUBTS.get(effect, ((),)):
-            change = self._change([(effect, light)], {(doubt, light) for doubt in doubts})
+        for assumptions in _ASSUMPTIONS.get(effect, ((),)):
+            change = self._change([(effect, light)], {(name, light) for name in assumptions})
             mean, error = self._mean(change)
             rare = 255.0 * self._rare(effect, light, change)
             worst = max(worst, FLOOR + MARGIN * (mean + 2.0 * error) + rare)
         return worst
 
     def together(self, items: list[Item]) -> float:
-        """Mean absolute error in 1/255 of leaving out several effects at once, without any doubt added."""
+        """Mean absolute error in 1/255 of sRGB of leaving out several effects at once, without margins."""
         active = [item for item in items if not self._idle(*item)]
-        doubts: set[Item] = {(_DOUBTS[e][0][0], i) for e, i in active if e in _SHADOWS}
-        return self._mean(self._change(active, doubts))[0] if active else 0.0
+        assumptions: set[Item] = {(_ASSUMPTIONS[e][0][0], i) for e, i in active if e in _SHADOWS}
+        return self._mean(self._change(active, assumptions))[0] if active else 0.0
 
     def _idle(self, effect: str, light: int | None) -> bool:
+        """Whether no sample receives the light that an effect is about."""
         s = self.shading
         if light is not None:
-            return not s.lamps[light].facing_it.any()
+            return not s.lamps[light].facing_irradiance.any()
         if effect in ("occlusion", "reflection"):
             return not (s.sky_open.any() or s.sky_blocked.any())
-        return not (s.sky_open.any() or any(lamp.facing_it.any() for lamp in s.lamps))
+        return not (s.sky_open.any() or any(lamp.facing_irradiance.any() for lamp in s.lamps))
 
-    def _change(self, items: list[Item], doubts: set[Item]) -> Array:
-        """(P, K) absolute change by leaving out effects, under guesses about lights."""
-        before = self.shading.picture(doubts) if doubts else self._whole
-        change = np.abs(self.shading.picture({*items, *doubts}) - before)
+    def _change(self, items: list[Item], assumptions: set[Item]) -> Float64:
+        """(P, K) absolute change by leaving out effects, under assumptions about lights."""
+        before = self.shading.picture(assumptions) if assumptions else self._whole
+        change = np.abs(self.shading.picture({*items, *assumptions}) - before)
         if ("scattering", None) in items:
             change = (1.0 + PROFILE_DOUBT) * change + self.shading.soft_edges()
         if ("second_lobe", None) in items:
@@ -110,8 +111,8 @@ class Estimates:
             change = change + MIRROR_DOUBT * mirror
         return np.asarray(change.mean(-1))
 
-    def _rare(self, effect: str, light: int | None, change: Array) -> float:
-        """What one more point could add, as bad as any can be."""
+    def _rare(self, effect: str, light: int | None, change: Float64) -> float:
+        """Contribution of one more sample with the largest error possible (Laplace's rule of succession)."""
         places, samples = change.shape
         if effect not in _SHADOWS:
             return float(change.mean(0).max() / samples)
@@ -119,7 +120,7 @@ class Estimates:
         points = samples * (places if effect == "relief_shadows" else 1)
         return float((self.shading.surface.weight @ gone) / points)
 
-    def _mean(self, change: Array) -> tuple[float, float]:
+    def _mean(self, change: Float64) -> tuple[float, float]:
         """Mean and standard error in 1/255; the places of a sample are not independent and count as one."""
         w, each = self.shading.surface.weight, change.mean(0)
         mean = float(w @ each)
@@ -127,7 +128,7 @@ class Estimates:
         return 255.0 * mean, 255.0 * error
 
     def facts(self) -> Facts:
-        """Numbers for people."""
+        """Numbers that explain a plan."""
         s, w = self.shading, self.shading.surface.weight
         share = [float((w @ (lamp.irradiance[0] * lamp.seen[:, None])).mean()) for lamp in s.lamps]
         sky, open_sky = (float((w @ e[0]).mean()) for e in (s.sky_blocked, s.sky_open))
@@ -150,6 +151,6 @@ class Estimates:
         )
 
 
-def estimate(scene: Scene, surface: Surface) -> Estimates:
-    """Shade the samples; some hundredths of a second."""
+def estimate(scene: Scene, surface: SurfaceSamples) -> Estimates:
+    """Shade the samples; takes some hundredths of a second."""
     return Estimates(Shading(scene, surface, illumination(scene)))

@@ -1,4 +1,4 @@
-"""Choosing the exposure as a photographer would: from the face."""
+"""Automatic exposure, metered on the face."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 from service.light.scene import Response, Scene
 
 BRIGHT = 0.9
-"""Quantile of the face's luminance that the response's target speaks of."""
+"""Quantile of the face's luminance that the exposure brings to the response's target."""
 
 
 def level_of(response: Response) -> float:
-    """Linear value that the response codes as its target."""
+    """Linear value that the response's tone curve maps to its target."""
     coded = response.target ** (1.0 / response.gamma)
     linear = coded / 12.92 if coded <= 0.04045 else ((coded + 0.055) / 1.055) ** 2.4
     knee = 1.0 - response.shoulder
@@ -21,5 +21,5 @@ def level_of(response: Response) -> float:
 
 
 def exposed_for(scene: Scene, bright: float) -> Scene:
-    """The scene with the exposure that brings a linear luminance to the response's target; 1 in complete darkness."""
+    """The scene with the exposure that maps a linear luminance to the response's target; 1 in complete darkness."""
     return scene.exposed(min(level_of(scene.response) / bright, 1e9) if bright > 1e-9 else 1.0)

@@ -1,27 +1,26 @@
-"""The formulas of light, as ``export.light`` wrote them: loaded when first needed, fed in pieces of bounded size."""
+"""Formulas of light as networks written by ``export.light``: loaded on first use, run in pieces of bounded size."""
 
 from __future__ import annotations
 
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32
 from service.light.scene import PointLight
 from service.runtime.sessions import MODELS, Session, load_session
-
-Float = npt.NDArray[np.float32]
 
 FOLDER = MODELS.parent / "light"
 
 PIECE = 1 << 17
-"""Points at a time: some tens of intermediate planes stay in tens of megabytes."""
+"""Points per run: some tens of intermediate planes then take tens of megabytes."""
 
 _NOTHING = -1e30
+"""Depth of empty cells."""
 
 
 class Graphs:
-    """Sessions by name.
+    """Runs graphs by name.
 
     Args:
         threads: compute threads of each.
@@ -30,8 +29,8 @@ class Graphs:
     def __init__(self, threads: int = 2) -> None:
         self._threads = threads
 
-    def run(self, name: str, **inputs: npt.NDArray[np.floating]) -> Float:
-        """The result of one graph, whole.
+    def run(self, name: str, **inputs: AnyFloat) -> Float32:
+        """The first output of one graph.
 
         Raises:
             ModelFault: the graph is missing, changed, or refuses the inputs.
@@ -40,12 +39,12 @@ class Graphs:
         arrays = {key: np.ascontiguousarray(value, np.float32) for key, value in inputs.items()}
         return np.asarray(_session(name, self._threads).run(arrays)[0], np.float32)
 
-    def at_points(self, name: str, points: dict[str, Float], **fixed: npt.NDArray[np.floating]) -> Float:
+    def at_points(self, name: str, points: dict[str, Float32], **fixed: AnyFloat) -> Float32:
         """(C, N) or (N,) of a graph whose ``points`` are (C, N) or (N,), in pieces; raises as :meth:`run`."""
         count = next(iter(points.values())).shape[-1]
         parts = []
         for first in range(0, count, PIECE):
-            # Graphs take maps (C, h, w): a list of points is a map of one row.
+            # Graphs take maps (C, h, w), so points are passed as a map of one row.
             rows = {key: value[..., None, first : first + PIECE] for key, value in points.items()}
             parts.append(self.run(name, **rows, **fixed)[..., 0, :])
         if parts:
@@ -53,7 +52,7 @@ class Graphs:
         width = 3 if name in ("irradiance", "reflection") or name.startswith("highlight") else 0
         return np.zeros((width, 0) if width else 0, np.float32)
 
-    def lit(self, name: str, occluders: Float, spacing_mm: float, points: Float, towards: Float) -> Float:
+    def lit(self, name: str, occluders: Float32, spacing_mm: float, points: Float32, towards: Float32) -> Float32:
         """(N,) share of light in [0, 1] from a direction or a point (3,), see ``models.lightstage.light.graphs``.
 
         Args:
@@ -75,19 +74,19 @@ def _session(name: str, threads: int) -> Session:
     return load_session(name, threads, FOLDER, in_order=True)
 
 
-def lamp_numbers(light: PointLight) -> dict[str, Float]:
-    """Inputs of graphs about a lamp."""
+def lamp_numbers(light: PointLight) -> dict[str, Float32]:
+    """A lamp as inputs of the graphs."""
     numbers = {"at": light.position_m, "intensity": light.intensity, "radius": light.radius_m}
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()}
 
 
-def _cells(name: str, occluders: Float, spacing_mm: float, towards: Float) -> int:
-    """Cells a side that hold the depth map for certain: the graph uses of them what it needs, 2049 at most."""
+def _cells(name: str, occluders: Float32, spacing_mm: float, towards: Float32) -> int:
+    """Side of the depth map in cells, an upper bound of what the graph uses; at most 2049."""
     diagonal = float(np.linalg.norm(occluders.max(1) - occluders.min(1)))
     if name == "lit_from_direction":
         return min(int(np.ceil(diagonal / (1.6 * spacing_mm))), 2048) + 2
     distance = np.linalg.norm(occluders - towards[:, None], axis=0)
     if float(distance.min()) < 0.5 * diagonal:
-        return 2049  # the lamp is so near that the head fills any angle
+        return 2049  # so near that the head may fill any angle
     angle = 2.0 * np.arctan(0.5 * diagonal / float(distance.min())) * 1.5
     return min(int(np.ceil(angle * float(np.median(distance)) * 1.01 / (1.6 * spacing_mm))), 2047) + 2

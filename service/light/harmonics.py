@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float64
 from service.light.sphere import pixel_directions, pixel_solid_angles
-
-Array = npt.NDArray[np.float64]
 
 COSINE_LOBE = np.repeat([np.pi, 2.0 * np.pi / 3.0, np.pi / 4.0], [1, 3, 5])
 """(9,) factors of each coefficient when radiance is turned into irradiance."""
 
 
-def basis(directions: npt.NDArray[np.floating]) -> Array:
+def basis(directions: AnyFloat) -> Float64:
     """(..., 9) values at unit directions (..., 3), in the order (0,0), (1,-1), (1,0), (1,1), (2,-2) ... (2,2).
 
     The polar axis of the functions is z.
@@ -35,17 +33,17 @@ def basis(directions: npt.NDArray[np.floating]) -> Array:
     )
 
 
-def project(radiance: npt.NDArray[np.floating]) -> Array:
+def project(radiance: AnyFloat) -> Float64:
     """(9, 3) coefficients of a latitude-longitude image (H, W, 3) of linear radiance."""
     height, width = radiance.shape[:2]
     weighted = basis(pixel_directions(height, width)) * pixel_solid_angles(height, width)[..., None]
     return np.asarray(np.einsum("hwk,hwc->kc", weighted, np.asarray(radiance, np.float64)))
 
 
-def irradiance(coefficients: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Array:
-    """(..., 3) irradiance >= 0 on surfaces with unit normals (..., 3), without anything in the way.
+def irradiance(coefficients: AnyFloat, normals: AnyFloat) -> Float64:
+    """(..., 3) irradiance >= 0 on surfaces with unit normals (..., 3), without occlusion.
 
-    Degree 2 rings for hard light; what comes out negative is cut to 0.
+    Truncation at degree 2 rings for hard light; negative values are clipped to 0.
     """
     values = basis(normals) @ (COSINE_LOBE[:, None] * np.asarray(coefficients, np.float64))
     return np.asarray(np.maximum(values, 0.0))

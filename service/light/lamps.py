@@ -1,23 +1,20 @@
-"""Lamps that are not points: where on them their shadows are taken from."""
+"""Area lamps: the points on them from which soft shadows are sampled."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.geometry.normals import normalise
 from service.light.scene import PointLight
-
-Array = npt.NDArray[np.float64]
+from service.light.sphere import GOLDEN_ANGLE
 
 SHARP_RAD = 0.002
-"""Lamps that look smaller than this from the head are points."""
-
-_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+"""Angular radius as seen from the head below which a lamp counts as a point."""
 
 
-def disc_of(light: PointLight, centre_m: Array) -> Array:
-    """(S, 3) metres, points on the disc that a lamp shows to a head, S = 1 to 16 (sunflower pattern).
+def disc_of(light: PointLight, centre_m: Float64) -> Float64:
+    """(S, 3) metres, points on the disc that faces the head, S = 1 to 16 (sunflower pattern).
 
     Args:
         light: the lamp.
@@ -33,7 +30,7 @@ def disc_of(light: PointLight, centre_m: Array) -> Array:
     right /= np.linalg.norm(right)
     up = np.cross(axis, right)
     count = int(min(16, 6 + 60 * light.radius_m / distance))
-    # A ball that reaches into the head would put samples on its far side.
+    # A lamp that reaches into the head would put samples on the head's far side.
     radius = min(light.radius_m, 0.9 * distance) * np.sqrt((np.arange(count) + 0.5) / count)
-    angle = np.arange(count) * _GOLDEN
+    angle = np.arange(count) * GOLDEN_ANGLE
     return np.asarray(at + radius[:, None] * (np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * up))

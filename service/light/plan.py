@@ -1,9 +1,9 @@
-"""Only what the scene calls for: which effects of light run, and how much leaving out the others can cost.
+"""Choose the effects of light that a scene needs, and bound the error of leaving out the others.
 
-Every effect's worth is estimated on a few hundred points of the very surface and scene (``service.light.estimate``);
-what may be left out is what costs little, as long as the sum of all bounds stays within the tolerance. There is no
-list of special cases: a frontal lamp, an overcast sky or a matt skin make effects drop out because their estimates are
-small.
+The error of leaving out an effect is estimated on a few hundred points of the surface in the scene
+(``service.light.estimate``). Effects are left out in the order of bound over time, as long as the sum of their bounds
+stays within the tolerance. There are no special cases: under a frontal lamp, an overcast sky or on matt skin, effects
+are left out because their estimates are small.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from service.errors import UsageError
 from service.light.environment import illumination
 from service.light.estimate import Facts, estimate
 from service.light.scene import Scene
-from service.light.surface import Surface
+from service.light.surface import SurfaceSamples
 
 WHOLE = ("occlusion", "reflection", "second_lobe", "fresnel", "scattering")
 PER_LIGHT = ("shadows", "relief_shadows", "specular")
@@ -26,18 +26,18 @@ _COST = {
     "occlusion": 3.0, "reflection": 4.0, "second_lobe": 1.0, "fresnel": 0.3, "scattering": 10.0, "shadows": 12.0,
     "relief_shadows": 3.0, "specular": 1.5,
 }  # fmt: skip
-"""Relative time of the effects (``python -m benchmarks.skipping``); decides only which of two to leave out first."""
+"""Relative time of the effects (``python -m benchmarks.skipping``); decides only the order of leaving out."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What became of one effect.
+    """Decision about one effect.
 
     Attributes:
         effect: one of ``EFFECTS``.
         light: index into ``illumination(scene).lights`` for effects of single lights, else None.
         runs: whether it is computed.
-        bound: mean absolute error of the picture in 1/255 of sRGB if it is left out, at most.
+        bound: upper bound of the mean absolute error of the picture in 1/255 of sRGB if it is left out.
         why: the reason in words.
     """
 
@@ -54,7 +54,7 @@ class Plan:
 
     Attributes:
         decisions: one for every effect (and light).
-        tolerance: what was asked for, in 1/255 of sRGB.
+        tolerance: as requested, in 1/255 of sRGB.
     """
 
     decisions: tuple[Decision, ...]
@@ -62,7 +62,7 @@ class Plan:
 
     @property
     def bound(self) -> float:
-        """Sum of the bounds of all that is left out, in 1/255 of sRGB (mean absolute error over the face)."""
+        """Sum of the bounds of the effects left out, in 1/255 of sRGB (mean absolute error over the face)."""
         return sum(d.bound for d in self.decisions if not d.runs)
 
     @property
@@ -103,22 +103,24 @@ def _items(lights: int) -> list[tuple[str, int | None]]:
     return [*((effect, None) for effect in WHOLE), *((effect, i) for i in range(lights) for effect in PER_LIGHT)]
 
 
-def plan(scene: Scene, surface: Surface, tolerance: float = 1.0) -> Plan:
+def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Plan:
     """Choose the effects for a scene on a surface.
 
     Args:
         scene: with a number for its exposure.
-        surface: sample points of what is lit (``models.lightstage.light.survey`` makes one).
-        tolerance: mean absolute error over the face, in 1/255 of sRGB, that all omissions together may reach; 0 leaves
-            out only what cannot change anything.
+        surface: samples of the surface, see ``service.light.survey``.
+        tolerance: largest mean absolute error over the face of all omissions together, in 1/255 of sRGB; 0 leaves out
+            only what changes nothing.
 
     Raises:
         UsageError: no exposure, or a negative tolerance.
     """
     if scene.response.exposure is None:
-        raise UsageError("scene: exposure is null; the cost of an effect cannot be told without it")
+        raise UsageError(
+            "scene: exposure is null; it has to be a number, on which the error of leaving out an effect depends"
+        )
     if not tolerance >= 0.0:
-        raise UsageError(f"a tolerance of {tolerance} makes no sense; give 0 or more, in 1/255 of sRGB")
+        raise UsageError(f"tolerance is {tolerance!r}; it has to be 0 or more, in 1/255 of sRGB")
     estimates = estimate(scene, surface)
     items = _items(estimates.light_count)
     bounds = {item: estimates.bound(*item) for item in items}
@@ -128,7 +130,7 @@ def plan(scene: Scene, surface: Surface, tolerance: float = 1.0) -> Plan:
         if spent + bounds[item] > tolerance:
             continue
         if estimates.together([*chosen, item]) > spent + bounds[item] + 1e-9:
-            continue  # together they cost more than one by one
+            continue  # the error of leaving out both exceeds the sum of the bounds
         chosen.append(item)
         spent += bounds[item]
     left, facts = set(chosen), estimates.facts()
@@ -155,7 +157,7 @@ def _why(effect: str, light: int | None, bound: float, e: Facts) -> str:
 
 
 def report(made: Plan) -> str:
-    """Lines for people: what runs, what does not, and what that can cost."""
+    """Text for people: which effects run, which do not and why, and the error at most."""
     lines = []
     for d in sorted(made.decisions, key=lambda d: (d.runs, -d.bound)):
         name = d.effect if d.light is None else f"{d.effect} of light {d.light}"

@@ -1,7 +1,7 @@
-"""What lights a head and who looks at it: an environment, point lights, viewpoints and a camera's response.
+"""Scene of a render: environment, point lights, viewpoints and the camera's response.
 
 Positions are metres in head space: origin midway between the eyes, +X the subject's left, +Y up, +Z out of the face.
-Light is linear sRGB; its unit is free, for the response's exposure scales it. A scene travels as JSON.
+Radiance is linear sRGB in an arbitrary unit, as the response's exposure scales it. A scene is exchanged as JSON.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _triple(value: object, what: str, low: float, high: float) -> Triple:
 
 @dataclass(frozen=True)
 class PointLight:
-    """A glowing ball, evenly bright.
+    """A spherical light of uniform radiance.
 
     Attributes:
         position_m: its centre, at most 1000 m away.
@@ -60,7 +60,7 @@ class PointLight:
 
 @dataclass(frozen=True)
 class Softbox:
-    """A soft bright spot of the surroundings: radiance * exp(sharpness * (cos - 1)), cos to its direction."""
+    """A spherical Gaussian of radiance: radiance * exp(sharpness * (cos - 1)), cos of the angle to its direction."""
 
     direction: Triple
     radiance: Triple
@@ -76,14 +76,14 @@ class Softbox:
 
 @dataclass(frozen=True)
 class Environment:
-    """Distant light all around: one of the shipped images or a made-up sky, turned about the vertical and scaled.
+    """Distant light from all directions: a shipped image plus an analytic sky, rotated about the vertical and scaled.
 
     Attributes:
-        name: a shipped image (``service.light.environment.names``), or None for a made-up sky.
-        zenith, horizon, ground: linear radiance of the made-up sky; all equal means even light.
+        name: a shipped image (``service.light.environment.names``), or None for the analytic sky alone.
+        zenith, horizon, ground: linear radiance of the analytic sky; uniform light if all are equal.
         softboxes: bright spots added to it.
-        rotation_deg: turn about +Y; positive turns light from in front of the face to the subject's left.
-        strength: factor of everything.
+        rotation_deg: rotation about +Y; positive moves light from in front of the face to the subject's left.
+        strength: factor of all radiance.
     """
 
     name: str | None = None
@@ -96,7 +96,7 @@ class Environment:
 
     def __post_init__(self) -> None:
         if self.name is not None and not isinstance(self.name, str):
-            raise _fault("environment name", self.name, "a text or null")
+            raise _fault("environment name", self.name, "a string or null")
         for name in ("zenith", "horizon", "ground"):
             _triple(getattr(self, name), name, 0.0, 1e6)
         if len(self.softboxes) > 64:
@@ -107,13 +107,13 @@ class Environment:
 
 @dataclass(frozen=True)
 class Response:
-    """How the camera turns light into coded values: code(clip(exposure * white_balance * light)) ** gamma.
+    """The camera's tone curve: coded value = sRGB(clip(exposure * white_balance * light)) ** gamma.
 
     Attributes:
-        exposure: factor, or None for "to be chosen from the picture" (see ``target``).
-        target: sRGB-coded level in (0, 1) that the 90th percentile of the face should have where exposure is None.
+        exposure: factor, or None to choose it automatically (see ``target``).
+        target: sRGB-coded level in (0, 1) of the face's 90th percentile where exposure is None.
         white_balance: factors of linear RGB.
-        shoulder: 0 for a hard clip; above, values beyond 1 - shoulder bend smoothly towards 1.
+        shoulder: 0 for a hard clip; otherwise values above 1 - shoulder approach 1 smoothly.
         gamma: exponent of the coded value.
     """
 
@@ -133,11 +133,12 @@ class Response:
 
 
 DEFAULT_VIEW: Triple = (0.0, 0.0, 1.2)
+"""Viewpoint in metres, head space: in front of the face at portrait distance."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Light, viewers and camera. Several viewpoints make a texture stitched from several photos."""
+    """Light, viewpoints and camera. Several viewpoints simulate a texture blended from several photos."""
 
     environment: Environment = Environment()
     lights: tuple[PointLight, ...] = ()
@@ -162,7 +163,7 @@ class Scene:
 
     @classmethod
     def from_json(cls, text: str) -> Scene:
-        """A scene from JSON; fields that are left out have their defaults.
+        """A scene from JSON; missing fields have their defaults.
 
         Raises:
             UsageError: not JSON, a field that does not exist, or a value out of range; the message names it.

@@ -1,8 +1,8 @@
 """Sample points of a surface shaded with and without each effect, by the formulas of ``models/lightstage/light``.
 
-What is short here and exact there: shadows (visibility in spread directions instead of a depth map per lamp), the fine
-relief's shadows (sixteen azimuths), scattering (three rings of four points instead of a profile), the sky's mirror
-image (as many directions as there are). A test holds the two together point by point.
+Approximate here and exact there: shadows (visibility in spread directions instead of a depth map per lamp), relief
+shadows (sixteen azimuths), scattering (three rings of four points instead of the profile), the sky's reflection (the
+same spread directions). A test compares the two point by point.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, Float64
 from service.colour import LUMA
 from service.light.environment import Illumination
 from service.light.gloss import F0_SCALE, mirror_openness, mirror_weights
@@ -20,33 +20,35 @@ from service.light.graphs import Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
 from service.light.scene import PointLight, Response, Scene, Triple
 from service.light.sphere import flux_by_direction, spread_directions
-from service.light.surface import AZIMUTHS, Surface
+from service.light.surface import AZIMUTHS, SurfaceSamples
 
-Array = npt.NDArray[np.float64]
 Item = tuple[str, int | None]
-"""An effect and its light. Four items are no effects but doubts about a light, see ``Shading.arriving``."""
+"""An effect and its light. Four items are assumptions about a light instead of effects, see ``Shading.arriving``."""
 
 DARK, BRIGHT, LOW, GONE = "darkest shadow", "lightest shadow", "lowest relief", "gone"
 
 KINDS = ("both", "one", "flat")
-"""Two lobes, one lobe, two lobes without Fresnel's rise."""
+"""Variants of the specular reflection: two lobes, one lobe, two lobes without Fresnel's increase at grazing angles."""
 
 RINGS = np.array([[0.22, 0.53, 0.34], [0.40, 0.02, 0.01], [0.08, 0.0, 0.0]])
-"""Share of each colour's profile that the rings of ``RING_MM`` stand for, from the inside out; the rest stays in place.
+"""Weights of the rings of ``RING_MM`` in the diffusion profile, inside out, by colour; the rest is the centre's.
 
-The outermost is for the widest Gaussian of red alone: what little it brings into a dark place is much once coded.
+The outermost stands for the widest Gaussian of red alone: the little light it brings into shadow is visible once coded.
 """
 
 HORIZON = 0.25
-"""Sine of the depth below the smooth horizon at which a lamp has faded out: fine relief may still face it."""
+"""Sine of the angle below the smooth horizon at which a lamp has faded out; above, fine relief may still face it."""
 
 _NEAREST_M = 1e-3
+"""Smallest distance in the inverse square law."""
 _CONE = np.radians(9.0)
+"""Half angle around a lamp over which visibility is averaged."""
 _SOFT_SLOPE = 0.08
+"""Difference of slopes over which a relief shadow fades in."""
 
 
-def develop(light: Array, response: Response) -> Array:
-    """(..., 3) coded sRGB in [0, 1] of linear light, as the camera's response says."""
+def develop(light: Float64, response: Response) -> Float64:
+    """(..., 3) coded sRGB in [0, 1] of linear light, by the camera's tone curve."""
     x = np.maximum(light * np.asarray(response.white_balance) * float(response.exposure or 0.0), 0.0)
     if response.shoulder > 0.0:
         knee = 1.0 - response.shoulder
@@ -57,37 +59,37 @@ def develop(light: Array, response: Response) -> Array:
     return np.asarray(np.maximum(coded, 0.0) ** response.gamma)
 
 
-def unit(v: Array) -> Array:
-    """Vectors of length 1 along the last axis; shorter ones where there is no direction."""
+def unit(v: Float64) -> Float64:
+    """Vectors (..., C) of length 1; shorter where the length is below 1e-12."""
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
 
 
 @dataclass
 class Lamp:
-    """One light on K samples: S places, P of them with their fine relief.
+    """One light on K samples of S places each, P of them with fine relief.
 
     Attributes:
-        irradiance: (S, K, 3) on the diffuse normals, nothing in the way.
-        facing_it: (K, 3) when facing the light.
-        seen, least, most: (K,) share that arrives, best guess and the extremes over nearby directions.
+        irradiance: (S, K, 3) on the diffuse normals, without occlusion.
+        facing_irradiance: (K, 3) on a surface that faces the light.
+        seen, least, most: (K,) visible share of the light, estimate and extremes over nearby directions.
         towards: (K, 3) unit; ``size`` (K,) sine of the ball's angular radius.
-        relief, lowest: (P, K) share that the fine relief lets through, best guess and the darker of two azimuths.
+        relief, lowest: (P, K) share not shadowed by the fine relief, estimate and the lower of two azimuths.
         n_l: (K,) cosine on the diffuse normal.
     """
 
-    irradiance: Array
-    facing_it: Array
-    seen: Array
-    least: Array
-    most: Array
-    towards: Array
-    size: Array
-    relief: Array
-    lowest: Array
-    n_l: Array
+    irradiance: Float64
+    facing_irradiance: Float64
+    seen: Float64
+    least: Float64
+    most: Float64
+    towards: Float64
+    size: Float64
+    relief: Float64
+    lowest: Float64
+    n_l: Float64
 
     @classmethod
-    def of(cls, light: PointLight, s: Surface, directions: Array) -> Lamp:
+    def of(cls, light: PointLight, s: SurfaceSamples, directions: Float64) -> Lamp:
         """Shade the samples by one light."""
         offset = np.asarray(light.position_m) - s.position
         distance = np.maximum(np.linalg.norm(offset, axis=-1), 1e-6)
@@ -111,8 +113,8 @@ def _graph(name: str, kind: str) -> str:
     return f"{name}_flat" if kind == "flat" else name
 
 
-def _computed(name: str, points: Mapping[str, Array], **fixed: npt.NDArray[np.float32]) -> Array:
-    """(..., 3) or (...) float64 of one of the light stage's formulas at points (..., 3) and (...)."""
+def _computed(name: str, points: Mapping[str, Float64], **fixed: Float32) -> Float64:
+    """(..., 3) or (...) float64: one of the light stage's formulas evaluated at points (..., 3) and (...)."""
     shape = next(value.shape[:-1] for key, value in points.items() if key in _VECTORS)
     flat = {
         key: np.asarray(value.reshape(-1, 3).T if key in _VECTORS else value.ravel(), np.float32)
@@ -122,7 +124,9 @@ def _computed(name: str, points: Mapping[str, Array], **fixed: npt.NDArray[np.fl
     return np.asarray(result.T, np.float64).reshape(*shape, *result.shape[:-1])
 
 
-def _shadow(towards: Array, size: Array, s: Surface, directions: Array) -> tuple[Array, Array, Array]:
+def _shadow(
+    towards: Float64, size: Float64, s: SurfaceSamples, directions: Float64
+) -> tuple[Float64, Float64, Float64]:
     """Mean, least and greatest visibility within a cone about the light."""
     cosine = towards @ directions.T
     near = (cosine > np.cos(np.minimum(_CONE + size, 1.5))[:, None]) & (s.normal @ directions.T > 0.04)
@@ -131,15 +135,15 @@ def _shadow(towards: Array, size: Array, s: Surface, directions: Array) -> tuple
     seen = np.where(some, (s.visible * near).sum(1) / np.maximum(near.sum(1), 1), best)
     least = np.where(some, np.where(near, s.visible, 1.0).min(1), best)
     most = np.where(some, np.where(near, s.visible, 0.0).max(1), best)
-    # Below the smooth horizon nothing is known of visibility, and lamps fade out there instead of going out at once.
+    # Visibility is not known below the smooth horizon; lamps fade out there instead of ending abruptly.
     rise = np.einsum("kx,kx->k", towards, s.normal)
     fade = np.where(rise < np.sin(_CONE) + size, np.clip(1.0 + rise / HORIZON, 0.0, 1.0), 0.0)
     seen, most = np.where(some, seen, np.maximum(seen, 0.5 * fade)), np.maximum(most, fade)
     return seen, least, most
 
 
-def _relief(towards: Array, s: Surface) -> tuple[Array, Array]:
-    """(P, K) light let through by the relief, its horizon taken at the nearest azimuth and as the higher of two."""
+def _relief(towards: Float64, s: SurfaceSamples) -> tuple[Float64, Float64]:
+    """(P, K) share of light not shadowed by the relief, by the horizon at the nearest azimuth and the higher of two."""
     x, y, z = (np.einsum("kx,kx->k", towards, axis) for axis in (s.tangent, s.bitangent, s.normal))
     slope = z / np.maximum(np.hypot(x, y), 1e-4)
     turn = np.arctan2(y, x) / (2 * np.pi) * AZIMUTHS
@@ -149,33 +153,33 @@ def _relief(towards: Array, s: Surface) -> tuple[Array, Array]:
     return _let_through(slope, nearest), _let_through(slope, higher)
 
 
-def _let_through(slope: Array, horizon: Array) -> Array:
+def _let_through(slope: Float64, horizon: Float64) -> Float64:
     return np.asarray(np.clip((slope - horizon) / _SOFT_SLOPE + 1.0, 0.0, 1.0))
 
 
 @dataclass
 class View:
-    """What one viewpoint sees beside the diffuse light; dictionaries by ``KINDS``.
+    """Specular light towards one viewpoint; dictionaries by ``KINDS``.
 
     Attributes:
-        highlights: (lights, P, K, 3).
-        mirror: (K, 3) the sky's image, hidden by the head; ``mirror_open`` as if nothing hid it.
-        kept: (K,) share of the diffuse light that the surface lets out; ``kept_dull`` when nothing shines.
+        highlights: (lights, P, K, 3) radiance.
+        mirror: (K, 3) reflected radiance of the sky with specular occlusion; ``mirror_open`` without.
+        kept: (K,) share of diffuse light left after specular reflection; ``kept_dull`` without specular effects.
         facing: (K,) cosine of the smooth normal.
     """
 
-    highlights: dict[str, Array]
-    mirror: dict[str, Array]
-    mirror_open: dict[str, Array]
-    kept: dict[str, Array]
-    kept_dull: Array
-    facing: Array
+    highlights: dict[str, Float64]
+    mirror: dict[str, Float64]
+    mirror_open: dict[str, Float64]
+    kept: dict[str, Float64]
+    kept_dull: Float64
+    facing: Float64
 
 
 class Shading:
-    """The samples under a scene; ``picture`` shows them with some effects left out."""
+    """The samples under a scene; ``picture`` returns them with some effects left out."""
 
-    def __init__(self, scene: Scene, surface: Surface, light: Illumination) -> None:
+    def __init__(self, scene: Scene, surface: SurfaceSamples, light: Illumination) -> None:
         """Shade by every light alone.
 
         Args:
@@ -198,7 +202,7 @@ class Shading:
         weight = np.stack([np.maximum(v.facing, 0.02) ** 4 for v in self.views])
         self.view_weight = weight / weight.sum(0)
 
-    def _view(self, viewpoint: Triple, radiance: Array) -> View:
+    def _view(self, viewpoint: Triple, radiance: Float64) -> View:
         s = self.surface
         v = unit(np.asarray(viewpoint) - s.position[0])
         f0 = F0_SCALE * np.clip(s.specular, 0.0, 1.0)
@@ -223,11 +227,11 @@ class Shading:
         highlights = {kind: self._highlights(v, lobes[kind], kind) for kind in KINDS}
         return View(highlights, mirror, opened, kept, 1.0 - f0, np.einsum("kx,kx->k", s.normal, v))
 
-    def _highlights(self, v: Array, lobes: tuple[tuple[Array, Array], ...], kind: str) -> Array:
-        """(lights, P, K, 3) of lamps that nothing hides."""
+    def _highlights(self, v: Float64, lobes: tuple[tuple[Float64, Float64], ...], kind: str) -> Float64:
+        """(lights, P, K, 3) radiance of highlights, without shadows."""
         s, places = self.surface, len(self.surface.specular_normal)
 
-        def everywhere(values: Array) -> Array:
+        def everywhere(values: Float64) -> Float64:
             return np.broadcast_to(values, (places, *values.shape))
 
         points = {
@@ -243,11 +247,11 @@ class Shading:
             result.append(value)
         return np.stack(result) if result else np.zeros((0, *s.specular_normal.shape))
 
-    def arriving(self, i: int, out: set[Item]) -> Array:
+    def arriving(self, i: int, out: set[Item]) -> Float64:
         """(P, K) share of light i that arrives.
 
-        With ``(DARK, i)`` or ``(BRIGHT, i)`` its shadows are as dark or as light as they may be, with ``(LOW, i)``
-        those of the relief as dark; with ``(GONE, i)`` there is none of it.
+        With ``(DARK, i)`` or ``(BRIGHT, i)`` its shadows are the darkest or the lightest possible, with ``(LOW, i)``
+        the relief's shadows are the darkest possible; with ``(GONE, i)`` the light is off.
         """
         lamp = self.lamps[i]
         if (GONE, i) in out:
@@ -258,7 +262,7 @@ class Shading:
             return np.broadcast_to(seen, lamp.relief.shape)
         return np.asarray(seen * (lamp.lowest if (LOW, i) in out else lamp.relief))
 
-    def diffuse(self, out: set[Item]) -> Array:
+    def diffuse(self, out: set[Item]) -> Float64:
         """(K, 3) albedo times irradiance, scattered."""
         s = self.surface
         e = (self.sky_open if ("occlusion", None) in out else self.sky_blocked).copy()
@@ -272,7 +276,7 @@ class Shading:
         blurred = x[0] * (1.0 - RINGS.sum(0)) + np.einsum("rkc,rc->kc", rings, RINGS)
         return np.asarray(root[0] * blurred)
 
-    def picture(self, out: set[Item]) -> Array:
+    def picture(self, out: set[Item]) -> Float64:
         """(P, K, 3) coded sRGB with some effects left out.
 
         The places of a sample differ in their fine relief only: its highlights and its shadows.
@@ -282,13 +286,13 @@ class Shading:
             total += weight[:, None] * develop(light, self.scene.response)
         return total
 
-    def light(self, out: set[Item]) -> list[Array]:
+    def light(self, out: set[Item]) -> list[Float64]:
         """(P, K, 3) linear light towards each viewpoint, with some effects left out."""
         diffuse = self.diffuse(out)
         mirrors = ("reflection", None) not in out
         shine = [i for i in range(len(self.lamps)) if ("specular", i) not in out]
         arriving = [self.arriving(i, out) for i in range(len(self.lamps))]
-        # Relief shadows of the other places: their lamps' light relative to the centre's.
+        # Places other than the centre differ from it by their relief shadows.
         local = self._beside(arriving)
         kind = "one" if ("second_lobe", None) in out else "flat" if ("fresnel", None) in out else "both"
         result = []
@@ -302,16 +306,16 @@ class Shading:
             result.append(light)
         return result
 
-    def luminance(self) -> Array:
-        """(K,) linear luminance of the samples, white balance included, nothing left out; free of the exposure."""
+    def luminance(self) -> Float64:
+        """(K,) linear luminance of the samples, with white balance and all effects, before exposure."""
         balance = np.asarray(self.scene.response.white_balance) * LUMA
         return sum(
             (w * (light.mean(0) @ balance) for w, light in zip(self.view_weight, self.light(set()), strict=True)),
             np.zeros(len(self.surface.weight)),
         )
 
-    def _beside(self, arriving: list[Array]) -> Array:
-        """(P, K, 3) diffuse light of each place less that of the centre, by the relief's shadows; not scattered."""
+    def _beside(self, arriving: list[Float64]) -> Float64:
+        """(P, K, 3) difference of each place's diffuse light to the centre's by relief shadows, not scattered."""
         s = self.surface
         total = np.zeros_like(s.specular_normal)
         for lamp, share in zip(self.lamps, arriving, strict=True):
@@ -319,13 +323,13 @@ class Shading:
         return total
 
     def half_angles_deg(self) -> list[float]:
-        """Angle between the view and the half vector by light, largest of all viewpoints, mean over the samples."""
+        """Angle between view and half vector of each light, mean over the samples, largest over the viewpoints."""
         views = [unit(np.asarray(v) - self.surface.position[0]) for v in self.scene.viewpoints]
         cosines = [[(v * unit(lamp.towards + v)).sum(-1) for v in views] for lamp in self.lamps]
         return [max(float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0))).mean()) for c in each) for each in cosines]
 
-    def soft_edges(self) -> Array:
-        """(K, 3) what scattering does to shadow edges that the samples are too coarse to see."""
+    def soft_edges(self) -> Float64:
+        """(K, 3) change by scattering at shadow edges, which the samples are too sparse to resolve."""
         full = self.diffuse(set()) / np.pi
         total = np.zeros_like(full)
         for lamp in self.lamps:
@@ -335,7 +339,7 @@ class Shading:
         return total
 
 
-def _irradiance(s: Surface, flux: Array, directions: Array) -> Array:
-    """(S, K, 3) light of the sky that the head does not hide, on the diffuse normals."""
+def _irradiance(s: SurfaceSamples, flux: Float64, directions: Float64) -> Float64:
+    """(S, K, 3) irradiance of the sky on the diffuse normals, with the head's occlusion."""
     vector = np.einsum("kd,dcx->kcx", s.visible, flux[:, :, None] * directions[:, None, :], optimize=True)
     return np.asarray(np.maximum(np.einsum("kcx,skx->skc", vector, s.diffuse_normal), 0.0))

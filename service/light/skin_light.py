@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from service.arrays import Float64
+from service.robust import geman_mcclure
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of linear R, G, B (ITU-R BT.709) in float64; ``service.colour.LUMA`` is float32."""
 
 BAND_GAIN = np.array([1.0, *[2 / 3] * 3, *[1 / 4] * 5])
 """Clamped-cosine transfer A_l / pi of the bands 0, 1, 2."""
 RIDGE = 1e-3
-"""Share of the trace added to the diagonal: half the sphere of normals is never seen."""
+"""Ridge over the trace of the normal matrix: half the sphere of normals is never visible, so it is near singular."""
 
 
-def sh_basis(normals: Array) -> Array:
+def sh_basis(normals: Float64) -> Float64:
     """(N, 3) unit normals -> (N, 9) irradiance basis: harmonics times A_l / pi, so that ``basis @ light`` is E / pi."""
     x, y, z = normals.T
     one = np.ones_like(x)
@@ -31,36 +34,36 @@ def sh_basis(normals: Array) -> Array:
     return np.asarray(np.stack(harmonics, 1) * BAND_GAIN, np.float64)
 
 
-def estimate_light(normals: Array, colours: Array, weights: Array, rounds: int = 4) -> Array | None:
-    """Light that explains skin colours, up to one factor that the skin's mean albedo hides.
+def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds: int = 4) -> Float64 | None:
+    """Estimate the light from skin colours, up to the skin's unknown mean albedo.
 
-    Robust ridge least squares: brows, lips and shadows are outliers of a one-albedo skin and lose weight.
+    Ridge regression with robust weights: brows, lips and cast shadows are outliers of a one-albedo model.
 
     Args:
-        normals: (N, 3) unit, any frame; the light comes out in the same.
+        normals: (N, 3) unit, any frame; the light is in the same.
         colours: (N, 3) linear RGB in [0, 1].
         weights: (N,) >= 0.
-        rounds: how often the weights are renewed.
+        rounds: number of re-weightings.
 
     Returns:
-        (9, 3) coefficients scaled so that the seen skin has a mean E / pi of luminance one; None where fewer than 30
+        (9, 3) coefficients scaled so that E / pi has a mean luminance of one over the skin; None where fewer than 30
         points have weight or the skin is black.
     """
     used = (weights > 0) & np.isfinite(colours).all(1) & np.isfinite(normals).all(1)
     if int(used.sum()) < 30:
         return None
     basis, colour, weight = sh_basis(normals[used]), colours[used], weights[used]
-    belief = np.ones(len(weight))
-    light: Array = np.zeros((9, 3))
+    robust: Float64 = np.ones(len(weight))
+    light: Float64 = np.zeros((9, 3))
     for _ in range(rounds):
-        w = (weight * belief)[:, None]
+        w = (weight * robust)[:, None]
         gram = basis.T @ (w * basis)
         gram += np.eye(9) * max(RIDGE * float(np.trace(gram)), 1e-12)
         light = np.asarray(np.linalg.solve(gram, basis.T @ (w * colour)), np.float64)
         residual = np.abs(colour - basis @ light).mean(1)
         spread = max(1.4826 * float(np.median(residual)), 1e-4)
-        belief = (1.0 + (residual / (2.5 * spread)) ** 2) ** -2
-    mean = float(weight @ ((basis @ light) @ np.array([0.2126, 0.7152, 0.0722])) / weight.sum())
+        robust = geman_mcclure(residual, 2.5 * spread)
+    mean = float(weight @ ((basis @ light) @ LUMINANCE) / weight.sum())
     if not np.isfinite(light).all() or mean < 1e-4:
         return None
     return np.asarray(light / mean)

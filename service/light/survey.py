@@ -1,4 +1,4 @@
-"""Sample points of a lit chart, for the planner: drawn once here for the light stage and for the renderer."""
+"""Sampling of a lit chart for the planner, shared by the light stage and the renderer."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from service.light.surface import PLACES, RING_MM, Surface
+from service.arrays import AnyFloat, Bool, Float64, Int64
+from service.light.surface import PLACES, RING_MM, SurfaceSamples
 
-Array = npt.NDArray[np.float64]
-Plane = npt.NDArray[np.floating]
-Index = npt.NDArray[np.int64]
+Index = Int64
 
 
 @dataclass(frozen=True)
@@ -26,36 +24,36 @@ class LitChart:
         diffuse_normal, specular_normal: unit, head space.
         albedo: linear diffuse albedo in [0, 1].
         specular: specular albedo s in [0, 1].
-        alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) of the first.
+        alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) weight of the first.
         texels_per_mm: square root of texels per mm^2.
-        skin: (h, w) bool, where light scatters.
-        weight: (h, w) >= 0, how much a texel counts.
+        skin: (h, w) bool, texels where light scatters.
+        weight: (h, w) >= 0 sampling density.
     """
 
-    position_m: Plane
-    normal: Plane
-    tangent: Plane
-    bitangent: Plane
-    diffuse_normal: Plane
-    specular_normal: Plane
-    albedo: Plane
-    specular: Plane
-    alpha: Plane
-    share: Plane
-    texels_per_mm: Plane
-    skin: npt.NDArray[np.bool_]
-    weight: Plane
+    position_m: AnyFloat
+    normal: AnyFloat
+    tangent: AnyFloat
+    bitangent: AnyFloat
+    diffuse_normal: AnyFloat
+    specular_normal: AnyFloat
+    albedo: AnyFloat
+    specular: AnyFloat
+    alpha: AnyFloat
+    share: AnyFloat
+    texels_per_mm: AnyFloat
+    skin: Bool
+    weight: AnyFloat
 
 
 def survey(
-    chart: LitChart, offsets: Array, visible: Callable[[Index], Array], horizon: Callable[[Index], Array]
-) -> Surface:
-    """Samples spread evenly over the texels that count; over the skin, and over all, where none do.
+    chart: LitChart, offsets: Float64, visible: Callable[[Index], Float64], horizon: Callable[[Index], Float64]
+) -> SurfaceSamples:
+    """Stratified samples of the texels by weight; where all weights are 0, of the skin; without skin, of all texels.
 
     Args:
-        chart: the surface at the resolution that is lit: fine relief casts no shadow on coarse maps.
-        offsets: (K,) in [0, 1), where each sample lies in its share of the texels.
-        visible: (K,) flat texels -> (K, D) in [0, 1], which spread directions they see.
+        chart: the surface at the resolution that is lit, as coarse maps have no relief shadows.
+        offsets: (K,) in [0, 1), position of each sample within its stratum.
+        visible: (K,) flat texels -> (K, D) in [0, 1], visibility of the spread directions.
         horizon: (K,) flat texels -> (K, 16) slope of the fine relief's horizon.
     """
     height, width = chart.skin.shape
@@ -70,10 +68,10 @@ def survey(
     rings = [_beside(density, index, place, width, height) for place in range(len(RING_MM))]
     places = _on_skin(rings, chart.skin.ravel())
 
-    def all_places(image: Plane, count: int = len(places)) -> Array:
+    def all_places(image: AnyFloat, count: int = len(places)) -> Float64:
         return np.stack([_pick(image, at) for at in places[:count]])
 
-    return Surface(
+    return SurfaceSamples(
         position=all_places(chart.position_m),
         diffuse_normal=all_places(chart.diffuse_normal),
         albedo=all_places(chart.albedo).clip(0.0, 1.0),
@@ -90,13 +88,13 @@ def survey(
     )
 
 
-def _pick(image: Plane, index: Index) -> Array:
+def _pick(image: AnyFloat, index: Index) -> Float64:
     """(K, C) float64 of a map at flat texels."""
     return np.asarray(np.reshape(image, (image.shape[0] * image.shape[1], -1))[index], np.float64)
 
 
-def _beside(density: Array, index: Index, place: int, width: int, height: int) -> Index:
-    """Flat index of the texel at a place of the rings; circles on the chart, as scattering is blurred there."""
+def _beside(density: Float64, index: Index, place: int, width: int, height: int) -> Index:
+    """(K,) flat index of the texel at a place of the rings: circles on the chart, as is the blur of scattering."""
     ring, spoke = divmod(place + 3, 4)
     angle = (spoke + 0.5 * ring) * 0.5 * math.pi
     right, up = (np.rint(density * RING_MM[place] * f(angle)).astype(np.int64) for f in (math.cos, math.sin))
@@ -104,8 +102,8 @@ def _beside(density: Array, index: Index, place: int, width: int, height: int) -
     return np.asarray(row * width + column)
 
 
-def _on_skin(places: list[Index], skin: npt.NDArray[np.bool_]) -> list[Index]:
-    """Places off the skin, where no light scatters from, replaced by the opposite one of their ring or the centre."""
+def _on_skin(places: list[Index], skin: Bool) -> list[Index]:
+    """Places off the skin, which scatter no light, replaced by the opposite place of their ring, or else the centre."""
     result = places[:1]
     for k, at in enumerate(places[1:], 1):
         opposite = places[(k - 1) // 4 * 4 + (k + 1) % 4 + 1]

@@ -1,52 +1,49 @@
-"""What eyes and teeth together tell of the light.
+"""White reference: the light of the photo, measured on sclera and teeth.
 
-Whether skin is dark or dimly lit, or brown or lit by a lamp, a photo of skin alone cannot say. Eyes and teeth are
-white in everybody. Whatever is mistaken for them (lids, lips, lashes, shadow within the mouth) is redder than they are,
-and so are whites that a lamp from one side leaves to what the skin around sends. So the palest of several tells the
-hue; how strong the light is, all tell that are no lids.
+Skin alone cannot tell dark skin from dim light, nor brown skin from a warm lamp. Sclera and teeth are close to white in
+everybody. Whatever is mistaken for them (lids, lips, lashes, shadow in the mouth) is redder, and so is sclera that is
+lit by the skin around it alone, on the side away from a lamp. So the hue is taken from the least red measurements, and
+the strength from all that are not lids.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.sclera import BETWEEN_LIDS, sclera_light
 from service.anatomy.teeth.measure import teeth_light
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import LUMA
-
-Array = npt.NDArray[np.float64]
 
 CHEEKS = (50, 280)
 """Landmarks in the middle of the cheeks."""
 CHEEK_RADIUS = 0.12
-"""Of the distance of the eyes."""
+"""Radius of the sample on each cheek, over the inter-ocular distance."""
 REDDER, SAME_HUE = 2.0, 1.3
-"""Times by which a white may have less blue over red than the palest, and still be one (1.5 in the shade of a lamp from
-one side; lids have 1.4 to 2.5), and by which it may and still tell the hue."""
+"""Factors by which the ratio of blue to red may be below that of the least red measurement: to be sclera or tooth at
+all (1.5 in the shade of a lamp from one side; lids have 1.4 to 2.5), and to contribute to the hue."""
 RANGE = (1e-3, 4.0)
-"""Light outside it is not to be measured in 8 bits."""
+"""Range of linear radiance that an 8-bit photo can measure; results are clipped to it."""
 
 
-def light_by_white_parts(
-    pixels: npt.NDArray[np.uint8],
+def light_from_sclera_and_teeth(
+    pixels: UInt8,
     gaze: Gaze | None,
-    tooth: npt.NDArray[np.float32] | None,
-    skin: npt.NDArray[np.float32] | None,
-) -> Array | None:
-    """Light between the lids, told by the whites of the eyes and by the front teeth, which stand in more of it.
+    tooth: Float32 | None,
+    skin: Float32 | None,
+) -> Float64 | None:
+    """Light between the lids, measured on the sclera and on the front teeth, which receive more of it.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        gaze: with the irises that were found.
-        tooth: (3,) sRGB of the teeth; None: none are seen.
-        skin: (3,) sRGB of the cheeks; None: they are not seen.
+        gaze: with the detected irises.
+        tooth: (3,) sRGB of the teeth; None where the photo shows none.
+        skin: (3,) sRGB of the cheeks; None where the photo does not show them.
 
     Returns:
-        (3,) linear RGB radiance that a white diffuse surface would have in place of the sclera, finite and positive:
-        as strong as the whites are in the geometric mean, in the hue of the palest.
-        None where no white is seen well.
+        (3,) linear RGB radiance of a white diffuse surface in place of the sclera, finite and positive: the geometric
+        mean of the measurements in strength, the least red ones in hue. None where neither can be measured.
     """
     seen = [light for iris in (gaze.irises if gaze else ()) if (light := sclera_light(pixels, iris)) is not None]
     teeth = None if skin is None or tooth is None else teeth_light(tooth, skin)
@@ -55,17 +52,15 @@ def light_by_white_parts(
     return palest(np.stack(seen)) if seen else None
 
 
-def palest(lights: Array) -> Array:
-    """(3,) light by (N, 3) positive ones, N > 0: their geometric mean in strength, that of the palest in hue."""
+def palest(lights: Float64) -> Float64:
+    """(3,) light from (N, 3) positive measurements, N > 0: strength of their geometric mean, hue of the least red."""
     pale = lights[:, 2] / lights[:, 0]
     logs = np.log(lights)
     hue, all_ = (logs[pale * redder >= pale.max()].mean(0) for redder in (SAME_HUE, REDDER))
     return np.asarray(np.clip(np.exp(hue) * (np.exp(all_) @ LUMA) / (np.exp(hue) @ LUMA), *RANGE), np.float64)
 
 
-def cheek_colour(
-    pixels: npt.NDArray[np.uint8], landmarks: npt.NDArray[np.floating], inter_ocular_px: float
-) -> npt.NDArray[np.float32] | None:
+def cheek_colour(pixels: UInt8, landmarks: AnyFloat, inter_ocular_px: float) -> Float32 | None:
     """(3,) median sRGB colour in [0, 1] of the cheeks; None where the photo shows neither."""
     height, width = pixels.shape[:2]
     radius, found = CHEEK_RADIUS * inter_ocular_px, []

@@ -1,4 +1,4 @@
-"""The process that renders one picture for the server: limits first, then one archive, one scene, one PNG."""
+"""The child process that renders one picture for the server under resource limits: one archive, one scene, one PNG."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def load() -> Program:
 
 
 def run(task: Task, reporter: Reporter) -> None:
-    """Write the PNG to ``task.output`` and say ``done`` with the facts.
+    """Write the PNG to ``task.output`` and report ``done`` with the facts.
 
     Args:
         task: its options are ``archive``, the artifact's name, and ``request``, see :func:`service.render.wire.parse`.

@@ -1,4 +1,4 @@
-"""Light that arrives at the surface of an avatar: what the head hides of sky and lamps."""
+"""Visibility of sky and lamps from the surface of a head: ambient occlusion and cast shadows."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
@@ -15,21 +15,21 @@ from service.light.graphs import Graphs
 from service.light.lamps import disc_of
 from service.light.scene import PointLight
 from service.light.sphere import flux_by_direction, spread_directions
-from service.render.closeup import Eyes, resized
+from service.render.eyes import Eyes, resized
 
-Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
 
 _CASTERS = ("skin", "eye")
+"""First words of the names of parts that cast shadows."""
 
 
 @dataclass(frozen=True)
 class Detail:
-    """How finely it is looked at what the head hides.
+    """Resolution of the visibility.
 
     Attributes:
         directions: into which the sky is divided.
-        sky_size: (width, height) of the chart on which they are looked at.
+        sky_size: (width, height) of the chart on which the sky's visibility is computed.
         shadow_size: the same for lamps.
         casters_mm: spacing of the points that cast hard shadows, and of those that cast soft ones and hide the sky.
         eyes_mm: spacing of the points that shade the eyes, which are lit on the chart of ``shadow_size``.
@@ -46,43 +46,43 @@ class Detail:
 
 @dataclass
 class Visibility:
-    """Which light reaches which texel of a head; each answer is computed when it is asked for, once.
+    """Light that reaches the texels of a head; each result is computed on first use.
 
     Args:
         head: topology and chart.
         vertices: (V, 3) metres.
         graphs: the formulas.
-        detail: how finely.
+        detail: the resolution.
     """
 
     head: HeadModel
-    vertices: npt.NDArray[np.floating]
+    vertices: AnyFloat
     graphs: Graphs
     detail: Detail = Detail()
-    _fine: Float = field(init=False, repr=False)
-    _coarse: Float = field(init=False, repr=False)
-    _sky: npt.NDArray[np.uint8] | None = field(init=False, default=None, repr=False)
+    _fine: Float32 = field(init=False, repr=False)
+    _coarse: Float32 = field(init=False, repr=False)
+    _sky: UInt8 | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Spread the points that cast shadows."""
+        """Sample the triangles that cast shadows."""
         triangles = self.head.triangles[self._casts]
         millimetres = np.asarray(self.vertices) * 1000.0
         clouds = (surface_points(millimetres, triangles, spacing) for spacing in self.detail.casters_mm)
         self._fine, self._coarse = (np.ascontiguousarray(cloud.T) for cloud in clouds)
 
     @cached_property
-    def _casts(self) -> npt.NDArray[np.bool_]:
-        """(T,) triangles that cast shadows; all, where a head has none of the parts that do."""
+    def _casts(self) -> Bool:
+        """(T,) bool, triangles that cast shadows; all of them where a head has none of the parts that do."""
         cast = np.array([name.split("_")[0] in _CASTERS for name in self.head.part_names])[self.head.triangle_part]
         return cast if cast.any() else np.ones_like(cast)
 
     @cached_property
     def _chart(self) -> Chart:
-        """On which lamps and eyes are looked at."""
+        """Chart on which the visibility of lamps and the light on the eyes are computed."""
         return Chart.build(self.head, *self.detail.shadow_size)
 
     @cached_property
-    def _at(self) -> Float:
+    def _at(self) -> Float32:
         """(6, N) points of :attr:`_chart`."""
         return _points(self._chart, self.vertices)
 
@@ -90,8 +90,8 @@ class Visibility:
     def _eyes(self) -> Eyes | None:
         return Eyes.of(self._chart, self.vertices, self._casts, self.detail.eyes_mm)
 
-    def sky(self) -> npt.NDArray[np.uint8]:
-        """(D, h, w) 255 where the texel sees the direction; about 2 s."""
+    def sky(self) -> UInt8:
+        """(D, h, w) visibility of each direction, 255 = fully visible; takes about 2 s."""
         if self._sky is None:
             chart = Chart.build(self.head, *self.detail.sky_size)
             seen = self._seen(_points(chart, self.vertices), self._coarse, self.detail.casters_mm[1])
@@ -99,63 +99,63 @@ class Visibility:
             self._sky = np.ascontiguousarray(np.moveaxis(spread, 2, 0).astype(np.uint8))
         return self._sky
 
-    def _seen(self, points: Float, occluders: Float, spacing: float) -> npt.NDArray[np.uint8]:
-        """(D, N) 255 where a point (6, N) sees the direction."""
+    def _seen(self, points: Float32, occluders: Float32, spacing: float) -> UInt8:
+        """(D, N) visibility of each direction from points (6, N), 255 = fully visible."""
         seen = np.zeros((self.detail.directions, points.shape[1]), np.uint8)
         for k, direction in enumerate(spread_directions(self.detail.directions)):
             lit = self.graphs.lit("lit_from_direction", occluders, spacing, points, direction.astype(np.float32))
             seen[k] = np.rint(lit * 255.0)
         return seen
 
-    def sky_light(self, sky: npt.NDArray[np.floating], size: Size) -> Float:
-        """(H, W, 3 colours, 3 axes) vector irradiance: the sum of V d flux; its product with a normal is irradiance."""
+    def sky_light(self, sky: AnyFloat, size: Size) -> Float32:
+        """(H, W, 3 colours, 3 axes) vector irradiance, sum of V d flux; its dot product with a normal is irradiance."""
         count = self.detail.directions
         flux, directions = flux_by_direction(sky, count), spread_directions(count)
         each = (flux[:, :, None] * directions[:, None, :]).reshape(count, 9)
         return self._summed(each, size).reshape(size[1], size[0], 3, 3)
 
-    def openness(self, normal: Float) -> Float:
-        """(H, W) ambient occlusion in [0, 1] of smooth normals (H, W, 3)."""
+    def openness(self, normal: Float32) -> Float32:
+        """(H, W) ambient occlusion in [0, 1], 1 = open, for smooth normals (H, W, 3)."""
         each = spread_directions(self.detail.directions) * (4.0 / self.detail.directions)
         vector = self._summed(each, (normal.shape[1], normal.shape[0]))
         return np.asarray(np.clip(np.einsum("hwi,hwi->hw", vector, normal), 0.0, 1.0), np.float32)
 
-    def shadow(self, light: PointLight, size: Size) -> Float:
-        """(H, W) share in [0, 1] of a lamp that the head lets through."""
-        # The middle of the casters, as the light stage has it.
+    def shadow(self, light: PointLight, size: Size) -> Float32:
+        """(H, W) visible share of a lamp in [0, 1]."""
+        # The centre of what casts shadows, as in the light stage.
         centre = (self._fine.min(1) + self._fine.max(1)) / 2000.0
         places = disc_of(light, centre) * 1000.0
         occluders, spacing = ((self._fine, self._coarse)[len(places) > 1], self.detail.casters_mm[len(places) > 1])
         reached = self._reached(places, self._at, occluders, spacing)
         shown = resized(self._chart.fill_outside(self._chart.spread(reached[:, None])), size)
         if (eyes := self._eyes) is not None:
-            own = np.ascontiguousarray(self._at[:, eyes.own])
-            shown = eyes.over(shown, self._reached(places, own, eyes.occluders, eyes.spacing_mm)[:, None])
+            points = np.ascontiguousarray(self._at[:, eyes.index])
+            shown = eyes.over(shown, self._reached(places, points, eyes.occluders, eyes.spacing_mm)[:, None])
         return np.clip(shown[..., 0], 0.0, 1.0)
 
-    def _reached(self, places: npt.NDArray[np.floating], points: Float, occluders: Float, spacing: float) -> Float:
+    def _reached(self, places: AnyFloat, points: Float32, occluders: Float32, spacing: float) -> Float32:
         """(N,) mean share of light from places (K, 3) mm that reaches points (6, N)."""
         total = np.zeros(points.shape[1], np.float32)
         for at in places:
             total += self.graphs.lit("lit_from_point", occluders, spacing, points, at.astype(np.float32))
         return total / np.float32(len(places))
 
-    def _summed(self, each: npt.NDArray[np.float64], size: Size) -> Float:
+    def _summed(self, each: Float64, size: Size) -> Float32:
         """(H, W, C) of the sum over directions of visibility times (D, C)."""
         image = _products(self.sky().reshape(self.detail.directions, -1), each).reshape(*self.sky().shape[1:], -1)
         whole = resized(image, size)
         return whole if self._eyes is None else self._eyes.over(whole, _products(self._eyes_sky, each))
 
     @cached_property
-    def _eyes_sky(self) -> npt.NDArray[np.uint8]:
-        """(D, n) 255 where a texel of the eyes sees the direction."""
+    def _eyes_sky(self) -> UInt8:
+        """(D, n) visibility of each direction from the eyes' texels, 255 = fully visible."""
         if self._eyes is None:
             return np.zeros((self.detail.directions, 0), np.uint8)
-        own = np.ascontiguousarray(self._at[:, self._eyes.own])
-        return self._seen(own, self._eyes.occluders, self._eyes.spacing_mm)
+        points = np.ascontiguousarray(self._at[:, self._eyes.index])
+        return self._seen(points, self._eyes.occluders, self._eyes.spacing_mm)
 
 
-def _products(seen: npt.NDArray[np.uint8], each: npt.NDArray[np.float64]) -> Float:
+def _products(seen: UInt8, each: Float64) -> Float32:
     """(N, C) sums over directions of visibility codes (D, N) times (D, C)."""
     total = np.zeros((seen.shape[1], each.shape[1]), np.float32)
     for first in range(0, len(seen), 64):
@@ -164,7 +164,7 @@ def _products(seen: npt.NDArray[np.uint8], each: npt.NDArray[np.float64]) -> Flo
     return total
 
 
-def _points(chart: Chart, vertices: npt.NDArray[np.floating]) -> Float:
+def _points(chart: Chart, vertices: AnyFloat) -> Float32:
     """(6, N) position in mm and smooth unit normal of the inner texels."""
     normal = chart.normals(vertices).reshape(-1, 3)[chart.texels]
     return np.ascontiguousarray(np.concatenate([chart.inside(vertices) * np.float32(1000), normal], 1).T)

@@ -1,11 +1,11 @@
-"""From radiance of samples to a coded picture."""
+"""From radiance samples to a PNG: pixel filter, background, tone curve."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.images import encode_png
+from service.arrays import AnyFloat, Float32, Int64
 from service.colour import to_bytes
 from service.geometry.camera import Camera
 from service.geometry.normals import normalise
@@ -13,33 +13,32 @@ from service.light.environment import lookup
 from service.light.scene import Response
 from service.light.shading import develop
 
-Float = npt.NDArray[np.float32]
-
 _BAND = 64
+"""Rows of the background computed at once."""
 
 
-def resolved(radiance: Float, index: npt.NDArray[np.int64], shape: tuple[int, int], finer: int) -> tuple[Float, Float]:
-    """Means over the samples of each pixel.
+def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], supersampling: int) -> tuple[Float32, Float32]:
+    """Mean of the samples of each pixel (box filter).
 
     Args:
-        radiance: (N, 3) of the samples that see the head.
-        index: (N,) flat position of them.
+        radiance: (N, 3) of the samples on the head.
+        index: (N,) flat positions of these samples.
         shape: rows and columns of samples.
-        finer: samples per pixel and axis.
+        supersampling: samples per pixel and axis.
 
     Returns:
-        (h, w, 3) linear light that reaches the pixel from the head, and (h, w) share of it that the head covers.
+        (h, w, 3) linear radiance of the head times its coverage, and (h, w) coverage of the pixel in [0, 1].
     """
-    rows, columns = shape[0] // finer, shape[1] // finer
+    rows, columns = shape[0] // supersampling, shape[1] // supersampling
     row, column = np.divmod(index, shape[1])
-    pixel = (row // finer) * columns + column // finer
+    pixel = (row // supersampling) * columns + column // supersampling
     count = rows * columns
-    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / finer**2
-    covered = np.bincount(pixel, minlength=count) / finer**2
+    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / supersampling**2
+    covered = np.bincount(pixel, minlength=count) / supersampling**2
     return light.reshape(rows, columns, 3).astype(np.float32), covered.reshape(rows, columns).astype(np.float32)
 
 
-def behind(camera: Camera, environment: npt.NDArray[np.floating]) -> Float:
+def behind(camera: Camera, environment: AnyFloat) -> Float32:
     """(h, w, 3) linear radiance of a latitude-longitude image in the direction of each pixel."""
     result = np.zeros((camera.height, camera.width, 3), np.float32)
     x = (np.arange(camera.width) + 0.5 - camera.principal_point[0]) / camera.focal_px
@@ -51,15 +50,15 @@ def behind(camera: Camera, environment: npt.NDArray[np.floating]) -> Float:
     return result
 
 
-def coded(light: Float, covered: Float, response: Response, background: Float | None, *, alpha: bool) -> bytes:
+def coded(light: Float32, covered: Float32, response: Response, background: Float32 | None, *, alpha: bool) -> bytes:
     """PNG bytes, 8-bit sRGB.
 
     Args:
         light: (h, w, 3) linear, as from :func:`resolved`.
         covered: (h, w) in [0, 1].
-        response: of the camera, with a number for its exposure.
+        response: tone curve, with a number for its exposure.
         background: (h, w, 3) linear radiance behind the head; None for none.
-        alpha: add a channel with ``covered``; colours are then those of the head alone.
+        alpha: add ``covered`` as alpha channel; colours are then not premultiplied.
     """
     if alpha:
         whole = light / np.maximum(covered, np.float32(1e-6))[..., None]

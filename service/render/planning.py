@@ -1,10 +1,10 @@
-"""What the planner is shown of a picture: sample points on the skin that the camera sees, and an exposure."""
+"""Input of the planner for a picture: samples of the visible skin, and the exposure."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.light import surface as points
 from service.light.environment import Illumination
 from service.light.exposure import BRIGHT, exposed_for
@@ -16,11 +16,13 @@ from service.render.surface import Surface
 from service.render.view import Samples
 
 COUNT = 384
+"""Samples of the skin."""
 _GOLDEN = 0.6180339887498949
+"""Golden ratio less 1: its multiples modulo 1 are spread evenly."""
 
 
-def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.Surface:
-    """Samples of what the camera sees of the skin, as many texels as pixels count."""
+def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> points.SurfaceSamples:
+    """Samples of the visible skin, with the density of the picture's pixels."""
     s = surface
     height, width = s.specular.shape
     chart = LitChart(
@@ -40,7 +42,7 @@ def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> point
     )
     offsets = np.asarray(np.arange(COUNT) * _GOLDEN % 1.0, np.float64)
 
-    def visible(at: Index) -> npt.NDArray[np.float64]:
+    def visible(at: Index) -> Float64:
         sky = visibility.sky()
         rows, columns = (at // width) * sky.shape[1] // height, (at % width) * sky.shape[2] // width
         return sky[:, rows, columns].T / 255.0
@@ -49,17 +51,17 @@ def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> point
     return survey(chart, offsets, visible, lambda at: flat)
 
 
-def _weight(seen: Samples, height: int, width: int) -> npt.NDArray[np.float64]:
-    """(H, W) how many samples of the picture each texel is nearest to."""
+def _weight(seen: Samples, height: int, width: int) -> Float64:
+    """(H, W) number of the picture's samples nearest to each texel."""
     column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
     row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)
     return np.bincount(row * width + column, minlength=height * width).reshape(height, width).astype(np.float64)
 
 
-def exposed(scene: Scene, surface: points.Surface, light: Illumination) -> Scene:
-    """The scene with a number for its exposure: the target for the 90th percentile of the samples' luminance.
+def exposed(scene: Scene, surface: points.SurfaceSamples, light: Illumination) -> Scene:
+    """The scene with an exposure that maps the 90th percentile of the samples' luminance to the target.
 
-    One that has an exposure is returned as it is.
+    A scene that has an exposure is returned unchanged.
     """
     if scene.response.exposure is not None:
         return scene

@@ -1,4 +1,4 @@
-"""From an archive and a scene to a picture: the whole way on one page.
+"""Render an archive under a scene: all steps on one page.
 
 ::
 
@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.fine import subdivided
 from service.archive.materials import material_of
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
+from service.arrays import AnyFloat, Float32
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.subdivide import Subdivision
@@ -33,36 +33,34 @@ from service.render.planning import exposed, samples_of
 from service.render.request import RenderRequest
 from service.render.shade import Clock, Shader
 from service.render.surface import LARGEST, ROLES, Surface, build_surface
-from service.render.view import Samples, camera_at, texels_a_pixel, viewpoint_of
-
-Float = npt.NDArray[np.float32]
+from service.render.view import Samples, camera_at, pixel_on_chart, viewpoint_of
 
 MOST_POLYGONS = 20_000
-"""Up to which a mesh is subdivided once; an archive's has about 4,500."""
+"""Largest mesh that is subdivided before rendering; an archive's has about 4,500 polygons."""
 
 NO_RELIEF = "relief-shadows-not-simulated"
-"""Displacement maps are not read: 16 bits do not come through the decode gate, and at 8 there is no relief left."""
+"""Fallback: displacement maps are not read, as the decode gate returns 8 bits, too few for relief."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture and what was done for it.
+    """One picture and how it was made.
 
     Attributes:
         png: the file.
-        light: (h, w, 3) linear light of the head before the camera's response, times coverage.
+        light: (h, w, 3) linear radiance of the head before the tone curve, times coverage.
         covered: (h, w) in [0, 1].
-        camera: that looked.
-        scene: with the exposure that was chosen.
+        camera: of the picture.
+        scene: with the chosen exposure.
         plan: which effects were computed.
         chart: (width, height) of the chart that was lit.
-        fallbacks: stable codes of what was done otherwise than asked, or for want of something.
+        fallbacks: stable codes of deviations from the request, for example for want of a map.
         timings_s: seconds by step.
     """
 
     png: bytes
-    light: Float
-    covered: Float
+    light: Float32
+    covered: Float32
     camera: Camera
     scene: Scene
     plan: Plan
@@ -98,12 +96,12 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
 
     Args:
         source: path or seekable stream of the archive.
-        request: what to show.
+        request: scene, view, size and the like.
         threads: compute threads.
 
     Raises:
         UsageError: no such file, or a request that is not possible.
-        BadArchive, BadMesh: the archive cannot be used, or lacks a map that nothing can stand in for.
+        BadArchive, BadMesh: the archive cannot be used, or lacks a map that has no substitute.
         NumericFault: light that is not finite.
     """
     clock = Clock()
@@ -114,11 +112,11 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock)
 
 
-def smoothed(head: HeadModel, vertices: npt.NDArray[np.floating]) -> tuple[HeadModel, npt.NDArray[np.floating]]:
-    """One step towards the smooth surface that the skin's polygons stand for, so that outlines have no corners.
+def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
+    """The head after one step of Catmull-Clark subdivision, so that silhouettes of the skin have no corners.
 
-    Other parts keep their shape: smoothing would make coarse ones like teeth a good deal smaller. Meshes that are fine
-    already stay as they are.
+    Other parts are subdivided without smoothing, which would shrink coarse ones like teeth. Meshes of more than
+    ``MOST_POLYGONS`` are returned unchanged.
     """
     if len(head.polygons) > MOST_POLYGONS:
         return head, vertices
@@ -138,7 +136,7 @@ def _named(avatar: AvatarFile) -> tuple[str, str]:
 
 def render_head(
     head: HeadModel,
-    vertices: npt.NDArray[np.floating],
+    vertices: AnyFloat,
     maps: dict[str, StoredMap],
     request: RenderRequest,
     *,
@@ -154,12 +152,12 @@ def render_head(
         head: topology and chart.
         vertices: (V, 3) metres, head space.
         maps: packed maps by role.
-        request: what to show.
+        request: scene, view, size and the like.
         threads: compute threads.
-        detail: of what the head hides.
+        detail: resolution of the visibility.
         camera: in place of the request's; of the request's size.
-        without: effects that are left out whatever they are worth, for comparisons.
-        clock: for the times of steps that came before.
+        without: effects to leave out regardless of the plan, for comparisons.
+        clock: holds the times of earlier steps.
     """
     clock = clock or Clock()
     viewpoint = _centre(camera) if camera else viewpoint_of(request.view, request.scene.viewpoints)
@@ -199,15 +197,15 @@ def _centre(camera: Camera) -> Triple:
 
 
 def _simulated(made: Plan, without: tuple[str, ...]) -> Plan:
-    """The plan for what is computed here: nothing is known of the relief's shadows, so nothing is said of them."""
+    """The plan without relief shadows, which are not computed here (``NO_RELIEF``), and without some effects."""
     known = (d for d in made.decisions if d.effect != "relief_shadows")
     left = (dataclasses.replace(d, runs=d.runs and d.effect not in without) for d in known)
     return Plan(tuple(left), made.tolerance)
 
 
-def _chart_size(head: HeadModel, vertices: npt.NDArray[np.floating], camera: Camera, narrowest: int) -> tuple[int, int]:
-    """The smallest of a few sizes whose texels are as small as the picture's pixels."""
-    pixel = texels_a_pixel(head, vertices, camera)
+def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: int) -> tuple[int, int]:
+    """Smallest size, ``narrowest`` times a power of two, whose texels are no larger than the picture's pixels."""
+    pixel = pixel_on_chart(head, vertices, camera)
     width = narrowest
     while width < LARGEST and pixel > 0 and width * pixel < 1.0:
         width *= 2

@@ -1,4 +1,4 @@
-"""What a picture of an avatar is asked for with, checked before any work starts."""
+"""Options of a render, checked before any work starts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ SMALLEST_SIDE, LARGEST_SIDE = 16, 4096
 LARGEST_PIXELS = 4096 * 4096
 BACKGROUNDS = ("black", "transparent", "environment")
 FINEST = 3
+"""Most samples per pixel and axis."""
 
 STUDIO = Scene(Environment(name="studio"))
-"""The light where no scene is named."""
+"""The default scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +29,7 @@ class RenderRequest:
             scene's viewpoint.
         background: behind the head: "black", "transparent" (the PNG gets an alpha channel), or "environment".
         samples: per pixel and axis, 1 to 3.
-        tolerance: mean error in 1/255 of sRGB that leaving out effects may cost; 0 leaves out only what changes
+        tolerance: largest mean error by leaving out effects, in 1/255 of sRGB; 0 leaves out only what changes
             nothing.
 
     Raises:
@@ -47,7 +48,7 @@ class RenderRequest:
         width, height = self.size
         if not all(SMALLEST_SIDE <= side <= LARGEST_SIDE for side in self.size):
             raise UsageError(
-                f"size is {width}x{height}; a picture has {SMALLEST_SIDE} to {LARGEST_SIDE} pixels a side", field="size"
+                f"size is {width}x{height}; each side has to be {SMALLEST_SIDE} to {LARGEST_SIDE} pixels", field="size"
             )
         if self.background not in BACKGROUNDS:
             raise UsageError(
@@ -55,11 +56,11 @@ class RenderRequest:
             )
         if self.samples not in range(1, FINEST + 1):
             raise UsageError(
-                f"samples is {self.samples!r}; it has to be 1 to {FINEST} a pixel and axis", field="samples"
+                f"samples is {self.samples!r}; it has to be 1 to {FINEST} per pixel and axis", field="samples"
             )
         if width * height * self.samples**2 > LARGEST_PIXELS:
             raise UsageError(
-                f"size {width}x{height} with {self.samples}x{self.samples} samples a pixel is {width * height} x "
+                f"size {width}x{height} with {self.samples}x{self.samples} samples per pixel is {width * height} x "
                 f"{self.samples**2} samples; at most {LARGEST_PIXELS} are computed",
                 field="size",
             )

@@ -1,4 +1,4 @@
-"""From surface and light to radiance: matt light on the chart, where it scatters, mirror-like light at the samples."""
+"""Shading: diffuse light on the chart, where it scatters, and specular light at the samples of the picture."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.light.environment import Illumination
+from service.light.gloss import F0_SCALE
 from service.light.graphs import Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
 from service.light.plan import Plan
@@ -20,14 +21,13 @@ from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
 
-Float = npt.NDArray[np.float32]
-
 SCATTER_MM = 8.2
-"""Three standard deviations of the widest Gaussian that light is scattered by (red, 7.41 mm^2)."""
+"""Three standard deviations of the widest Gaussian of the diffusion profile (red, variance 7.41 mm^2)."""
 
 TILE = 512
+"""Side of the tiles on which scattering is computed, texels."""
 ALIGNED = 64
-"""Tiles begin at multiples of it, for blurs are computed on halved maps."""
+"""Texels to whose multiples tiles are aligned, as wide blurs are computed on reduced maps."""
 
 
 class Clock:
@@ -57,23 +57,23 @@ class Shader:
     graphs: Graphs
     clock: Clock
 
-    def radiance(self, samples: Samples, viewpoint: Triple) -> Float:
+    def radiance(self, samples: Samples, viewpoint: Triple) -> Float32:
         """(N, 3) linear radiance >= 0 of the samples towards a viewpoint."""
         shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
         diffuse = samples.read(self._diffuse(shades, samples))
         with self.clock.step("gloss"):
             return self._glossy(samples, viewpoint, diffuse, shades)
 
-    def _shade(self, light: PointLight, index: int) -> Float:
-        """(H, W) share of a lamp that arrives."""
+    def _shade(self, light: PointLight, index: int) -> Float32:
+        """(H, W) visible share of a lamp in [0, 1]."""
         height, width = self.surface.specular.shape
         if not self.plan.runs("shadows", index):
             return np.ones((height, width), np.float32)
         with self.clock.step("shadows"):
             return self.visibility.shadow(light, (width, height))
 
-    def _diffuse(self, shades: list[Float], samples: Samples) -> Float:
-        """(H, W, 3) light that leaves the skin after scattering, before the surface takes its part."""
+    def _diffuse(self, shades: list[Float32], samples: Samples) -> Float32:
+        """(H, W, 3) diffuse radiance after scattering, before specular reflection is subtracted."""
         s = self.surface
         with self.clock.step("diffuse"):
             arriving = self._sky()
@@ -89,19 +89,19 @@ class Shader:
         if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
                 radiosity = self._scattered(albedo, arriving, samples)
-        return np.ascontiguousarray(np.moveaxis(self._continued(radiosity) / np.float32(math.pi), 0, 2))
+        return np.ascontiguousarray(np.moveaxis(self._padded(radiosity) / np.float32(math.pi), 0, 2))
 
-    def _scattered(self, albedo: Float, arriving: Float, samples: Samples) -> Float:
+    def _scattered(self, albedo: Float32, arriving: Float32, samples: Samples) -> Float32:
         """(3, H, W) radiosity, scattered on the skin that samples read; elsewhere albedo times irradiance.
 
-        Tile by tile: the blurs of a whole chart would need gigabytes. Each sees far enough beyond its border.
+        Computed in tiles with padding as wide as the profile, as the blurs of a whole chart would need gigabytes.
         """
         s, radiosity = self.surface, albedo * arriving
-        halo = int(np.ceil(SCATTER_MM * float(s.texels_per_mm.max()) / ALIGNED)) * ALIGNED
+        padding = int(np.ceil(SCATTER_MM * float(s.texels_per_mm.max()) / ALIGNED)) * ALIGNED
         height, width = s.skin.shape
         for top, left in _seen_tiles(samples, height, width):
             inner = (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))
-            outer = (_grown(inner[0], halo, height), _grown(inner[1], halo, width))
+            outer = (_grown(inner[0], padding, height), _grown(inner[1], padding, width))
             if not s.skin[inner].any():
                 continue
             here = (slice(None), *outer)
@@ -114,11 +114,12 @@ class Shader:
             radiosity[there] = np.where(s.skin[inner][None], made[:, rows, columns], radiosity[there])
         return np.asarray(radiosity)
 
-    def _continued(self, planes: Float) -> Float:
+    def _padded(self, planes: Float32) -> Float32:
+        """(C, H, W) planes filled outside the islands."""
         return np.moveaxis(self.surface.chart.fill_outside(np.moveaxis(planes, 0, 2)), 2, 0)
 
-    def _sky(self) -> Float:
-        """(3, H, W) irradiance of the surroundings."""
+    def _sky(self) -> Float32:
+        """(3, H, W) irradiance of the environment."""
         s = self.surface
         height, width = s.specular.shape
         if self.light.dark:
@@ -128,14 +129,14 @@ class Shader:
         vector = self.visibility.sky_light(self.light.sky, (width, height))
         return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
 
-    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float, shades: list[Float]) -> Float:
-        """(N, 3): what the surface lets out of ``diffuse``, highlights, and the mirror image of the sky."""
+    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
+        """(N, 3) radiance: ``diffuse`` less the specular albedo, highlights, and the reflection of the sky."""
         s, plan = self.surface, self.plan
         specular, alphas, share = samples.read(s.specular)[:, 0], samples.read(s.alpha), samples.read(s.share)[:, 0]
         mirrors = plan.runs("reflection") and not self.light.dark
         shining = [i for i in range(len(shades)) if plan.runs("specular", i)]
         if not (mirrors or shining):
-            return diffuse * (1.0 - np.float32(0.04) * specular)[:, None]
+            return diffuse * (1.0 - np.float32(F0_SCALE) * specular)[:, None]
         offset = np.asarray(viewpoint, np.float32) - samples.position_m
         view, normal = (_unit(v).T for v in (offset, samples.read(s.specular_normal)))
         flat = "" if plan.runs("fresnel") else "_flat"
@@ -165,7 +166,7 @@ class Shader:
 
 
 def _seen_tiles(samples: Samples, height: int, width: int) -> list[tuple[int, int]]:
-    """Top left corners of the tiles of the chart whose texels samples are interpolated from."""
+    """Top left corners of the tiles that contain texels read by samples."""
     tiles = set()
     for down in (-1.5, 1.5):
         for right in (-1.5, 1.5):
@@ -175,16 +176,16 @@ def _seen_tiles(samples: Samples, height: int, width: int) -> list[tuple[int, in
     return [((tile >> 16) * TILE, (tile & 0xFFFF) * TILE) for tile in sorted(tiles)]
 
 
-def _grown(part: slice, halo: int, size: int) -> slice:
-    return slice(max(part.start - halo, 0), min(part.stop + halo, size))
+def _grown(part: slice, padding: int, size: int) -> slice:
+    return slice(max(part.start - padding, 0), min(part.stop + padding, size))
 
 
-def _planes(image: Float) -> Float:
+def _planes(image: Float32) -> Float32:
     """(C, H, W) of (H, W, C)."""
     return np.ascontiguousarray(np.moveaxis(image, 2, 0), np.float32)
 
 
-def _unit(vectors: Float) -> Float:
+def _unit(vectors: Float32) -> Float32:
     """(N, 3) of length 1; (0, 0, 1) where there is no direction."""
     length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))[:, None]
     sound = length > 1e-6

@@ -1,4 +1,4 @@
-"""The surface of an avatar as maps at the resolution that a picture needs."""
+"""The surface of an avatar as maps at the resolution of a picture."""
 
 from __future__ import annotations
 
@@ -6,32 +6,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
 from service.archive.reading import StoredMap
 from service.archive.unpack import unpack_map
+from service.arrays import AnyFloat, Bool, Float32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
 
 ROLES = ("diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "texture")
-"""Maps that a picture is made of; the texture only where there is no albedo."""
+"""Maps that a render uses; the texture only where there is no albedo."""
 
 SPECULAR = 0.65
 """Specular albedo where there is no map: F0 = 0.026, between water and dry skin."""
 
 LOBES = (0.25, 0.48, 0.75)
-"""Of skin: GGX alpha of both lobes and the share of the first, middle of what the light stage draws."""
+"""Skin: GGX alpha of both lobes and weight of the first, the middle of the light stage's ranges."""
 
 LARGEST = 3072
-"""Widest chart that is lit; a picture of 4096 pixels shows no more of a head."""
+"""Widest chart that is lit; a picture of 4096 pixels resolves no more of a head."""
 
 _BAND = 64
+"""Rows of the reduced map computed at once."""
+_DENSEST = 12.0
+"""Most texels per mm for which the scattering network is exported."""
 
 
 @dataclass(frozen=True)
@@ -45,32 +47,30 @@ class Surface:
         diffuse_normal, specular_normal: (H, W, 3) unit, head space.
         albedo: (H, W, 3) linear in [0, 1].
         specular: (H, W) in [0, 1].
-        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) of the first, 1 where there is one only.
+        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) weight of the first, 1 where there is one only.
         texels_per_mm: (H, W).
         skin: (H, W) bool, texels where light scatters.
-        fallbacks: stable codes of maps that were not there.
+        fallbacks: stable codes of missing or changed maps.
     """
 
     chart: Chart
-    position_m: Float
-    normal: Float
-    tangent: Float
-    bitangent: Float
-    diffuse_normal: Float
-    specular_normal: Float
-    albedo: Float
-    specular: Float
-    alpha: Float
-    share: Float
-    texels_per_mm: Float
-    skin: npt.NDArray[np.bool_]
+    position_m: Float32
+    normal: Float32
+    tangent: Float32
+    bitangent: Float32
+    diffuse_normal: Float32
+    specular_normal: Float32
+    albedo: Float32
+    specular: Float32
+    alpha: Float32
+    share: Float32
+    texels_per_mm: Float32
+    skin: Bool
     fallbacks: tuple[str, ...]
 
 
-def build_surface(
-    head: HeadModel, vertices: npt.NDArray[np.floating], maps: Mapping[str, StoredMap], size: Size
-) -> Surface:
-    """Unpack the maps and reduce them to a size, colours as light and normals with the spread that is lost.
+def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, StoredMap], size: Size) -> Surface:
+    """Decode the maps and reduce them to a size: colours as linear light, normals with their variance.
 
     Args:
         head: topology and chart.
@@ -114,7 +114,7 @@ def build_surface(
     )
 
 
-def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> Float:
+def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> Float32:
     if "diffuse_albedo" in maps:
         return _reduced(maps["diffuse_albedo"], size, colours=True)
     if "texture" in maps:
@@ -126,7 +126,7 @@ def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> 
     )
 
 
-def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float:
+def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float32:
     """(H, W, 3) float32 means over the area of each texel: linear light of sRGB colours, else code / 255."""
     import cv2
 
@@ -142,20 +142,20 @@ def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float:
 
 
 def _step(shape: tuple[int, ...], size: Size) -> int:
-    """Power of two by which a map can be reduced before it is as small as ``size``."""
+    """Largest power of two that divides the map and leaves it no smaller than ``size``."""
     step = 1
     while shape[1] >= 2 * step * size[0] and shape[0] % (2 * step) == 0 and shape[1] % (2 * step) == 0:
         step *= 2
     return step
 
 
-def _means(values: Float, step: int) -> Float:
+def _means(values: Float32, step: int) -> Float32:
     height, width = values.shape[0] // step, values.shape[1] // step
     return np.asarray(values.reshape(height, step, width, step, -1).mean((1, 3)), np.float32)
 
 
-def _normals(stored: StoredMap | None, axes: tuple[Float, ...], size: Size) -> tuple[Float, Float]:
-    """Unit normals (H, W, 3) in head space, and slope variance (H, W) of what each texel averages over.
+def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) -> tuple[Float32, Float32]:
+    """Unit normals (H, W, 3) in head space, and the variance (H, W) of slopes within each texel.
 
     The mean of unit vectors is shorter than 1 by half their variance (Toksvig 2005).
     """
@@ -166,7 +166,7 @@ def _normals(stored: StoredMap | None, axes: tuple[Float, ...], size: Size) -> t
     codes = unpack_map(stored.png, stored.role)
     step = _step(codes.shape, size)
     small = np.zeros((codes.shape[0] // step, codes.shape[1] // step, 3), np.float32)
-    # 16-bit codes come rounded: code / 257.
+    # 16-bit codes are decoded as code / 257, rounded.
     unit = 257.0 if stored.bits == 16 else 1.0
     for first in range(0, codes.shape[0], _BAND * step):
         vectors = (codes[first : first + _BAND * step] * np.float32(unit) - np.float32(stored.zero)) / np.float32(
@@ -183,7 +183,7 @@ def _normals(stored: StoredMap | None, axes: tuple[Float, ...], size: Size) -> t
     return local, np.asarray(spread, np.float32)
 
 
-def _unit(vectors: Float, fallback: Float | None = None) -> tuple[Float, Float]:
+def _unit(vectors: Float32, fallback: Float32 | None = None) -> tuple[Float32, Float32]:
     """Unit vectors (..., 3) and lengths (...); those without a direction are ``fallback``, or (0, 0, 1)."""
     length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     sound = (length > 1e-3)[..., None]
@@ -192,8 +192,8 @@ def _unit(vectors: Float, fallback: Float | None = None) -> tuple[Float, Float]:
     return np.asarray(made, np.float32), np.asarray(length, np.float32)
 
 
-def _lobes(chart: Chart, spread: Float) -> tuple[Float, Float]:
-    """(H, W, 2) alpha and (H, W) share by part; the variance of averaged normals widens the lobes (LEAN mapping)."""
+def _lobes(chart: Chart, spread: Float32) -> tuple[Float32, Float32]:
+    """(H, W, 2) alpha and (H, W) weight by part; the variance of normals widens the lobes (LEAN mapping)."""
     first, second, share = (np.full(spread.shape, value, np.float32) for value in LOBES)
     part = chart.fill_outside(chart.part)
     for index, name in enumerate(chart.head.part_names):
@@ -206,13 +206,13 @@ def _lobes(chart: Chart, spread: Float) -> tuple[Float, Float]:
     return np.asarray(np.clip(np.stack(alphas, -1), 0.0, 1.0), np.float32), share
 
 
-def _density(chart: Chart, vertices: npt.NDArray[np.floating]) -> Float:
-    """(H, W) square root of texels per mm^2, at most 12 (what scattering is exported for)."""
+def _density(chart: Chart, vertices: AnyFloat) -> Float32:
+    """(H, W) square root of texels per mm^2, at most ``_DENSEST``."""
     metric = chart.metric(vertices)
     area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
-    return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), 12.0), np.float32)
+    return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), _DENSEST), np.float32)
 
 
-def _is_skin(chart: Chart) -> npt.NDArray[np.bool_]:
+def _is_skin(chart: Chart) -> Bool:
     detailed = [i for i, name in enumerate(chart.head.part_names) if material_of(name).detailed]
     return np.asarray(np.isin(chart.part, detailed) & (chart.part != NO_PART))

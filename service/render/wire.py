@@ -1,4 +1,4 @@
-"""A picture's request as JSON values, from whoever sends them."""
+"""Parse the options of a render from untrusted JSON values."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ NAMES = tuple(field.name for field in fields(RenderRequest))
 
 
 def parse(values: Mapping[str, Any]) -> RenderRequest:
-    """A request of JSON values; what is left out, or null, has its default.
+    """A request of JSON values; missing or null ones have their defaults.
 
     Raises:
-        UsageError: a name that is not one of the request's, or a value that is not possible; names it.
+        UsageError: an unknown field, or a value of the wrong type or out of range; names the field.
     """
     unknown = sorted(set(values) - set(NAMES))
     if unknown:
-        raise UsageError(f"there is no {unknown[0][:40]!r}; there are {', '.join(NAMES)}", field=unknown[0][:40])
+        raise UsageError(f"there is no field {unknown[0][:40]!r}; there are {', '.join(NAMES)}", field=unknown[0][:40])
     given = {name: value for name, value in values.items() if value is not None}
     if "scene" in given:
         given["scene"] = Scene.from_json(json.dumps(given["scene"]))
@@ -37,7 +37,7 @@ def parse(values: Mapping[str, Any]) -> RenderRequest:
         given["size"] = _size(given["size"])
     for name, kinds in _KINDS.items():
         if name in given and (isinstance(given[name], bool) or not isinstance(given[name], kinds)):
-            raise UsageError(f"{name} is {given[name]!r:.60}, which is of the wrong kind", field=name)
+            raise UsageError(f"{name} is {given[name]!r:.60}, which is of the wrong type", field=name)
     if "view" in given:
         given["view"] = str(given["view"])
     return RenderRequest(**given)

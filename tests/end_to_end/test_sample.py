@@ -17,7 +17,7 @@ from PIL import Image
 from service import diagnosis
 from service.archive.avatar import Avatar
 from service.archive.pack import archive_members
-from service.face.fit.basis import surface_points
+from service.face.fit.basis import at_barycentric
 from service.head.files import save_head
 from service.pipeline import make_avatar
 from tests.end_to_end.command import ROOT, avatarme
@@ -89,7 +89,7 @@ def test_the_camera_puts_the_head_where_the_face_is(sample: Sample, plain: Avata
     vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], float)
     head, camera = plain.head, sample.manifest["camera"]
     assert vertices.shape == head.mean.shape
-    points = surface_points(vertices, head.triangles[head.landmark_triangle], head.landmark_barycentric)
+    points = at_barycentric(vertices, head.triangles[head.landmark_triangle], head.landmark_barycentric)
     x, y, z = np.array(camera["rotation"]) @ points.T + np.array(camera["translation"])[:, None]
     assert (z > 0.2).all() and camera["rotation"][2][2] < 0, "the face looks at the camera, in front of it"
     pixels = camera["focal_px"] * np.stack([x, y], 1) / z[:, None] + camera["principal_point"]

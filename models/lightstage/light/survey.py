@@ -17,14 +17,14 @@ from models.lightstage.light.relief import STEPS_MM
 from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.window import ChartWindow
-from service.light.surface import AZIMUTHS, Surface
+from service.light.surface import AZIMUTHS, SurfaceSamples
 from service.light.survey import Index, LitChart
 from service.light.survey import survey as sampled
 
 Array = npt.NDArray[np.float64]
 
 
-def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 384, seed: int = 0) -> Surface:
+def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 384, seed: int = 0) -> SurfaceSamples:
     """Samples of the face in a window (of all of its skin where it shows none of the face), evenly over its texels.
 
     Args:
@@ -69,7 +69,7 @@ def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 
 
 def survey_chart(
     draw: Callable[[ChartWindow], LitMaps], geometry: Geometry, width: int, height: int, windows: int = 8
-) -> Surface:
+) -> SurfaceSamples:
     """Samples for baking a whole chart of a size; large charts are looked at through small windows on the face.
 
     Fine relief and highlights are other ones on a small copy of the maps, so the maps have to be of the chart's size.
@@ -99,14 +99,14 @@ def survey_chart(
     return joined(parts)
 
 
-def joined(parts: list[Surface]) -> Surface:
+def joined(parts: list[SurfaceSamples]) -> SurfaceSamples:
     """Samples of several surveys that stand for equal shares of the face."""
     fields = {}
-    for f in dataclasses.fields(Surface):
+    for f in dataclasses.fields(SurfaceSamples):
         arrays = [getattr(part, f.name) for part in parts]
         by_place = f.name in ("position", "diffuse_normal", "albedo", "specular_normal", "horizon")
         fields[f.name] = np.concatenate(arrays, 1 if by_place else 0)
-    return dataclasses.replace(Surface(**fields), weight=fields["weight"] / len(parts))
+    return dataclasses.replace(SurfaceSamples(**fields), weight=fields["weight"] / len(parts))
 
 
 def _visible(geometry: Geometry, window: ChartWindow, row: Tensor, column: Tensor) -> Array:

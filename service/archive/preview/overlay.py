@@ -1,27 +1,28 @@
-"""``preview/overlay.jpg``: does the fitted head sit where the photo's head is?"""
+"""``preview/overlay.jpg``: the fitted head and the landmarks over the photo."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
 from service.archive.preview.render import render
 from service.archive.surface import vertex_normals
+from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 
 PANEL = (520, 640)
-"""Largest width and height of one of the three panels."""
+"""Largest width and height of each of the three panels, pixels."""
 LARGEST_SCALE = 4.0
-"""A tiny face is not blown up beyond this."""
+"""Largest magnification of the photo."""
 
 _MARGIN, _CAPTION = 12, 34
 _AROUND = 0.18
+"""Border around the head over its size."""
 _DETECTED, _FITTED = (0, 210, 255), (255, 120, 20)
 
 
@@ -51,14 +52,14 @@ def overlay(avatar: Avatar) -> Image:
 
 
 def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom in whole photo pixels: fitted head and detected face with some room, within the photo.
+    """Left, top, right, bottom in photo pixels: bounding box of fitted head and detected face with a border, clipped.
 
-    If the head lies wholly outside, the whole photo.
+    The whole photo where the head lies outside it.
     """
     width, height = avatar.photo.size
     points = avatar.fit.camera.project(avatar.fit.vertices[np.unique(avatar.head.triangles)])
     points = np.concatenate([points[np.isfinite(points).all(1)], avatar.face.box.reshape(2, 2)])
-    # A fit gone wrong must not make the picture useless: never wider than five detector boxes.
+    # A failed fit must not make the picture useless: at most five detector boxes wide.
     low_face, high_face = avatar.face.box[:2], avatar.face.box[2:]
     reach = 2 * (high_face - low_face)
     low = np.maximum(points.min(0), low_face - reach)
@@ -71,8 +72,8 @@ def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
     return int(left), int(top), int(right), int(bottom)
 
 
-def fitted_landmarks(head: HeadModel, fit: Fit) -> npt.NDArray[np.float64]:
-    """(L, 2) photo pixels of the head's landmarks; outline landmarks at the place for the nearest tabled yaw."""
+def fitted_landmarks(head: HeadModel, fit: Fit) -> Float64:
+    """(L, 2) photo pixels of the head's landmarks; contour landmarks at the nearest tabulated yaw."""
     triangle, weights = head.landmark_triangle.copy(), head.landmark_barycentric.copy()
     if len(head.contour_landmarks) and len(head.contour_yaw_deg):
         yaw = fit.camera.yaw_pitch_roll_deg()[0]
@@ -83,10 +84,8 @@ def fitted_landmarks(head: HeadModel, fit: Fit) -> npt.NDArray[np.float64]:
     return fit.camera.project(np.einsum("lk,lkc->lc", weights, corners))
 
 
-def _panel_camera(
-    camera: Camera, corner: tuple[int, int], zoom: npt.NDArray[np.float64], size: tuple[int, int]
-) -> Camera:
-    """The photo's camera for a cut of the photo; width and height differ in scale by rounding only."""
+def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: tuple[int, int]) -> Camera:
+    """The photo's camera for a crop of the photo; the scales of width and height differ by rounding only."""
     return replace(
         camera,
         width=size[0],
@@ -97,15 +96,15 @@ def _panel_camera(
 
 
 def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
-    """Clay over the photo, see-through enough to compare eyes, lips and outline."""
+    """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
     normals = vertex_normals(avatar.fit.vertices, avatar.head.triangles)
-    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, finer=1)
+    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, supersampling=1)
     photo = np.asarray(cut, np.float32) / np.float32(255)
     return to_pixels(photo + np.float32(0.72) * (drawn.over(photo) - photo))
 
 
-def _landmarks(avatar: Avatar, cut: Image, corner: npt.NDArray[np.int64], zoom: npt.NDArray[np.float64]) -> Image:
-    """Detected points, fitted points and what lies between them, over the dimmed photo."""
+def _landmarks(avatar: Avatar, cut: Image, corner: Int64, zoom: Float64) -> Image:
+    """Detected points, fitted points and the lines between them, over the dimmed photo."""
     import cv2
 
     picture = to_pixels(np.asarray(cut, np.float32) / 255 * 0.62 + 0.04)

@@ -1,13 +1,14 @@
-"""Paper, tiles and words for the preview pictures."""
+"""Colours, tiles and text of the preview pictures."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Image = npt.NDArray[np.uint8]
+from service.arrays import AnyFloat, Float32, UInt8
+
+Image = UInt8
 Colour = tuple[int, int, int]
 
 PAPER: Colour = (250, 250, 248)
@@ -24,7 +25,7 @@ def blank(width: int, height: int, colour: Colour = PAPER) -> Image:
     return np.full((height, width, 3), colour, np.uint8)
 
 
-def backdrop(width: int, height: int) -> npt.NDArray[np.float32]:
+def backdrop(width: int, height: int) -> Float32:
     """(height, width, 3) float32 sRGB in [0, 1]: the tile colour, brighter behind the head."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     away = ((x - width / 2) / (0.7 * width)) ** 2 + ((y - 0.42 * height) / (0.7 * height)) ** 2
@@ -33,7 +34,7 @@ def backdrop(width: int, height: int) -> npt.NDArray[np.float32]:
 
 
 def place(page: Image, picture: Image, x: int, y: int) -> None:
-    """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to fit."""
+    """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to lie within the page."""
     height, width = picture.shape[:2]
     page[y : y + height, x : x + width] = picture
 
@@ -41,7 +42,7 @@ def place(page: Image, picture: Image, x: int, y: int) -> None:
 def write(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
     """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high.
 
-    OpenCV 5 brings a typeface; before it there are only its plotter letters, without a degree sign.
+    OpenCV 5 has a typeface; before it there are only stroke fonts, without a degree sign.
     """
     import cv2
 
@@ -53,6 +54,6 @@ def write(page: Image, text: str, x: int, y: int, size: int, colour: Colour = IN
     library.putText(page, plain, (x, y), library.FONT_HERSHEY_SIMPLEX, size / 32, colour, 1 + bold, library.LINE_AA)
 
 
-def to_pixels(picture: npt.NDArray[np.floating]) -> Image:
+def to_pixels(picture: AnyFloat) -> Image:
     """Coded values in [0, 1] -> uint8."""
     return np.asarray(np.rint(np.clip(picture, 0.0, 1.0) * 255), np.uint8)

@@ -1,24 +1,24 @@
-"""Small pictures of the head: clay, with its texture, or with its albedo in lamps, from any camera."""
+"""Small renders of the head from any camera: untextured, with its texture, or with its albedo under lamps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
 from service.archive.preview.shading import STUDIO, Lamps, baked, clay_colours, double_sided
+from service.arrays import AnyFloat, Float32, Float64, Int32, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
-from service.geometry.raster import rasterise
+from service.geometry.raster import interpolate, rasterise
+from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
-Image = npt.NDArray[np.uint8]
+Image = UInt8
 
 DISTANCE_M = 1.2
-"""From camera to head in the views that are not the photo's."""
+"""From camera to head in all views but the photo's."""
 
 
 @dataclass(frozen=True)
@@ -26,22 +26,22 @@ class Rendered:
     """A picture without background.
 
     Attributes:
-        colour: (h, w, 3) float32 sRGB in [0, 1], multiplied by coverage.
-        coverage: (h, w, 1) float32 in [0, 1], how much of the pixel the head covers.
+        colour: (h, w, 3) float32 sRGB in [0, 1], premultiplied by coverage.
+        coverage: (h, w, 1) float32 in [0, 1], share of the pixel that the head covers.
     """
 
-    colour: Float
-    coverage: Float
+    colour: Float32
+    coverage: Float32
 
-    def over(self, background: Float) -> Float:
+    def over(self, background: Float32) -> Float32:
         """(h, w, 3) sRGB float32 in [0, 1] over a background that broadcasts to this shape."""
         return np.asarray(self.colour + (1 - self.coverage) * background, np.float32)
 
 
-def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int, height: int) -> Camera:
+def turned_camera(vertices: AnyFloat, yaw_deg: float, width: int, height: int) -> Camera:
     """Camera at ``DISTANCE_M`` that sees all of ``vertices`` (V, 3) turned by ``yaw_deg`` (> 0: to the image right).
 
-    The scale depends on the head only, not on the yaw, so views side by side have the same one.
+    The scale depends on the head alone and not on the yaw, so that views side by side have the same one.
     """
     low, high = vertices.min(0).astype(np.float64), vertices.max(0).astype(np.float64)
     angle = np.radians(yaw_deg)
@@ -56,29 +56,29 @@ def turned_camera(vertices: npt.NDArray[np.floating], yaw_deg: float, width: int
 
 def render(
     head: HeadModel,
-    vertices: npt.NDArray[np.floating],
-    normals: npt.NDArray[np.floating],
+    vertices: AnyFloat,
+    normals: AnyFloat,
     camera: Camera,
     texture: Image | None = None,
     *,
     lamps: Lamps | None = None,
-    finer: float = 1.5,
+    supersampling: float = 1.5,
 ) -> Rendered:
-    """Draw the head as the camera sees it, shaded at the vertices, which lie a few pixels apart.
+    """Render the head with shading at its vertices, which lie a few pixels apart.
 
     Args:
         head: topology and chart.
         vertices: (V, 3) metres, head space.
         normals: (V, 3) unit.
         camera: its width and height are the size of the picture.
-        texture: (h, w, 3) uint8 sRGB on the chart; None draws clay.
-        lamps: what a texture that is albedo stands in; None shows it almost as it is, for light is baked in. Clay
-            without lamps stands in ``STUDIO``.
-        finer: samples per pixel and axis, >= 1; 1.5 smooths edges at half the cost of 2.
+        texture: (h, w, 3) uint8 sRGB on the chart; None for a uniform colour per part.
+        lamps: light for a texture that is albedo; None for a texture with baked-in light, which is hardly shaded.
+            Without texture, None is ``STUDIO``.
+        supersampling: samples per pixel and axis, >= 1; 1.5 antialiases at half the cost of 2.
     """
     import cv2
 
-    width, height = round(camera.width * finer), round(camera.height * finer)
+    width, height = round(camera.width * supersampling), round(camera.height * supersampling)
     in_camera = camera.to_camera(vertices)
     points = camera.project(vertices) * (width / camera.width, height / camera.height)
     turned = np.asarray(normals) @ camera.rotation.T
@@ -102,9 +102,9 @@ def render(
         if not len(shown):
             continue
         triangle, weights = raster.triangle.ravel()[shown], raster.barycentric.reshape(-1, 3)[shown]
-        colour = _interpolate(weights, shade, layer.triangles[triangle])
+        colour = interpolate(shade, layer.triangles[triangle], weights)
         if texture is not None:
-            painted = _sample(texture, _interpolate(weights, head.uv, layer.chart[triangle]))
+            painted = sample_chart(texture, interpolate(head.uv, layer.chart[triangle], weights)) / np.float32(255)
             colour = _in_light(painted, colour) if lamps is not None else painted * colour
         paint = np.zeros(here.shape, np.float32)
         flat = paint.reshape(-1, 4)
@@ -114,7 +114,7 @@ def render(
             paint += here * (1 - paint[..., 3:])
         picture[y, x] = paint
         nearest[y, x] = np.minimum(raster.depth, depth)
-    if finer > 1:
+    if supersampling > 1:
         size = (camera.width, camera.height)
         picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
     return Rendered(picture[..., :3], picture[..., 3:])
@@ -122,17 +122,17 @@ def render(
 
 @dataclass(frozen=True)
 class _Layer:
-    """Triangles (T, 3) that are drawn together, their uv (T, 3), and their opacity; the opaque ones come first."""
+    """Triangles (T, 3) of one opacity and their chart vertices (T, 3)."""
 
-    triangles: npt.NDArray[np.int32]
-    chart: npt.NDArray[np.int32]
+    triangles: Int32
+    chart: Int32
     opacity: float
 
 
 def _layers(head: HeadModel) -> list[_Layer]:
-    """What is opaque, then what is not, without what is not seen at all.
+    """Layers by falling opacity, without parts of opacity 0.
 
-    Double-sided triangles come a second time turned over, as backs are left out.
+    Double-sided triangles come a second time with reversed winding, as back faces are culled.
     """
     materials = [material_of(name) for name in head.part_names]
     layers = []
@@ -146,7 +146,7 @@ def _layers(head: HeadModel) -> list[_Layer]:
     return layers
 
 
-def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[slice, slice]:
+def _window(points: Float64, width: int, height: int) -> tuple[slice, slice]:
     """Columns and rows of the picture that points (N, 2) can touch; at least one pixel."""
     bounds = []
     for values, end in zip(np.nan_to_num(points).T, (width, height), strict=True):
@@ -155,29 +155,6 @@ def _window(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[s
     return bounds[0], bounds[1]
 
 
-def _interpolate(weights: Float, values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer]) -> Float:
-    """(N, C) of ``values`` (V, C) at corners (N, 3) mixed by weights (N, 3)."""
-    source = np.asarray(values, np.float32)
-    mixed: Float = weights[:, :1] * source[corners[:, 0]]
-    mixed += weights[:, 1:2] * source[corners[:, 1]]
-    mixed += weights[:, 2:] * source[corners[:, 2]]
-    return mixed
-
-
-def _in_light(albedo: Float, light: Float) -> Float:
+def _in_light(albedo: Float32, light: Float32) -> Float32:
     """(N, 3) sRGB of an albedo (N, 3), sRGB, in light (N, 4): linear RGB, and gloss on top of it."""
     return np.asarray(linear_to_srgb(np.clip(srgb_to_linear(albedo) * light[:, :3] + light[:, 3:], 0, 1)), np.float32)
-
-
-def _sample(texture: Image, uv: Float) -> Float:
-    """(N, 3) float32 sRGB in [0, 1] of the chart at (N, 2), between texels."""
-    import cv2
-
-    height, width = texture.shape[:2]
-    rows = -(-len(uv) // 1024)
-    points = np.zeros((rows * 1024, 2), np.float32)
-    points[: len(uv), 0] = uv[:, 0] * width - 0.5
-    points[: len(uv), 1] = (1 - uv[:, 1]) * height - 0.5
-    at = points.reshape(rows, 1024, 2)
-    values = cv2.remap(texture, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    return np.asarray(values.reshape(-1, 3)[: len(uv)], np.float32) / np.float32(255)

@@ -1,21 +1,19 @@
-"""Light on the head in previews: at its vertices, which lie a few pixels apart, and without cast shadows."""
+"""Shading of previews: at the vertices, which lie a few pixels apart, and without cast shadows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.materials import material_of
+from service.arrays import AnyFloat, Bool, Float32
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
 from service.light.scene import Triple
 
-Float = npt.NDArray[np.float32]
-
 CLAY = (0.50, 0.47, 0.44)
-"""Linear RGB of the untextured skin."""
+"""Linear albedo of the untextured skin."""
 _PART_CLAY = {
     "eye": (0.72, 0.72, 0.72),
     "teeth": (0.68, 0.66, 0.60),
@@ -24,41 +22,41 @@ _PART_CLAY = {
 }
 
 _NOWHERE = (0.0, 0.0, 0.0)
-"""Unit vector of what has no direction: light from there does not count."""
+"""Unit vector where there is no direction: it receives no light."""
 
 _WRAP = 0.25
-"""Cosine by which light reaches round the side that looks away: a soft terminator, as under a large lamp."""
+"""Cosine by which light wraps around the terminator, which is soft under a large lamp."""
 _GLOSS, _SHARPNESS = 0.05, 24
+"""Strength and Blinn-Phong exponent of the highlight."""
 
 _DARKEST = 0.82
-"""Factor on coded colours of a texture where its surface is seen edge on; 1 where it faces the camera."""
+"""Factor on coded colours of a texture at grazing angles; 1 where it faces the camera."""
 
 
 @dataclass(frozen=True)
 class Lamps:
-    """Large lamps far away.
+    """Large distant lamps.
 
     Attributes:
         lamps: of each, the direction to it in camera axes (x right, y down, z away) and its linear RGB; the first one
-            is the key, whose mirror image is seen.
-        ambient: linear RGB from everywhere.
+            is the key light, which has a highlight.
+        ambient: linear RGB from all directions.
     """
 
     lamps: tuple[tuple[Triple, Triple], ...]
     ambient: Triple
 
-    def on(
-        self, head: HeadModel, in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]
-    ) -> tuple[Float, Float]:
-        """(V, 3) linear light that a white matt surface would show, and (V, 1) gloss, which any surface shows.
+    def on(self, head: HeadModel, in_camera: AnyFloat, normals: AnyFloat) -> tuple[Float32, Float32]:
+        """(V, 3) linear radiance of a white diffuse surface, and (V, 1) of the highlight.
 
         Args:
-            head: which parts are sheets, seen from both sides.
+            head: its double-sided parts are shaded on both sides.
             in_camera: (V, 3) vertices, camera axes.
             normals: (V, 3) unit, camera axes.
         """
         view = normalise(-in_camera, _NOWHERE)
-        # Sheets show their backs too. Elsewhere a normal that looks away is at the outline, and turning it would flash.
+        # Only double-sided parts show back faces. Elsewhere normals that face away lie at the silhouette; turned, they
+        # would flash.
         sheets = np.zeros((len(normals), 1), bool)
         sheets[head.triangles[double_sided(head)]] = True
         facing = np.where(sheets & ((normals * view).sum(1, keepdims=True) < 0), -normals, normals)
@@ -83,19 +81,19 @@ STUDIO = Lamps(
 
 
 def side_lamp(azimuth_deg: float) -> Lamps:
-    """A strong lamp above eye level, ``azimuth_deg`` from the camera (> 0: at the image's right), and faint sky."""
+    """A strong lamp above eye level, ``azimuth_deg`` from the camera (> 0: at the image's right), and a dim sky."""
     angle = np.radians(azimuth_deg)
     key = (0.9 * float(np.sin(angle)), -0.45, -0.9 * float(np.cos(angle)))
     return Lamps(((key, (1.5, 1.46, 1.4)), ((0.0, -1.0, 0.3), (0.25, 0.27, 0.31))), (0.12, 0.125, 0.14))
 
 
-def baked(in_camera: npt.NDArray[np.floating], normals: npt.NDArray[np.floating]) -> Float:
-    """(V, 1) factor on the coded colours of a texture that has its light in it; arguments as :meth:`Lamps.on`."""
+def baked(in_camera: AnyFloat, normals: AnyFloat) -> Float32:
+    """(V, 1) factor on the coded colours of a texture with baked-in light; arguments as :meth:`Lamps.on`."""
     cosine = (normals * normalise(-in_camera, _NOWHERE)).sum(1, keepdims=True)
     return np.asarray(_DARKEST + (1 - _DARKEST) * np.abs(cosine), np.float32)
 
 
-def clay_colours(head: HeadModel) -> Float:
+def clay_colours(head: HeadModel) -> Float32:
     """(V, 3) linear albedo of each vertex by its part."""
     colours = np.tile(np.array(CLAY, np.float32), (len(head.mean), 1))
     for index, name in enumerate(head.part_names):
@@ -103,6 +101,6 @@ def clay_colours(head: HeadModel) -> Float:
     return colours
 
 
-def double_sided(head: HeadModel) -> npt.NDArray[np.bool_]:
+def double_sided(head: HeadModel) -> Bool:
     """(T,) True for triangles of double-sided parts."""
     return np.array([material_of(name).double_sided for name in head.part_names])[head.triangle_part]

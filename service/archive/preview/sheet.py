@@ -11,22 +11,23 @@ from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, blank, place, write
 from service.archive.preview.views import TILE, clay, relit, small_albedo, textured
+from service.arrays import Float32, UInt8, UInt16
 
 _GAP, _MARGIN, _TITLE, _CAPTION = 10, 22, 62, 30
 _WIDTH = 5 * TILE[0] + 4 * _GAP + 2 * _MARGIN
 
 _MAPS_A_ROW = 3
 _RELIEF_MM = 0.15
-"""Height that is black or white in the sheet's picture of the relief."""
+"""Height that is shown white; the negative is shown black."""
 
 SEEN_COLOUR = (46, 134, 96)
 MIRRORED_COLOUR = (66, 122, 186)
-MADE_UP_COLOUR = (206, 202, 196)
-"""Confidence in the sheet: from the photo, from the other side of the face, made up."""
+INPAINTED_COLOUR = (206, 202, 196)
+"""Confidence in the sheet: from the photo, from the other side of the face, inpainted."""
 
 
 def sheet(avatar: Avatar) -> Image:
-    """(h, w, 3) uint8 sRGB: textured from five sides, in other light, clay, the facts of the fit, the maps."""
+    """(h, w, 3) uint8 sRGB: textured views, relit views, untextured views, measurements of the fit, maps."""
     maps, in_lamps = list(_maps(avatar)), list(relit(avatar))
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
@@ -79,7 +80,7 @@ def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """Maps of the networks that there are, made small first: they may have a hundred times the texels."""
+    """Maps of the networks, reduced first, as they may have a hundred times the texels."""
     import cv2
 
     from service.reflectance.result import MID, SCALE_MM, unpack_normals
@@ -88,10 +89,10 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     if made is None:
         return
 
-    def small(codes: npt.NDArray[np.uint16] | npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    def small(codes: UInt16 | npt.NDArray[np.int16]) -> Float32:
         return np.asarray(cv2.resize(codes, _map_size(), interpolation=cv2.INTER_AREA), np.float32)
 
-    def grey(values: npt.NDArray[np.float32]) -> Image:
+    def grey(values: Float32) -> Image:
         return np.repeat(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)[..., None], 3, 2)
 
     if made.diffuse_albedo is not None:
@@ -106,22 +107,22 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         yield f"Displacement, black and white at {_RELIEF_MM} mm", grey(height + np.float32(0.5))
 
 
-def confidence_colours(confidence: npt.NDArray[np.uint8]) -> Image:
-    """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where a kind of texel is less sure."""
+def confidence_colours(confidence: UInt8) -> Image:
+    """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where the confidence is lower."""
     from service.texture.result import MIRRORED, SEEN
 
     codes = np.arange(256)
-    made_up = np.array(MADE_UP_COLOUR, np.float64)
-    table = np.tile(made_up, (256, 1))
+    inpainted = np.array(INPAINTED_COLOUR, np.float64)
+    table = np.tile(inpainted, (256, 1))
     for low, high, colour in ((SEEN, 255, SEEN_COLOUR), (MIRRORED, SEEN - 1, MIRRORED_COLOUR)):
         sure = 0.35 + 0.65 * (codes - low) / (high - low)
-        mixed = made_up + sure[:, None] * (np.array(colour) - made_up)
+        mixed = inpainted + sure[:, None] * (np.array(colour) - inpainted)
         table = np.where(((codes >= low) & (codes <= high))[:, None], mixed, table)
     return np.rint(table).astype(np.uint8)[confidence]
 
 
 def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
-    """What was measured, and what to be wary of."""
+    """Write measurements and warnings."""
     write(page, "Measured", x, y + 14, 16, INK, bold=True)
     y += 42
     for name, value in _measured(avatar):

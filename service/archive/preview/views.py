@@ -1,4 +1,4 @@
-"""The head from several sides for ``preview/sheet.jpg``: as the photo shows it, in other light, as clay."""
+"""Views of the head for ``preview/sheet.jpg``: textured, relit, and untextured."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Avatar
 from service.archive.preview.page import Image, backdrop, to_pixels
 from service.archive.preview.render import render, turned_camera
 from service.archive.preview.shading import side_lamp
 from service.archive.surface import vertex_normals
+from service.arrays import Float32, UInt16
 
 What = TypeVar("What")
 
@@ -21,12 +21,13 @@ TILE = (256, 306)
 """Width and height of a view of the head."""
 
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
+"""Yaw of the head in the textured views, degrees."""
 
 RELIT = ((-45, -80), (0, -70), (0, 0), (0, 70), (45, 80))
-"""Yaw of the head and azimuth of the lamp of the views of the albedo, degrees."""
+"""Yaw of the head and azimuth of the lamp in the relit views, degrees."""
 
 VIEWED = (768, 512)
-"""Width and height of the albedo in views of the head: a texel is smaller than their pixels."""
+"""Width and height of the albedo in relit views: a texel is smaller than their pixels."""
 
 
 def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
@@ -45,7 +46,7 @@ def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """The diffuse albedo in lamps that the photo did not have; nothing where there is none."""
+    """Captions and pictures of the diffuse albedo under other lamps; nothing without albedo."""
     made, fit = avatar.reflectance, avatar.fit
     if made is None or made.diffuse_albedo is None:
         return
@@ -63,8 +64,8 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     yield from _side_by_side(view, RELIT)
 
 
-def small_albedo(codes: npt.NDArray[np.uint16], size: tuple[int, int]) -> Image:
-    """``size`` (width, height) uint8 sRGB of a diffuse albedo (H, W, 3), whose codes are 16 bits."""
+def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
+    """(h, w, 3) uint8 sRGB, ``size`` = (w, h), of 16-bit codes of diffuse albedo (H, W, 3)."""
     import cv2
 
     small = np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.float32)
@@ -72,7 +73,7 @@ def small_albedo(codes: npt.NDArray[np.uint16], size: tuple[int, int]) -> Image:
 
 
 def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """The shape alone, in the photo's expression and at rest."""
+    """Captions and pictures of the shape, in the photo's expression and neutral."""
     behind = backdrop(*TILE)
     views = (
         ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
@@ -80,7 +81,7 @@ def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         ("Shape, neutral, 45°", avatar.fit.neutral, 45),
     )
 
-    def view(what: tuple[str, npt.NDArray[np.float32], int]) -> tuple[str, Image]:
+    def view(what: tuple[str, Float32, int]) -> tuple[str, Image]:
         caption, vertices, yaw = what
         normals = vertex_normals(vertices, avatar.head.triangles)
         drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
@@ -90,6 +91,6 @@ def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What]) -> Iterator[tuple[str, Image]]:
-    """Views in order, drawn on two threads: most of a view is numpy, which lets other threads run."""
+    """Views in order, rendered on two threads: most of the time is spent in numpy, which releases the GIL."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(view, what)

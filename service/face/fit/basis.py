@@ -1,20 +1,16 @@
-"""The head model seen only at its landmarks: small dense bases for the landmark fit."""
+"""The head model restricted to its landmarks: small dense bases for the landmark fit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32
 from service.head.model import HeadModel
 
-Array = npt.NDArray[np.float64]
 
-
-def surface_points(
-    values: npt.NDArray[np.floating], corners: npt.NDArray[np.integer], weights: npt.NDArray[np.floating]
-) -> Array:
+def at_barycentric(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Float64:
     """(..., V, C) per-vertex values -> (..., L, C) at barycentric points: corners (L, 3) vertices, weights (L, 3)."""
     return np.asarray((values[..., corners, :].astype(np.float64) * weights.astype(np.float64)[..., None]).sum(-2))
 
@@ -30,12 +26,12 @@ class LandmarkBasis:
         sigma: (L,) metres, expected scatter of the detector.
     """
 
-    mean: Array
-    modes: Array
-    normals: Array
-    sigma: Array
+    mean: Float64
+    modes: Float64
+    normals: Float64
+    sigma: Float64
 
-    def points(self, coefficients: Array) -> Array:
+    def points(self, coefficients: Float64) -> Float64:
         """(K + E,) -> (L, 3) metres."""
         return np.asarray(self.mean + np.tensordot(coefficients, self.modes, 1))
 
@@ -59,14 +55,14 @@ class LandmarkModel:
         """Identity and expression coefficients together."""
         return self.identity_count + self.expression_count
 
-    def _gather(self, head: HeadModel, corners: npt.NDArray[np.int32], weights: npt.NDArray[np.float32]) -> list[Array]:
+    def _gather(self, head: HeadModel, corners: Int32, weights: Float32) -> list[Float64]:
         """[mean (L, 3), modes (K + E, L, 3), normals (L, 3)] at barycentric points of the mesh."""
         parts = (head.identity[: self.identity_count], head.expression)
-        modes = np.concatenate([surface_points(part, corners, weights) for part in parts])
+        modes = np.concatenate([at_barycentric(part, corners, weights) for part in parts])
         p = head.mean[corners].astype(np.float64)
         normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        mean = surface_points(head.mean, corners, weights)
+        mean = at_barycentric(head.mean, corners, weights)
         return [mean, modes, np.where(length > 1e-15, normals / np.maximum(length, 1e-15), 0.0)]
 
     def at_yaw(self, yaw_deg: float) -> LandmarkBasis:

@@ -1,8 +1,8 @@
-"""Where the outline of the face lies in the photo.
+"""Occluding contour of the head, matched to edges of the photo.
 
-On a turned head the line of the far cheek, brow and nose against what is behind them says more about shape than any
-landmark does. Points on the model's occluding contour look for the strongest edge along their normal in the photo
-(the classical active contour step; for face models: Bas et al., Fitting a 3D Morphable Model to Edges, ACCVW 2016).
+On a turned head the silhouette of the far cheek, brow and nose constrains the shape more than any landmark does. Each
+point of the model's occluding contour searches the strongest edge along its normal in the photo (the classical active
+contour step; for face models: Bas et al., Fitting a 3D Morphable Model to Edges, ACCVW 2016).
 """
 
 from __future__ import annotations
@@ -10,20 +10,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.state import State, project
 from service.face.fit.terms import PointTerm
 from service.head.model import HeadModel
-
-Array = npt.NDArray[np.float64]
+from service.robust import geman_mcclure
 
 SAMPLES = 25
-"""Odd number of samples along each search line."""
+"""Samples along each search line, odd."""
 SIGMA_M = 0.0008
-"""Expected distance of a true edge from the outline, metres on the face."""
+"""Standard deviation of the distance from the contour to its edge, metres on the face."""
 CONTRAST = 0.04
-"""Edge strength (sRGB step in [0, 1]) at which an edge is believed half."""
+"""Edge strength (norm of the sRGB difference, components in [0, 1]) at which an edge gets half weight."""
+_PROBE_M = 0.006
+"""Distance outside a contour point at which other parts of the head are looked for, metres."""
+_INDEPENDENT = 0.1
+"""Weight of one contour point: neighbours see the same edge."""
+_DEPTH_MAP = 256
+"""Side of the coarse depth map in which silhouettes are told from inner folds, pixels."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +41,13 @@ class Outline:
         normal: (N, 2) unit, pointing out of the face.
     """
 
-    vertices: npt.NDArray[np.int32]
-    uv: Array
-    normal: Array
+    vertices: Int32
+    uv: Float64
+    normal: Float64
 
 
 class OutlineFinder:
-    """Mesh edges with the triangles on both sides, for the part of the skin where an outline can be trusted."""
+    """Finds the occluding contour among the mesh edges of the face region."""
 
     def __init__(self, head: HeadModel) -> None:
         skin = np.flatnonzero(head.triangle_part == head.part_names.index("skin"))
@@ -58,8 +63,8 @@ class OutlineFinder:
         self.edges, self.sides = self.edges[face], self.sides[face]
         self.triangles = head.triangles
 
-    def find(self, state: State, vertices: Array) -> Outline:
-        """The occluding contour of (V, 3) vertices in a pose, hidden parts left out."""
+    def find(self, state: State, vertices: Float64) -> Outline:
+        """The visible occluding contour of (V, 3) vertices in a pose."""
         projection = project(state, vertices)
         uv, position = projection.uv, projection.position
         p = position[self.triangles]
@@ -74,36 +79,36 @@ class OutlineFinder:
         inside = uv[self.triangles[near]].mean(1) - middle
         across *= -np.sign((across * inside).sum(1, keepdims=True))
         length = np.linalg.norm(across, axis=1)
-        keep = (length > 1e-6) & self._open(state, uv, position, middle, across, length)
+        keep = (length > 1e-6) & self._silhouette(state, uv, position, middle, across, length)
         return Outline(edges[keep], middle[keep], across[keep] / length[keep, None])
 
-    def _open(
-        self, state: State, uv: Array, position: Array, middle: Array, across: Array, length: Array
-    ) -> npt.NDArray[np.bool_]:
-        """True where nothing of the head lies just outside the contour point: a real outline, not an inner fold."""
+    def _silhouette(
+        self, state: State, uv: Float64, position: Float64, middle: Float64, across: Float64, length: Float64
+    ) -> Bool:
+        """(N,) True where no part of the head lies just outside the contour point: a silhouette, not an inner fold."""
         from service.geometry.raster import rasterise
 
         if not len(middle):
             return np.zeros(0, bool)
         low, high = uv.min(0), uv.max(0)
-        shrink = 255.0 / max(float((high - low).max()), 1e-6)
+        shrink = (_DEPTH_MAP - 1.0) / max(float((high - low).max()), 1e-6)
         small = (uv - low) * shrink + 1.0
-        raster = rasterise(small, position[:, 2], self.triangles, 258, 258)
-        probe = (middle + across / np.maximum(length, 1e-9)[:, None] * 0.006 * state.scale - low) * shrink + 1.0
-        x, y = np.clip(probe.astype(int), 0, 257).T
+        raster = rasterise(small, position[:, 2], self.triangles, _DEPTH_MAP + 2, _DEPTH_MAP + 2)
+        probe = (middle + across / np.maximum(length, 1e-9)[:, None] * _PROBE_M * state.scale - low) * shrink + 1.0
+        x, y = np.clip(probe.astype(int), 0, _DEPTH_MAP + 1).T
         return np.asarray(raster.triangle[y, x] < 0)
 
 
 def outline_term(
-    photo: npt.NDArray[np.float32],
-    middle: Array,
+    photo: Float32,
+    middle: Float64,
     state: State,
     outline: Outline,
-    mean: Array,
-    modes: Array,
+    mean: Float64,
+    modes: Float64,
     reach_m: float,
 ) -> PointTerm | None:
-    """A term that pulls the outline to edges of the photo.
+    """Residuals between the contour and the edges of the photo, along the contour's normals.
 
     Args:
         photo: (H, W, 3) float32 sRGB in [0, 1], blurred to about 1 mm on the face.
@@ -112,10 +117,10 @@ def outline_term(
         outline: N contour points at that pose.
         mean: (N, 3) metres, the contour points where all coefficients are zero.
         modes: (M, N, 3) metres, what each coefficient adds.
-        reach_m: how far to look along the normals, metres on the face.
+        reach_m: half length of the search lines, metres on the face.
 
     Returns:
-        The term, or None where no point has an edge in reach.
+        The term, or None where no contour point has an edge within reach.
     """
     import cv2
 
@@ -126,21 +131,17 @@ def outline_term(
     height, width = photo.shape[:2]
     x, y = np.moveaxis(where.astype(np.float32), -1, 0)
     lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    beyond: npt.NDArray[np.bool_] = (where < 0) | (where > np.array([width - 1, height - 1]))
-    outside = np.asarray(beyond.any(-1))
+    outside: Bool = np.asarray(((where < 0) | (where > np.array([width - 1, height - 1]))).any(-1))
     step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
     step[outside[:, 1:-1]] = 0.0
     inner = offset[1:-1]
     score = step * np.exp(-0.5 * (inner / (0.5 * reach_m * state.scale)) ** 2)
     best = score.argmax(1)
-    rows = np.arange(len(best))
-    strength, shift = step[rows, best], inner[best]
-    belief = strength**2 / (strength**2 + CONTRAST**2)
+    strength, shift = step[np.arange(len(best)), best], inner[best]
+    contrast = strength**2 / (strength**2 + CONTRAST**2)
     sigma = SIGMA_M * state.scale
-    robust = (1.0 + (shift / (3.0 * sigma)) ** 2) ** -2
-    weight = belief * robust
+    weight = contrast * geman_mcclure(shift, 3.0 * sigma)
     if not (weight > 0.01).any():
         return None
-    spacing = 0.1  # neighbouring contour points see the same edge
     target = outline.uv + shift[:, None] * outline.normal
-    return PointTerm(mean, modes, target, spacing * weight / max(sigma, 1e-9) ** 2, outline.normal)
+    return PointTerm(mean, modes, target, _INDEPENDENT * weight / max(sigma, 1e-9) ** 2, outline.normal)

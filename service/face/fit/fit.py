@@ -1,4 +1,4 @@
-"""Photo and landmarks in, fitted head out."""
+"""Fit the head model to a photo and the landmarks found in it."""
 
 from __future__ import annotations
 
@@ -22,26 +22,29 @@ from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-from service.light.white_reference import cheek_colour, light_by_white_parts
+from service.light.white_reference import cheek_colour, light_from_sclera_and_teeth
 from service.photo.photo import Photo
 
 UNKNOWN_FOCAL = 1.2
-"""Most likely focal length over the longer side of a photo that does not say: between a phone and a portrait crop."""
+"""Mean of the prior on the focal length without EXIF, over the photo's longer side: between phone and portrait crop."""
 UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA = 1.0, 0.35
-"""Standard deviations of the logarithms of focal length and distance without EXIF: the distance is known better."""
+"""Standard deviations of the logarithms of focal length and distance without EXIF; the distance is known better."""
 EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA = 0.1, 0.8
-"""The same with EXIF. Crops and digital zoom change the true focal length, so it is believed to about 10 %."""
+"""The same with EXIF: crops and digital zoom change the effective focal length, so it is trusted to about 10 %."""
 FILM_DIAGONAL_MM = 43.27
 """Diagonal of the 35 mm frame to which EXIF's equivalent focal length refers."""
 DISTRUST_RMS = 0.06
-"""Landmark rms over the inter-ocular distance above which a fit is reported as not to be trusted."""
+"""Landmark rms over the inter-ocular distance above which a fit gets the warning ``low-confidence``."""
 FAIL_RMS = 0.25
-"""... and above which there is no fit at all."""
+"""Landmark rms over the inter-ocular distance above which the fit fails."""
 WIDE_YAW_DEG = 60.0
+"""Yaw in degrees above which a fit gets the warning ``extreme-pose``."""
+FEWEST_LANDMARKS = 30
+"""Fewest finite landmarks that a fit needs."""
 
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
-    """What is known before looking: portrait distance, EXIF focal length, population of heads."""
+    """The fit's prior: portrait distance, focal length from EXIF where there is one, Gaussian shape coefficients."""
     focal = UNKNOWN_FOCAL * max(photo.size)
     focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
     if photo.focal_35mm:
@@ -59,33 +62,35 @@ def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | 
         face: landmarks in photo pixels.
         photo: the photo they were found in.
         head: any head model with the 468-landmark embedding.
-        settings: how hard to try.
+        settings: iterations, size of the basis, weights of the prior.
 
     Returns:
         A finite fit; ``low-confidence`` among its warnings where it is not to be trusted.
 
     Raises:
-        FitFailed: fewer than 30 finite landmarks, or no head comes anywhere near them.
+        FitFailed: fewer than 30 landmarks are finite, or the landmark error stays above ``FAIL_RMS``.
     """
     settings = settings or FitSettings()
     finite = int(np.isfinite(face.landmarks).all(1).sum())
-    if finite < 30:
-        raise FitFailed(f"only {finite} of {len(face.landmarks)} landmarks are finite; at least 30 are needed")
+    if finite < FEWEST_LANDMARKS:
+        raise FitFailed(
+            f"only {finite} of {len(face.landmarks)} landmarks are finite; at least {FEWEST_LANDMARKS} are needed"
+        )
     width, height = photo.size
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
-    stage = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
+    initial = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
     if settings.refine == "landmarks":
-        return _result(face, photo, head, model, stage)
-    from service.face.fit.pixels import PixelStage
+        return _result(face, photo, head, model, initial)
+    from service.face.fit.pixels import PixelRefiner
 
-    state, light = PixelStage(head, model).refine(stage, photo.pixels, middle)
-    fit = _result(face, photo, head, model, replace(stage, state=state))
+    state, light = PixelRefiner(head, model).refine(initial, photo.pixels, middle)
+    fit = _result(face, photo, head, model, replace(initial, state=state))
     return replace(fit, light=light, warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"))
 
 
-def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, stage: LandmarkFit) -> Fit:
-    state, basis, belief = stage.state, stage.basis, stage.belief
+def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit) -> Fit:
+    state, basis, weight = found.state, found.basis, found.weight
     camera = state.camera(*photo.size)
     identity, expression = np.split(state.coefficients, [model.identity_count])
     neutral = head.shape(identity)
@@ -94,7 +99,8 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
     gaze = find_gaze(photo.pixels, face.landmarks, head, neutral, camera)
     if gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
-    # Landmarks lie on the lids where the network puts them on rendered heads, so the distance is that of before.
+    # The landmark error is measured before lids and lips are moved: the embedding was calibrated on rendered heads, so
+    # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
     expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
     mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
@@ -109,20 +115,20 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         for shape in (vertices, neutral):
             shape[teeth, 1] -= np.float32(drop)
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
-    seen = (belief > 0) & np.isfinite(distance)
-    share = belief[seen] > 0.05
-    trusted = distance[seen][share] if share.any() else distance[np.isfinite(distance)]
+    seen = (weight > 0) & np.isfinite(distance)
+    inlier = weight[seen] > 0.05
+    trusted = distance[seen][inlier] if inlier.any() else distance[np.isfinite(distance)]
     rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else float("inf")
     if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
         raise FitFailed(
             f"the head does not fit the landmarks: rms {rms:.1f} px with eyes {inter_ocular:.1f} px apart; "
-            f"at most {FAIL_RMS * inter_ocular:.1f} px would do"
+            f"at most {FAIL_RMS * inter_ocular:.1f} px are accepted"
         )
     warnings = []
     yaw = abs(camera.yaw_pitch_roll_deg()[0])
     if yaw > WIDE_YAW_DEG:
         warnings.append("extreme-pose")
-    if rms > DISTRUST_RMS * inter_ocular or float((belief > 0.05).mean()) < 0.3 or yaw > 75:
+    if rms > DISTRUST_RMS * inter_ocular or float((weight > 0.05).mean()) < 0.3 or yaw > 75:
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:
         warnings.append("gaze-not-seen")
@@ -137,7 +143,7 @@ def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, sta
         float(inter_ocular),
         tuple(warnings),
         gaze,
-        light_by_white_parts(photo.pixels, gaze, tooth, skin),
+        light_from_sclera_and_teeth(photo.pixels, gaze, tooth, skin),
         skin,
         tooth,
     )

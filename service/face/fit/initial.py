@@ -1,15 +1,13 @@
-"""A first pose from landmarks: weak perspective in closed form."""
+"""Initial pose from landmarks: weak perspective in closed form."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.geometry.rotation import nearest_rotation
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,12 +20,12 @@ class WeakPose:
         offset: (2,) pixels.
     """
 
-    rotation: Array
+    rotation: Float64
     scale: float
-    offset: Array
+    offset: Float64
 
 
-def weak_pose(points: Array, pixels: Array, weights: Array) -> WeakPose:
+def weak_pose(points: Float64, pixels: Float64, weights: Float64) -> WeakPose:
     """Least-squares scaled orthographic pose.
 
     Args:

@@ -1,7 +1,7 @@
 """Stage A of the fit: pose, distance, identity and expression from landmarks.
 
 A maximum a posteriori estimate by damped least squares with iteratively re-weighted residuals: Geman-McClure weights
-whose scale is annealed, so that landmarks which lie (hidden cheeks, hair, hands) lose their say.
+whose scale is annealed, so that outliers (hidden cheeks, hair, hands) lose their weight.
 """
 
 from __future__ import annotations
@@ -9,56 +9,50 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float64
 from service.face.fit.basis import LandmarkBasis, LandmarkModel
 from service.face.fit.initial import weak_pose
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State, project
 from service.face.fit.terms import DepthTerm, PointTerm, Prior, Term
-
-Array = npt.NDArray[np.float64]
+from service.robust import geman_mcclure
 
 DISTANCE_M = (0.15, 20.0)
-"""Box for the distance of the camera, metres: a focal length that runs away stops here."""
+"""Bounds of the camera's distance, metres; they also stop a focal length that diverges."""
 IDENTITY_BOX = 4.0
-"""No identity coefficient leaves this many standard deviations."""
+"""Bound of the magnitude of identity coefficients, standard deviations."""
 DETECTOR_SIGMA_M = 0.0016
-"""Scatter of a landmark on a real photo beyond what rendering shows, metres on the face."""
+"""Scatter of a landmark on real photos in addition to that on rendered heads, metres on the face."""
 EFFECTIVE_SHARE = 0.25
-"""Errors of neighbouring landmarks are alike, so 468 of them say less than 468 independent ones."""
+"""Effective over actual number of landmarks: errors of neighbours are correlated."""
 ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
-"""Geman-McClure scale in standard deviations, round by round; the first round moves the pose alone."""
+"""Geman-McClure scale in standard deviations of each round; the first round moves the pose alone."""
 GRAZING = 0.1
-"""A landmark whose surface normal has a smaller cosine to the viewing direction is taken as hidden."""
+"""Half width of the ramp from hidden (0) to visible (1), in the cosine between normal and viewing direction."""
 DEPTH_SIGMA_M = 0.03
-"""Scatter of the landmark network's own relative depth, metres."""
+"""Scatter of the landmark network's relative depth, metres."""
 
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """What the landmark stage hands on.
+    """Result of the landmark stage.
 
     Attributes:
         state: pose and coefficients.
         basis: landmark basis at the final yaw.
-        belief: (L,) in [0, 1], how far each landmark was believed.
-        terms: the energy at the end, for a stage that adds terms of its own.
+        weight: (L,) in [0, 1] of each landmark: visibility times robust weight; 0 where it is not finite.
+        terms: of the final energy, to which the next stage adds its own.
     """
 
     state: State
     basis: LandmarkBasis
-    belief: Array
+    weight: Float64
     terms: tuple[Term, ...]
 
 
-def robust_weights(residual: Array, sigma: Array, c: float) -> Array:
-    """Geman-McClure weights (1 + (r / c sigma)^2)^-2 in (0, 1] for (N,) residual lengths."""
-    return np.asarray((1.0 + (residual / (c * np.maximum(sigma, 1e-12))) ** 2) ** -2)
-
-
-def facing(normals: Array, positions: Array, rotation: Array) -> Array:
+def facing(normals: Float64, positions: Float64, rotation: Float64) -> Float64:
     """(N,) in [0, 1]: 1 where a surface faces the camera, 0 where it is turned away.
 
     Args:
@@ -71,8 +65,8 @@ def facing(normals: Array, positions: Array, rotation: Array) -> Array:
     return np.asarray(np.clip((cosine + GRAZING) / (2 * GRAZING), 0.0, 1.0))
 
 
-def start_state(model: LandmarkModel, pixels: Array, trust: Array, log_distance: float) -> State:
-    """First pose on the average head; its yaw picks the contour table, so it is done twice."""
+def start_state(model: LandmarkModel, pixels: Float64, trust: Float64, log_distance: float) -> State:
+    """Initial pose on the average head, solved twice, since its yaw selects the contour landmarks."""
     yaw = 0.0
     for _ in range(2):
         basis = model.at_yaw(yaw)
@@ -85,7 +79,7 @@ def start_state(model: LandmarkModel, pixels: Array, trust: Array, log_distance:
     return state
 
 
-def bounds(model: LandmarkModel) -> tuple[Array, Array]:
+def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     """(n,) lower and upper bounds of the unknowns."""
     upper = np.full(POSE + model.shape_count, np.inf)
     lower = -upper
@@ -97,25 +91,25 @@ def bounds(model: LandmarkModel) -> tuple[Array, Array]:
 
 
 def weigh(
-    state: State, basis: LandmarkBasis, pixels: Array, depth: Array, trust: Array, c: float
-) -> tuple[Array, tuple[Term, Term]]:
-    """How far each landmark is believed at a state, and the terms that say so."""
+    state: State, basis: LandmarkBasis, pixels: Float64, depth: Float64, trust: Float64, c: float
+) -> tuple[Float64, tuple[Term, Term]]:
+    """(L,) weights of the landmarks at a state, and the landmark terms with these weights."""
     points = basis.points(state.coefficients)
     projection = project(state, points)
     residual = np.linalg.norm(projection.uv - pixels, axis=1)
     sigma = state.scale * np.hypot(basis.sigma, DETECTOR_SIGMA_M)
-    # A detector as a whole may be off by more than expected (blur, sketches): let the scale of the weights follow.
+    # Where all landmarks are off by more than expected (blur, sketches), the scale of the weights follows.
     typical = float(np.median(residual[trust > 0])) if (trust > 0).any() else 0.0
-    believed = robust_weights(residual, np.maximum(sigma, 0.5 * typical), c)
-    belief = trust * believed * facing(basis.normals, projection.position, state.rotation)
-    precision = EFFECTIVE_SHARE * belief / np.maximum(sigma, 1e-9) ** 2
-    depth_precision = EFFECTIVE_SHARE * belief / max(state.scale * DEPTH_SIGMA_M, 1e-9) ** 2
+    robust = geman_mcclure(residual, c * np.maximum(np.maximum(sigma, 0.5 * typical), 1e-12))
+    weight = trust * robust * facing(basis.normals, projection.position, state.rotation)
+    precision = EFFECTIVE_SHARE * weight / np.maximum(sigma, 1e-9) ** 2
+    depth_precision = EFFECTIVE_SHARE * weight / max(state.scale * DEPTH_SIGMA_M, 1e-9) ** 2
     flat = PointTerm(basis.mean, basis.modes, pixels, precision)
-    return belief, (flat, DepthTerm(basis.mean, basis.modes, depth, depth_precision))
+    return weight, (flat, DepthTerm(basis.mean, basis.modes, depth, depth_precision))
 
 
 def fit_landmarks(
-    model: LandmarkModel, landmarks: Array, middle: Array, prior: Prior, settings: FitSettings
+    model: LandmarkModel, landmarks: Float64, middle: Float64, prior: Prior, settings: FitSettings
 ) -> LandmarkFit:
     """Fit the head to landmarks.
 
@@ -123,14 +117,14 @@ def fit_landmarks(
         model: landmark bases of the head.
         landmarks: (L, 3) photo pixels, z in the same unit away from the camera; rows that are not finite are ignored.
         middle: (2,) principal point in pixels.
-        prior: what is known beforehand.
-        settings: iterations and the like.
+        prior: on distance, focal length and shape.
+        settings: number of iterations.
 
     Returns:
         A finite fit.
     """
-    good: npt.NDArray[np.bool_] = np.asarray(np.isfinite(landmarks).all(1))
-    trust: Array = good.astype(np.float64)
+    good: Bool = np.asarray(np.isfinite(landmarks).all(1))
+    trust: Float64 = good.astype(np.float64)
     known = np.where(good[:, None], landmarks, 0.0)
     pixels, depth = known[:, :2] - middle, known[:, 2]
     state = start_state(model, pixels, trust, prior.log_distance)
@@ -145,5 +139,5 @@ def fit_landmarks(
             state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
         )
     basis = model.at_yaw(state.yaw_deg)
-    belief, final = weigh(state, basis, pixels, depth, trust, ANNEAL[-1])
-    return LandmarkFit(state, basis, belief, (*final, prior))
+    weight, final = weigh(state, basis, pixels, depth, trust, ANNEAL[-1])
+    return LandmarkFit(state, basis, weight, (*final, prior))

@@ -1,14 +1,14 @@
-"""Stage B of the fit: the landmark fit, pulled to the outline of the face in the photo and to its shading.
+"""Stage B of the fit: the landmark fit refined by the silhouette and the shading of the face in the photo.
 
-Each round looks for edges along the outline of the current head (``contour.py``), estimates the light from the seen
-skin (``light.py``), and solves again with the landmark terms still in force.
+Each round finds edges along the occluding contour of the current head (``contour.py``), estimates the light from the
+visible skin (``shading.py``), and solves again with the landmark terms kept.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.contour import OutlineFinder, outline_term
@@ -19,33 +19,32 @@ from service.face.fit.state import POSE, State
 from service.face.fit.terms import Term
 from service.head.model import HeadModel
 
-Array = npt.NDArray[np.float64]
-
 REACH_M = (0.008, 0.004)
-"""Search reach of the outline, metres on the face, round by round."""
+"""Half length of the contour's search lines in each round, metres on the face."""
 BLUR_M = 0.0012
-"""Blur of the photo for the outline, metres on the face."""
+"""Standard deviation of the photo's blur before edges are searched, metres on the face."""
 STEPS = 4
+"""Solver steps of each round."""
 
 
-class PixelStage:
+class PixelRefiner:
     """Refines landmark fits of one head model."""
 
     def __init__(self, head: HeadModel, model: LandmarkModel) -> None:
         self.head, self.model = head, model
         self.outline = OutlineFinder(head)
 
-    def refine(self, stage: LandmarkFit, pixels: npt.NDArray[np.uint8], middle: Array) -> tuple[State, Array | None]:
+    def refine(self, initial: LandmarkFit, pixels: UInt8, middle: Float64) -> tuple[State, Float64 | None]:
         """The refined state, and the light on the face there (:func:`light_on_face`).
 
-        The state is that of the landmarks where the photo has neither edges nor shading to offer.
+        Where the photo has neither edges nor shading, the state is that of the landmark fit.
 
         Args:
-            stage: the landmark fit.
+            initial: the landmark fit.
             pixels: (H, W, 3) uint8 sRGB.
             middle: (2,) principal point in pixels.
         """
-        state = stage.state
+        state = initial.state
         soft = blurred(pixels, BLUR_M * state.scale)
         linear = srgb_to_linear(soft)
         lower, upper = bounds(self.model)
@@ -56,17 +55,15 @@ class PixelStage:
                 self._outline(soft, middle, state, vertices, reach),
                 shading_term(self.head, self.model, linear, middle, state, vertices),
             ]
-            terms = (*stage.terms, *(term for term in extra if term is not None))
+            terms = (*initial.terms, *(term for term in extra if term is not None))
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
 
-    def _vertices(self, state: State) -> npt.NDArray[np.float64]:
+    def _vertices(self, state: State) -> Float64:
         identity, expression = np.split(state.coefficients, [self.model.identity_count])
         return self.head.shape(identity, expression).astype(np.float64)
 
-    def _outline(
-        self, photo: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array, reach: float
-    ) -> Term | None:
+    def _outline(self, photo: Float32, middle: Float64, state: State, vertices: Float64, reach: float) -> Term | None:
         outline = self.outline.find(state, vertices)
         ends = outline.vertices
         count = self.model.identity_count
@@ -75,7 +72,7 @@ class PixelStage:
         return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
-def blurred(pixels: npt.NDArray[np.uint8], sigma_px: float) -> npt.NDArray[np.float32]:
+def blurred(pixels: UInt8, sigma_px: float) -> Float32:
     """(H, W, 3) uint8 -> float32 sRGB in [0, 1], Gaussian blur of sigma_px (none below a third of a pixel)."""
     import cv2
 

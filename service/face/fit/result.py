@@ -1,13 +1,11 @@
-"""What the fit hands on."""
+"""Result of the fit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
 from service.anatomy.eyes.gaze import Gaze
+from service.arrays import Float32, Float64
 from service.geometry.camera import Camera
 
 
@@ -18,7 +16,7 @@ class Fit:
     Attributes:
         camera: pose and focal length.
         identity: (k,) float64 standard deviations.
-        expression: (E,) float64 in [0, 1].
+        expression: (E,) float64 activations in [0, 1].
         vertices: (V, 3) float32 metres, head space, the photo's expression.
         neutral: (V, 3) float32 metres, head space, no expression.
         light: (9, 3) float64 spherical-harmonic radiance, linear RGB, camera frame: ``sh_basis(n) @ light`` of
@@ -30,22 +28,22 @@ class Fit:
         warnings: stable codes; ``low-confidence`` means the fit is not to be trusted, ``gaze-not-seen`` that the eyes
             are set straight ahead for want of a visible iris.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
-        eye_light: (3,) linear RGB that a white surface in place of the whites of the eyes would show in the photo, told
-            by them and by the teeth (``service.light.white_reference``); None if no white is seen well.
+        eye_light: (3,) linear RGB radiance in the photo of a white diffuse surface in place of the sclera, estimated
+            from sclera and teeth (``service.light.white_reference``); None if neither can be measured.
         cheek: (3,) float32 sRGB of the cheeks; None if the photo shows neither.
         tooth: (3,) float32 sRGB of the teeth between the lips; None if none are seen.
     """
 
     camera: Camera
-    identity: npt.NDArray[np.float64]
-    expression: npt.NDArray[np.float64]
-    vertices: npt.NDArray[np.float32]
-    neutral: npt.NDArray[np.float32]
-    light: npt.NDArray[np.float64] | None
+    identity: Float64
+    expression: Float64
+    vertices: Float32
+    neutral: Float32
+    light: Float64 | None
     landmark_rms_px: float
     inter_ocular_px: float
     warnings: tuple[str, ...] = field(default=())
     gaze: Gaze | None = None
-    eye_light: npt.NDArray[np.float64] | None = None
-    cheek: npt.NDArray[np.float32] | None = None
-    tooth: npt.NDArray[np.float32] | None = None
+    eye_light: Float64 | None = None
+    cheek: Float32 | None = None
+    tooth: Float32 | None = None

@@ -1,8 +1,8 @@
-"""What the shading of the skin says about its slope.
+"""Shape from shading: a term of the fit that turns the head's normals towards the shading in the photo.
 
-The skin's colour is taken as one albedo times spherical-harmonic light; where it differs, the normals of the head are
-asked to turn. Albedo varies too, so only low frequencies can be believed, and brows, lips, eyes and beard are left
-out. The derivative runs through the normals alone: correspondences are the landmarks' business.
+The skin is modelled as one albedo times spherical-harmonic irradiance, and the difference to the photo is attributed to
+the normals. Albedo varies too, so the term has little weight, and brows, lips, eyes and beard are left out. The
+derivative goes through the normals alone; where vertices project to is left to the landmark terms.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import facing
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
-from service.light.skin_light import BAND_GAIN, estimate_light, sh_basis
-
-Array = npt.NDArray[np.float64]
+from service.light.skin_light import BAND_GAIN, LUMINANCE, estimate_light, sh_basis
+from service.robust import geman_mcclure
 
 SIGMA = 0.10
-"""Expected deviation of log-like relative intensity from one-albedo shading."""
+"""Standard deviation of the log intensity about one-albedo shading."""
 SHARE = 0.005
-"""Neighbouring vertices share their albedo errors, so they count for much less than independent ones."""
+"""Weight of one vertex: the albedo errors of neighbours are correlated."""
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
+"""Regions of the head that are not skin of one albedo."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,11 @@ class ShadingTerm:
         start: (K,) coefficients of the linearisation.
     """
 
-    residual: Array
-    jacobian: Array
-    start: Array
+    residual: Float64
+    jacobian: Float64
+    start: Float64
 
-    def _at(self, state: State) -> Array:
+    def _at(self, state: State) -> Float64:
         return np.asarray(self.residual + self.jacobian @ (state.coefficients[: len(self.start)] - self.start))
 
     def cost(self, state: State) -> float:
@@ -50,14 +51,14 @@ class ShadingTerm:
         r = self._at(state)
         return 0.5 * float(r @ r)
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         block = slice(POSE, POSE + len(self.start))
         hessian[block, block] += self.jacobian.T @ self.jacobian
         gradient[block] += self.jacobian.T @ self._at(state)
 
 
-def skin_weight(head: HeadModel) -> Array:
+def skin_weight(head: HeadModel) -> Float64:
     """(V,) in [0, 1]: face skin without brows, lips, lids and beard."""
     weight = head.region("face").astype(np.float64)
     for name in LEFT_OUT:
@@ -67,11 +68,11 @@ def skin_weight(head: HeadModel) -> Array:
 
 
 def normal_derivative(
-    vertices: Array,
-    modes: npt.NDArray[np.float32],
-    triangles: npt.NDArray[np.int32],
+    vertices: Float64,
+    modes: Float32,
+    triangles: Int32,
     chosen: npt.NDArray[np.intp],
-) -> Array:
+) -> Float64:
     """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
 
     Args:
@@ -102,7 +103,7 @@ def normal_derivative(
     return np.asarray(np.moveaxis(slope, 1, 2))
 
 
-def sh_gradient(normals: Array, light: Array) -> Array:
+def sh_gradient(normals: Float64, light: Float64) -> Float64:
     """(N, 3) gradient of ``sh_basis(n) @ light`` by n, for (9,) light."""
     x, y, z = normals.T
     zero, one = np.zeros_like(x), np.ones_like(x)
@@ -118,7 +119,7 @@ def sh_gradient(normals: Array, light: Array) -> Array:
 
 @dataclass(frozen=True)
 class SkinSamples:
-    """Skin vertices that the photo shows.
+    """Visible skin vertices and their colour in the photo.
 
     Attributes:
         vertex: (N,) indices.
@@ -128,15 +129,13 @@ class SkinSamples:
     """
 
     vertex: npt.NDArray[np.intp]
-    normal: Array
-    colour: Array
-    weight: Array
+    normal: Float64
+    colour: Float64
+    weight: Float64
 
 
-def seen_skin(
-    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
-) -> SkinSamples:
-    """What a photo shows of the face's skin, at the vertices.
+def seen_skin(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
+    """Sample the photo at the visible vertices of the face's skin.
 
     Args:
         head: the head model.
@@ -149,9 +148,9 @@ def seen_skin(
     projection = project(state, vertices)
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
     where = np.floor(projection.uv + middle).astype(int)
-    inside: npt.NDArray[np.bool_] = np.asarray(((where >= 0) & (where < (width, height))).all(1))
+    inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))
     weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
-    # Steep skin is seen badly and is where the outline term speaks.
+    # At grazing angles the colour is unreliable; there the contour term constrains the shape.
     view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
     weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
     used = np.flatnonzero(weight > 0.05)
@@ -159,14 +158,12 @@ def seen_skin(
     return SkinSamples(used, normals[used], colour, weight[used])
 
 
-def light_on_face(
-    head: HeadModel, linear: npt.NDArray[np.float32], middle: Array, state: State, vertices: Array
-) -> Array | None:
+def light_on_face(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> Float64 | None:
     """Light on the fitted face; the arguments are those of :func:`seen_skin`.
 
     Returns:
         (9, 3) coefficients in the camera frame (x right, y down, z forward), see :func:`estimate_light`; None where
-        fewer than 30 vertices of skin are seen or they are black.
+        fewer than 30 vertices of skin are visible or they are black.
     """
     skin = seen_skin(head, linear, middle, state, vertices)
     return estimate_light(skin.normal @ state.rotation.T, skin.colour, skin.weight)
@@ -175,10 +172,10 @@ def light_on_face(
 def shading_term(
     head: HeadModel,
     model: LandmarkModel,
-    linear: npt.NDArray[np.float32],
-    middle: Array,
+    linear: Float32,
+    middle: Float64,
     state: State,
-    vertices: Array,
+    vertices: Float64,
 ) -> ShadingTerm | None:
     """Shading term at a state.
 
@@ -197,14 +194,14 @@ def shading_term(
     light = estimate_light(skin.normal, skin.colour, skin.weight)
     if light is None:
         return None
-    grey = light @ np.array([0.2126, 0.7152, 0.0722])
-    seen = skin.colour @ np.array([0.2126, 0.7152, 0.0722])
+    grey = light @ LUMINANCE
+    seen = skin.colour @ LUMINANCE
     shaded = np.maximum(sh_basis(skin.normal) @ grey, 0.05)
     albedo = float(np.median(seen / shaded))
     residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
-    robust = (1.0 + (residual / (2.5 * SIGMA)) ** 2) ** -2
+    robust = geman_mcclure(residual, 2.5 * SIGMA)
     root = np.sqrt(SHARE * skin.weight * robust) / SIGMA
     slope = sh_gradient(skin.normal, grey) * (shaded > 0.05)[:, None] / shaded[:, None]
-    turn = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
-    jacobian = np.einsum("ni,nik->nk", slope, turn)
+    rotation = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
+    jacobian = np.einsum("ni,nik->nk", slope, rotation)
     return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

@@ -10,23 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float64
 from service.face.fit.state import State
 from service.face.fit.terms import Term, energy, linearise
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass
 class Damping:
-    """State that survives between calls, so that a solve can go on after the weights changed."""
+    """Damping kept between calls, so that a solve can be resumed after the weights changed."""
 
     mu: float = 1e-3
     nu: float = 2.0
 
 
-def solve_step(hessian: Array, gradient: Array, mu: float, free: npt.NDArray[np.bool_]) -> Array:
+def solve_step(hessian: Float64, gradient: Float64, mu: float, free: Bool) -> Float64:
     """The damped Gauss-Newton step over the free variables; zero for the others.
 
     Marquardt's scaling by the diagonal, floored so that a variable that no residual sees stays put instead of
@@ -64,11 +62,11 @@ def minimise(
     state: State,
     terms: Sequence[Term],
     *,
-    lower: Array,
-    upper: Array,
+    lower: Float64,
+    upper: Float64,
     damping: Damping,
     steps: int,
-    active: npt.NDArray[np.bool_],
+    active: Bool,
     tolerance: float = 1e-6,
 ) -> State:
     """Take up to ``steps`` damped steps; the energy never rises.

@@ -1,11 +1,11 @@
-"""The unknowns of the fit and how they move points in the photo.
+"""The unknowns of the fit, projection, and its Jacobian.
 
 The unknowns are
 
     w (3) rotation step, tx, ty (2) metres, log scale, log distance, identity (K), expression (E)
 
-with scale = focal / distance in pixels per metre: focal length and distance are nearly degenerate for a face, scale
-and distance are nearly independent.
+with scale = focal / distance in pixels per metre. Focal length and distance are nearly degenerate for a face, whereas
+scale and distance are nearly independent.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.rotation import exp_rotation, nearest_rotation, skew
 
-Array = npt.NDArray[np.float64]
-
 POSE = 7
-"""How many unknowns stand before the shape coefficients."""
+"""Number of pose unknowns, which precede the shape coefficients."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +34,20 @@ class State:
         coefficients: (K + E,) identity, then expression.
     """
 
-    rotation: Array
-    translation_xy: Array
+    rotation: Float64
+    translation_xy: Float64
     log_scale: float
     log_distance: float
-    coefficients: Array
+    coefficients: Float64
 
-    def stepped(self, step: Array) -> State:
-        """The state after a step in the unknowns: the rotation is multiplied from the left, the rest is added."""
+    def stepped(self, step: Float64) -> State:
+        """The state after a step of the unknowns: a rotation multiplied from the left, and a sum for the rest."""
         x = self.unknowns() + step
         rotation = nearest_rotation(exp_rotation(step[:3]) @ self.rotation)
         return State(rotation, x[3:5], float(x[5]), float(x[6]), x[POSE:])
 
-    def unknowns(self) -> Array:
-        """(7 + K + E,); the rotation counts as zero, since steps start from it."""
+    def unknowns(self) -> Float64:
+        """(7 + K + E,) unknowns; the rotation is zero, since steps are relative to it."""
         pose = [np.zeros(3), self.translation_xy, [self.log_scale, self.log_distance]]
         return np.concatenate([*pose, self.coefficients])
 
@@ -59,7 +57,7 @@ class State:
         return float(np.exp(self.log_scale))
 
     @property
-    def translation(self) -> Array:
+    def translation(self) -> Float64:
         """(3,) metres."""
         return np.array([*self.translation_xy, np.exp(self.log_distance)])
 
@@ -85,12 +83,12 @@ class Projection:
         uv: (N, 2) pixels relative to the principal point.
     """
 
-    turned: Array
-    position: Array
-    uv: Array
+    turned: Float64
+    position: Float64
+    uv: Float64
 
 
-def project(state: State, points: Array) -> Projection:
+def project(state: State, points: Float64) -> Projection:
     """Project (N, 3) head-space metres."""
     turned = points @ state.rotation.T
     position = turned + state.translation
@@ -99,7 +97,7 @@ def project(state: State, points: Array) -> Projection:
     return Projection(turned, position, focal * position[:, :2] / position[:, 2:])
 
 
-def motion(state: State, projection: Projection, modes: Array) -> Array:
+def motion(state: State, projection: Projection, modes: Float64) -> Float64:
     """(N, 3, 7 + M) derivative of camera-space positions by the unknowns, for (M, N, 3) shape modes."""
     count, shapes = len(projection.uv), len(modes)
     dy = np.zeros((count, 3, POSE + shapes))
@@ -110,7 +108,7 @@ def motion(state: State, projection: Projection, modes: Array) -> Array:
     return dy
 
 
-def pixel_jacobian(state: State, projection: Projection, dy: Array) -> Array:
+def pixel_jacobian(state: State, projection: Projection, dy: Float64) -> Float64:
     """(N, 2, 7 + M) derivative of uv by the unknowns, from :func:`motion`'s dy."""
     focal = np.exp(state.log_scale + state.log_distance)
     z = projection.position[:, 2, None, None]

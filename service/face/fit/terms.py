@@ -1,4 +1,4 @@
-"""The terms of the fit's energy, each with its residuals and its share of the normal equations.
+"""The terms of the fit's energy: their residuals and their parts of the normal equations.
 
 A term returns half its sum of squares and adds J^T J and J^T r in place; ``energy`` and ``linearise`` sum over terms.
 """
@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float64
 from service.face.fit.state import POSE, State, motion, pixel_jacobian, project
-
-Array = npt.NDArray[np.float64]
 
 
 class Term(Protocol):
@@ -23,13 +21,13 @@ class Term(Protocol):
     def cost(self, state: State) -> float:
         """Half the weighted sum of squares."""
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
 
 
 @dataclass(frozen=True)
 class PointTerm:
-    """Points that should land on given pixels.
+    """Reprojection error of points.
 
     Attributes:
         mean, modes: (N, 3) and (M, N, 3) metres, the points as a linear function of the coefficients.
@@ -38,16 +36,16 @@ class PointTerm:
         normal: (N, 2) unit vectors if only the distance along them counts (points on a contour), else None.
     """
 
-    mean: Array
-    modes: Array
-    target: Array
-    precision: Array
-    normal: Array | None = None
+    mean: Float64
+    modes: Float64
+    target: Float64
+    precision: Float64
+    normal: Float64 | None = None
 
-    def _points(self, state: State) -> Array:
+    def _points(self, state: State) -> Float64:
         return np.asarray(self.mean + np.tensordot(state.coefficients, self.modes, 1))
 
-    def _residual(self, uv: Array) -> Array:
+    def _residual(self, uv: Float64) -> Float64:
         r = uv - self.target
         return r if self.normal is None else np.asarray((r * self.normal).sum(1, keepdims=True))
 
@@ -56,7 +54,7 @@ class PointTerm:
         r = self._residual(project(state, self._points(state)).uv)
         return 0.5 * float((self.precision[:, None] * r**2).sum())
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         projection = project(state, self._points(state))
         jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
@@ -70,7 +68,7 @@ class PointTerm:
 
 @dataclass(frozen=True)
 class DepthTerm:
-    """Relative depth of points, up to a common offset.
+    """Error of the relative depth of points, up to a common offset.
 
     Attributes:
         mean, modes: as in PointTerm.
@@ -78,15 +76,15 @@ class DepthTerm:
         precision: (N,) 1 / px^2.
     """
 
-    mean: Array
-    modes: Array
-    depth: Array
-    precision: Array
+    mean: Float64
+    modes: Float64
+    depth: Float64
+    precision: Float64
 
-    def _share(self) -> Array:
+    def _share(self) -> Float64:
         return np.asarray(self.precision / max(float(self.precision.sum()), 1e-12))
 
-    def _residual(self, state: State) -> tuple[Array, Array]:
+    def _residual(self, state: State) -> tuple[Float64, Float64]:
         turned = (self.mean + np.tensordot(state.coefficients, self.modes, 1)) @ state.rotation.T
         r = turned[:, 2] * state.scale - self.depth
         return turned, np.asarray(r - self._share() @ r)
@@ -95,7 +93,7 @@ class DepthTerm:
         """Half the weighted sum of squares."""
         return 0.5 * float((self.precision * self._residual(state)[1] ** 2).sum())
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         turned, r = self._residual(state)
         jacobian = np.zeros((len(r), len(gradient)))
@@ -111,7 +109,7 @@ class DepthTerm:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beforehand: Gaussians on log distance, log focal length and the shape coefficients.
+    """Gaussian prior on log distance, log focal length and the shape coefficients.
 
     Attributes:
         log_distance, log_distance_sigma: metres.
@@ -123,7 +121,7 @@ class Prior:
     log_distance_sigma: float
     log_focal: float
     log_focal_sigma: float
-    shape_precision: Array
+    shape_precision: Float64
 
     def _offsets(self, state: State) -> tuple[float, float]:
         a = (state.log_distance - self.log_distance) / self.log_distance_sigma
@@ -135,7 +133,7 @@ class Prior:
         a, b = self._offsets(state)
         return 0.5 * float(a**2 + b**2 + (self.shape_precision * state.coefficients**2).sum())
 
-    def add(self, state: State, hessian: Array, gradient: Array) -> None:
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
         a, b = self._offsets(state)
         rows = np.zeros((2, len(gradient)))
@@ -153,7 +151,7 @@ def energy(terms: Sequence[Term], state: State) -> float:
     return sum(term.cost(state) for term in terms)
 
 
-def linearise(terms: Sequence[Term], state: State) -> tuple[Array, Array]:
+def linearise(terms: Sequence[Term], state: State) -> tuple[Float64, Float64]:
     """J^T J (n, n) and J^T r (n,) of all terms at a state, by a step as :meth:`State.stepped` takes it."""
     n = POSE + len(state.coefficients)
     hessian, gradient = np.zeros((n, n)), np.zeros(n)

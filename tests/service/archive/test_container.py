@@ -166,7 +166,7 @@ def test_a_target_that_is_no_file(tmp_path: Path) -> None:
     """A rename would put a file in place of the folder or, worse, of /dev/null."""
     os.mkfifo(tmp_path / "pipe")
     for target in (tmp_path, tmp_path / "pipe"):
-        with pytest.raises(OutputFault, match="it is no file"):
+        with pytest.raises(OutputFault, match="it is not a regular file"):
             write_file(target, MEMBERS)
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
 

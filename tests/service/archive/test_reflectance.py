@@ -16,7 +16,7 @@ import trimesh
 
 from service.archive.avatar import Avatar
 from service.archive.container import MEMBER_NAMES, write_file
-from service.archive.fine import embossed, heights_at, subdivided
+from service.archive.fine import displaced, heights_at, subdivided
 from service.archive.manifest import from_json
 from service.archive.pack import archive_members, write_archive
 from service.errors import OutputFault
@@ -224,7 +224,7 @@ def test_the_fine_mesh_comes_with_high_quality(members: dict[str, bytes], fine_m
 def test_embossing_moves_along_the_normal_by_millimetres() -> None:
     head = toy_head()
     fine, points = subdivided(head, head.mean, steps=2)
-    raised = embossed(fine, points, np.full((64, 96), MID + round(0.5 / SCALE_MM), np.uint16))
+    raised = displaced(fine, points, np.full((64, 96), MID + round(0.5 / SCALE_MM), np.uint16))
     skin = np.unique(fine.triangles[fine.triangle_part == 0])
     np.testing.assert_allclose(np.linalg.norm((raised - points)[skin], axis=1), 0.5e-3, rtol=1e-3)
     assert (np.linalg.norm(raised[skin] - CENTRE, axis=1) > np.linalg.norm(points[skin] - CENTRE, axis=1)).all()
@@ -236,7 +236,7 @@ def test_no_triangle_is_turned_over_however_wild_the_relief() -> None:
     fine, points = subdivided(head, head.mean * np.float32(0.05), steps=2)
     wild = np.random.default_rng(0).choice([MID - 20000, MID + 20000], (512, 768)).astype(np.uint16)
     before = face_normals(points, fine.triangles)
-    after = face_normals(embossed(fine, points, wild), fine.triangles)
+    after = face_normals(displaced(fine, points, wild), fine.triangles)
     assert (np.einsum("ti,ti->t", before, after) >= 0).all()
     from service.archive.surface import vertex_normals
 

@@ -79,7 +79,7 @@ def test_pipes(archive: Path) -> None:
         (("{archive}", "-o", "x.png", "--size", "big"), 2, "big"),
         (("{archive}", "-o", "x.png", "--view", "sideways"), 2, "sideways"),
         (("{archive}", "-o", "-", "--json"), 2, "--json"),
-        (("{archive}", "-o", "{archive}"), 2, "is what is read"),
+        (("{archive}", "-o", "{archive}"), 2, "would be overwritten"),
         (("-", "--scene", "-", "-o", "x.png"), 2, "both"),
         (("{bad}", "-o", "x.png"), 4, "archive"),
         (("{archive}", "-o", "{folder}/no/x.png"), 1, "cannot write"),

@@ -82,5 +82,5 @@ def test_the_photo_is_not_overwritten(tmp_path: Path) -> None:
     photo.write_bytes(b"\xff\xd8")
     (tmp_path / "link").symlink_to(photo)
     for output in (None, str(photo), str(tmp_path / "link"), f"{tmp_path}/./me.zip"):
-        with pytest.raises(UsageError, match="the photo itself"):
+        with pytest.raises(UsageError, match="would be overwritten"):
             destination(str(photo), output, as_json=False)

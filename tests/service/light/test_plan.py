@@ -11,13 +11,13 @@ from service.errors import UsageError
 from service.light.plan import EFFECTS, Plan, plan, report
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.light.sphere import spread_directions
-from service.light.surface import AZIMUTHS, PLACES, RING_MM, Surface
+from service.light.surface import AZIMUTHS, PLACES, RING_MM, SurfaceSamples
 
 GREY = (0.5, 0.5, 0.5)
 EVEN = Environment(zenith=GREY, horizon=GREY, ground=GREY)
 
 
-def dome(specular: float = 0.7, covered: float = 0.0) -> Surface:
+def dome(specular: float = 0.7, covered: float = 0.0) -> SurfaceSamples:
     """Samples of the front of a sphere of 80 mm; ``covered`` hides all directions below that height."""
     count, places = 200, len(RING_MM)
     all_round = spread_directions(4 * count)
@@ -27,7 +27,7 @@ def dome(specular: float = 0.7, covered: float = 0.0) -> Surface:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     d = spread_directions(128)
     visible = (normal @ d.T > 0.0) & (d[:, 1] > covered - 1.0)
-    return Surface(
+    return SurfaceSamples(
         position=np.repeat(0.08 * normal[None], places, 0),
         diffuse_normal=np.repeat(normal[None], places, 0),
         albedo=np.full((places, count, 3), 0.4),

@@ -9,7 +9,7 @@ from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.anatomy.teeth.colours import TOOTH
 from service.anatomy.teeth.measure import measure_teeth
 from service.colour import LUMA
-from service.light.white_reference import CHEEKS, RANGE, cheek_colour, light_by_white_parts, palest
+from service.light.white_reference import CHEEKS, RANGE, cheek_colour, light_from_sclera_and_teeth, palest
 from tests.service.anatomy.eyes.test_sclera import MEAN, photo_of
 from tests.service.anatomy.teeth.test_measure import RIM, SKINS, mouth
 
@@ -41,15 +41,15 @@ def test_a_white_in_the_shade_tells_how_strong_the_light_is_but_not_its_hue() ->
 def test_teeth_speak_for_closed_eyes() -> None:
     pixels, skin = mouth(TOOTH, LIGHT, np.array(SKINS["brown"]))
     cheek = np.asarray(skin, np.float32)
-    found = light_by_white_parts(pixels, None, measure_teeth(pixels, RIM, cheek), cheek)
+    found = light_from_sclera_and_teeth(pixels, None, measure_teeth(pixels, RIM, cheek), cheek)
     assert found is not None and np.abs(np.log(found / (LIGHT * BETWEEN_LIDS))).max() < 0.06
-    assert light_by_white_parts(pixels, None, None, cheek) is None
-    assert light_by_white_parts(pixels, None, np.ones(3, np.float32), None) is None
+    assert light_from_sclera_and_teeth(pixels, None, None, cheek) is None
+    assert light_from_sclera_and_teeth(pixels, None, np.ones(3, np.float32), None) is None
 
 
 def test_eyes_speak_for_a_closed_mouth() -> None:
     pixels, gaze = photo_of(LIGHT, 15.0)
-    found = light_by_white_parts(pixels, gaze, None, np.array([0.7, 0.5, 0.4], np.float32))
+    found = light_from_sclera_and_teeth(pixels, gaze, None, np.array([0.7, 0.5, 0.4], np.float32))
     assert found is not None and np.abs(np.log(found / (LIGHT * MEAN))).max() < 0.15
 
 

@@ -13,7 +13,7 @@ from service.archive.preview.overlay import PANEL, crop_box, fitted_landmarks, o
 from service.archive.preview.render import render, turned_camera
 from service.archive.preview.shading import Lamps, side_lamp
 from service.archive.preview.sheet import (
-    MADE_UP_COLOUR,
+    INPAINTED_COLOUR,
     MIRRORED_COLOUR,
     SEEN_COLOUR,
     confidence_colours,
@@ -193,7 +193,7 @@ def test_confidence_colours_tell_seen_mirrored_and_made_up_apart() -> None:
     colours = confidence_colours(np.array([[255, SEEN, SEEN - 1, MIRRORED, 0]], np.uint8))[0]
     assert colours[0].tolist() == list(SEEN_COLOUR)
     assert colours[2].tolist() == list(MIRRORED_COLOUR)
-    assert colours[4].tolist() == list(MADE_UP_COLOUR)
+    assert colours[4].tolist() == list(INPAINTED_COLOUR)
     assert colours[1, 1] > colours[1, 2] and colours[3, 2] > colours[3, 0], "unsure, but still green and blue"
 
 

@@ -1,48 +1,46 @@
-"""Light on the eyes, looked at more closely: what shows between lids is narrower than a texel of the coarse chart."""
+"""Visibility at the eyes on a finer chart: the eye between its lids is narrower than a texel of the coarse one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 
-Float = npt.NDArray[np.float32]
 Size = tuple[int, int]
 
 REACH_MM = 40.0
-"""What is further from an eye's middle than this hides none of its light worth speaking of: brows, nose and lids are
-within."""
+"""Distance from an eye's centre up to which geometry casts shadows on it; brows, nose and lids lie within."""
 
 
 @dataclass(frozen=True)
 class Eyes:
-    """Eyes and what lies around them.
+    """Eyes and the geometry around them.
 
     Attributes:
         chart: on which they are lit.
-        own: (n,) positions of their texels among the chart's inner ones.
+        index: (n,) of their texels among the chart's inner ``texels``.
         occluders: (3, M) mm.
         spacing_mm: of the occluders.
     """
 
     chart: Chart
-    own: npt.NDArray[np.int64]
-    occluders: Float
+    index: Int64
+    occluders: Float32
     spacing_mm: float
 
     @classmethod
     def of(
         cls,
         chart: Chart,
-        vertices: npt.NDArray[np.floating],
-        casts: npt.NDArray[np.bool_],
+        vertices: AnyFloat,
+        casts: Bool,
         spacing: float,
     ) -> Eyes | None:
-        """The eyes of a head; None where it has none, or the chart is so small that they have no texel.
+        """The eyes of a head; None where it has none, or the chart is so coarse that they have no texel.
 
         Args:
             chart: of the head, on which they are to be lit.
@@ -52,8 +50,8 @@ class Eyes:
         """
         head = chart.head
         parts = [index for index, name in enumerate(head.part_names) if name.startswith("eye")]
-        own = np.flatnonzero(np.isin(chart.inner_part, parts))
-        if not len(own):
+        index = np.flatnonzero(np.isin(chart.inner_part, parts))
+        if not len(index):
             return None
         millimetres = np.asarray(vertices, np.float64) * 1000.0
         near = np.zeros(len(millimetres), bool)
@@ -62,18 +60,18 @@ class Eyes:
             if len(eye):
                 near |= np.linalg.norm(millimetres - eye.mean(0), axis=1) < REACH_MM
         cloud = surface_points(millimetres, head.triangles[casts & near[head.triangles].any(1)], spacing)
-        return cls(chart, own, np.ascontiguousarray(cloud.T), spacing)
+        return cls(chart, index, np.ascontiguousarray(cloud.T), spacing)
 
-    def over(self, image: Float, values: Float) -> Float:
-        """(H, W, C) image of the whole chart with values (n, C) on the eyes."""
+    def over(self, image: Float32, values: Float32) -> Float32:
+        """(H, W, C) image of the whole chart with its eyes replaced by values (n, C)."""
         stacked = np.zeros((len(self.chart.texels), values.shape[1] + 1), np.float32)
-        stacked[self.own] = np.c_[values, np.ones(len(self.own), np.float32)]
+        stacked[self.index] = np.c_[values, np.ones(len(self.index), np.float32)]
         there = resized(self.chart.spread(stacked), (image.shape[1], image.shape[0]))
         share = there[..., -1:]
         return np.where(share > 0.5, there[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
 
 
-def resized(image: Float, size: Size) -> Float:
+def resized(image: Float32, size: Size) -> Float32:
     """(H, W, C) bilinear values of an image (h, w, C), of any number of channels, at ``size`` (width, height)."""
     import cv2
 

@@ -11,7 +11,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.light.graphs import Graphs
 from service.light.scene import PointLight
-from service.render.closeup import Eyes
+from service.render.eyes import Eyes
 from service.render.light import Detail, Visibility
 
 HEAD = load_head(None)
@@ -58,7 +58,7 @@ def test_lamps_reach_the_eyes_between_the_lids() -> None:
 def test_only_the_eyes_are_looked_at_closely() -> None:
     eyes = Eyes.of(Chart.build(HEAD, *SIZE), HEAD.mean, CASTS, 2.0)
     assert eyes is not None
-    image = eyes.over(np.zeros((128, 192, 2), np.float32), np.ones((len(eyes.own), 2), np.float32))
+    image = eyes.over(np.zeros((128, 192, 2), np.float32), np.ones((len(eyes.index), 2), np.float32))
     part = Chart.build(HEAD, 192, 128).part
     there = np.isin(part, [i for i, name in enumerate(HEAD.part_names) if name.startswith("eye")])
     assert image[there].mean() > 0.7 and image[part == HEAD.part_names.index("skin")].mean() < 0.01
