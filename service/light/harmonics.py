@@ -11,26 +11,30 @@ COSINE_LOBE = np.repeat([np.pi, 2.0 * np.pi / 3.0, np.pi / 4.0], [1, 3, 5])
 """(9,) factors of each coefficient when radiance is turned into irradiance."""
 
 
+_C0, _C1, _C2 = 0.5 / np.sqrt(np.pi), np.sqrt(0.75 / np.pi), np.sqrt(3.75 / np.pi)
+_C20, _C22 = 0.25 * np.sqrt(5 / np.pi), np.sqrt(0.9375 / np.pi)
+"""Normalisation of the orders that share one: band 0, band 1, (2,-2) (2,-1) (2,1), (2,0), (2,2)."""
+
+
 def basis(directions: AnyFloat) -> Float64:
     """(..., 9) values at unit directions (..., 3), in the order (0,0), (1,-1), (1,0), (1,1), (2,-2) ... (2,2).
 
     The polar axis of the functions is z.
     """
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
-    return np.stack(
-        [
-            np.full_like(x, 0.28209479177387814),
-            0.4886025119029199 * y,
-            0.4886025119029199 * z,
-            0.4886025119029199 * x,
-            1.0925484305920792 * x * y,
-            1.0925484305920792 * y * z,
-            0.31539156525252005 * (3.0 * z * z - 1.0),
-            1.0925484305920792 * x * z,
-            0.5462742152960396 * (x * x - y * y),
-        ],
-        -1,
-    )
+    first = [np.full_like(x, _C0), _C1 * y, _C1 * z, _C1 * x]
+    second = [_C2 * x * y, _C2 * y * z, _C20 * (3.0 * z * z - 1.0), _C2 * x * z, _C22 * (x * x - y * y)]
+    return np.stack(first + second, -1)
+
+
+def gradient(directions: Float64, coefficients: Float64) -> Float64:
+    """(N, 3) derivative of ``basis(d) @ coefficients`` by d, for directions (N, 3) and coefficients (9,)."""
+    x, y, z = directions.T
+    c = coefficients
+    along_x = _C1 * c[3] + _C2 * (y * c[4] + z * c[7]) + 2 * _C22 * x * c[8]
+    along_y = _C1 * c[1] + _C2 * (x * c[4] + z * c[5]) - 2 * _C22 * y * c[8]
+    along_z = _C1 * c[2] + _C2 * (y * c[5] + x * c[7]) + 6 * _C20 * z * c[6]
+    return np.stack([along_x, along_y, along_z], 1)
 
 
 def project(radiance: AnyFloat) -> Float64:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from service.arrays import Float64
+from service.light.harmonics import COSINE_LOBE, basis
 from service.robust import geman_mcclure
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear R, G, B (ITU-R BT.709) in float64; ``service.colour.LUMA`` is float32."""
 
-BAND_GAIN = np.array([1.0, *[2 / 3] * 3, *[1 / 4] * 5])
+BAND_GAIN = COSINE_LOBE / np.pi
 """Clamped-cosine transfer A_l / pi of the bands 0, 1, 2."""
 RIDGE = 1e-3
 """Ridge over the trace of the normal matrix: half the sphere of normals is never visible, so it is near singular."""
@@ -18,20 +19,7 @@ RIDGE = 1e-3
 
 def sh_basis(normals: Float64) -> Float64:
     """(N, 3) unit normals -> (N, 9) irradiance basis: harmonics times A_l / pi, so that ``basis @ light`` is E / pi."""
-    x, y, z = normals.T
-    one = np.ones_like(x)
-    harmonics = [
-        0.282095 * one,
-        0.488603 * y,
-        0.488603 * z,
-        0.488603 * x,
-        1.092548 * x * y,
-        1.092548 * y * z,
-        0.315392 * (3 * z**2 - 1),
-        1.092548 * x * z,
-        0.546274 * (x**2 - y**2),
-    ]
-    return np.asarray(np.stack(harmonics, 1) * BAND_GAIN, np.float64)
+    return np.asarray(basis(normals) * BAND_GAIN, np.float64)
 
 
 def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds: int = 4) -> Float64 | None:
@@ -52,18 +40,18 @@ def estimate_light(normals: Float64, colours: Float64, weights: Float64, rounds:
     used = (weights > 0) & np.isfinite(colours).all(1) & np.isfinite(normals).all(1)
     if int(used.sum()) < 30:
         return None
-    basis, colour, weight = sh_basis(normals[used]), colours[used], weights[used]
+    rows, colour, weight = sh_basis(normals[used]), colours[used], weights[used]
     robust: Float64 = np.ones(len(weight))
     light: Float64 = np.zeros((9, 3))
     for _ in range(rounds):
         w = (weight * robust)[:, None]
-        gram = basis.T @ (w * basis)
+        gram = rows.T @ (w * rows)
         gram += np.eye(9) * max(RIDGE * float(np.trace(gram)), 1e-12)
-        light = np.asarray(np.linalg.solve(gram, basis.T @ (w * colour)), np.float64)
-        residual = np.abs(colour - basis @ light).mean(1)
+        light = np.asarray(np.linalg.solve(gram, rows.T @ (w * colour)), np.float64)
+        residual = np.abs(colour - rows @ light).mean(1)
         spread = max(1.4826 * float(np.median(residual)), 1e-4)
         robust = geman_mcclure(residual, 2.5 * spread)
-    mean = float(weight @ ((basis @ light) @ LUMINANCE) / weight.sum())
+    mean = float(weight @ ((rows @ light) @ LUMINANCE) / weight.sum())
     if not np.isfinite(light).all() or mean < 1e-4:
         return None
     return np.asarray(light / mean)

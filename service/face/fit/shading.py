@@ -18,6 +18,7 @@ from service.face.fit.landmarks import facing
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
+from service.light.harmonics import gradient
 from service.light.skin_light import BAND_GAIN, LUMINANCE, estimate_light, sh_basis
 from service.robust import geman_mcclure
 
@@ -101,20 +102,6 @@ def normal_derivative(
     slope -= (slope @ unit[:, :, None]) * unit[:, None]
     slope /= np.where(flat, np.inf, length)[:, None, None]
     return np.asarray(np.moveaxis(slope, 1, 2))
-
-
-def sh_gradient(normals: Float64, light: Float64) -> Float64:
-    """(N, 3) gradient of ``sh_basis(n) @ light`` by n, for (9,) light."""
-    x, y, z = normals.T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    by = [
-        (zero, 0.488603 * one, zero, zero, 1.092548 * x, 1.092548 * z, zero, zero, -1.092548 * y),
-        (zero, zero, 0.488603 * one, zero, zero, 1.092548 * y, 1.892352 * z, 1.092548 * x, zero),
-        (zero, zero, zero, 0.488603 * one, 1.092548 * y, zero, zero, 1.092548 * z, 1.092548 * x),
-    ]
-    gained = BAND_GAIN * light
-    along_y, along_z, along_x = (np.stack(columns, 1) @ gained for columns in by)
-    return np.stack([along_x, along_y, along_z], 1)
 
 
 @dataclass(frozen=True)
@@ -201,7 +188,7 @@ def shading_term(
     residual = np.log(np.maximum(shaded * albedo, 1e-3)) - np.log(np.maximum(seen, 1e-3))
     robust = geman_mcclure(residual, 2.5 * SIGMA)
     root = np.sqrt(SHARE * skin.weight * robust) / SIGMA
-    slope = sh_gradient(skin.normal, grey) * (shaded > 0.05)[:, None] / shaded[:, None]
+    slope = gradient(skin.normal, BAND_GAIN * grey) * (shaded > 0.05)[:, None] / shaded[:, None]
     rotation = normal_derivative(vertices, head.identity[: model.identity_count], head.triangles, skin.vertex)
     jacobian = np.einsum("ni,nik->nk", slope, rotation)
     return ShadingTerm(residual * root, jacobian * root[:, None], state.coefficients[: model.identity_count].copy())

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import linear_to_lab, luma, srgb_to_linear
+from service.light.harmonics import basis
 from service.texture.segmentation.zones import Zones
 
 Float = npt.NDArray[np.float32]
@@ -39,7 +40,7 @@ MUCH = 0.2
 USUAL_CHROMA = np.array([14.0, 16.0])
 """a*, b* of skin in daylight."""
 
-RIDGE = 0.02
+RIDGE = 0.005
 """Share of the data's weight that keeps the shading model near plain ambient light."""
 
 
@@ -69,12 +70,6 @@ class SkinModel:
         return None if self.worn is None else replace(self, chroma=self.worn[0], spread=self.worn[1], worn=None)
 
 
-def harmonics(normal: npt.NDArray[np.floating]) -> Array:
-    """(N, 9) float64 real spherical harmonics up to order 2 of unit normals, without their constants."""
-    x, y, z = np.asarray(normal, np.float64).T
-    return np.stack([np.ones_like(x), x, y, z, x * y, x * z, y * z, x * x - y * y, 3 * z * z - 1], 1)
-
-
 def fit_skin_model(colour: Float, normal: Float, weight: Float, zones: Zones) -> SkinModel | None:
     """Model from well-seen face texels, or None where there are too few.
 
@@ -93,14 +88,14 @@ def fit_skin_model(colour: Float, normal: Float, weight: Float, zones: Zones) ->
     chosen = chosen[bare]
     linear = srgb_to_linear(colour[chosen])
     lightness = np.log(np.maximum(luma(linear), 1e-3)).astype(np.float64)
-    basis, t = harmonics(normal[chosen]), trust[chosen].astype(np.float64)
-    shading = _robust_fit(basis, lightness, t)
-    lab = linear_to_lab(linear * np.exp(basis @ shading - lightness)[:, None].astype(np.float32))
-    near = np.abs(lightness - basis @ shading) < 0.5
+    rows, t = basis(normal[chosen]), trust[chosen].astype(np.float64)
+    shading = _robust_fit(rows, lightness, t)
+    lab = linear_to_lab(linear * np.exp(rows @ shading - lightness)[:, None].astype(np.float32))
+    near = np.abs(lightness - rows @ shading) < 0.5
     if near.sum() < LEAST_TEXELS // 2:
         near[:] = True
     chroma, spread = _middle_and_spread(lab[near, 1:])
-    low, high = np.percentile(basis @ shading, [2, 98])
+    low, high = np.percentile(rows @ shading, [2, 98])
     typical = np.median(colour[chosen][near], 0).astype(np.float32)
     return SkinModel(typical, shading, (float(low), float(high)), chroma, spread, worn)
 
@@ -134,18 +129,18 @@ def _middle_and_spread(chroma: Float) -> tuple[Array, Array]:
     return middle, np.asarray(spread, np.float64)
 
 
-def _robust_fit(basis: Array, value: Array, weight: Array) -> Array:
+def _robust_fit(rows: Array, value: Array, weight: Array) -> Array:
     """Coefficients by iteratively reweighted least squares (Geman-McClure), pulled towards a constant."""
     robust = np.ones(len(value))
-    ridge = np.diag([1e-9] + [1.0] * (basis.shape[1] - 1))
-    fitted = np.zeros(basis.shape[1])
+    ridge = np.diag([1e-9] + [1.0] * (rows.shape[1] - 1))
+    fitted = np.zeros(rows.shape[1])
     fitted[0] = np.median(value)
     for _ in range(6):
-        residual = value - basis @ fitted
+        residual = value - rows @ fitted
         scale = max(2.5 * 1.4826 * float(np.median(np.abs(residual))), 0.1)
         robust = weight / (1 + (residual / scale) ** 2) ** 2
-        weighted = basis * robust[:, None]
-        matrix = weighted.T @ basis + (RIDGE * robust.sum() + 1e-9) * ridge
+        weighted = rows * robust[:, None]
+        matrix = weighted.T @ rows + (RIDGE * robust.sum() + 1e-9) * ridge
         fitted = np.linalg.solve(matrix, weighted.T @ value)
     return fitted
 
@@ -166,7 +161,7 @@ def skin_likelihood(
     linear = srgb_to_linear(colour)
     lightness = np.log(np.maximum(luma(linear), 1e-3)).astype(np.float64)
     # Normals that the face does not have were not fitted: keep the prediction within what was seen.
-    expected = np.clip(harmonics(normal) @ skin.shading, *skin.limits)
+    expected = np.clip(basis(normal) @ skin.shading, *skin.limits)
     ratio = lightness - expected
     likely = _like(skin, linear * np.exp(-ratio)[:, None].astype(np.float32))
     dark = np.maximum(_fall(-ratio, -DARKEST - 0.3, -DARKEST), face)

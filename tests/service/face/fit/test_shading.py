@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from service.face.fit.shading import normal_derivative, sh_gradient
+from service.face.fit.shading import normal_derivative
 from service.geometry.normals import normalise
-from service.light.skin_light import sh_basis
+from service.light.harmonics import gradient
+from service.light.skin_light import BAND_GAIN, sh_basis
 
 RNG = np.random.default_rng(9)
 
@@ -13,7 +14,7 @@ def test_gradient_of_spherical_harmonics() -> None:
     n = normalise(RNG.normal(size=(20, 3)))
     light = RNG.normal(size=9)
     numeric = [((sh_basis(n + e) - sh_basis(n - e)) @ light) / 2e-6 for e in np.eye(3) * 1e-6]
-    np.testing.assert_allclose(sh_gradient(n, light), np.stack(numeric, 1), atol=1e-6)
+    np.testing.assert_allclose(gradient(n, BAND_GAIN * light), np.stack(numeric, 1), atol=1e-6)
 
 
 def test_derivative_of_normals() -> None:
