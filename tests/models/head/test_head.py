@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from models.head.build import BASE_NAME, variance_weights
+from models.head.build import variance_weights
 from models.head.chart.measure import HEIGHT, WIDTH, measure, overlap_texels, percentiles
+from models.head.digest import BASE_NAME
 from models.head.embedding import CONTOUR
 from models.head.expression import PARTNERS
 from service.head.files import load_head
