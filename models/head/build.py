@@ -7,8 +7,6 @@ from the existing file's calibration where there is one (``calibrate.py`` makes 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import logging
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy.typing as npt
 
 from models.head.chart.build import build_chart
 from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
+from models.head.digest import BASE_NAME, LICENCE, write_digest
 from models.head.embedding import Embedding, load_embedding
 from models.head.expression import ARKIT, read_units
 from models.head.identity import align, identity_basis, vertex_areas
@@ -35,9 +34,6 @@ SAMPLES = 3000
 COMPONENTS = 100
 REST_WEIGHT = 0.08
 """Weight of a vertex's variance outside the face, relative to the face."""
-
-BASE_NAME = "avatarme-cc0-head-1"
-LICENCE = "CC0-1.0"
 
 log = logging.getLogger(__name__)
 
@@ -140,13 +136,6 @@ def main() -> None:
     save_head(model, arguments.out)
     write_digest(arguments.out)
     log.info("wrote %s (%.1f MB)", arguments.out, arguments.out.stat().st_size / 1e6)
-
-
-def write_digest(path: Path) -> None:
-    """Write ``head.json`` beside the file: its name, licence and sha256."""
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    facts = {"file": path.name, "licence": LICENCE, "name": BASE_NAME, "sha256": digest}
-    path.with_suffix(".json").write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

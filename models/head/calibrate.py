@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from models.head.build import write_digest
+from models.head.digest import write_digest
 from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
 from models.head.nearest import nearest_on_triangles
 from models.head.paint import Canvas, paint

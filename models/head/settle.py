@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.crop import EYE_PARTS, PART_NAMES
+from models.head.digest import write_digest
 from models.head.eyes import RINGS_DEG, affine_weights, sphere
 from service.errors import ModelFault
 from service.head.files import DEFAULT_HEAD, load_head, save_head
@@ -159,8 +160,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("head", type=Path, nargs="?", default=DEFAULT_HEAD)
     path = parser.parse_args().head
-    from models.head.build import write_digest
-
     save_head(settled(load_head(path)), path)
     write_digest(path)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -13,6 +11,7 @@ import numpy.typing as npt
 import torch
 
 from models.colour import srgb
+from models.lightstage.light.texture import bake_texture
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.split import subject_part
@@ -79,22 +78,8 @@ def write_sample(stage: Stage, seed: int, width: int, height: int, pose: str, fo
     images["shape_normal"] = encode_normals8(shape_normals(chart, vertices)[0])
     depth = np.round(np.asarray(depth_map(chart, vertices), np.float64) / DEPTH_M) + DEPTH_MID
     images["depth"] = np.clip(depth, 0, 65535).astype(np.uint16)
-    if baker_exists():
-        images["texture"] = _baked(skin, stage, width, height)
+    images["texture"] = bake_texture(skin, stage, width, height, skin.subject.seed)
     return _write(skin, images, pose, folder)
-
-
-def baker_exists() -> bool:
-    """Whether the simulation of baked light is there; without it a sample has no texture.png."""
-    if find_spec("models.lightstage.light") is None:
-        return False
-    return find_spec("models.lightstage.light.bake") is not None
-
-
-def _baked(skin: Skin, stage: Stage, width: int, height: int) -> Bytes:
-    """(h, w, 3) uint8 sRGB texture with baked light."""
-    bake = import_module("models.lightstage.light.bake")
-    return np.asarray(bake.bake_texture(skin, stage, width, height, skin.subject.seed), np.uint8)
 
 
 def _write(skin: Skin, images: dict[str, npt.NDArray[np.generic]], pose: str, folder: Path) -> list[str]:

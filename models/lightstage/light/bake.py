@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from models.lightstage.light import relief, scatter
 from models.lightstage.light.geometry import Geometry, Site
+from models.lightstage.light.harmonics import basis
 from models.lightstage.light.lobes import Gloss, directional_albedo, fresnel, ggx
+from models.lightstage.light.maps import LitMaps
 from models.lightstage.light.reflection import Mirror, mirror_of
 from models.lightstage.light.response import developed
 from models.lightstage.light.sampling import dot, unit
@@ -31,33 +30,7 @@ from service.light.plan import Plan
 from service.light.scene import PointLight, Scene
 from service.light.sphere import flux_by_direction
 
-if TYPE_CHECKING:
-    from models.lightstage.skin.synthesis import Skin
-    from models.lightstage.stage import Stage
-
 _NEAREST_M = 1e-3
-
-TILE = 1024
-
-
-class LitMaps(Protocol):
-    """What ``bake`` reads of ``SkinMaps``; (C, h, w) tensors of one floating type."""
-
-    @property
-    def diffuse_albedo(self) -> Tensor: ...  # noqa: D102
-    @property
-    def specular_albedo(self) -> Tensor: ...  # noqa: D102
-    @property
-    def roughness(self) -> Tensor: ...  # noqa: D102
-    @property
-    def specular_normal(self) -> Tensor: ...  # noqa: D102
-    @property
-    def diffuse_normal(self) -> Tensor: ...  # noqa: D102
-    @property
-    def height_mm(self) -> Tensor: ...  # noqa: D102
-    @property
-    def mask(self) -> Tensor: ...  # noqa: D102
-
 
 @dataclasses.dataclass(frozen=True)
 class Lamp:
@@ -219,17 +192,7 @@ def _sky(geometry: Geometry, normal: Tensor, light: Illumination, occlusion: boo
         vector = geometry.sky_light(flux, window).view(3, 3, *normal.shape[1:])
         return (vector * normal).sum(1).clamp(min=0.0)
     factors = torch.from_numpy(COSINE_LOBE[:, None] * project(light.sky)).float().to(geometry.device)
-    return torch.einsum("khw,kc->chw", _harmonics(normal), factors).clamp(min=0.0)
-
-
-def _harmonics(d: Tensor) -> Tensor:
-    """(9, h, w) as ``service.light.harmonics.basis``."""
-    x, y, z = d
-    one = torch.ones_like(x)
-    first = [0.28209479177387814 * one, 0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x]
-    second = [1.0925484305920792 * x * y, 1.0925484305920792 * y * z, 0.31539156525252005 * (3.0 * z * z - 1.0)]
-    third = [1.0925484305920792 * x * z, 0.5462742152960396 * (x * x - y * y)]
-    return torch.stack(first + second + third)
+    return torch.einsum("khw,kc->chw", basis(normal), factors).clamp(min=0.0)
 
 
 def _towards(
@@ -295,27 +258,3 @@ def highlight(view: Tensor, normal: Tensor, gloss: Gloss, lamp: Lamp, *, rising:
         lobes = lobes + share * ggx((alpha * alpha + widening).clamp(max=1.0).sqrt(), sine2.to(dtype), n_l, n_v)
     shine = fresnel(gloss.f0, dot(view, half).to(dtype)) if rising else gloss.f0
     return lamp.irradiance * (lamp.shade * arriving * (lobes * shine).float())
-
-
-def bake_texture(skin: Skin, stage: Stage, width: int, height: int, seed: int) -> npt.NDArray[np.uint8]:
-    """(height, width, 3) uint8 sRGB texture of a whole chart under the light named ``seed``."""
-    from models.lightstage.light.expose import expose
-    from models.lightstage.light.prior import sample_scene
-    from models.lightstage.light.survey import survey_chart
-    from service.light.plan import plan as choose
-
-    scale = skin.subject.gloss.scatter_scale
-    geometry = Geometry.of(stage.head, stage.vertices(skin), device=skin.device)
-    small = ChartWindow.whole(192, 128)
-    maps = skin.maps(small)
-    scene = expose(maps, geometry, sample_scene(seed), small)
-    chosen = choose(scene, survey_chart(skin.maps, geometry, width, height))
-    result = np.zeros((height, width, 3), np.uint8)
-    for y in range(0, height, TILE):
-        for x in range(0, width, TILE):
-            tile = ChartWindow(x, y, min(TILE, width - x), min(TILE, height - y), width, height)
-            outer = footprint(tile, geometry, chosen, scale)
-            image = bake(skin.maps(outer), geometry, scene, chosen, tile, maps_window=outer, scatter_scale=scale)
-            coded = (image * 255.0).round().byte().cpu().numpy().transpose(1, 2, 0)
-            result[y : y + tile.height, x : x + tile.width] = coded
-    return result

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from models.lightstage.light.bake import LitMaps, radiance
+from models.lightstage.light.bake import radiance
 from models.lightstage.light.geometry import Geometry
+from models.lightstage.light.maps import LitMaps
 from models.lightstage.light.sampling import enlarged
 from models.lightstage.skin.window import ChartWindow
 from service.colour import LUMA

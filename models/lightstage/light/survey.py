@@ -11,8 +11,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from models.lightstage.light.bake import LitMaps
 from models.lightstage.light.geometry import Geometry
+from models.lightstage.light.maps import LitMaps
 from models.lightstage.light.relief import STEPS_MM
 from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream

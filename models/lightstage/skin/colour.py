@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from models.lightstage.skin.chromophores import ColourTable
+from models.lightstage.skin.drawn import Drawn
 from models.lightstage.skin.relief import fade
 from models.lightstage.skin.stack import GaussianStack
 from models.lightstage.skin.subject import Subject
 from models.lightstage.skin.volumes import Placement, Volume, noise
-
-if TYPE_CHECKING:
-    from models.lightstage.skin.synthesis import Drawn
 
 CAVITY_COLOUR = (0.6, 0.85, 1.0)
 _DARKEST = 0.75

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 
+from models.lightstage.skin.drawn import Drawn
 from models.lightstage.skin.relief import fade
 from models.lightstage.skin.stack import GaussianStack
 from models.lightstage.skin.subject import Subject
-
-if TYPE_CHECKING:
-    from models.lightstage.skin.synthesis import Drawn
 
 _LIP_GLOSS = 0.80
 _HAIR_GLOSS = 0.38

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -14,13 +13,14 @@ from models.lightstage.skin.atlas import Atlas, Metric, enlarge
 from models.lightstage.skin.base import BaseMaps, base_maps
 from models.lightstage.skin.chromophores import ColourTable
 from models.lightstage.skin.colour import Paint, diffuse_albedo
+from models.lightstage.skin.drawn import Drawn
 from models.lightstage.skin.gloss import roughness, specular_albedo
-from models.lightstage.skin.hair import HairMaps, draw_strands, list_brows, list_stubble
+from models.lightstage.skin.hair import draw_strands, list_brows, list_stubble
 from models.lightstage.skin.normals import diffuse_normals, normals_of
-from models.lightstage.skin.pores import PorePits, draw_pores, list_pores
+from models.lightstage.skin.pores import draw_pores, list_pores
 from models.lightstage.skin.relief import Relief
 from models.lightstage.skin.splat import Marks
-from models.lightstage.skin.spots import LineMaps, SpotMaps, draw_lines, draw_spots, list_lines, list_spots
+from models.lightstage.skin.spots import draw_lines, draw_spots, list_lines, list_spots
 from models.lightstage.skin.stack import GaussianStack
 from models.lightstage.skin.subject import Subject
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow
@@ -170,38 +170,6 @@ class Skin:
         return Drawn(
             position, metric, texel, base, lips, pits, spots, lines, folds, brows, stubble, height, edge, *noises
         )
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Layers of a window, (h, w) where not said otherwise."""
-
-    position: Tensor
-    metric: Metric
-    texel_mm: Tensor
-    base: dict[str, Tensor]
-    lips: Tensor
-    pits: PorePits
-    spots: SpotMaps
-    lines: LineMaps
-    folds: Tensor
-    brows: HairMaps
-    stubble: HairMaps
-    height: Tensor
-    edge: Tensor
-    mottle: Tensor
-    grain: Tensor
-
-    @cached_property
-    def hair(self) -> HairMaps:
-        """Brows and stubble together."""
-        pairs = ((getattr(self.brows, f), getattr(self.stubble, f)) for f in ("dark", "grey", "height", "shadow"))
-        return HairMaps(*(torch.maximum(x, y) for x, y in pairs))
-
-    @property
-    def hair_cover(self) -> Tensor:
-        """Cover by any strand."""
-        return self.hair.cover
 
 
 def vertices_of(subject: Subject, atlas: Atlas, expression: dict[str, float]) -> np.ndarray:

@@ -10,11 +10,12 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
-from models.lightstage.light import bake as baking  # noqa: E402
-from models.lightstage.light.bake import bake, bake_texture, footprint  # noqa: E402
+from models.lightstage.light import texture as baking  # noqa: E402
+from models.lightstage.light.bake import bake, footprint  # noqa: E402
 from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.geometry import Geometry  # noqa: E402
 from models.lightstage.light.prior import sample_scene  # noqa: E402
+from models.lightstage.light.texture import bake_texture  # noqa: E402
 from models.lightstage.sample import write_sample  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from models.lightstage.stage import Stage  # noqa: E402

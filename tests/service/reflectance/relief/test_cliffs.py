@@ -9,7 +9,8 @@ import pytest
 from service.levels import LEVELS
 from service.options import Options
 from service.reflectance.normals import pack_normals
-from service.reflectance.relief.cliffs import WIDTH, cliff_part, integrate_robustly
+from service.reflectance.relief import cliffs
+from service.reflectance.relief.cliffs import cliff_part, integrate_robustly
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement
 from service.reflectance.relief.integrate import integrate
 from service.reflectance.result import unpack_normals
@@ -81,20 +82,24 @@ def test_masks_without_an_equation(count: int) -> None:
     assert not gained.any() and cut == 0
 
 
-def test_a_map_wider_than_it_is_solved_at() -> None:
-    """The same tear on 64 times as many texels, with nonsense outside the mask: the correction is the same."""
+def test_a_map_wider_than_it_is_solved_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same tear on 4 times as many texels, with nonsense outside the mask: the correction is the same.
+
+    The solution is made 200 texels wide here, so that a small map is 2.2 times as wide as it.
+    """
     height, right, down, distance = torn(0.6)
-    fine = [np.repeat(np.repeat(plane, 8, 0), 8, 1) for plane in (height, right / 8, down / 8, distance)]
+    fine = [np.repeat(np.repeat(plane, 2, 0), 2, 1) for plane in (height, right / 2, down / 2, distance)]
     mask = np.ones(fine[0].shape, bool)
-    mask[:, -96:] = False
-    assert fine[0].shape[-1] > WIDTH
+    mask[:, -23:] = False  # ends within a texel of the solution
+    monkeypatch.setattr(cliffs, "WIDTH", 200)
+    assert fine[0].shape[-1] > 2 * cliffs.WIDTH
     slopes = [np.where(mask, slope, 9.0).astype(np.float32) for slope in fine[1:3]]
-    gained, _ = cliff_part(slopes[0], slopes[1], mask, TEXEL / np.float32(8))
+    gained, _ = cliffs.cliff_part(slopes[0], slopes[1], mask, TEXEL / np.float32(2))
     assert not gained[~mask].any()
     whole = ALL & (np.arange(WIDE) < WIDE - 12)
     plain = integrate(right, down, whole).height
     for where, gain in ((distance < 1, 2.0), (distance > 3, 3.0)):
-        left = plain + gained.reshape(TALL, 8, WIDE, 8).mean((1, 3))
+        left = plain + gained.reshape(TALL, 2, WIDE, 2).mean((1, 3))
         assert rms_um(left, height, where & whole) < rms_um(plain, height, where & whole) / gain
 
 
