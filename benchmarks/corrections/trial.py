@@ -1,0 +1,147 @@
+"""One photo with all rules, without each, and without any: what each changed, gained and took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.corrections.kept import Kept
+from benchmarks.corrections.rules import TEXTURE, Rules
+from benchmarks.corrections.score import Score
+from service.archive.avatar import Avatar
+from service.colour import FULL_CODE
+from service.geometry.chart import islands
+from service.texture.result import SEEN
+
+Codes = npt.NDArray[np.uint16]
+Map = npt.NDArray[np.float32]
+
+ALL = "all of these"
+"""Name of the variant without any rule."""
+REPEATS = 3
+"""Times that the whole is made with all rules; its time is their median."""
+STEP = FULL_CODE // 255
+"""Codes of 1/255."""
+
+
+class Scorer(Protocol):
+    """Scores albedos of one fitted photo; ``benchmarks.corrections.score.Judge``."""
+
+    def score(self, albedo: Map) -> Score:
+        """Of a map (h, w, 3) on the chart, sRGB-coded in [0, 1]."""
+
+    def flat(self) -> Score:
+        """Of one colour all over, the true mean."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one rule does to one photo, as the difference to the photo without it.
+
+    Attributes:
+        changed, changed_seen: share of the skin's texels, and of those that the photo shows, whose albedo the rule
+            changes by more than 1/255 in any channel.
+        seconds: that the rule takes of a processor; NaN where it had nothing to do and was not run without.
+        whole_seconds: that the stages which were made anew take with it; NaN likewise.
+        gain: what the rule makes better; None without truth.
+    """
+
+    changed: float
+    changed_seen: float
+    seconds: float
+    whole_seconds: float
+    gain: Score | None
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """Of one photo.
+
+    Attributes:
+        photo, groups: its name and what it has.
+        score, flat: with all rules, and of the one colour that is the mean of the true ones; None without truth.
+        effects: by rule, and of all together as ``ALL``.
+        warnings: of the avatar.
+    """
+
+    photo: str
+    groups: tuple[str, ...]
+    score: Score | None
+    flat: Score | None
+    effects: dict[str, Effect]
+    warnings: tuple[str, ...] = ()
+
+
+def tried(
+    name: str, groups: tuple[str, ...], data: bytes, rules: Rules, judge: Callable[[Avatar], Scorer] | None
+) -> Verdicts:
+    """Try all rules on one photo.
+
+    Args:
+        name: of the photo.
+        groups: what it has.
+        data: its file.
+        rules: on trial.
+        judge: makes a scorer for the fit of an avatar; None without truth.
+
+    Raises:
+        AvatarError: as ``make_avatar``.
+    """
+    kept = Kept()
+    rules.make(data, (), kept)  # loads networks, and makes what no rule touches
+    stages: dict[str, float] = {}
+
+    def variant(without: Sequence[str], first: str) -> tuple[Avatar, Codes, float]:
+        kept.forget(first)
+        begin = time.process_time()
+        avatar = rules.make(data, without, kept)
+        taken = time.process_time() - begin
+        if avatar.reflectance is None or avatar.reflectance.diffuse_albedo is None:
+            raise ValueError("the maps of a trial have to have the diffuse albedo")
+        return avatar, avatar.reflectance.diffuse_albedo, taken
+
+    def whole(first: str) -> float:
+        if first not in stages:
+            stages[first] = float(np.median([variant((), first)[2] for _ in range(REPEATS)]))
+        return stages[first]
+
+    avatar, albedo, _ = variant((), TEXTURE)
+    scorer = None if judge is None else judge(avatar)
+    base = None if scorer is None else scorer.score(_unit(albedo))
+    skin, seen = _skin(avatar)
+    idle = {who for who, texels in rules.changed(avatar).items() if texels == 0}
+    effects: dict[str, Effect] = {}
+    wanted = {rule.name: ((rule.name,), getattr(rule, "stage", TEXTURE)) for rule in rules.registry}
+    for who, (names, first) in {**wanted, ALL: (tuple(wanted), TEXTURE)}.items():
+        if who in idle:
+            effects[who] = Effect(0.0, 0.0, float("nan"), float("nan"), None if base is None else base.over(base))
+            continue
+        with_it = whole(first)
+        _, bare, taken = variant(names, first)
+        apart = np.abs(albedo.astype(np.int32) - bare).max(2) > STEP
+        gain = None if scorer is None or base is None else base.over(scorer.score(_unit(bare)))
+        effects[who] = Effect(_share(apart, skin), _share(apart, seen), with_it - taken, with_it, gain)
+    flat = None if scorer is None else scorer.flat()
+    return Verdicts(name, groups, base, flat, effects, avatar.fit.warnings + avatar.texture.warnings)
+
+
+def _unit(codes: Codes) -> npt.NDArray[np.float32]:
+    return codes.astype(np.float32) / FULL_CODE
+
+
+def _share(chosen: npt.NDArray[np.bool_], of: npt.NDArray[np.bool_]) -> float:
+    return float((chosen & of).sum() / max(int(of.sum()), 1))
+
+
+def _skin(avatar: Avatar) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Texels of skin, and those of them that the photo shows, both of the size of the maps."""
+    size = avatar.reflectance.size if avatar.reflectance is not None else (0, 0)
+    skin = islands(avatar.head, size) == avatar.head.part_names.index("skin")
+    seen = cv2.resize(avatar.texture.confidence, size, interpolation=cv2.INTER_NEAREST) >= SEEN
+    return skin, skin & seen
