@@ -50,14 +50,15 @@ def develop(radiance: Float, face: npt.NDArray[np.bool_], camera: Camera, seed: 
     """(h, w, 3) uint8 sRGB photo of linear radiance (H, W, 3) with a face somewhere."""
     import cv2
 
-    linear = radiance * np.float32(automatic(radiance, face) * 2**camera.stops) * np.float32(camera.balance)
+    gain = automatic(radiance, face) * 2**camera.stops * np.array(camera.balance)
+    linear = radiance * gain.astype(np.float32)
     if camera.size is not None:
         linear = cv2.resize(linear, (camera.size, camera.size), interpolation=cv2.INTER_AREA)
     coded = linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))
-    coded = np.minimum(coded / np.float32(camera.ceiling), 1) ** np.float32(camera.bend)
+    coded = np.minimum(coded / np.array(camera.ceiling, np.float32), 1) ** np.array(camera.bend, np.float32)
     coded = coded + np.float32(camera.contrast) * (coded * coded * (3 - 2 * coded) - coded)
     noise = np.random.default_rng(seed).normal(0, camera.noise, coded.shape) if camera.noise else 0.0
-    return np.clip(np.rint(coded * 255 + noise), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(coded * 255 + noise), 0, 255), np.uint8)
 
 
 def encoded(pixels: npt.NDArray[np.uint8], camera: Camera) -> bytes:

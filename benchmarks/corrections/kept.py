@@ -21,6 +21,12 @@ class Kept:
         result: T = self._results[name]
         return result
 
+    def copy(self) -> Kept:
+        """Another that has the same results."""
+        other = Kept()
+        other._results.update(self._results)
+        return other
+
     def forget(self, first: str) -> None:
         """Forget stage ``first`` and all that ran after it; nothing where it has not run."""
         names = list(self._results)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from service.archive.avatar import Avatar
 from service.options import Options
@@ -13,8 +13,9 @@ from service.stages import Stages
 
 SIZE = (768, 512)
 """Maps of the trial: a rule decides on the light of 192 x 128 cells or on textures of 576 x 384, whatever the map."""
-TEXTURE = "texture"
-"""Stage that the earliest rules alter, and which is made anew where a rule does not say which one it alters."""
+FIRST_STAGE = {"texture": "texture", "light": "diffuse_albedo", "albedo": "diffuse_albedo", "relief": "diffuse_albedo"}
+"""By what a rule alters, the first stage of the pipeline that has to be made anew without it."""
+RELIEF = "relief"
 
 
 class Rule(Protocol):
@@ -29,6 +30,10 @@ class Rule(Protocol):
         """A sentence."""
 
     @property
+    def source(self) -> str:
+        """What it alters, out of ``FIRST_STAGE``."""
+
+    @property
     def cases(self) -> Sequence[str]:
         """Groups of ``benchmarks.corrections.photos.GROUPS`` on which it has to gain; none means all photos."""
 
@@ -40,8 +45,11 @@ class Rules(Protocol):
     def registry(self) -> Sequence[Rule]:
         """In the order in which they run."""
 
-    def make(self, data: bytes, without: Sequence[str], stages: Stages) -> Avatar:
-        """The avatar of a photo with the rules of these names turned off. Raises as ``make_avatar``."""
+    def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Avatar:
+        """The avatar of a photo with the rules of these names turned off. Raises as ``make_avatar``.
+
+        It has the diffuse albedo, and with ``relief`` the specular normals.
+        """
 
     def changed(self, avatar: Avatar) -> dict[str, int]:
         """Texels that each rule which ran changed by more than 1/255; rules may be missing."""
@@ -51,8 +59,6 @@ class Rules(Protocol):
 class Product:
     """The rules of the program, turned off as a caller would."""
 
-    maps: tuple[str, ...] = ("diffuse_albedo",)
-
     @property
     def registry(self) -> Sequence[Rule]:
         """The program's."""
@@ -60,10 +66,11 @@ class Product:
 
         return tuple(REGISTRY)
 
-    def make(self, data: bytes, without: Sequence[str], stages: Stages) -> Avatar:
+    def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Avatar:
         """By ``make_avatar``."""
-        switches = {"without": tuple(without)} if without else {}
-        options = Options(maps=self.maps, quality="draft", size=SIZE, face="largest", **switches)  # type: ignore[arg-type]
+        maps = ("diffuse_albedo", "specular_normal") if relief else ("diffuse_albedo",)
+        switches: dict[str, Any] = {"without": tuple(without)} if without else {}
+        options = Options(maps=maps, quality="draft", size=SIZE, face="largest", **switches)
         return make_avatar(data, options, stages=stages)
 
     def changed(self, avatar: Avatar) -> dict[str, int]:

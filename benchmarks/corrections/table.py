@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.corrections.rules import Rule
+from benchmarks.corrections.rules import RELIEF, Rule
 from benchmarks.corrections.score import Score
 from benchmarks.corrections.trial import ALL, Effect, Verdicts
 
@@ -31,6 +31,8 @@ once without each. {count} photos are rendered by Mitsuba of real heads and skin
   they show.
 - A rule that says itself that it changed no texel of a photo by more than 1/255 is not run without there, and counts
   as 0.
+- Rules marked *normals* change relief only: their gain is that of the PSNR of specular normals in [0, 1] on skin that
+  the photo shows, their texels are those of the normals. The true heads have folds and no pores.
 - **time**: of a processor; median over the photos on which the rule had anything to do of the difference between the
   time of the stages with it and without it, and its share of these. Differences of a few ms are noise.
 - **earns its place**: at least {enough} dB on its own cases: after the best gain ("yes"), or else raw ("brightness"),
@@ -73,7 +75,7 @@ def rule_rows(registry: Sequence[Rule], photos: Sequence[Verdicts], real: Sequen
     for rule in registry:
         cases = own_cases(rule, photos)
         effects = [one.effects[rule.name] for one in cases]
-        label = ", ".join(rule.cases) if rule.cases else "any"
+        label = (", ".join(rule.cases) if rule.cases else "any") + (", normals" if rule.source == RELIEF else "")
         rows.append((mean_of(effects, "best"), _row(rule.name, label, len(cases), effects, photos, real)))
     rows.sort(key=lambda one: -np.nan_to_num(one[0]))
     together = [one.effects[ALL] for one in photos]

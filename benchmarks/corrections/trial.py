@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.corrections.kept import Kept
-from benchmarks.corrections.rules import TEXTURE, Rules
+from benchmarks.corrections.rules import FIRST_STAGE, RELIEF, Rule, Rules
 from benchmarks.corrections.score import Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
 from service.geometry.chart import islands
+from service.reflectance.result import NORMAL_ONE
 from service.texture.result import SEEN
 
 Codes = npt.NDArray[np.uint16]
@@ -28,6 +29,8 @@ REPEATS = 3
 """Times that the whole is made with all rules; its time is their median."""
 STEP = FULL_CODE // 255
 """Codes of 1/255."""
+NORMAL_STEP = 2 * NORMAL_ONE / 255
+"""The same of a component of normals in [-1, 1]."""
 
 
 class Scorer(Protocol):
@@ -39,6 +42,9 @@ class Scorer(Protocol):
     def flat(self) -> Score:
         """Of one colour all over, the true mean."""
 
+    def relief(self, avatar: Avatar) -> float:
+        """PSNR in dB of an avatar's specular normals."""
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -49,7 +55,8 @@ class Effect:
             changes by more than 1/255 in any channel.
         seconds: that the rule takes of a processor; NaN where it had nothing to do and was not run without.
         whole_seconds: that the stages which were made anew take with it; NaN likewise.
-        gain: what the rule makes better; None without truth.
+        gain: what the rule makes better; None without truth. Of a rule for relief ``best`` is the gain of the specular
+            normals, and the rest is NaN; what it changes are their codes.
     """
 
     changed: float
@@ -97,6 +104,8 @@ def tried(
     rules.make(data, (), kept)  # loads networks, and makes what no rule touches
     stages: dict[str, float] = {}
 
+    earliest = FIRST_STAGE["texture"]
+
     def variant(without: Sequence[str], first: str) -> tuple[Avatar, Codes, float]:
         kept.forget(first)
         begin = time.process_time()
@@ -111,14 +120,15 @@ def tried(
             stages[first] = float(np.median([variant((), first)[2] for _ in range(REPEATS)]))
         return stages[first]
 
-    avatar, albedo, _ = variant((), TEXTURE)
+    avatar, albedo, _ = variant((), earliest)
     scorer = None if judge is None else judge(avatar)
     base = None if scorer is None else scorer.score(_unit(albedo))
     skin, seen = _skin(avatar)
     idle = {who for who, texels in rules.changed(avatar).items() if texels == 0}
     effects: dict[str, Effect] = {}
-    wanted = {rule.name: ((rule.name,), getattr(rule, "stage", TEXTURE)) for rule in rules.registry}
-    for who, (names, first) in {**wanted, ALL: (tuple(wanted), TEXTURE)}.items():
+    every = tuple(rule.name for rule in rules.registry)
+    wanted = {rule.name: ((rule.name,), FIRST_STAGE[rule.source]) for rule in rules.registry if rule.source != RELIEF}
+    for who, (names, first) in {**wanted, ALL: (every, earliest)}.items():
         if who in idle:
             effects[who] = Effect(0.0, 0.0, float("nan"), float("nan"), None if base is None else base.over(base))
             continue
@@ -127,8 +137,45 @@ def tried(
         apart = np.abs(albedo.astype(np.int32) - bare).max(2) > STEP
         gain = None if scorer is None or base is None else base.over(scorer.score(_unit(bare)))
         effects[who] = Effect(_share(apart, skin), _share(apart, seen), with_it - taken, with_it, gain)
+    relief = [rule for rule in rules.registry if rule.source == RELIEF]
+    effects |= of_relief(data, rules, relief, kept, scorer) if relief else {}
     flat = None if scorer is None else scorer.flat()
     return Verdicts(name, groups, base, flat, effects, avatar.fit.warnings + avatar.texture.warnings)
+
+
+def of_relief(
+    data: bytes, rules: Rules, tried_rules: Sequence[Rule], kept: Kept, scorer: Scorer | None
+) -> dict[str, Effect]:
+    """Effects of rules for relief by name; ``kept`` has the stages before the albedo."""
+    first, own = FIRST_STAGE[RELIEF], kept.copy()
+
+    def variant(without: Sequence[str]) -> tuple[Avatar, npt.NDArray[np.int16], float]:
+        own.forget(first)
+        begin = time.process_time()
+        avatar = rules.make(data, without, own, relief=True)
+        taken = time.process_time() - begin
+        if avatar.reflectance is None or avatar.reflectance.specular_normal is None:
+            raise ValueError("the maps of a trial of relief have to have the specular normals")
+        return avatar, avatar.reflectance.specular_normal, taken
+
+    variant(())  # loads the network
+    runs = [variant(()) for _ in range(REPEATS)]
+    avatar, bumps, _ = runs[-1]
+    whole = float(np.median([taken for *_, taken in runs]))
+    skin, seen = _skin(avatar)
+    there, unknown = float("nan") if scorer is None else scorer.relief(avatar), float("nan")
+    idle = {who for who, texels in rules.changed(avatar).items() if texels == 0}
+    effects = {}
+    for rule in tried_rules:
+        if rule.name in idle:
+            nothing = None if scorer is None else Score(0.0, unknown, unknown, unknown)
+            effects[rule.name] = Effect(0.0, 0.0, unknown, unknown, nothing)
+            continue
+        bare, other, taken = variant((rule.name,))
+        apart = np.abs(bumps.astype(np.int32) - other).max(2) > NORMAL_STEP
+        gain = None if scorer is None else Score(there - scorer.relief(bare), unknown, unknown, unknown)
+        effects[rule.name] = Effect(_share(apart, skin), _share(apart, seen), whole - taken, whole, gain)
+    return effects
 
 
 def _unit(codes: Codes) -> npt.NDArray[np.float32]:

@@ -95,6 +95,20 @@ def test_an_error_where_nobody_sees_it_costs_there_only() -> None:
     assert after.unseen < before.unseen - 10
 
 
+def test_true_normals_score_far_higher_than_tilted_ones() -> None:
+    photo, avatar, _ = seen()
+    judge = Judge.of(photo, avatar)
+    flat = np.zeros((64, 96, 2), np.int16)
+    tilted = flat + np.int16(6000)
+    scores = [
+        judge.relief(
+            SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=SimpleNamespace(specular_normal=bumps))
+        )  # type: ignore[arg-type]
+        for bumps in (flat, tilted)
+    ]
+    assert scores[0] > 35 > 25 > scores[1]
+
+
 def test_heads_that_share_nothing_are_an_error() -> None:
     photo, avatar, _ = seen()
     photo.truth.skin[:] = False

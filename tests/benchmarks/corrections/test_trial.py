@@ -27,7 +27,7 @@ class Rule:
     name: str
     adds: float
     cases: tuple[str, ...] = ()
-    stage: str = "diffuse_albedo"
+    source: str = "light"
     mends: str = "A sentence."
 
 
@@ -40,17 +40,18 @@ class Toy:
     runs: list[tuple[str, ...]] = field(default_factory=list)
     made: list[str] = field(default_factory=list)
 
-    def make(self, data: bytes, without: Sequence[str], stages: Stages) -> Any:
+    def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Any:
         self.runs.append(tuple(without))
         for name in ("fit", "texture"):
             stages.keep(name, lambda name=name: self.made.append(name))  # type: ignore[misc]
         value = 0.5 + sum(rule.adds for rule in self.registry if rule.name not in without)
         albedo = stages.keep("diffuse_albedo", lambda: np.full((*SIZE[::-1], 3), round(65535 * value), np.uint16))
+        bumps = np.full((*SIZE[::-1], 2), 30000 * sum(r.adds for r in self.registry if r.name not in without), np.int16)
         confidence = np.full(SIZE[::-1], 255, np.uint8)
         confidence[:, : SIZE[0] // 2] = 0
         return SimpleNamespace(
             head=sphere_head(),
-            reflectance=SimpleNamespace(diffuse_albedo=albedo, size=SIZE),
+            reflectance=SimpleNamespace(diffuse_albedo=albedo, specular_normal=bumps if relief else None, size=SIZE),
             texture=SimpleNamespace(confidence=confidence, warnings=("little-seen",)),
             fit=SimpleNamespace(warnings=()),
         )
@@ -69,8 +70,11 @@ class Scorer:
     def flat(self) -> Score:
         return self.score(np.full((2, 2, 3), 0.55))
 
+    def relief(self, avatar: Any) -> float:
+        return float(avatar.reflectance.specular_normal.mean()) / 30000
 
-GOOD, BAD, IDLE = Rule("good", 0.1, ("hard",)), Rule("bad", 0.02, stage="texture"), Rule("idle", 0.0)
+
+GOOD, BAD, IDLE = Rule("good", 0.1, ("hard",)), Rule("bad", 0.02, source="texture"), Rule("idle", 0.0)
 
 
 def verdicts(toy: Toy, groups: tuple[str, ...] = ("hard",)) -> Verdicts:
@@ -95,6 +99,16 @@ def test_a_rule_that_says_it_did_nothing_is_not_run_without() -> None:
     untold = Toy((GOOD, IDLE), told=False)
     again = verdicts(untold)
     assert ("idle",) in untold.runs and again.effects["idle"].changed == 0
+
+
+def test_a_rule_of_relief_is_judged_by_the_normals_alone() -> None:
+    toy = Toy((GOOD, Rule("flatter", 0.2, source="relief"), Rule("still", 0.0, source="relief")))
+    found = verdicts(toy)
+    flatter, still = found.effects["flatter"], found.effects["still"]
+    assert flatter.gain is not None and still.gain is not None
+    assert flatter.gain.best == pytest.approx(0.2, abs=1e-3) and np.isnan(flatter.gain.raw)
+    assert flatter.changed == 1 and still.changed == 0 and ("still",) not in toy.runs
+    assert any("flatter, normals" in row or "any, normals" in row for row in rule_rows(toy.registry, [found], []))
 
 
 def test_what_no_rule_touches_is_made_once_and_a_rule_of_the_texture_makes_the_texture_anew() -> None:
