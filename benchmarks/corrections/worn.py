@@ -45,13 +45,15 @@ def glasses(head: TexturedHead) -> tuple[Worn, ...]:
     """Two dark rims, the bridge between them and the temples; no glass."""
     around = np.linspace(0, 2 * np.pi, 96, endpoint=False)
     front = head.eyes[:, 2].mean() + head.eye_radius + BEFORE_EYES_M
+    level = np.abs(head.vertices[:, 1]) < 0.02
+    temple = np.abs(head.vertices[level, 0]).max() - 0.012
     parts = []
     for eye in head.eyes:
         middle = np.array([eye[0] * 1.04, eye[1] - 0.004, front])
         rim = middle + np.stack([LENS_M[0] * np.cos(around), LENS_M[1] * np.sin(around), 0 * around], 1)
         out = np.sign(eye[0])
         hinge = middle + np.array([out * LENS_M[0], 0.006, 0.0])
-        ear = np.array([out * (np.abs(head.vertices[:, 0]).max() - 0.014), hinge[1], -0.06])
+        ear = np.array([out * temple, hinge[1], -0.06])
         parts += [tube(rim, RIM_M, closed=True), tube(hinge + np.linspace(0, 1, 80)[:, None] * (ear - hinge), RIM_M)]
     inner = [np.array([eye[0] * 1.04 - np.sign(eye[0]) * LENS_M[0], eye[1], front]) for eye in head.eyes]
     along = np.linspace(0, 1, 30)[:, None]
@@ -65,14 +67,16 @@ def cap(head: TexturedHead) -> tuple[Worn, ...]:
     normals = vertex_normals(head.vertices, head.triangles)
     above = head.vertices[:, 1] > EDGE_M - RISE * (0.08 - head.vertices[:, 2])
     triangles = head.triangles[above[head.triangles].all(1)]
-    shell = Worn(head.vertices + CAP_M * normals, triangles, CAP, 0.8)
+    used, own = np.unique(triangles, return_inverse=True)
+    shell = Worn((head.vertices + CAP_M * normals)[used], own.reshape(-1, 3), CAP, 0.8)
     edge = head.vertices[above & (np.abs(head.vertices[:, 1] - EDGE_M) < 0.01)]
     turn = np.linspace(-1.15, 1.15, 121)
     centre, reach = np.array([0.0, EDGE_M - 0.002, edge[:, 2].max() - 0.075]), 0.072
-    rows = [
-        centre + np.stack([r * np.sin(turn), -0.25 * (r - reach) * np.cos(turn), r * np.cos(turn)], 1)
-        for r in np.linspace(reach - 0.02, reach + BRIM_M, 60)
-    ]
+    rows = []
+    for share in np.linspace(-0.3, 1, 60):  # it begins inside the cap
+        ahead = share * BRIM_M * np.cos(turn / turn[-1] * np.pi / 2)
+        r = reach + ahead
+        rows.append(centre + np.stack([r * np.sin(turn), -0.25 * ahead, r * np.cos(turn)], 1))
     grid = np.arange(60 * 121).reshape(60, 121)
     a, b, c, d = grid[:-1, :-1].ravel(), grid[1:, :-1].ravel(), grid[1:, 1:].ravel(), grid[:-1, 1:].ravel()
     brim = Worn(np.concatenate(rows), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), CAP, 0.8)

@@ -61,12 +61,14 @@ def test_brows_lie_over_the_eyes_and_a_beard_below_the_nose_round_the_lips() -> 
 def test_glasses_stand_before_the_eyes_and_a_cap_over_the_skull() -> None:
     head = face()
     rims = np.concatenate([one.vertices for one in worn.glasses(head)])
+    assert np.abs(rims[:, 0]).max() < np.abs(head.vertices[:, 0]).max()
     near = rims[np.abs(rims[:, 2] - rims[:, 2].max()) < 0.01]
     assert near[:, 2].min() > head.eyes[:, 2].max() + head.eye_radius
     for eye in head.eyes:
         assert np.linalg.norm(near[:, :2] - eye[:2], axis=1).min() > 0.01, "a rim crosses the pupil"
     shell, brim = worn.cap(head)
-    used = shell.vertices[np.unique(shell.triangles)]
+    used = shell.vertices
+    assert len(np.unique(shell.triangles)) == len(used), "vertices of the face that it does not cover count as worn"
     radius = np.linalg.norm(used - CENTRE, axis=1)
     np.testing.assert_allclose(radius, 0.09 + worn.CAP_M, atol=0.002)
     assert used[:, 1].min() > 0 and brim.vertices[:, 2].max() > head.vertices[:, 2].max()
