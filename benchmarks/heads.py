@@ -141,7 +141,7 @@ def at_places(texture: Float, places: Float) -> Float:
     height, width = texture.shape[:2]
     x = np.clip((places[:, 0] * width).astype(int), 0, width - 1)
     y = np.clip(((1 - places[:, 1]) * height).astype(int), 0, height - 1)
-    return texture[y, x]
+    return np.asarray(texture[y, x], np.float64)
 
 
 def carry_skin(points: Float, from_landmarks: Float, skin: Skin, to_landmarks: Float) -> Float:

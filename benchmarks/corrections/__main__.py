@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,7 @@ def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Rules) 
     found = []
     for photo in photos(data, cache, wanted):
         begin = time.perf_counter()
-        one = tried(photo.name, photo.groups, photo.data, rules, lambda avatar, photo=photo: Judge.of(photo, avatar))
+        one = tried(photo.name, photo.groups, photo.data, rules, partial(Judge.of, photo))
         _say(f"{photo.name}: {one.score.best if one.score else 0:.1f} dB, {time.perf_counter() - begin:.0f} s")
         found.append(one)
     return found

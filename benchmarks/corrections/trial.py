@@ -179,7 +179,7 @@ def of_relief(
 
 
 def _unit(codes: Codes) -> npt.NDArray[np.float32]:
-    return codes.astype(np.float32) / FULL_CODE
+    return codes.astype(np.float32) / np.float32(FULL_CODE)
 
 
 def _share(chosen: npt.NDArray[np.bool_], of: npt.NDArray[np.bool_]) -> float:

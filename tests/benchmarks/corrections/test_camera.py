@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from benchmarks.corrections.camera import FACE_LEVEL, Camera, develop, encoded
-from service.colour import srgb_to_linear
+from service.colour import LUMA, srgb_to_linear
 
-RAMP = np.tile(np.linspace(0.02, 3.0, 64, dtype=np.float32)[None, :, None], (64, 1, 3)) * np.float32([1.0, 0.8, 0.6])
+RAMP = np.tile(np.linspace(0.02, 3.0, 64, dtype=np.float32)[None, :, None], (64, 1, 3)) * np.array(
+    [1.0, 0.8, 0.6], np.float32
+)
 FACE = np.ones(RAMP.shape[:2], bool)
 
 
@@ -20,7 +22,7 @@ def linear(pixels: np.ndarray) -> np.ndarray:
 def test_exposure_is_the_faces_whatever_the_lamp_and_stops_are_powers_of_two() -> None:
     usual, brighter = develop(RAMP, FACE, Camera()), develop(RAMP * 7, FACE, Camera())
     np.testing.assert_array_equal(usual, brighter)
-    level = np.quantile(linear(usual) @ np.float32([0.2126, 0.7152, 0.0722]), 0.9)
+    level = np.quantile(linear(usual) @ LUMA, 0.9)
     assert level == pytest.approx(FACE_LEVEL, rel=0.02)
     dim = develop(RAMP, FACE, Camera(stops=-2))
     middle = linear(usual)[0, 30], linear(dim)[0, 30]
