@@ -25,7 +25,7 @@ Map = npt.NDArray[np.float32]
 
 ALL = "all of these"
 """Name of the variant without any rule."""
-REPEATS = 3
+REPEATS = 2
 """Times that the whole is made with all rules; its time is their median."""
 STEP = FULL_CODE // 255
 """Codes of 1/255."""
@@ -101,26 +101,25 @@ def tried(
         AvatarError: as ``make_avatar``.
     """
     kept = Kept()
-    rules.make(data, (), kept)  # loads networks, and makes what no rule touches
+    avatar = rules.make(data, (), kept)
+    albedo = _albedo(avatar)
     stages: dict[str, float] = {}
 
     earliest = FIRST_STAGE["texture"]
 
-    def variant(without: Sequence[str], first: str) -> tuple[Avatar, Codes, float]:
-        kept.forget(first)
+    def variant(without: Sequence[str], first: str) -> tuple[Codes, float]:
+        own = kept.copy()  # what is made without a rule must not serve the next one
+        own.forget(first)
         begin = time.process_time()
-        avatar = rules.make(data, without, kept)
+        avatar = rules.make(data, without, own)
         taken = time.process_time() - begin
-        if avatar.reflectance is None or avatar.reflectance.diffuse_albedo is None:
-            raise ValueError("the maps of a trial have to have the diffuse albedo")
-        return avatar, avatar.reflectance.diffuse_albedo, taken
+        return _albedo(avatar), taken
 
     def whole(first: str) -> float:
         if first not in stages:
-            stages[first] = float(np.median([variant((), first)[2] for _ in range(REPEATS)]))
+            stages[first] = float(np.median([variant((), first)[1] for _ in range(REPEATS)]))
         return stages[first]
 
-    avatar, albedo, _ = variant((), earliest)
     scorer = None if judge is None else judge(avatar)
     base = None if scorer is None else scorer.score(_unit(albedo))
     skin, seen = _skin(avatar)
@@ -133,7 +132,7 @@ def tried(
             effects[who] = Effect(0.0, 0.0, float("nan"), float("nan"), None if base is None else base.over(base))
             continue
         with_it = whole(first)
-        _, bare, taken = variant(names, first)
+        bare, taken = variant(names, first)
         apart = np.abs(albedo.astype(np.int32) - bare).max(2) > STEP
         gain = None if scorer is None or base is None else base.over(scorer.score(_unit(bare)))
         effects[who] = Effect(_share(apart, skin), _share(apart, seen), with_it - taken, with_it, gain)
@@ -147,9 +146,10 @@ def of_relief(
     data: bytes, rules: Rules, tried_rules: Sequence[Rule], kept: Kept, scorer: Scorer | None
 ) -> dict[str, Effect]:
     """Effects of rules for relief by name; ``kept`` has the stages before the albedo."""
-    first, own = FIRST_STAGE[RELIEF], kept.copy()
+    first = FIRST_STAGE[RELIEF]
 
     def variant(without: Sequence[str]) -> tuple[Avatar, npt.NDArray[np.int16], float]:
+        own = kept.copy()
         own.forget(first)
         begin = time.process_time()
         avatar = rules.make(data, without, own, relief=True)
@@ -176,6 +176,12 @@ def of_relief(
         gain = None if scorer is None else Score(there - scorer.relief(bare), unknown, unknown, unknown)
         effects[rule.name] = Effect(_share(apart, skin), _share(apart, seen), whole - taken, whole, gain)
     return effects
+
+
+def _albedo(avatar: Avatar) -> Codes:
+    if avatar.reflectance is None or avatar.reflectance.diffuse_albedo is None:
+        raise ValueError("the maps of a trial have to have the diffuse albedo")
+    return avatar.reflectance.diffuse_albedo
 
 
 def _unit(codes: Codes) -> npt.NDArray[np.float32]:

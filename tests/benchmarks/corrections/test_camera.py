@@ -11,8 +11,6 @@ from service.colour import LUMA, srgb_to_linear
 
 STEPS = np.linspace(0.02, 3.0, 64, dtype=np.float32)
 RAMP = np.tile(STEPS[None, :, None], (64, 1, 3)) * np.array([1.0, 0.8, 0.6], np.float32)
-    [1.0, 0.8, 0.6], np.float32
-)
 FACE = np.ones(RAMP.shape[:2], bool)
 
 

@@ -20,6 +20,7 @@ from service.stages import Stages
 from tests.toyhead import sphere_head
 
 SIZE = (96, 64)
+SOURCE = {"fit": "", "texture": "texture", "diffuse_albedo": "light"}
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,16 @@ class Toy:
 
     def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Any:
         self.runs.append(tuple(without))
-        for name in ("fit", "texture"):
-            stages.keep(name, lambda name=name: self.made.append(name))  # type: ignore[misc]
-        value = 0.5 + sum(rule.adds for rule in self.registry if rule.name not in without)
-        albedo = stages.keep("diffuse_albedo", lambda: np.full((*SIZE[::-1], 3), round(65535 * value), np.uint16))
+
+        def stage(name: str, before: float) -> float:
+            self.made.append(name)
+            on = [one.adds for one in self.registry if one.source == SOURCE[name] and one.name not in without]
+            return before + sum(on)
+
+        stages.keep("fit", lambda: stage("fit", 0.0))
+        texture = stages.keep("texture", lambda: stage("texture", 0.5))
+        value = stages.keep("diffuse_albedo", lambda: stage("diffuse_albedo", texture))
+        albedo = np.full((*SIZE[::-1], 3), round(65535 * value), np.uint16)
         bumps = np.full((*SIZE[::-1], 2), 30000 * sum(r.adds for r in self.registry if r.name not in without), np.int16)
         confidence = np.full(SIZE[::-1], 255, np.uint8)
         confidence[:, : SIZE[0] // 2] = 0
@@ -90,6 +97,13 @@ def test_gains_are_with_the_rule_less_without_it() -> None:
     assert gains == pytest.approx({"good": 6.0, "bad": -2.0, "idle": 0.0, ALL: 8.0}, abs=0.01)
     assert found.effects["bad"].gain is not None and found.effects["bad"].gain.delta_e == pytest.approx(-0.2, abs=0.01)
     assert found.warnings == ("little-seen",)
+
+
+def test_what_was_made_without_one_rule_does_not_serve_the_next() -> None:
+    """A rule of the texture comes first: the texture without it must not be that of the rules that follow."""
+    gains = [verdicts(Toy(order)).effects["good"].gain for order in ((GOOD, BAD), (BAD, GOOD))]
+    assert gains[0] is not None and gains[1] is not None
+    assert gains[0].best == pytest.approx(gains[1].best, abs=1e-9)
 
 
 def test_a_rule_that_says_it_did_nothing_is_not_run_without() -> None:
