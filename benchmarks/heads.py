@@ -7,7 +7,8 @@ Both are read from a folder that the caller names; nothing of them is part of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,8 @@ class IctHeads:
             self.expression = data["expression"].astype(np.float64) * 0.01
             self.names = [str(n) for n in data["expression_names"]]
             self.triangles = split_polygons(data["quads"]).astype(np.int64)
-            self.lids = data["landmarks68"][36:48]
+            self.landmarks = data["landmarks68"].astype(np.int64)
+            self.lids = self.landmarks[36:48]
 
     def eyes_of(self, vertices: Float) -> Float:
         """(2, 3) eyeball centres: behind the lids, as deep as lets every lid vertex lie on or before the ball."""
@@ -79,6 +81,13 @@ class IctHeads:
         eyes = self.eyes_of(vertices)
         middle = eyes.mean(0)
         return vertices - middle, eyes - middle
+
+    def posed(self, seed: int, expression: Mapping[str, float]) -> tuple[Float, Float]:
+        """As :meth:`sample` of a neutral seed, with units of ``names`` by weight. The eyeballs stay where they are."""
+        vertices, eyes = self.sample(seed)
+        for name, weight in expression.items():
+            vertices = vertices + weight * self.expression[self.names.index(name)]
+        return vertices, eyes
 
     def textured(self, name: str, seed: int, colours: Float) -> TexturedHead:
         """A sample, subdivided, in its own tone of colours (V', 3) that lie on the subdivided mesh."""
@@ -118,10 +127,21 @@ class Skin:
         """(vertices, triangles, linear colours) after midpoint subdivision in space and chart alike."""
         both = np.concatenate([self.vertices, self.uv], 1)
         fine, triangles = subdivided(both, self.triangles, rounds)
-        height, width = self.texture.shape[:2]
-        x = np.clip((fine[:, 3] * width).astype(int), 0, width - 1)
-        y = np.clip(((1 - fine[:, 4]) * height).astype(int), 0, height - 1)
-        return fine[:, :3], triangles, self.texture[y, x]
+        return fine[:, :3], triangles, at_places(self.texture, fine[:, 3:])
+
+
+def places_of(skin: Skin, side: int = 4096) -> Skin:
+    """The same head with its chart's coordinates for colours: (u, v, 0) wherever it is sampled, to 1 / ``side``."""
+    v, u = np.meshgrid(1 - (np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side, indexing="ij")
+    return replace(skin, texture=np.stack([u, v, np.zeros_like(u)], -1).astype(np.float32))
+
+
+def at_places(texture: Float, places: Float) -> Float:
+    """(N, 3) of a texture (H, W, 3) at coordinates (N, 2 or 3), origin bottom left: nearest texel."""
+    height, width = texture.shape[:2]
+    x = np.clip((places[:, 0] * width).astype(int), 0, width - 1)
+    y = np.clip(((1 - places[:, 1]) * height).astype(int), 0, height - 1)
+    return np.asarray(texture[y, x], np.float64)
 
 
 def carry_skin(points: Float, from_landmarks: Float, skin: Skin, to_landmarks: Float) -> Float:

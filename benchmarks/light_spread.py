@@ -28,12 +28,11 @@ import numpy.typing as npt
 import typer
 
 from benchmarks.heads import TexturedHead
-from benchmarks.metrics import face_region, seen_by
+from benchmarks.metrics import View, face_region
 from benchmarks.render import LAMPS, Shot, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import KINDS
 from models.tables import tell
-from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb, srgb_to_linear
 
 Float = npt.NDArray[np.float64]
@@ -84,27 +83,6 @@ def true_albedo(head: TexturedHead, position: Float, mask: Mask) -> tuple[Float,
     return albedo, near
 
 
-def shown(avatar: Avatar, maps: Sequence[Float], shape: tuple[int, int]) -> tuple[list[Float], Mask]:
-    """Maps (h, w, 3) on the chart, as the camera of the fit sees them (H, W, 3); and where it sees skin."""
-    import cv2
-
-    head, fit = avatar.head, avatar.fit
-    height, width = shape
-    raster = seen_by(fit, head, width, height)
-    hit = raster.mask
-    uv = np.zeros((height, width, 2))
-    corners = head.uv[head.triangle_uv[raster.triangle[hit]]]
-    uv[hit] = (corners * raster.barycentric[hit][..., None]).sum(1)
-    skin = hit.copy()
-    skin[hit] = head.triangle_part[raster.triangle[hit]] == head.part_names.index("skin")
-    seen = []
-    for plane in maps:
-        x = (uv[..., 0] * plane.shape[1] - 0.5).astype(np.float32)
-        y = ((1 - uv[..., 1]) * plane.shape[0] - 0.5).astype(np.float32)
-        seen.append(np.asarray(cv2.remap(plane.astype(np.float32), x, y, cv2.INTER_LINEAR), np.float64))
-    return seen, skin
-
-
 def psnr(found: Float, truth: Float) -> tuple[float, float]:
     """PSNR in dB of sRGB-coded colours (N, 3) in [0, 1]: as they are, and after the best gain of linear values.
 
@@ -143,8 +121,9 @@ def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
         position, normal = truth["position"].astype(np.float64), truth["normal"].astype(np.float64)
         albedo, skin = true_albedo(head, position, truth["mask"])
         region = face_region(position, normal, head.eyes, float(truth["yaw"]))
-    (ours, texture), fitted = shown(avatar, [maps["albedo"], maps["texture"]], skin.shape)
-    face = skin & fitted & region
+    view = View.of(avatar.fit, avatar.head, (skin.shape[0], skin.shape[1]))
+    ours, texture = (view.of_map(maps[name]) for name in ("albedo", "texture"))
+    face = skin & view.skin & region
     coded = linear_to_srgb(albedo[face].astype(np.float32)).astype(np.float64)
     size = (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)
     small = {k: np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.float64) for k, v in maps.items()}

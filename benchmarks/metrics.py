@@ -97,10 +97,62 @@ def face_region(position: Float, normal: Float, eyes: Float, yaw: float) -> npt.
     return np.asarray(near & (normal @ (view / np.linalg.norm(view)) > FACING))
 
 
-def seen_by(fit: Fit, head: HeadModel, width: int, height: int) -> Raster:
-    """What the fit's camera sees of the fitted head."""
+def seen_by(fit: Fit, head: HeadModel, width: int, height: int, scale: float = 1.0) -> Raster:
+    """What the fit's camera sees of the fitted head; ``scale``: of the picture over the photo that was fitted."""
     depth = fit.camera.to_camera(fit.vertices)[:, 2]
-    return rasterise(fit.camera.project(fit.vertices), depth, head.triangles, width, height, perspective=True)
+    pixels = scale * fit.camera.project(fit.vertices)
+    return rasterise(pixels, depth, head.triangles, width, height, perspective=True)
+
+
+@dataclass(frozen=True)
+class View:
+    """The fitted head as its camera sees it, (H, W) pixels.
+
+    Attributes:
+        uv: (H, W, 2) chart coordinates, origin bottom left; 0 beside the head.
+        points: (H, W, 3) metres, head space.
+        skin: bool, the head's skin shows.
+    """
+
+    uv: Float
+    points: Float
+    skin: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, fit: Fit, head: HeadModel, shape: tuple[int, int], scale: float = 1.0) -> View:
+        """Of (height, width) pixels, ``scale`` times the photo that was fitted."""
+        height, width = shape
+        raster = seen_by(fit, head, width, height, scale)
+        hit, triangle = raster.mask, raster.triangle[raster.mask]
+        weights = raster.barycentric[hit][..., None]
+        uv, points, skin = np.zeros((height, width, 2)), np.zeros((height, width, 3)), hit.copy()
+        uv[hit] = (head.uv[head.triangle_uv[triangle]] * weights).sum(1)
+        points[hit] = (fit.vertices[head.triangles[triangle]] * weights).sum(1)
+        skin[hit] = head.triangle_part[triangle] == head.part_names.index("skin")
+        return cls(uv, points, skin)
+
+    def of_map(self, plane: npt.NDArray[np.floating]) -> Float:
+        """(H, W, C) of a map (h, w, C) on the chart, interpolated."""
+        return at_chart(plane, self.uv)
+
+
+_LONGEST = 30_000
+"""Rows that OpenCV remaps at a time: it counts them in 16 bits."""
+
+
+def at_chart(plane: npt.NDArray[np.floating], uv: Float) -> Float:
+    """(..., C) values of a map (h, w, C) at chart coordinates (..., 2), origin bottom left; bilinear."""
+    import cv2
+
+    flat, source = uv.reshape(-1, 2), plane.astype(np.float32)
+    x = (flat[:, :1] * plane.shape[1] - 0.5).astype(np.float32)
+    y = ((1 - flat[:, 1:]) * plane.shape[0] - 0.5).astype(np.float32)
+    values = np.zeros((len(flat), *plane.shape[2:]))
+    for first in range(0, len(flat), _LONGEST):
+        part = slice(first, first + _LONGEST)
+        found = cv2.remap(source, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        values[part] = found.reshape(len(found), *plane.shape[2:])
+    return values.reshape(*uv.shape[:-1], *plane.shape[2:])
 
 
 def score(fit: Fit, head: HeadModel, truth: Truth) -> Score:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,30 @@ class Shot:
         return np.stack([self.size / 2 + focal * (d @ right) / z, self.size / 2 - focal * (d @ up) / z], 1)
 
 
+@dataclass(frozen=True)
+class Worn:
+    """Something on the head that is no part of it: (V, 3) vertices, metres, (T, 3) triangles, linear RGB, roughness."""
+
+    vertices: Float
+    triangles: npt.NDArray[np.int64]
+    colour: tuple[float, float, float]
+    roughness: float = 0.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the skin shines, and what the head wears.
+
+    Attributes:
+        roughness, specular: of Disney's principled model, which Mitsuba has; small and large is oily.
+        worn: meshes.
+    """
+
+    roughness: float = 0.42
+    specular: float = 0.35
+    worn: tuple[Worn, ...] = field(default=())
+
+
 def write_ply(path: Path, vertices: Float, triangles: npt.NDArray[np.int64], colours: Float) -> None:
     """Binary PLY with normals and a linear colour per vertex, in the layout that Mitsuba reads as ``vertex_color``."""
     names = ("x", "y", "z", "nx", "ny", "nz", "r", "g", "b")
@@ -133,9 +157,8 @@ def lamps_of(light: str, seed: int) -> list[Lamp]:
 def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
     """Render ``out.png`` and ``out.npz`` (written last, so that its presence means done)."""
     import cv2
-    import mitsuba as mi
 
-    mi.set_variant("llvm_ad_rgb" if _llvm(mi) else "scalar_rgb")
+    mi = _mitsuba()
     scene = _scene(mi, head, shot, out)
     integrator = mi.load_dict({"type": "path", "max_depth": 4})
     image = np.array(mi.render(scene, integrator=integrator, spp=samples))[..., :3]
@@ -157,6 +180,52 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
         yaw=shot.yaw,
         distance=shot.distance,
     )
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What came through the lens, before any camera, and what each pixel shows; all (H, W, ...) of one square photo.
+
+    Attributes:
+        radiance: float32 linear RGB, any scale, with the noise of the renderer.
+        albedo: float32 linear RGB diffuse albedo, averaged over the pixel.
+        position: float32 metres, head frame.
+        normal: float32 unit, head frame.
+        skin: bool, the head itself shows at the pixel's centre: neither eyes nor anything that it wears.
+    """
+
+    radiance: npt.NDArray[np.float32]
+    albedo: npt.NDArray[np.float32]
+    position: npt.NDArray[np.float32]
+    normal: npt.NDArray[np.float32]
+    skin: npt.NDArray[np.bool_]
+
+
+ALBEDO_SAMPLES = 16
+SAME_PLACE_M = 0.004
+"""A pixel shows the skin where a vertex of it is not further, and the head has no larger triangles."""
+
+
+def expose(head: TexturedHead, shot: Shot, look: Look, scratch: Path, samples: int = 32) -> Exposure:
+    """Render a head with all that is known of it; ``scratch`` is a path for meshes that are removed again."""
+    from scipy.spatial import cKDTree
+
+    mi = _mitsuba()
+    scene = _scene(mi, head, shot, scratch, look)
+    integrator = mi.load_dict({"type": "path", "max_depth": 4})
+    radiance = np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)[..., :3]
+    geometry = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
+    truth = np.array(mi.render(scene, integrator=geometry, spp=1), np.float32)
+    colours = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
+    albedo = np.array(mi.render(scene, integrator=colours, spp=ALBEDO_SAMPLES), np.float32)[..., -3:]
+    normal, position = truth[..., -6:-3], truth[..., -3:]
+    skin = np.linalg.norm(normal, axis=-1) > 0.9
+    near = cKDTree(head.vertices).query(position[skin], distance_upper_bound=SAME_PLACE_M)[0] < SAME_PLACE_M
+    for mesh in look.worn:  # its own vertices are denser than skin is near
+        near &= cKDTree(mesh.vertices).query(position[skin], distance_upper_bound=SAME_PLACE_M)[0] > SAME_PLACE_M / 2
+    eyes = np.linalg.norm(position[skin][:, None] - head.eyes, axis=2).min(1) < 1.05 * head.eye_radius
+    skin[skin] = near & ~eyes
+    return Exposure(radiance, albedo, position, normal, skin)
 
 
 def take_once(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> bool:
@@ -193,14 +262,29 @@ def _llvm(mi: Any) -> bool:
         return False
 
 
-def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path) -> Any:
+def _mitsuba() -> Any:
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb" if _llvm(mi) else "scalar_rgb")
+    return mi
+
+
+def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path, look: Look = Look()) -> Any:
     colour = {"type": "mesh_attribute", "name": "vertex_color"}
-    skin = {"type": "twosided", "b": {"type": "principled", "roughness": 0.42, "specular": 0.35, "base_color": colour}}
+
+    def shiny(roughness: float, specular: float) -> dict[str, Any]:
+        inner = {"type": "principled", "roughness": roughness, "specular": specular, "base_color": colour}
+        return {"type": "twosided", "b": inner}
+
+    skin = shiny(look.roughness, look.specular)
     wet = {"type": "principled", "roughness": 0.1, "specular": 0.5, "base_color": colour}
     meshes: dict[str, tuple[Any, ...]] = {"head": (head.vertices, head.triangles, head.colours, skin)}
     iris = np.random.default_rng(shot.seed).uniform([0.02, 0.02, 0.01], [0.12, 0.10, 0.12])
     for i, centre in enumerate(head.eyes):
         meshes[f"eye{i}"] = (*eyeball(centre, head.eye_radius, iris), wet)
+    for i, mesh in enumerate(look.worn):
+        colours = np.tile(mesh.colour, (len(mesh.vertices), 1))
+        meshes[f"worn{i}"] = (mesh.vertices, mesh.triangles, colours, shiny(mesh.roughness, 0.5))
     camera = mi.ScalarTransform4f().look_at(origin=shot.origin.tolist(), target=shot.target.tolist(), up=[0, 1, 0])
     scene: dict[str, Any] = {
         "type": "scene",

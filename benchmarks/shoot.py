@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.heads import EYE_RADIUS_M, IctHeads, Skin, TexturedHead, carry_skin, subdivided
+from benchmarks.heads import EYE_RADIUS_M, IctHeads, Skin, TexturedHead, carry_skin, places_of, subdivided
 from benchmarks.render import LIGHTS, Shot, take, take_once
 from service.face.finder import FaceFinder
 
@@ -63,6 +63,20 @@ def ffhq_head(skin: Skin) -> TexturedHead:
     middle = FFHQ_EYES_M.mean(0)
     vertices, triangles, colours = skin.dense(1)
     return TexturedHead("ffhq", vertices * FFHQ_SCALE_M - middle, triangles, colours, FFHQ_EYES_M - middle, 0.0122)
+
+
+def ict_places(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle: Float, folder: Path) -> Float:
+    """(V', 2) coordinates of the skin's chart for the subdivided ICT mesh, so that any skin of that chart fits it."""
+    cache = folder / "places.npy"
+    if not cache.is_file():
+        eyes = heads.eyes_of(heads.neutral)
+        vertices, triangles = subdivided(heads.neutral - eyes.mean(0), heads.triangles, 2)
+        colours = ict_colours(heads, skin, skin_landmarks, skin_middle, folder)
+        carried = TexturedHead("ict", vertices, triangles, colours, eyes - eyes.mean(0), EYE_RADIUS_M)
+        mine = landmarks_on(carried, folder, "reference_2")
+        there = (skin_landmarks + skin_middle) / FFHQ_SCALE_M
+        np.save(cache, carry_skin(vertices, mine, places_of(skin), there)[:, :2])
+    return np.asarray(np.load(cache))
 
 
 def ict_colours(heads: IctHeads, skin: Skin, skin_landmarks: Float, skin_middle: Float, folder: Path) -> Float:

@@ -1,0 +1,190 @@
+"""The photos of the trial: who sat, in what light, before what camera; rendered once, then kept."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.corrections import worn
+from benchmarks.corrections.camera import Camera, develop, encoded
+from benchmarks.corrections.hair import BLACK, DARK_BROWN
+from benchmarks.corrections.sitters import SHUT, SMILE, Sitter, Studio
+from benchmarks.heads import TexturedHead
+from benchmarks.render import Exposure, Look, Shot, expose
+
+GROUPS = (
+    "soft", "hard", "graded", "clipped", "warm", "overexposed", "underexposed", "beard", "brows", "oily", "smile",
+    "small", "no-eyes", "glasses", "cap",
+)  # fmt: skip
+"""What a photo may have; corrections name those on which they have to gain."""
+
+SIZE = 640
+SEEDS = (1, 7, 8, 10, 22, 27, 29, 39, 40)
+"""Of ``benchmarks.render.environment``, whose skies are nearly white."""
+DIM = Camera(stops=-1.0)
+"""Exposed for a scene, not for the dark face in it."""
+WARM = (1.25, 0.80, 0.30)
+FILM = Camera(bend=(0.85, 1.0, 1.22), contrast=0.7)
+"""Shades redder and yellower than lights."""
+TEAL = Camera(stops=-0.5, bend=(1.30, 1.0, 0.92), contrast=0.5)
+SMALL = Camera(size=224, noise=3.0, jpeg=45)
+OILY = Look(roughness=0.22, specular=0.9)
+SOFT, HARD = ("soft",), ("hard",)
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """What is rendered: one head in one light.
+
+    Attributes:
+        name: of the files.
+        sitter: whose head.
+        light: one of ``benchmarks.render``.
+        yaw: degrees of the camera round the head.
+        groups: what its photos have.
+        look: how skin shines.
+        glasses, cap: whether they are worn.
+        camera: that takes the first photo.
+    """
+
+    name: str
+    sitter: Sitter
+    light: str
+    yaw: float
+    groups: tuple[str, ...]
+    look: Look = Look()  # noqa: RUF009 - frozen
+    glasses: bool = False
+    cap: bool = False
+    camera: Camera = Camera()  # noqa: RUF009 - frozen
+
+    @property
+    def shot(self) -> Shot:
+        """Camera and light."""
+        return Shot(self.yaw, self.light, 1.2, 18.0, SIZE, seed=SEEDS[sum(self.name.encode()) % len(SEEDS)])
+
+    def dressed(self, head: TexturedHead) -> Look:
+        """Skin, and what is worn on this head."""
+        things = (worn.glasses(head) if self.glasses else ()) + (worn.cap(head) if self.cap else ())
+        return replace(self.look, worn=things)
+
+
+SITTINGS = (
+    Sitting("ffhq_soft", Sitter("ffhq"), "soft", 8, SOFT),
+    Sitting("ffhq_left", Sitter("ffhq"), "left", -12, HARD),
+    Sitting("hifi1_soft", Sitter(100, "hifi3d 1"), "soft", -8, SOFT),
+    Sitting("hifi2_left", Sitter(102, "hifi3d 2"), "left", 6, HARD),
+    Sitting("hifi3_overhead", Sitter(103, "hifi3d 3"), "overhead", 4, HARD),
+    Sitting("dark_soft", Sitter(105, dark=True), "soft", -10, SOFT, camera=DIM),
+    Sitting("dark_right", Sitter(106, "hifi3d 2", dark=True), "right", 10, HARD, camera=DIM),
+    Sitting("scan_soft", Sitter("scan"), "soft", 8, (*SOFT, "no-eyes")),
+    Sitting("scan_right", Sitter("scan"), "right", 8, (*HARD, "no-eyes")),
+    Sitting("beard_soft", Sitter(108, "hifi3d 1", beard=DARK_BROWN), "soft", 5, (*SOFT, "beard")),
+    Sitting("beard_harsh", Sitter(109, "hifi3d 2", beard=BLACK, brows=BLACK), "harsh", -6, (*HARD, "beard", "brows")),
+    Sitting("brows_soft", Sitter(111, "hifi3d 3", brows=BLACK), "soft", 12, (*SOFT, "brows")),
+    Sitting("brows_left", Sitter(112, "ffhq", brows=DARK_BROWN), "left", -4, (*HARD, "brows")),
+    Sitting("oily_left", Sitter(114, "hifi3d 1"), "left", 6, (*HARD, "oily"), OILY),
+    Sitting("oily_overhead", Sitter(115, "hifi3d 2"), "overhead", -8, (*HARD, "oily"), OILY),
+    Sitting("smile_soft", Sitter(117, "hifi3d 3", expression=SMILE), "soft", 6, (*SOFT, "smile")),
+    Sitting("smile_left", Sitter(118, "ffhq", expression=SMILE), "left", 0, (*HARD, "smile")),
+    Sitting("shut_overhead", Sitter(120, "hifi3d 1", expression=SHUT), "overhead", 4, (*HARD, "no-eyes")),
+    Sitting("glasses_soft", Sitter(121, "hifi3d 2"), "soft", -6, (*SOFT, "glasses"), glasses=True),
+    Sitting("cap_overhead", Sitter(123, "hifi3d 3"), "overhead", 8, (*HARD, "cap"), cap=True),
+)
+
+DEVELOPED: tuple[tuple[str, str, Camera, tuple[str, ...]], ...] = (
+    ("ffhq_soft", "film", FILM, ("graded",)),
+    ("hifi2_left", "film", FILM, ("graded",)),
+    ("dark_right", "teal", TEAL, ("graded",)),
+    ("hifi3_overhead", "blown", Camera(stops=0.5, ceiling=(0.78, 0.78, 0.78)), ("clipped",)),
+    ("ffhq_left", "red blown", Camera(balance=(1.5, 1.0, 0.85)), ("clipped",)),
+    ("hifi1_soft", "warm", Camera(balance=WARM), ("warm",)),
+    ("hifi3_overhead", "warm", Camera(balance=(1.25, 0.74, 0.16), contrast=0.6), ("warm", "clipped")),
+    ("ffhq_soft", "over", Camera(stops=1.0), ("overexposed",)),
+    ("scan_right", "over", Camera(stops=0.8), ("overexposed",)),
+    ("hifi1_soft", "under", Camera(stops=-2.2, noise=1.5), ("underexposed",)),
+    ("dark_soft", "under", Camera(stops=-2.8, noise=1.5), ("underexposed",)),
+    ("oily_left", "small", SMALL, ("small",)),
+    ("smile_soft", "small", SMALL, ("small",)),
+)
+"""Further photos of the same sittings by other cameras: sitting, ending of the name, camera, what it adds."""
+
+QUICK = ("ffhq_soft", "hifi2_left", "scan_right", "beard_harsh", "hifi1_soft warm")
+"""Photos of a trial in a hurry."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photo with its truth.
+
+    Attributes:
+        name: for tables.
+        groups: of ``GROUPS``.
+        data: the file.
+        truth: what each pixel of the sitting shows, at ``SIZE``; the photo may be smaller.
+        head: who sat.
+        shot: the camera's place.
+    """
+
+    name: str
+    groups: tuple[str, ...]
+    data: bytes
+    truth: Exposure
+    head: TexturedHead
+    shot: Shot
+
+
+def names(quick: bool = False) -> tuple[str, ...]:
+    """Names of all photos, or of those of a trial in a hurry; photos of one sitting follow each other."""
+    if quick:
+        return QUICK
+    return tuple(name for sitting in SITTINGS for name, _, _ in _taken_of(sitting))
+
+
+def photos(data: Path, out: Path, wanted: Collection[str]) -> Iterator[Photo]:
+    """Photos of these names, sitting by sitting; what is not kept in ``out`` is rendered first."""
+    studio = Studio(data, out)
+    for sitting in SITTINGS:
+        taken = [one for one in _taken_of(sitting) if one[0] in wanted]
+        if not taken:
+            continue
+        head = studio.head(sitting.sitter)
+        truth = exposure(sitting, head, out)
+        for name, camera, groups in taken:
+            pixels = develop(truth.radiance, truth.skin, camera)
+            yield Photo(name, groups, encoded(pixels, camera), truth, head, sitting.shot)
+
+
+def _taken_of(sitting: Sitting) -> Iterator[tuple[str, Camera, tuple[str, ...]]]:
+    """Name, camera and groups of each photo of a sitting."""
+    yield sitting.name, sitting.camera, sitting.groups
+    for who, ending, camera, more in DEVELOPED:
+        if who == sitting.name:
+            yield f"{who} {ending}", camera, sitting.groups + more
+
+
+def exposure(sitting: Sitting, head: TexturedHead, out: Path) -> Exposure:
+    """The kept exposure of a sitting, rendered where there is none."""
+    file = out / f"sitting_{sitting.name}.npz"
+    if not file.is_file():
+        found = expose(head, sitting.shot, sitting.dressed(head), out / sitting.name)
+        calmed = replace(found, radiance=calm(found.radiance, found.albedo))
+        part = file.with_name(f"{file.stem}.{os.getpid()}.part.npz")
+        np.savez_compressed(part, **vars(calmed))
+        part.replace(file)
+    with np.load(file) as kept:
+        return Exposure(**{name: kept[name] for name in kept.files})
+
+
+def calm(radiance: npt.NDArray[np.float32], albedo: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Radiance (H, W, 3) without the renderer's noise: its ratio to the albedo is smoothed, edges of it kept."""
+    import cv2
+
+    base = np.maximum(albedo, np.float32(0.02))
+    ratio = np.log(np.maximum(radiance, 1e-4) / base).astype(np.float32)
+    smooth = cv2.bilateralFilter(cv2.medianBlur(ratio, 3), 7, 0.25, 2.0)
+    return np.asarray(np.exp(smooth) * base, np.float32)
