@@ -33,6 +33,7 @@ Precision = Literal["fp32", "bf16"]
 
 RUNTIMES = ("auto", "onnxruntime", "openvino")
 INPUT, OUTPUT = "maps", "result"
+_METADATA = ["framework", KEY]
 
 ENLARGING = frozenset({"zeta_body", "zeta_tail"})
 """Networks that OpenVINO computes about twice as fast also with AVX2 alone. The others are level there, and start
@@ -188,13 +189,13 @@ def load(name: str, engine: Engine) -> Loaded:
     """What :func:`open_network` opens; raises as it does."""
     engine = engine.of(name)
     data = checked_bytes(name, engine.folder)
-    description = _description(name, data, engine.folder)
-    return description, (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
+    return (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
 def describe(name: str, folder: Path = MODELS) -> Description:
     """Description of a network without keeping it loaded; raises as :func:`open_network`."""
-    return _description(name, checked_bytes(name, folder), folder)
+    session = native_session(name, checked_bytes(name, folder), 1, folder, optimise=False)
+    return _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
 
 
 @lru_cache(maxsize=1)
@@ -223,19 +224,19 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _description(name: str, data: bytes, folder: Path) -> Description:
-    meta = native_session(name, data, 1, folder, optimise=False).get_modelmeta().custom_metadata_map
-    if KEY not in meta:
+def _parse(name: str, text: str | None) -> Description:
+    if text is None:
         raise ModelFault(f"model {name} has no {KEY!r} among its metadata; it is no network of maps")
-    return Description.parse(meta[KEY], name)
+    return Description.parse(text, name)
 
 
-def _onnxruntime(name: str, data: bytes, engine: Engine) -> _Compiled:
+def _onnxruntime(name: str, data: bytes, engine: Engine) -> Loaded:
     session = native_session(name, data, engine.threads, engine.folder)
-    return lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
+    description = _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
+    return description, lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
 
 
-def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
+def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
     settings = {
         "INFERENCE_NUM_THREADS": engine.threads,
         "NUM_STREAMS": 1,
@@ -244,7 +245,10 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
     }
     try:
         core = openvino_library().Core()
-        request = core.compile_model(core.read_model(data), "CPU", settings).create_infer_request()
+        model = core.read_model(data)
+        # Where OpenVINO keeps the metadata of an ONNX file.
+        text = model.get_rt_info(_METADATA).astype(str) if model.has_rt_info(_METADATA) else None
+        request = core.compile_model(model, "CPU", settings).create_infer_request()
     except Exception as error:  # OpenVINO's own exception types are not public
         if lacked_memory(error):
             raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
@@ -253,7 +257,7 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
     def compute(maps: Float) -> Float:
         return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
 
-    return compute
+    return _parse(name, text), compute
 
 
 def _require_finite(name: str, side: str, planes: Float, names: tuple[str, ...]) -> None:
