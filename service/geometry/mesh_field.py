@@ -91,9 +91,8 @@ def smooth_fit(
     system = (diags_array(k[:, 0] + prior_trust) + smoothness * edges).tocsc()
     # What SuperLU recommends for a system that is symmetric and dominated by its diagonal: no pivoting, an ordering of
     # A^T + A. Measured: it takes a quarter of the time that this ordering takes with pivoting.
-    return splu(
-        system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    ).solve(right)
+    factors = splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(factors.solve(right), np.float64)
 
 
 def splat(

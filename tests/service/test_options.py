@@ -92,7 +92,7 @@ def test_a_name_that_is_no_option_is_refused() -> None:
         Options(colour=1)  # type: ignore[call-arg]
     assert refusal.value.extra["field"] == "colour"
     with pytest.raises(UsageError, match="each by its name"):
-        Options("texture")  # type: ignore[call-arg]
+        Options(("texture",))  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize(("name", "text"), [("seed", "7"), ("detail", "1"), ("iterations", "8"), ("seed", 7.0)])
