@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import platform
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -181,6 +183,12 @@ def test_a_network_runs_on_what_it_is_an_exception_for(folder: Path) -> None:
         with open_network(name, mixed) as network:
             assert network.engine == Engine(runtime, threads=1, folder=folder)  # type: ignore[arg-type]
             assert np.isfinite(network.run(np.zeros((1, 8, 8), np.float32))).all()
+
+
+@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="OpenVINO is not installed there")
+def test_openvino_is_installed_where_it_belongs() -> None:
+    """Without it every test of it would be skipped, and nobody would notice."""
+    assert has_openvino(), "pyproject.toml has it: make setup"
 
 
 def test_unknown_names_are_refused() -> None:
