@@ -21,11 +21,11 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from service.errors import ModelFault, NumericFault, OutOfMemory, UsageError
+from service.errors import ModelFault, OutOfMemory, UsageError
 from service.runtime.describe import KEY, Description
 from service.runtime.memory import lacked_memory, release
 from service.runtime.openvino_library import has_openvino, openvino_library
-from service.runtime.sessions import MODELS, checked_bytes, native_session
+from service.runtime.sessions import MODELS, checked_bytes, native_session, require_finite
 
 Float = npt.NDArray[np.float32]
 RuntimeName = Literal["onnxruntime", "openvino"]
@@ -119,7 +119,7 @@ class Network:
                 f"network {self.name} got maps {maps.shape}; it takes {len(what.channels)} channels and sides that are "
                 f"multiples of {what.stride}"
             )
-        _require_finite(self.name, "input", maps, what.channels)
+        require_finite(self.name, "input", dict(zip(what.channels, maps, strict=True)))
         try:
             result = self._compiled(np.ascontiguousarray(maps[None], np.float32))
         except Exception as error:  # the runtimes' own exception types are not public
@@ -132,7 +132,7 @@ class Network:
         expected = (1, len(names), height * what.scale, width * what.scale)
         if result.shape != expected:
             raise ModelFault(f"network {self.name} gave {result.shape}; its description promises {expected}")
-        _require_finite(self.name, "output", result[0], names)
+        require_finite(self.name, "output", dict(zip(names, result[0], strict=True)))
         return np.asarray(result[0])
 
 
@@ -258,12 +258,3 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
         return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
 
     return _parse(name, text), compute
-
-
-def _require_finite(name: str, side: str, planes: Float, names: tuple[str, ...]) -> None:
-    if np.isfinite(planes).all():
-        return
-    for plane, channel in zip(planes, names, strict=True):
-        bad = int(plane.size - np.isfinite(plane).sum())
-        if bad:
-            raise NumericFault(f"network {name}: {side} {channel} has {bad} of {plane.size} values that are NaN or Inf")
