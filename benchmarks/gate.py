@@ -22,7 +22,6 @@ from PIL import Image, ImageCms
 
 from service.errors import UnreadableInput
 from service.photo import sandbox
-from service.photo.exif import read_exif
 from service.photo.gate import decoding_request, open_container, read_photo
 from service.photo.limits import Limits
 from service.photo.wire import Request
@@ -60,8 +59,7 @@ def measure(data: bytes, repeat: int) -> tuple[float, Spent]:
     """(seconds of the gate, what its decoding process spent)."""
     best = min(_timed(data) for _ in range(repeat))
     container = open_container(data, Limits())
-    facts = read_exif(container.exif, container.size or (0, 0))
-    return best, decode_measured(decoding_request(container, facts, Limits()))
+    return best, decode_measured(decoding_request(container, Limits()))
 
 
 def made() -> Iterator[tuple[str, bytes]]:

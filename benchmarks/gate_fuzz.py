@@ -26,7 +26,6 @@ from PIL import Image
 
 from service.errors import CorruptImage, UnreadableInput
 from service.photo import codec
-from service.photo.exif import read_exif
 from service.photo.gate import open_container, read_photo
 from service.photo.limits import Limits, check_size
 
@@ -83,12 +82,11 @@ def mend_png(data: bytearray) -> None:
 def decode_here(data: bytes) -> str:
     """Everything that the gate does, but with the decoder in this process."""
     container = open_container(data, LIMITS)
-    facts = read_exif(container.exif, container.size or (0, 0))
-    open_image = codec.prepare(container.codec, colour=True)
+    open_image = codec.prepare(container.codec, colour=True, exif=True)
     bounds = LIMITS.max_side, LIMITS.max_pixels
     try:
         decoded = codec.decode(
-            open_image, container.payload, container.icc, container.gamma, facts.orientation, *bounds
+            open_image, container.payload, container.icc, container.gamma, container.exif, *bounds
         )
     except codec.DecoderFault as fault:
         raise CorruptImage("decoder") from fault

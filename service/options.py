@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import asdict, field
+from typing import Annotated, Any, Literal
 
+from annotated_types import Ge, Gt, Le
+from pydantic import AfterValidator, AllowInfNan, Strict
+from pydantic.dataclasses import dataclass
+
+from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
-from service.face.fit.settings import FitSettings
+from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.reflectance.plan import NETWORKS, ROLES, Plan
 
@@ -22,17 +27,57 @@ LARGEST_SEED = 2**32 - 1
 
 _FIT = FitSettings()
 
-_CHOICES: dict[str, tuple[object, ...]] = {
-    "quality": tuple(LEVELS),
-    "bits": (None, 8, 16),
-    "normals": ("tangent", "object"),
-    "runtime": ("auto", "onnxruntime", "openvino"),
-    "fit": ("landmarks", "pixels"),
-}
+
+def _in_order(maps: tuple[str, ...]) -> tuple[str, ...]:
+    """The same names in the order of the archive, so that equal requests give equal bytes."""
+    unknown = [name for name in maps if name not in MAP_NAMES]
+    if unknown:
+        raise UsageError(f"maps has {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
+    if not maps or len(set(maps)) != len(maps):
+        raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
+    return tuple(name for name in MAP_NAMES if name in maps)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
+def _on_the_chart(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = size
+    nearest = _nearest_size(width)
+    if size != nearest:
+        raise UsageError(
+            f"size is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
+            f"for example {nearest[0]}x{nearest[1]}",
+            field="size",
+        )
+    return size
+
+
+def _known(without: tuple[str, ...]) -> tuple[str, ...]:
+    if not without:
+        return without
+    from service.corrections import NAMES  # loads numpy, which the command line does without until it has work
+
+    unknown = [name for name in without if name not in NAMES]
+    if unknown or len(set(without)) != len(without):
+        wrong = repr(unknown[0]) if unknown else f"{list(without)!r}, some of them twice"
+        raise UsageError(f"without has {wrong}; there are {', '.join(NAMES)}", field="without")
+    return without
+
+
+def _nearest_size(width: int) -> tuple[int, int]:
+    """The permitted size whose width is nearest."""
+    thirds = round(min(max(width, SMALLEST_WIDTH), LARGEST_WIDTH) / 3)
+    return 3 * thirds, 2 * thirds
+
+
+_Whole = Annotated[int, Strict()]
+_Maps = Annotated[tuple[str, ...], AfterValidator(_in_order), Right(f"names out of {', '.join(MAP_NAMES)}")]
+_Without = Annotated[tuple[str, ...], AfterValidator(_known), Right("names of corrections")]
+_MapSize = Annotated[tuple[_Whole, _Whole], AfterValidator(_on_the_chart)]
+_Seconds = Annotated[float, Strict(), Gt(0), AllowInfNan(False)]
+_FaceIndex = Annotated[int, Strict(), Ge(0)]
+
+
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
+class Options(Checked):
     """One request.
 
     Attributes:
@@ -60,38 +105,20 @@ class Options:
         UsageError: a value is out of range; the message has the value and what would be right.
     """
 
-    maps: tuple[str, ...] = field(default_factory=lambda: default_maps())
+    maps: _Maps = field(default_factory=lambda: default_maps())
     quality: QualityName = "standard"
-    size: tuple[int, int] | None = None
+    size: Annotated[_MapSize | None, Right("two whole numbers, for example (576, 384)")] = None
     bits: Literal[8, 16] | None = None
     normals: Literal["tangent", "object"] = "tangent"
-    budget: float | None = None
+    budget: Annotated[_Seconds | None, Right("a number of seconds above 0")] = None
     runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
-    face: int | Literal["largest"] | None = None
-    detail: float = 1.0
-    seed: int = 0
-    fit: Literal["landmarks", "pixels"] = _FIT.refine
-    identity_components: int = _FIT.identity_components
-    iterations: int = _FIT.iterations
-    without: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        _check_maps(self.maps)
-        if self.size is not None:
-            _check_size(self.size)
-        for name, allowed in _CHOICES.items():
-            _check_choice(name, getattr(self, name), allowed)
-        _check_budget(self.budget)
-        _check_face(self.face)
-        _check_detail(self.detail)
-        if not _whole(self.seed) or not 0 <= self.seed <= LARGEST_SEED:
-            raise UsageError(f"seed is {self.seed!r}; it has to be a number from 0 to {LARGEST_SEED}", field="seed")
-        for name in ("identity_components", "iterations"):
-            if not _whole(getattr(self, name)):
-                raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be a whole number", field=name)
-        _check_without(self.without)
-        self.fit_settings()  # checks the ranges of the fit's knobs
-        object.__setattr__(self, "maps", tuple(name for name in MAP_NAMES if name in self.maps))
+    face: Annotated[_FaceIndex | Literal["largest"] | None, Right("'largest' or an index, 0 for the first face")] = None
+    detail: Annotated[float, Strict(), Ge(0), Le(1), Right("a number from 0 to 1")] = 1.0
+    seed: Annotated[int, Strict(), Ge(0), Le(LARGEST_SEED), Right(f"a whole number from 0 to {LARGEST_SEED}")] = 0
+    fit: Refine = _FIT.refine
+    identity_components: IdentityComponents = _FIT.identity_components
+    iterations: Iterations = _FIT.iterations
+    without: _Without = ()
 
     @property
     def level(self) -> Level:
@@ -184,71 +211,6 @@ def parse_face(text: str) -> int | Literal["largest"]:
     if not _digits(bare):
         raise UsageError(f"face is {text!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
     return int(bare)
-
-
-def _check_maps(maps: tuple[str, ...]) -> None:
-    unknown = [name for name in maps if name not in MAP_NAMES]
-    if unknown:
-        raise UsageError(f"maps has {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
-    if not maps or len(set(maps)) != len(maps):
-        raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
-
-
-def _check_without(without: tuple[str, ...]) -> None:
-    if not without:
-        return
-    from service.corrections import NAMES  # loads numpy, which the command line does without until it has work
-
-    unknown = [name for name in without if name not in NAMES]
-    if unknown or len(set(without)) != len(without):
-        wrong = repr(unknown[0]) if unknown else f"{list(without)!r}, some of them twice"
-        raise UsageError(f"without has {wrong}; there are {', '.join(NAMES)}", field="without")
-
-
-def _check_size(size: tuple[int, int]) -> None:
-    if len(size) != 2 or not all(_whole(side) for side in size):
-        raise UsageError(f"size is {size!r}; it has to be two whole numbers, for example (576, 384)", field="size")
-    width, height = size
-    nearest = _nearest_size(width)
-    if size != nearest:
-        raise UsageError(
-            f"size is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
-            f"for example {nearest[0]}x{nearest[1]}",
-            field="size",
-        )
-
-
-def _check_choice(name: str, value: object, allowed: tuple[object, ...]) -> None:
-    if isinstance(value, bool) or value not in allowed:
-        raise UsageError(f"{name} is {value!r}; it has to be one of {', '.join(map(str, allowed))}", field=name)
-
-
-def _check_budget(budget: object) -> None:
-    number = isinstance(budget, int | float) and not isinstance(budget, bool)
-    if budget is not None and not (number and 0 < float(budget) < float("inf")):  # type: ignore[arg-type]
-        raise UsageError(f"budget is {budget!r}; it has to be a number of seconds above 0", field="budget")
-
-
-def _check_detail(detail: object) -> None:
-    number = isinstance(detail, int | float) and not isinstance(detail, bool)
-    if not (number and 0 <= float(detail) <= 1):  # type: ignore[arg-type]
-        raise UsageError(f"detail is {detail!r}; it has to be a number from 0 to 1", field="detail")
-
-
-def _nearest_size(width: int) -> tuple[int, int]:
-    """The permitted size whose width is nearest."""
-    thirds = round(min(max(width, SMALLEST_WIDTH), LARGEST_WIDTH) / 3)
-    return 3 * thirds, 2 * thirds
-
-
-def _check_face(face: object) -> None:
-    if face is None or face == "largest" or (_whole(face) and isinstance(face, int) and face >= 0):
-        return
-    raise UsageError(f"face is {face!r}; it has to be 'largest' or an index, 0 for the first face", field="face")
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _digits(text: str) -> bool:

@@ -18,9 +18,10 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "stages", "levels", "colour", "diagnosis", "photo", "head", "geometry", "anatomy", "runtime",
+        "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
+        "geometry", "anatomy", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "texture", "reflectance", "archive",
+        "light", "face", "texture", "reflectance", "corrections", "archive",
         # The whole way, and who asks for it.
         "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api", "client",
         "batch", "cli", "__main__",
@@ -133,7 +134,8 @@ def circles(imports: Mapping[str, set[str]]) -> set[frozenset[str]]:
         left = {module: others for module, others in left.items() if module not in loose}
 
     def reached(start: str) -> set[str]:
-        seen, waiting = set(), [start]
+        seen: set[str] = set()
+        waiting = [start]
         while waiting:
             new = (left[waiting.pop()] & set(left)) - seen
             seen |= new

@@ -181,6 +181,17 @@ def test_no_torch_and_no_development_tool() -> None:
         script("requirements").requirements(project, ["no-such-extra"])
 
 
+def test_both_runtimes_are_in_the_default_install_and_pinned() -> None:
+    """OpenVINO where it has wheels and helps; elsewhere the same lock installs without it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    (wanted,) = (needed for needed in project["dependencies"] if needed.startswith("openvino"))
+    assert wanted.endswith("; platform_system == 'Linux' and platform_machine == 'x86_64'")
+    pinned = [line for line in (ROOT / "requirements.lock").read_text("utf-8").splitlines() if "==" in line]
+    assert any(re.fullmatch(r"onnxruntime==[\d.]+", line) for line in pinned), "the reference, everywhere"
+    (locked,) = (line for line in pinned if line.startswith("openvino=="))
+    assert "x86_64" in locked and "linux" in locked
+
+
 def test_the_requirements_are_printed_one_a_line() -> None:
     command = [sys.executable, "deploy/requirements.py", "heic, s3"]
     lines = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()

@@ -53,7 +53,8 @@ def develop(radiance: Float, face: npt.NDArray[np.bool_], camera: Camera, seed: 
     gain = automatic(radiance, face) * 2**camera.stops * np.array(camera.balance)
     linear = radiance * gain.astype(np.float32)
     if camera.size is not None:
-        linear = cv2.resize(linear, (camera.size, camera.size), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(linear, (camera.size, camera.size), interpolation=cv2.INTER_AREA)
+        linear = np.asarray(small, np.float32)
     coded = linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))
     coded = np.minimum(coded / np.array(camera.ceiling, np.float32), 1) ** np.array(camera.bend, np.float32)
     coded = coded + np.float32(camera.contrast) * (coded * coded * (3 - 2 * coded) - coded)

@@ -7,7 +7,6 @@ import numpy as np
 from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, UnreadableInput
 from service.photo.container import Codec
-from service.photo.exif import ExifFacts
 from service.photo.gate import decoding_request, open_container
 from service.photo.limits import Limits
 from service.photo.sandbox import run_decoder
@@ -32,7 +31,7 @@ def unpack_map(png: bytes, name: str) -> UInt8:
             raise CorruptImage("it is not a PNG")
         # Codes of maps are data: gamma, colour profile and EXIF orientation must not be applied.
         plain = container._replace(icc=b"", gamma=0.0, exif=b"")
-        reply, raw = run_decoder(decoding_request(plain, ExifFacts(), LIMITS), LIMITS)
+        reply, raw = run_decoder(decoding_request(plain, LIMITS), LIMITS)
         if reply.status != Status.DONE or (reply.width, reply.height) != container.size:
             raise CorruptImage("its pixels could not be decoded")
     except UnreadableInput as error:

@@ -6,150 +6,93 @@ meets itself, and islands that touch on the surface but not on the chart (ears, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from service.errors import NumericFault
+
+if TYPE_CHECKING:  # scipy.sparse takes 0.1 s to import, and is not needed before a photo is decoded
+    from scipy.sparse import csc_array
+
 Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
-TOLERANCE = 3e-4
-"""Relative residual at which the solver stops; colours are in [0, 1] and end as 8 bits."""
+LARGE_JUMP = 0.15
+"""Difference of similarity over which an edge's weight falls to 1 / e."""
 
-MOST_STEPS = 300
-
-CLUSTER_M = 0.03
-"""Side of the cells in which vertices are grouped for the coarse level of the solver."""
+LEAST_WEIGHT = 0.02
+"""Weight of an edge over any jump: colours that come from nowhere else still come over it."""
 
 
-@dataclass(frozen=True)
-class Graph:
-    """Edges of a triangle mesh in both directions, sorted by origin.
+def laplacian(
+    triangles: npt.NDArray[np.integer], count: int, similarity: npt.NDArray[np.floating] | None = None
+) -> csc_array:
+    """Weighted graph Laplacian (V, V) of a mesh's edges: x^T L x = sum over edges of w |x_i - x_j|^2.
 
-    Attributes:
-        origin, target: (2E,) int64 vertex indices.
-        first: (A,) int64 position of each origin's first edge; ``active`` (A,) int64 are those origins.
-        count: number of vertices V.
-        weight: (2E,) float64 > 0, symmetric.
-        cluster: (V,) int64 group of each vertex, 0 to ``clusters`` - 1; neighbours in space share one.
-        clusters: number of groups.
+    Args:
+        triangles: (T, 3) vertex indices; a corner that is named twice makes no edge.
+        count: number of vertices V; those of no triangle have a row of zeros.
+        similarity: (V,) values whose difference along an edge weakens it, so that colours flow less where it jumps:
+            w = exp(-(difference / LARGE_JUMP)^2) + LEAST_WEIGHT. Without it w = 1.
     """
+    from scipy.sparse import coo_array, diags_array
 
-    origin: Ints
-    target: Ints
-    first: Ints
-    active: Ints
-    count: int
-    weight: Array
-    cluster: Ints
-    clusters: int
-
-    @classmethod
-    def of(
-        cls,
-        triangles: npt.NDArray[np.integer],
-        positions: npt.NDArray[np.floating],
-        similarity: npt.NDArray[np.floating] | None = None,
-    ) -> Graph:
-        """Graph of the edges of (T, 3) triangles.
-
-        Args:
-            triangles: vertex indices.
-            positions: (V, 3) metres, finite; only used to group vertices.
-            similarity: (V,) values whose difference along an edge weakens it: colours flow less where it jumps.
-        """
-        count = len(positions)
-        t = np.asarray(triangles, np.int64)
-        pairs = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-        pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-        key = np.unique(np.concatenate([pairs[:, 0] * count + pairs[:, 1], pairs[:, 1] * count + pairs[:, 0]]))
-        origin, target = key // count, key % count
-        active, first = np.unique(origin, return_index=True)
-        weight = np.ones(len(origin))
-        if similarity is not None:
-            jump = np.asarray(similarity, np.float64)[origin] - np.asarray(similarity, np.float64)[target]
-            weight = np.exp(-((jump / 0.15) ** 2)) + 0.02
-        cell = np.floor((positions - positions.min(0)) / CLUSTER_M).astype(np.int64)
-        name = (cell[:, 0] * 4096 + cell[:, 1]) * 4096 + cell[:, 2]
-        kinds, cluster = np.unique(name, return_inverse=True)
-        return cls(origin, target, first.astype(np.int64), active, count, weight, cluster.astype(np.int64), len(kinds))
-
-    def gather(self, values: Array) -> Array:
-        """(V, C) weighted sum over each vertex's neighbours of (V, C) values."""
-        result = np.zeros((self.count, values.shape[1]))
-        if len(self.first):
-            # np.take: several times faster than values[target] on rows.
-            along = np.take(values, self.target, axis=0)
-            along *= self.weight[:, None]
-            result[self.active] = np.add.reduceat(along, self.first, axis=0)
-        return result
+    t = np.asarray(triangles, np.int64)
+    pairs = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    one, other = np.divmod(np.unique(pairs[:, 0] * count + pairs[:, 1]), count)
+    weight = np.ones(len(one))
+    if similarity is not None:
+        jump = np.asarray(similarity, np.float64)[one] - np.asarray(similarity, np.float64)[other]
+        weight = np.exp(-((jump / LARGE_JUMP) ** 2)) + LEAST_WEIGHT
+    rows, columns = np.concatenate([one, other]), np.concatenate([other, one])
+    adjacency = coo_array((np.concatenate([weight, weight]), (rows, columns)), (count, count)).tocsc()
+    return (diags_array(adjacency.sum(axis=0)) - adjacency).tocsc()
 
 
 def smooth_fit(
-    graph: Graph,
+    edges: csc_array,
     values: npt.NDArray[np.floating],
     trust: npt.NDArray[np.floating],
     smoothness: float,
     prior: npt.NDArray[np.floating],
-    prior_trust: npt.NDArray[np.floating] | float,
-    tolerance: float = TOLERANCE,
+    prior_trust: float,
 ) -> Array:
     """Smooth field x (V, C) near what is known.
 
     Minimises sum trust |x - values|^2 + prior_trust |x - prior|^2 + smoothness sum w |x_i - x_j|^2.
 
-    Solved by conjugate gradients. Colours travel far over vertices about which nothing is known, so the preconditioner
-    is the diagonal plus an exact solve for one value per cluster (additive two-level Schwarz).
+    The normal equations are sparse, symmetric and positive definite, so they are factored directly: for the shipped
+    head in less time than a good iteration takes to come near, and exact to rounding.
 
     Args:
-        graph: neighbours and the weights w.
+        edges: :func:`laplacian` of the mesh.
         values: (V, C), read only where ``trust`` > 0.
-        trust: (V,) >= 0.
+        trust: (V,) >= 0, finite.
         smoothness: >= 0; larger is smoother.
         prior: (V, C) or (C,) what holds where nothing else is known.
-        prior_trust: (V,) or one number, > 0, so that the system has one solution for any trust.
-        tolerance: relative residual at which to stop.
+        prior_trust: > 0, so that the system has one solution for any trust.
+
+    Raises:
+        ValueError: ``prior_trust`` is not above 0.
+        NumericFault: a trust, a trusted value or the prior is NaN or Inf.
     """
-    pull = np.broadcast_to(np.asarray(prior_trust, np.float64), (graph.count,))[:, None]
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
     k = np.asarray(trust, np.float64)[:, None]
-    goal = np.broadcast_to(np.asarray(prior, np.float64), (graph.count, values.shape[1]))
-    right = np.where(k > 0, k * np.where(k > 0, values, 0.0), 0.0) + pull * goal
-    degree = graph.gather(np.ones((graph.count, 1)))
-    diagonal = k + pull + smoothness * degree
-
-    coarse = _coarse_inverse(graph, diagonal[:, 0], smoothness)
-
-    def precondition(residual: Array) -> Array:
-        sums = [np.bincount(graph.cluster, r, graph.clusters) for r in residual.T]
-        return residual / diagonal + np.take(coarse @ np.stack(sums, 1), graph.cluster, axis=0)
-
-    x = np.where(k > pull, np.where(k > 0, values, 0.0), goal).astype(np.float64)
-    residual = right - diagonal * x + smoothness * graph.gather(x)
-    enough = tolerance**2 * max(float(np.sum(right * right)), 1e-24)
-    step = scaled = precondition(residual)
-    power = np.sum(residual * scaled, 0)
-    for _ in range(MOST_STEPS):
-        if float(np.sum(residual * residual)) <= enough:
-            break
-        image = diagonal * step - smoothness * graph.gather(step)
-        curvature = np.sum(step * image, 0)
-        length = np.divide(power, curvature, out=np.zeros_like(power), where=curvature > 0)
-        x = x + length * step
-        residual = residual - length * image
-        scaled = precondition(residual)
-        last, power = power, np.sum(residual * scaled, 0)
-        step = scaled + np.divide(power, last, out=np.zeros_like(power), where=last > 0) * step
-    return x
-
-
-def _coarse_inverse(graph: Graph, diagonal: Array, smoothness: float) -> Array:
-    """Inverse (G, G) of the system restricted to fields that are constant on clusters."""
-    size = graph.clusters
-    pair = graph.cluster[graph.origin] * size + graph.cluster[graph.target]
-    matrix = -smoothness * np.bincount(pair, graph.weight, size * size).reshape(size, size)
-    matrix[np.diag_indices(size)] += np.bincount(graph.cluster, diagonal, size)
-    return np.linalg.inv(matrix)
+    goal = np.broadcast_to(np.asarray(prior, np.float64), values.shape)
+    right = np.where(k > 0, k * np.where(k > 0, values, 0.0), 0.0) + prior_trust * goal
+    if not prior_trust > 0:
+        raise ValueError(f"prior_trust is {prior_trust}; it has to be above 0, or nothing holds where nothing is known")
+    if not (np.isfinite(k).all() and np.isfinite(right).all()):
+        raise NumericFault("a trust, a trusted value or the prior is NaN or Inf; no smooth field fits it")
+    system = (diags_array(k[:, 0] + prior_trust) + smoothness * edges).tocsc()
+    # What SuperLU recommends for a system that is symmetric and dominated by its diagonal: no pivoting, an ordering of
+    # A^T + A. Measured: it takes a quarter of the time that this ordering takes with pivoting.
+    factors = splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(factors.solve(right), np.float64)
 
 
 def splat(

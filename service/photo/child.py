@@ -13,9 +13,7 @@ import sys
 from typing import BinaryIO
 
 from service.photo import codec
-from service.photo.container import Codec
-from service.photo.exif import read_exif
-from service.photo.wire import READY, Note, Reply, Request, Status
+from service.photo.wire import READY, Reply, Request, Status
 
 _STRIP_ROWS = 256
 
@@ -26,7 +24,7 @@ def main() -> int:
     sys.stdout.buffer.flush()
     request = Request.parse(sys.stdin.buffer.read())
     _limit_spending(request)
-    open_image = codec.prepare(request.codec, colour=bool(request.icc or request.gamma))
+    open_image = codec.prepare(request.codec, colour=bool(request.icc or request.gamma), exif=bool(request.exif))
     _give_up_files()
     answer(request, open_image, sys.stdout.buffer)
     return 0
@@ -40,7 +38,7 @@ def answer(request: Request, open_image: codec.Opener, out: BinaryIO) -> None:
             request.payload,
             request.icc,
             request.gamma,
-            request.orientation,
+            request.exif,
             request.max_side,
             request.max_pixels,
         )
@@ -53,18 +51,13 @@ def answer(request: Request, open_image: codec.Opener, out: BinaryIO) -> None:
     except MemoryError:
         out.write(Reply(Status.TOO_COMPLEX).pack())
     else:
-        _write_pixels(decoded, request, out)
+        _write_pixels(decoded, out)
     out.flush()
 
 
-def _write_pixels(decoded: codec.Decoded, request: Request, out: BinaryIO) -> None:
+def _write_pixels(decoded: codec.Decoded, out: BinaryIO) -> None:
     image = decoded.image
-    notes, focal = decoded.notes, 0.0
-    if request.codec == Codec.HEIC:
-        facts = read_exif(decoded.exif.removeprefix(b"Exif\0\0"), image.size)
-        focal = facts.focal_35mm or 0.0
-        notes |= Note.FOCAL_IGNORED if facts.cropped else Note(0)
-    out.write(Reply(Status.DONE, notes, image.width, image.height, focal).pack())
+    out.write(Reply(Status.DONE, decoded.notes, image.width, image.height, decoded.focal_35mm).pack())
     for top in range(0, image.height, _STRIP_ROWS):
         bottom = min(top + _STRIP_ROWS, image.height)
         out.write(image.crop((0, top, image.width, bottom)).tobytes())

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageFile
 
-from service.photo.container import Codec
+from service.photo.container import MAX_EXIF_BYTES, Codec
 from service.photo.wire import Note
 
 BACKGROUND = 128
@@ -63,20 +63,22 @@ class BadSize(Exception):
 
 
 class Decoded(NamedTuple):
-    """An upright RGB image in sRGB, with what was noticed and, for HEIC, its EXIF bytes."""
+    """An upright RGB image in sRGB, what was noticed, and its 35 mm equivalent focal length in mm, 0 where unknown."""
 
     image: Image.Image
     notes: Note
-    exif: bytes = b""
+    focal_35mm: float = 0.0
 
 
-def prepare(codec: int, *, colour: bool) -> Opener:
-    """Import the reader of one format and, with ``colour``, the colour engine.
+def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
+    """Import the reader of one format and, with ``colour`` and ``exif``, the colour engine and the reader of EXIF.
 
     The process gives up its right to open files before it looks at a photo, so nothing can be imported later.
     """
     if colour or codec == Codec.HEIC:
         import_module("service.photo.colour_profile")
+    if exif or codec == Codec.HEIC:
+        import_module("service.photo.exif")
     if codec == Codec.JPEG:
         from PIL.JpegImagePlugin import JpegImageFile
 
@@ -102,7 +104,7 @@ def prepare(codec: int, *, colour: bool) -> Opener:
 
 
 def decode(
-    open_image: Opener, payload: bytes, icc: bytes, gamma: float, orientation: int, max_side: int, max_pixels: int
+    open_image: Opener, payload: bytes, icc: bytes, gamma: float, exif: bytes, max_side: int, max_pixels: int
 ) -> Decoded:
     """Decode one file.
 
@@ -111,7 +113,7 @@ def decode(
         payload: the image file.
         icc: colour profile; where empty, the one that the decoder finds is used (HEIC).
         gamma: exponent of the encoding, or 0 for sRGB.
-        orientation: EXIF turn to undo, 1 to 8.
+        exif: EXIF that the file stores, or empty. Where the decoder finds it itself (HEIC), it has undone the turn too.
         max_side: longest side, in pixels.
         max_pixels: width times height.
 
@@ -121,14 +123,13 @@ def decode(
         BadSize: over the limits.
         MemoryError: more memory than the process may have.
     """
-    image, exif = _load(open_image, payload, max_side, max_pixels)
+    image, found = _load(open_image, payload, max_side, max_pixels)
     icc = icc or image.info.get("icc_profile") or b""
     notes = Note(0)
     if getattr(image, "n_frames", 1) > 1:
         notes |= Note.EXTRA_IMAGES
-    turn = _TURNS.get(orientation)
-    if turn is not None:
-        image = image.transpose(turn)
+    image, focal, exif_note = _by_exif(image, exif, found)
+    notes |= exif_note
     image, alpha = _split_alpha(image)
     image, icc_note = _to_srgb(image, icc, gamma)
     notes |= icc_note
@@ -137,7 +138,22 @@ def decode(
         background = Image.new("RGB", image.size, (BACKGROUND,) * 3)
         background.paste(image, mask=alpha)
         image = background
-    return Decoded(image, notes, exif)
+    return Decoded(image, notes, focal)
+
+
+def _by_exif(image: Image.Image, stored: bytes, found: bytes) -> tuple[Image.Image, float, Note]:
+    """The image upright, its focal length and a note where that is of another frame."""
+    if not stored and not found:
+        return image, 0.0, Note(0)
+    from service.photo.exif import read_exif
+
+    facts = read_exif(stored or found.removeprefix(b"Exif\0\0")[:MAX_EXIF_BYTES])
+    if stored and facts.orientation in _TURNS:
+        image = image.transpose(_TURNS[facts.orientation])
+    if facts.focal_35mm is None:
+        return image, 0.0, Note(0)
+    cropped = facts.cropped(image.size)
+    return image, 0.0 if cropped else facts.focal_35mm, Note.FOCAL_IGNORED if cropped else Note(0)
 
 
 def _load(open_image: Opener, payload: bytes, max_side: int, max_pixels: int) -> tuple[Image.Image, bytes]:

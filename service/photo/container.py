@@ -13,6 +13,9 @@ from typing import NamedTuple
 MAX_ICC_BYTES = 4 * 1024**2
 """Largest colour profile that is looked at; printer profiles with tables stay below 3 MB."""
 
+MAX_EXIF_BYTES = 1 << 16
+"""As much EXIF as is looked at, and as a JPEG can hold; the directories come first, what is cut off is thumbnails."""
+
 
 class Codec(IntEnum):
     """The formats that are decoded; an allow-list."""

@@ -17,8 +17,7 @@ from typing import BinaryIO
 import numpy as np
 
 from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
-from service.photo.container import Codec, Container
-from service.photo.exif import ExifFacts, read_exif
+from service.photo.container import MAX_EXIF_BYTES, Codec, Container
 from service.photo.jpeg import walk_jpeg
 from service.photo.limits import Limits, check_bytes, check_size
 from service.photo.no_colour import lacks_colour
@@ -71,20 +70,16 @@ def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) ->
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
     container = open_container(data, limits, heic=heic)
-    facts = read_exif(container.exif, container.size or (0, 0))
-    reply, raw = run_decoder(decoding_request(container, facts, limits), limits)
+    reply, raw = run_decoder(decoding_request(container, limits), limits)
     _check(reply, container, limits)
     pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
     warnings = list(container.warnings)
     warnings += [text for note, text in _NOTES.items() if note in reply.notes]
-    if facts.cropped:
-        warnings.append("focal-ignored")
     if lacks_colour(pixels):
         warnings.append("no-colour")
     if sys.platform != "linux":
         warnings.append("decoder-not-limited")
-    focal = facts.focal_35mm or reply.focal_35mm or None
-    return Photo(pixels, focal, hashlib.sha256(data).hexdigest(), tuple(dict.fromkeys(warnings)))
+    return Photo(pixels, reply.focal_35mm or None, hashlib.sha256(data).hexdigest(), tuple(dict.fromkeys(warnings)))
 
 
 def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 - frozen
@@ -97,8 +92,7 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
     container = open_container(data, limits)
-    facts = read_exif(container.exif, container.size or (0, 0))
-    reply, _ = run_decoder(decoding_request(container, facts, limits), limits, keep=False)
+    reply, _ = run_decoder(decoding_request(container, limits), limits, keep=False)
     _check(reply, container, limits)
 
 
@@ -124,17 +118,17 @@ def open_container(data: bytes, limits: Limits, *, heic: bool = False) -> Contai
     return container
 
 
-def decoding_request(container: Container, facts: ExifFacts, limits: Limits) -> Request:
+def decoding_request(container: Container, limits: Limits) -> Request:
     """What the decoding process is to do with a container."""
     return Request(
         container.codec,
-        facts.orientation,
         container.gamma,
         limits.max_side,
         limits.max_pixels,
         limits.memory_bytes,
         limits.cpu_seconds,
         limits.wall_seconds,
+        container.exif[:MAX_EXIF_BYTES],
         container.icc,
         container.payload,
     )

@@ -13,11 +13,14 @@ from typing import NamedTuple
 READY = b"R"
 """First byte of the decoding process: its interpreter and Pillow are there. Faults before it are not the photo's."""
 
-_REQUEST = struct.Struct(">4sBBdIIQIdIQ")
+_REQUEST = struct.Struct(">4sBdIIQIdIIQ")
 _REPLY = struct.Struct(">4sBBIId")
 _MAGIC = b"AVG1"
 
 REPLY_SIZE = _REPLY.size
+
+FOCAL_RANGE_MM = (8.0, 1200.0)
+"""35 mm equivalents that exist as lenses; others, and the 0 that stands for unknown, are not believed."""
 
 
 class Status(IntEnum):
@@ -44,29 +47,30 @@ class Request(NamedTuple):
 
     Attributes:
         codec: value of ``container.Codec``.
-        orientation: EXIF turn to undo, 1 to 8.
         gamma: exponent of the encoding, or 0 for sRGB.
         max_side, max_pixels: size limits, for formats whose size only the decoder can read.
         memory_bytes, cpu_seconds, wall_seconds: limits that the process sets itself.
+        exif: TIFF-structured EXIF bytes, or empty.
         icc: colour profile, or empty.
         payload: the image file.
     """
 
     codec: int
-    orientation: int
     gamma: float
     max_side: int
     max_pixels: int
     memory_bytes: int
     cpu_seconds: int
     wall_seconds: float
+    exif: bytes
     icc: bytes
     payload: bytes
 
     def pack(self) -> bytes:
-        """Header and profile; the payload is to follow."""
-        numbers = self[:8]
-        return _REQUEST.pack(_MAGIC, *numbers, len(self.icc), len(self.payload)) + self.icc
+        """Header, EXIF and profile; the payload is to follow."""
+        numbers = self[:7]
+        lengths = len(self.exif), len(self.icc), len(self.payload)
+        return _REQUEST.pack(_MAGIC, *numbers, *lengths) + self.exif + self.icc
 
     @classmethod
     def parse(cls, message: bytes) -> Request:
@@ -77,14 +81,12 @@ class Request(NamedTuple):
         """
         if len(message) < _REQUEST.size:
             raise ValueError("short request")
-        magic, *numbers = _REQUEST.unpack_from(message)
-        icc_length, length = numbers[-2:]
-        start = _REQUEST.size + icc_length
-        if magic != _MAGIC or len(message) != start + length:
+        magic, codec, gamma, side, pixels, memory, cpu, wall, *lengths = _REQUEST.unpack_from(message)
+        if magic != _MAGIC or len(message) != _REQUEST.size + sum(lengths):
             raise ValueError("not a request")
-        codec, orientation, gamma, side, pixels, memory, cpu, wall, _, _ = numbers
-        icc, payload = message[_REQUEST.size : start], message[start:]
-        return cls(codec, orientation, gamma, side, pixels, memory, cpu, wall, icc, payload)
+        icc_at, payload_at = _REQUEST.size + lengths[0], _REQUEST.size + lengths[0] + lengths[1]
+        exif, icc, payload = message[_REQUEST.size : icc_at], message[icc_at:payload_at], message[payload_at:]
+        return cls(codec, gamma, side, pixels, memory, cpu, wall, exif, icc, payload)
 
 
 class Reply(NamedTuple):
@@ -95,7 +97,7 @@ class Reply(NamedTuple):
         notes: what was noticed.
         width, height: of the upright image, in pixels; for BAD_SIZE the size that was refused; for ANIMATED
             ``width`` is the number of frames.
-        focal_35mm: for HEIC the 35 mm equivalent focal length in mm, or 0.
+        focal_35mm: 35 mm equivalent focal length in mm within ``FOCAL_RANGE_MM``, or 0 where unknown.
     """
 
     status: Status
@@ -118,6 +120,7 @@ class Reply(NamedTuple):
         if len(message) != _REPLY.size:
             raise ValueError("short reply")
         magic, status, notes, width, height, focal = _REPLY.unpack(message)
-        if magic != _MAGIC or not 0 <= notes <= 15 or not 0 <= focal < 1e6:
+        believed = focal == 0 or FOCAL_RANGE_MM[0] <= focal <= FOCAL_RANGE_MM[1]
+        if magic != _MAGIC or not 0 <= notes <= 15 or not believed:
             raise ValueError("not a reply")
         return cls(Status(status), Note(notes), width, height, focal)

@@ -21,11 +21,11 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from service.errors import ModelFault, NumericFault, OutOfMemory, UsageError
+from service.errors import ModelFault, OutOfMemory, UsageError
 from service.runtime.describe import KEY, Description
 from service.runtime.memory import lacked_memory, release
 from service.runtime.openvino_library import has_openvino, openvino_library
-from service.runtime.sessions import MODELS, checked_bytes, native_session
+from service.runtime.sessions import MODELS, checked_bytes, native_session, require_finite
 
 Float = npt.NDArray[np.float32]
 RuntimeName = Literal["onnxruntime", "openvino"]
@@ -33,6 +33,7 @@ Precision = Literal["fp32", "bf16"]
 
 RUNTIMES = ("auto", "onnxruntime", "openvino")
 INPUT, OUTPUT = "maps", "result"
+_METADATA = ["framework", KEY]
 
 ENLARGING = frozenset({"zeta_body", "zeta_tail"})
 """Networks that OpenVINO computes about twice as fast also with AVX2 alone. The others are level there, and start
@@ -118,7 +119,7 @@ class Network:
                 f"network {self.name} got maps {maps.shape}; it takes {len(what.channels)} channels and sides that are "
                 f"multiples of {what.stride}"
             )
-        _require_finite(self.name, "input", maps, what.channels)
+        require_finite(self.name, "input", dict(zip(what.channels, maps, strict=True)))
         try:
             result = self._compiled(np.ascontiguousarray(maps[None], np.float32))
         except Exception as error:  # the runtimes' own exception types are not public
@@ -131,7 +132,7 @@ class Network:
         expected = (1, len(names), height * what.scale, width * what.scale)
         if result.shape != expected:
             raise ModelFault(f"network {self.name} gave {result.shape}; its description promises {expected}")
-        _require_finite(self.name, "output", result[0], names)
+        require_finite(self.name, "output", dict(zip(names, result[0], strict=True)))
         return np.asarray(result[0])
 
 
@@ -188,13 +189,13 @@ def load(name: str, engine: Engine) -> Loaded:
     """What :func:`open_network` opens; raises as it does."""
     engine = engine.of(name)
     data = checked_bytes(name, engine.folder)
-    description = _description(name, data, engine.folder)
-    return description, (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
+    return (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
 def describe(name: str, folder: Path = MODELS) -> Description:
     """Description of a network without keeping it loaded; raises as :func:`open_network`."""
-    return _description(name, checked_bytes(name, folder), folder)
+    session = native_session(name, checked_bytes(name, folder), 1, folder, optimise=False)
+    return _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
 
 
 @lru_cache(maxsize=1)
@@ -223,19 +224,19 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _description(name: str, data: bytes, folder: Path) -> Description:
-    meta = native_session(name, data, 1, folder, optimise=False).get_modelmeta().custom_metadata_map
-    if KEY not in meta:
+def _parse(name: str, text: str | None) -> Description:
+    if text is None:
         raise ModelFault(f"model {name} has no {KEY!r} among its metadata; it is no network of maps")
-    return Description.parse(meta[KEY], name)
+    return Description.parse(text, name)
 
 
-def _onnxruntime(name: str, data: bytes, engine: Engine) -> _Compiled:
+def _onnxruntime(name: str, data: bytes, engine: Engine) -> Loaded:
     session = native_session(name, data, engine.threads, engine.folder)
-    return lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
+    description = _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
+    return description, lambda maps: np.asarray(session.run([OUTPUT], {INPUT: maps})[0], np.float32)
 
 
-def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
+def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
     settings = {
         "INFERENCE_NUM_THREADS": engine.threads,
         "NUM_STREAMS": 1,
@@ -244,7 +245,10 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
     }
     try:
         core = openvino_library().Core()
-        request = core.compile_model(core.read_model(data), "CPU", settings).create_infer_request()
+        model = core.read_model(data)
+        # Where OpenVINO keeps the metadata of an ONNX file.
+        text = model.get_rt_info(_METADATA).astype(str) if model.has_rt_info(_METADATA) else None
+        request = core.compile_model(model, "CPU", settings).create_infer_request()
     except Exception as error:  # OpenVINO's own exception types are not public
         if lacked_memory(error):
             raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
@@ -253,13 +257,4 @@ def _openvino(name: str, data: bytes, engine: Engine) -> _Compiled:
     def compute(maps: Float) -> Float:
         return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
 
-    return compute
-
-
-def _require_finite(name: str, side: str, planes: Float, names: tuple[str, ...]) -> None:
-    if np.isfinite(planes).all():
-        return
-    for plane, channel in zip(planes, names, strict=True):
-        bad = int(plane.size - np.isfinite(plane).sum())
-        if bad:
-            raise NumericFault(f"network {name}: {side} {channel} has {bad} of {plane.size} values that are NaN or Inf")
+    return _parse(name, text), compute

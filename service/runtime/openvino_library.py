@@ -1,4 +1,4 @@
-"""OpenVINO, which is optional: the only file that imports it."""
+"""OpenVINO, which only Linux on x86-64 installs by default: the only file that imports it."""
 
 from __future__ import annotations
 

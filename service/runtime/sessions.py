@@ -10,6 +10,7 @@ import hashlib
 import json
 import logging
 import os
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -48,7 +49,7 @@ class Session:
             OutOfMemory: the runtime got no memory.
             NumericFault: an input or output holds NaN or Inf.
         """
-        _require_finite(self.name, "input", inputs)
+        require_finite(self.name, "input", inputs)
         try:
             results = self._native.run(list(self.outputs), inputs)
         except Exception as error:  # the runtime's own exception types are not public
@@ -56,11 +57,16 @@ class Session:
             if lacked_memory(error):
                 raise OutOfMemory(f"the network {self.name} got no memory for inputs {shapes}") from error
             raise ModelFault(f"network {self.name} failed on inputs {shapes}: {error}") from error
-        _require_finite(self.name, "output", dict(zip(self.outputs, results, strict=True)))
+        require_finite(self.name, "output", dict(zip(self.outputs, results, strict=True)))
         return list(results)
 
 
-def _require_finite(name: str, side: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
+def require_finite(name: str, side: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Let a network's named inputs or outputs through where they are numbers.
+
+    Raises:
+        NumericFault: one holds NaN or Inf; names the network, the array and how many.
+    """
     for key, value in arrays.items():
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             bad = int(value.size - np.isfinite(value).sum())

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.geometry.chart import Chart
-from service.geometry.mesh_field import Graph, smooth_fit
+from service.geometry.mesh_field import laplacian, smooth_fit
 from service.geometry.normals import normalise, vertex_normals
 
 Float = npt.NDArray[np.float32]
@@ -37,8 +37,8 @@ def shape_normals(chart: Chart, vertices: npt.NDArray[np.floating]) -> tuple[Flo
 
 def overall_normals(chart: Chart, normal: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     """(V, 3) unit normals smoothed over neighbours; where opposite ones cancel, the original."""
-    graph = Graph.of(chart.head.triangles, chart.head.mean)
-    smooth = smooth_fit(graph, normal, np.ones(len(normal)), OVERALL_SMOOTHNESS, np.zeros(3), 1e-6, 3e-3)
+    edges = laplacian(chart.head.triangles, len(normal))
+    smooth = smooth_fit(edges, normal, np.ones(len(normal)), OVERALL_SMOOTHNESS, np.zeros(3), 1e-6)
     length = np.sqrt((smooth * smooth).sum(1, keepdims=True))
     return np.where(length > 0.05, normalise(smooth), normal)
 

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 from service.errors import UsageError
 from service.levels import LEVELS
@@ -67,9 +69,51 @@ BAD = [
 
 
 @pytest.mark.parametrize(("name", "value"), BAD)
-def test_a_value_out_of_range_is_refused_by_name(name: str, value: Any) -> None:
-    with pytest.raises(UsageError, match=name):
+def test_a_value_out_of_range_is_refused_with_name_value_and_what_would_be_right(name: str, value: Any) -> None:
+    with pytest.raises(UsageError) as refusal:
         Options(**{name: value})
+    told, right = refusal.value.message.split("; ", 1)
+    assert refusal.value.extra["field"] == name
+    assert told.startswith(f"{name} is ") or (name == "maps" and told.startswith("maps has "))
+    assert repr(value) in told or name in ("maps", "size"), "the value as it was given"
+    assert right.startswith("it has to be ") or name in ("maps", "size")
+    assert right.removeprefix("it has to be ") != "one of None", "a type without words for what is right"
+
+
+def test_a_choice_lists_what_there_is() -> None:
+    with pytest.raises(UsageError, match="it has to be one of 8, 16, None"):
+        Options(bits=12)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="it has to be one of draft, standard, high, reference"):
+        Options(quality="best")  # type: ignore[arg-type]
+
+
+def test_a_name_that_is_no_option_is_refused() -> None:
+    with pytest.raises(UsageError, match="Options has no 'colour'; it has maps, quality") as refusal:
+        Options(colour=1)  # type: ignore[call-arg]
+    assert refusal.value.extra["field"] == "colour"
+    with pytest.raises(UsageError, match="each by its name"):
+        Options(("texture",))  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(("name", "text"), [("seed", "7"), ("detail", "1"), ("iterations", "8"), ("seed", 7.0)])
+def test_nothing_is_converted_behind_the_callers_back(name: str, text: Any) -> None:
+    """``"7"`` for a number is a mistake of the caller's, which another value would hide."""
+    with pytest.raises(UsageError, match=name):
+        Options(**{name: text})
+
+
+def test_what_was_asked_comes_back_from_its_json() -> None:
+    """As jobs do, whose options lie in a data base: tuples come back as lists."""
+    asked = Options(maps=("confidence", "texture"), size=(1152, 768), face="largest", seed=7, budget=3)
+    read = json.loads(json.dumps(asked.to_json()))
+    assert Options(**read) == TypeAdapter(Options).validate_python(read) == asked
+    with pytest.raises(UsageError, match="seed is -1"):
+        TypeAdapter(Options).validate_python(read | {"seed": -1})
+
+
+def test_a_copy_is_checked_too() -> None:
+    with pytest.raises(UsageError, match="detail is 2"):
+        replace(Options(), detail=2)
 
 
 def test_the_message_offers_a_size_that_is_accepted() -> None:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from service.errors import UsageError
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import Strict
+from pydantic.dataclasses import dataclass
+
+from service.checks import CHECKED, Checked, Right
+
+Refine = Literal["landmarks", "pixels"]
+Iterations = Annotated[int, Strict(), Ge(1), Right("a whole number of at least 1")]
+IdentityComponents = Annotated[int, Strict(), Ge(0), Right("a whole number of at least 0")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitSettings:
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
+class FitSettings(Checked):
     """How hard to try.
 
     Attributes:
@@ -19,24 +26,14 @@ class FitSettings:
         identity_prior: weight of the Gaussian prior on identity, > 0; higher keeps nearer to the average head.
         expression_prior: standard deviation of an expression unit, > 0.
         distance_m: most likely distance of camera and face in metres, where EXIF does not give the focal length.
+
+    Raises:
+        UsageError: a value is out of range; the message has the value and what would be right.
     """
 
-    iterations: int = 8
-    identity_components: int = 80
-    refine: Literal["landmarks", "pixels"] = "pixels"
-    identity_prior: float = 1.0
-    expression_prior: float = 0.5
-    distance_m: float = 1.2
-
-    def __post_init__(self) -> None:
-        checks = {
-            "iterations": (self.iterations >= 1, "at least 1"),
-            "identity_components": (self.identity_components >= 0, "at least 0"),
-            "identity_prior": (0 < self.identity_prior < 1e6, "between 0 and 1e6"),
-            "expression_prior": (0 < self.expression_prior < 1e3, "between 0 and 1000"),
-            "distance_m": (0.2 <= self.distance_m <= 20, "between 0.2 and 20 metres"),
-            "refine": (self.refine in ("landmarks", "pixels"), "'landmarks' or 'pixels'"),
-        }
-        for name, (fine, right) in checks.items():
-            if not fine:
-                raise UsageError(f"{name} is {getattr(self, name)!r}; it has to be {right}")
+    iterations: Iterations = 8
+    identity_components: IdentityComponents = 80
+    refine: Refine = "pixels"
+    identity_prior: Annotated[float, Strict(), Gt(0), Lt(1e6), Right("a number between 0 and 1e6")] = 1.0
+    expression_prior: Annotated[float, Strict(), Gt(0), Lt(1e3), Right("a number between 0 and 1000")] = 0.5
+    distance_m: Annotated[float, Strict(), Ge(0.2), Le(20), Right("a number from 0.2 to 20 metres")] = 1.2

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from service.colour import luma
 from service.geometry.chart import Chart, mirrored
-from service.geometry.mesh_field import Graph, smooth_fit, splat
+from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
 from service.texture.inpainting.grain import grain
 
@@ -104,12 +104,12 @@ def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float |
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
-    graph = Graph.of(head.triangles[head.triangle_part == head.part_names.index("skin")], head.mean, hair)
+    edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count, hair)
 
     known, k = splat(chart.corners, chart.weights, values, trust, count)
     reflected, k_reflected = known[head.mirror], k[head.mirror]
     both = np.minimum(k, k_reflected)
-    light = smooth_fit(graph, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), LIGHT_PRIOR)
+    light = smooth_fit(edges, known - reflected, both, LIGHT_SMOOTHNESS, np.zeros(4), LIGHT_PRIOR)
     share = MIRROR_TRUST * np.maximum(1 - k, 0) * k_reflected
     total = k + share
     blend = np.where(total > 0, share / np.where(total > 0, total, 1), 0)[:, None]
@@ -119,7 +119,7 @@ def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float |
     far = np.tile([*skin.tolist(), typical], (count, 1))
     if scalp is not None:
         far[:, :3] += hair[:, None] * (scalp.astype(np.float64) - far[:, :3])
-    return np.clip(smooth_fit(graph, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
+    return np.clip(smooth_fit(edges, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
 
 
 def _fine(chart: Chart, colour: Float, seen: Float) -> Float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -100,11 +100,10 @@ def test_true_normals_score_far_higher_than_tilted_ones() -> None:
     judge = Judge.of(photo, avatar)
     flat = np.zeros((64, 96, 2), np.int16)
     tilted = flat + np.int16(6000)
+    made: Any = [SimpleNamespace(specular_normal=bumps) for bumps in (flat, tilted)]
     scores = [
-        judge.relief(
-            SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=SimpleNamespace(specular_normal=bumps))
-        )  # type: ignore[arg-type]
-        for bumps in (flat, tilted)
+        judge.relief(cast(Any, SimpleNamespace(head=avatar.head, fit=avatar.fit, reflectance=one)))
+        for one in made
     ]
     assert scores[0] > 35 > 25 > scores[1]
 

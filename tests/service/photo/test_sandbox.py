@@ -30,7 +30,7 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="the limits of the de
 
 def request(payload: bytes, kind: Codec, limits: Limits = DEFAULT) -> Request:
     return Request(
-        kind, 1, 0.0, limits.max_side, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds, 15.0, b"", payload
+        kind, 0.0, limits.max_side, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds, 15.0, b"", b"", payload
     )
 
 
@@ -187,7 +187,7 @@ def test_decoder_loads_nothing_heavy() -> None:
         import service.photo.child
         from service.photo import codec
         for kind in (1, 2, 3):
-            codec.prepare(kind, colour=True)
+            codec.prepare(kind, colour=True, exif=True)
         heavy = {"numpy", "cv2", "scipy", "onnxruntime", "torch", "service.photo.gate"} & set(sys.modules)
         assert not heavy, heavy
     """
@@ -278,7 +278,7 @@ def test_photos_are_decoded_side_by_side() -> None:
 
 
 def test_messages_survive_the_wire() -> None:
-    order = request(b"payload", Codec.PNG)._replace(icc=b"profile", gamma=0.5, orientation=6)
+    order = request(b"payload", Codec.PNG)._replace(icc=b"profile", gamma=0.5, exif=b"facts")
     assert Request.parse(order.pack() + order.payload) == order
     reply = Reply(Status.DONE, Note.TRANSPARENT | Note.ICC_IGNORED, 12, 34, 28.0)
     assert Reply.parse(reply.pack()) == reply

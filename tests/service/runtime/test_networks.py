@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import platform
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,9 +17,11 @@ from onnx import TensorProto, helper
 from service.errors import ModelFault, NumericFault, UsageError
 from service.runtime import networks
 from service.runtime.describe import Description
-from service.runtime.networks import Engine, choose_engine, describe, open_network
+from service.runtime.networks import Engine, RuntimeName, choose_engine, describe, load, open_network
+from service.runtime.openvino_library import has_openvino
 from tests.service.runtime.toynets import finish, toy_net, write_models
 
+RUNTIMES_HERE: tuple[RuntimeName, ...] = ("onnxruntime", "openvino") if has_openvino() else ("onnxruntime",)
 GOOD = {"network": "n", "channels": ["a"], "outputs": ["x"], "stride": 8, "halo": 64, "scale": 1, "whole": None}
 
 
@@ -33,8 +37,9 @@ def engine(folder: Path) -> Engine:
 def test_the_description_is_that_of_the_file(folder: Path) -> None:
     expected = Description("one", ("a",), ("x",), stride=2, halo=16)
     assert describe("one", folder) == expected
-    with open_network("one", engine(folder)) as network:
-        assert network.description == expected
+    for runtime in RUNTIMES_HERE:
+        with open_network("one", Engine(runtime, threads=1, folder=folder)) as network:
+            assert network.description == expected
 
 
 @pytest.mark.parametrize(
@@ -62,6 +67,9 @@ def test_a_network_without_description_is_refused(tmp_path: Path) -> None:
     write_models(tmp_path, {"bare": bytes(model.SerializeToString())})
     with pytest.raises(ModelFault, match="bare has no 'description'"):
         describe("bare", tmp_path)
+    for runtime in RUNTIMES_HERE:
+        with pytest.raises(ModelFault, match="bare has no 'description'"):
+            load("bare", Engine(runtime, threads=1, folder=tmp_path))
 
 
 def test_a_flipped_bit_is_refused_by_hash(folder: Path) -> None:
@@ -175,6 +183,12 @@ def test_a_network_runs_on_what_it_is_an_exception_for(folder: Path) -> None:
         with open_network(name, mixed) as network:
             assert network.engine == Engine(runtime, threads=1, folder=folder)  # type: ignore[arg-type]
             assert np.isfinite(network.run(np.zeros((1, 8, 8), np.float32))).all()
+
+
+@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="OpenVINO is not installed there")
+def test_openvino_is_installed_where_it_belongs() -> None:
+    """Without it every test of it would be skipped, and nobody would notice."""
+    assert has_openvino(), "pyproject.toml has it: make setup"
 
 
 def test_unknown_names_are_refused() -> None:

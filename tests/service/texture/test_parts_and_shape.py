@@ -11,7 +11,6 @@ from service.anatomy.mouth.colours import TONGUE
 from service.anatomy.teeth.colours import TOOTH
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.chart import Chart
-from service.geometry.mesh_field import Graph, smooth_fit, splat
 from service.texture.parts import PartLight
 from service.texture.segmentation.skin_model import fit_skin_model, skin_likelihood
 from service.texture.segmentation.zones import Zones
@@ -20,52 +19,6 @@ from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)
 CHART = Chart.build(HEAD, 192, 128)
-
-
-def test_smooth_fit_solves_its_equations() -> None:
-    """Against a dense solve of the same quadratic form."""
-    rng = np.random.default_rng(0)
-    graph = Graph.of(HEAD.triangles, HEAD.mean, rng.uniform(size=len(HEAD.mean)))
-    n = len(HEAD.mean)
-    values, trust = rng.uniform(size=(n, 2)), rng.uniform(size=n) * (rng.uniform(size=n) > 0.7)
-    field = smooth_fit(graph, values, trust, 0.7, np.array([0.2, 0.9]), 0.05)
-    laplacian = np.zeros((n, n))
-    laplacian[graph.origin, graph.target] -= graph.weight
-    laplacian[np.diag_indices(n)] -= laplacian.sum(1)
-    dense = np.linalg.solve(
-        np.diag(trust + 0.05) + 0.7 * laplacian, trust[:, None] * values + 0.05 * np.array([0.2, 0.9])
-    )
-    assert np.abs(field - dense).max() < 5e-3
-
-
-def test_smooth_fit_carries_a_value_around_the_head() -> None:
-    """One known vertex, hardly any prior: far from it the residual is tiny long before the colour has arrived."""
-    graph = Graph.of(HEAD.triangles[HEAD.triangle_part == 0], HEAD.mean)
-    trust = np.zeros(len(HEAD.mean))
-    skin = np.unique(HEAD.triangles[HEAD.triangle_part == 0])
-    trust[skin[HEAD.mean[skin, 2].argmax()]] = 1.0
-    field = smooth_fit(graph, np.ones((len(HEAD.mean), 1)), trust, 2.0, np.array([0.0]), 1e-6)
-    assert field[skin].min() > 0.97
-
-
-def test_smooth_fit_ignores_nan_where_nothing_is_trusted() -> None:
-    graph = Graph.of(HEAD.triangles, HEAD.mean)
-    values = np.full((len(HEAD.mean), 1), np.nan)
-    field = smooth_fit(graph, values, np.zeros(len(HEAD.mean)), 1.0, np.array([0.5]), 0.01)
-    assert np.allclose(field, 0.5, atol=1e-3)
-
-
-def test_graph_without_edges() -> None:
-    graph = Graph.of(np.array([[1, 1, 1]]), np.zeros((3, 3)))
-    assert np.array_equal(graph.gather(np.ones((3, 1))), np.zeros((3, 1)))
-
-
-def test_splat_gives_back_a_linear_field() -> None:
-    texels = CHART.inside(HEAD.mean)
-    mean, trust = splat(CHART.corners, CHART.weights, texels, np.full(len(texels), 0.5, np.float32), len(HEAD.mean))
-    skin = np.unique(HEAD.triangles[HEAD.triangle_part == 0])
-    assert np.allclose(trust[skin], 0.5)
-    assert np.abs(mean[skin] - HEAD.mean[skin]).max() < 0.006
 
 
 def test_eye_is_painted_from_pupil_to_sclera() -> None:

@@ -1,0 +1,69 @@
+"""Classes whose fields pydantic checks, with refusals that name the field, its value and what would be right."""
+
+from __future__ import annotations
+
+import types
+from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic.dataclasses import dataclass
+
+from service.errors import UsageError
+
+CHECKED = ConfigDict(extra="forbid")
+"""Of every :class:`Checked`: an unknown name is refused, as by any function."""
+
+
+class Right(NamedTuple):
+    """Metadata of a field's type: what its value has to be, as the end of the sentence "it has to be ..."."""
+
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
+class Checked:
+    """Base of dataclasses that are checked when they are made, from keywords or from the values of a JSON object.
+
+    Derived classes are dataclasses of pydantic too, with ``config=CHECKED``. Their types say what is accepted, with
+    ``Strict`` where nothing may be converted; a list is accepted for a tuple. A validator may raise :class:`UsageError`
+    itself where it knows better words.
+
+    Raises:
+        UsageError: a value or a name is not accepted; names the field, the value and what would be right.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict]
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _refuse_in_words(cls, given: Any, check: ModelWrapValidatorHandler[Any]) -> Any:
+        try:
+            return check(given)
+        except ValidationError as error:
+            raise _refusal(cls, given, error) from error
+
+
+def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
+    """The first fault that pydantic found."""
+    hints = get_type_hints(kind, include_extras=True)
+    values = getattr(given, "kwargs", given) or {}  # of a constructor's arguments, or the values of a JSON object
+    name = str(next(iter(error.errors(include_url=False)[0]["loc"]), ""))
+    if name not in hints or name not in values:
+        known = ", ".join(field for field in hints if not field.startswith("_"))
+        return UsageError(f"{kind.__name__} has no {name!r}; it has {known}, each by its name", field=name)
+    return UsageError(f"{name} is {values[name]!r}; it has to be {_right(hints[name])}", field=name)
+
+
+def _right(hint: Any) -> str:
+    """What a value of this type has to be."""
+    words = [note.words for note in getattr(hint, "__metadata__", ()) if isinstance(note, Right)]
+    return words[0] if words else f"one of {', '.join(map(str, _choices(hint)))}"
+
+
+def _choices(hint: Any) -> tuple[Any, ...]:
+    """Values of a ``Literal``, or of a union of such and None."""
+    if get_origin(hint) is Literal:
+        return get_args(hint)
+    if get_origin(hint) in (Union, types.UnionType):
+        return tuple(choice for part in get_args(hint) for choice in _choices(part))
+    return (None,)
