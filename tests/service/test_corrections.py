@@ -1,0 +1,55 @@
+"""The list of corrections: each has a switch that works and a count that is true."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from service.colour import linear_to_srgb
+from service.corrections import NAMES, REGISTRY
+from service.errors import UsageError
+from service.ledger import Applied, Correction, Ledger, changed_texels
+from service.options import Options
+
+ONE = Correction(name="one", mends="Something.", source="light")
+
+
+def test_names_are_unique_and_can_be_typed() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+    assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", name) for name in NAMES)
+
+
+@pytest.mark.parametrize("correction", REGISTRY, ids=NAMES)
+def test_each_says_what_it_mends_and_what_its_numbers_are(correction: Correction) -> None:
+    assert correction.mends.endswith(".") and len(correction.mends) > 20
+    assert correction.source in {"texture", "light", "albedo", "relief"}
+    for name, constant in correction.constants.items():
+        assert np.isfinite(constant.value).all() and constant.unit and constant.origin, name
+
+
+def test_unknown_and_doubled_names_are_refused_with_those_that_there_are() -> None:
+    with pytest.raises(UsageError, match=r"'magic'.*highlights"):
+        Options(without=("magic",))
+    with pytest.raises(UsageError, match="twice"):
+        Options(without=(NAMES[0], NAMES[0]))
+    assert Options(without=NAMES).to_json()["without"] == list(NAMES)
+
+
+def test_a_ledger_adds_up_tiles_and_knows_what_is_off() -> None:
+    ledger = Ledger(["two"])
+    ledger.count(ONE, 3, 10)
+    ledger.count(ONE, 2, 10)
+    assert ledger.applied == (Applied("one", 5, 20),)
+    assert ledger.runs(ONE) and not ledger.runs(Correction(name="two", mends="Something.", source="light"))
+
+
+def test_a_texel_counts_from_one_step_of_eight_bits_on() -> None:
+    """In sRGB, as people see it: a step in the dark is far less light than one in the bright."""
+    coded = np.linspace(0.1, 0.9, 9, dtype=np.float32)[:, None].repeat(3, 1)
+    before = ((coded + 0.055) / 1.055) ** np.float32(2.4)
+    for step, changed in ((0.5 / 255, 0), (1.5 / 255, 9)):
+        after = ((coded + np.float32(step) + 0.055) / 1.055) ** np.float32(2.4)
+        assert changed_texels(before, after) == (changed, 9)
+        assert np.abs(linear_to_srgb(after) - coded - step).max() < 1e-4
