@@ -1,9 +1,9 @@
 """Networks that turn maps into maps, behind one seam: onnxruntime always, OpenVINO where it is faster.
 
-OpenVINO computes in bfloat16 on processors that have instructions for it (AMX, AVX-512 BF16), several times faster than
-float32. In float32 it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone for the networks of
-``ENLARGING``; ``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a
-measurement at every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
+OpenVINO computes in bfloat16 on processors that multiply it faster than float32 (AMX, AMD's AVX-512 BF16). In float32
+it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone for the networks of ``ENLARGING``;
+``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a measurement at
+every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
 A network is loaded when a stage begins, or before (``service.runtime.ahead``), and released when it ends, so the memory
 of a run is that of its largest stage.
@@ -144,7 +144,7 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
             AMX; with AVX2 alone for the networks of ``ENLARGING``; else onnxruntime. The same choice at every call on a
             machine.
         threads: compute threads; 0 means as many as this process may use.
-        precision: "fp32", "bf16", or "auto": bf16 where OpenVINO runs and the processor has it.
+        precision: "fp32", "bf16", or "auto": bf16 where OpenVINO runs and :func:`bf16_pays`.
         folder: of the models.
 
     Raises:
@@ -154,17 +154,18 @@ def choose_engine(runtime: str = "auto", *, threads: int = 0, precision: str = "
         raise UsageError(f"runtime is {runtime!r}; it has to be one of {', '.join(RUNTIMES)}", field="runtime")
     if precision not in ("auto", "fp32", "bf16"):
         raise UsageError(f"precision is {precision!r}; it has to be auto, fp32 or bf16", field="precision")
-    here, fast = has_openvino(), has_bf16()
-    wide = fast or has_feature("avx512f")
+    here = has_openvino()
+    wide = has_bf16() or has_feature("avx512f")
     if runtime == "openvino" and not here:
         raise UsageError("runtime is 'openvino', which is not installed: pip install openvino", field="runtime")
     chosen: RuntimeName = (
         "openvino" if runtime == "openvino" or (runtime == "auto" and here and wide) else "onnxruntime"
     )
     some = runtime == "auto" and here and not wide and has_feature("avx2")
-    if precision == "bf16" and not (chosen == "openvino" and fast):
+    if precision == "bf16" and not (chosen == "openvino" and has_bf16()):
         raise UsageError("precision bf16 needs OpenVINO and a processor with AMX or AVX-512 BF16", field="precision")
-    computed: Precision = "bf16" if chosen == "openvino" and fast and precision != "fp32" else "fp32"
+    half = precision == "bf16" or (precision == "auto" and chosen == "openvino" and bf16_pays())
+    computed: Precision = "bf16" if half else "fp32"
     return Engine(chosen, computed, threads or _processors(), folder, ENLARGING if some else frozenset())
 
 
@@ -204,6 +205,19 @@ def has_bf16() -> bool:
     return any(has_feature(name) for name in _BF16)
 
 
+@lru_cache(maxsize=1)
+def bf16_pays() -> bool:
+    """Whether bfloat16 is faster than float32: with AMX, or with AVX-512 BF16 where that is not Intel's.
+
+    A Xeon whose AMX the virtual machine hides has AVX-512 BF16 too, and takes 1.5 times as long in bf16 as in fp32
+    (processor time of delta and rho, one thread); an EPYC half as long.
+    """
+    from service import diagnosis
+
+    intel = str(diagnosis.cpu().get("model", "")).startswith("Intel")
+    return has_feature("amx_bf16") or (has_feature("avx512_bf16") and not intel)
+
+
 @lru_cache
 def has_feature(name: str) -> bool:
     """Whether the processor has an extension, by its name in /proc/cpuinfo."""
@@ -215,7 +229,7 @@ def has_feature(name: str) -> bool:
 
 def lacks_openvino() -> bool:
     """Whether this processor would compute several times faster if OpenVINO were installed."""
-    return has_bf16() and not has_openvino()
+    return bf16_pays() and not has_openvino()
 
 
 def _processors() -> int:

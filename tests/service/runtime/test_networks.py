@@ -129,15 +129,17 @@ def test_the_weights_are_released_at_the_end(folder: Path) -> None:
 def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Makes this a machine with some processor extensions, with or without OpenVINO."""
 
-    def become(*features: str, openvino: bool = True) -> None:
-        monkeypatch.setattr("service.diagnosis.cpu", lambda: {"features": list(features)})
+    def become(*features: str, openvino: bool = True, model: str = "") -> None:
+        monkeypatch.setattr("service.diagnosis.cpu", lambda: {"model": model, "features": list(features)})
         monkeypatch.setattr(networks, "has_openvino", lambda: openvino)
         networks.has_bf16.cache_clear()
+        networks.bf16_pays.cache_clear()
         networks.has_feature.cache_clear()
 
     yield become
     monkeypatch.undo()
     networks.has_bf16.cache_clear()
+    networks.bf16_pays.cache_clear()
     networks.has_feature.cache_clear()
 
 
@@ -160,6 +162,19 @@ def test_auto_takes_for_each_network_what_was_measured_to_be_faster(
     assert all(
         told.endswith("fp32") for told in choose_engine("auto", precision="fp32").told(["zeta_tail", "rho"]).values()
     )
+
+
+def test_bf16_is_taken_only_where_it_is_faster(machine: Callable[..., None]) -> None:
+    """Intel's AVX-512 BF16 without AMX takes longer than float32; who names the precision gets it."""
+    machine("avx512f", "avx512_bf16", model="Intel(R) Xeon(R) Processor")
+    assert choose_engine("auto").told(["rho"]) == {"rho": "openvino fp32"}
+    assert choose_engine("auto", precision="bf16").precision == "bf16"
+    machine("avx512f", "avx512_bf16", model="Intel(R) Xeon(R) Processor", openvino=False)
+    assert not networks.lacks_openvino(), "no processor that OpenVINO would make several times faster"
+    machine("avx512f", "avx512_bf16", "amx_bf16", model="Intel(R) Xeon(R) Processor")
+    assert choose_engine("auto").precision == "bf16"
+    machine("avx512f", "avx512_bf16", model="AMD EPYC 9R14")
+    assert choose_engine("auto").precision == "bf16"
 
 
 def test_what_is_asked_for_is_taken_or_refused(machine: Callable[..., None]) -> None:
