@@ -1,193 +1,117 @@
-"""What accuracy costs in time against known truth: ``python -m benchmarks.accuracy_time --captures DIR``.
+"""What accuracy costs in time, through the product: ``python -m benchmarks.accuracy_time --data DIR [--write FILE]``.
 
-DIR has the folder ``held-out`` of captures of the light stage (``python -m models.training.factory``): subjects and
-lights that no training has seen. Every network runs over the same crops in every precision and size that
-``avatarme bench`` tries; loss is told against the truth, time beside that of the same network in PyTorch, eager, in the
-same run. ``--write FILE`` puts the tables between the lines ``<!-- truth -->`` and ``<!-- /truth -->`` of a Markdown
-file.
+Each quality of ``make_avatar`` runs on the same rendered photos with known albedo
+(``benchmarks.corrections.photos``), in turn, so that the times are ratios of one run. ``--write`` puts the table
+between the lines ``<!-- truth -->`` and ``<!-- /truth -->`` of a Markdown file.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Protocol, cast
+from typing import Annotated, Any
 
 import numpy as np
-import torch
 import typer
-from torch import Tensor, nn
 
-from models.networks.configs import build
+from benchmarks.corrections.__main__ import CACHE
+from benchmarks.corrections.photos import QUICK, photos
+from benchmarks.corrections.score import Judge, Score
+from benchmarks.shoot import data_folder
 from models.tables import tell
-from models.training.evaluate import single
-from models.training.store import Patches
-from models.training.tasks import Batch, Task
-from models.training.train import TASKS
 from service.bench.pareto import pareto
-from service.bench.rates import best_of
-from service.bench.variants import FULL, INT8, SHIPPED, Precision, precisions
-from service.cli.bench import find_families
-from service.errors import ModelFault, UsageError
-from service.runtime.networks import Engine, Network, choose_engine, open_network
-from service.runtime.sessions import model_table
+from service.colour import FULL_CODE
+from service.levels import LEVELS
+from service.options import Options
+from service.pipeline import make_avatar
 
 MARK = ("<!-- truth -->", "<!-- /truth -->")
-NETWORKS = ("delta", "psi", "rho", "sigma")
-UNITS = {"delta": "dB", "psi": "mean absolute error", "rho": "degrees", "sigma": "degrees"}
-SIDE = 256
-TIMED = 512
-"""Side of the square that is timed, in pixels."""
-
-
-class HeldOut(Task, Protocol):
-    """A task on patches."""
-
-    test: Patches
-
-
-@dataclass(frozen=True)
-class Runs:
-    """A loaded network, called as torch modules are."""
-
-    network: Network
-
-    def __call__(self, maps: Tensor) -> Tensor:
-        """(N, C, h, w) -> (N, K, h', w')."""
-        return torch.stack([torch.from_numpy(self.network.run(item.numpy())) for item in maps])
+MAPS = ("diffuse_albedo", "specular_normal")
+RUNTIMES = ("onnxruntime", "openvino")
 
 
 @dataclass(frozen=True)
 class Point:
-    """One network in one variant: mean score of its task (larger is better), seconds of ``TIMED`` squared pixels."""
+    """One way to make avatars.
 
-    label: str
-    score: float
-    seconds: float
-
-
-def engines(threads: int, further: Path | None) -> Iterator[tuple[str, Engine]]:
-    """Labels and engines: the shipped networks in every precision but int8, other sizes in fp32."""
-    first, *others = find_families(further)
-    yield f"{first.name}, onnxruntime fp32", Engine(threads=threads, folder=first.folder)
-    for runtime, precision in precisions(FULL):
-        if precision not in INT8:
-            computed: Precision = precision
-            chosen = Engine(runtime, "bf16" if computed == "bf16" else "fp32", threads, first.folder)
-            yield f"{first.name}, {runtime} {computed}", chosen
-    for family in others:
-        yield f"{family.name}, onnxruntime fp32", Engine(threads=threads, folder=family.folder)
-
-
-def score(task: Task, network: Runs, batches: list[Batch]) -> float:
-    """Mean of the task's score over crops.
-
-    Raises:
-        ModelFault: there are no crops.
+    Attributes:
+        quality, runtime: as the options name them.
+        seconds: mean wall time of ``make_avatar`` over the photos.
+        albedo: mean score of the diffuse albedo on seen skin.
+        relief: mean PSNR of the specular normals, dB.
     """
-    if not batches:
-        raise ModelFault("the captures have no crop for this network; draw more with models.training.factory")
-    with torch.no_grad():
-        return float(
-            np.mean([task.measure(task.predict(cast(nn.Module, network), batch), batch)["score"] for batch in batches])
-        )
+
+    quality: str
+    runtime: str
+    seconds: float
+    albedo: Score
+    relief: float
 
 
-def quantised(name: str, first: Engine, batch: Tensor, scratch: Path) -> Iterator[tuple[str, Engine]]:
-    """The network in eight bits, ranges from a held-out crop; nothing where the package onnx is not installed."""
-    from service.bench import quantise
-
-    if not quantise.available():
-        return
-    for precision in INT8:
-        target = scratch / f"{name}-{precision.replace(' ', '-')}"
-        target.mkdir()
-        maps = batch.numpy() if precision == "int8 static" else None
-        quantise.write_folder([(name, maps)], first, target)
-        yield f"{SHIPPED}, onnxruntime {precision}", Engine(threads=first.threads, folder=target)
-
-
-class _Heard:
-    """Keeps what a task would show a network."""
-
-    heard: Tensor | None = None
-
-    def __call__(self, maps: Tensor) -> Tensor:
-        """(N, C, h, w) -> (N, 3, h, w) zeros."""
-        self.heard = maps
-        return maps[:, :1].expand(-1, 3, -1, -1) * 0.0
-
-
-def heard(task: Task, batch: Batch) -> Tensor:
-    """(N, C, h, w) that the network of a task is shown for a batch."""
-    ear = _Heard()
-    task.predict(cast(nn.Module, ear), batch)
-    if ear.heard is None:
-        raise ModelFault("the task has shown the network nothing")
-    return ear.heard
+def measured(
+    data: Path, cache: Path, qualities: Sequence[str], runtimes: Sequence[str]
+) -> tuple[list[Point], Score]:
+    """All points, and the score of one flat colour, which is the mean of the true albedo."""
+    found: dict[tuple[str, str], list[tuple[float, Score, float]]] = {(q, r): [] for q in qualities for r in runtimes}
+    flat = []
+    for photo in photos(data, cache, QUICK):
+        for (quality, runtime), results in found.items():
+            asked: dict[str, Any] = {"quality": quality, "runtime": runtime}
+            begin = time.perf_counter()
+            avatar = make_avatar(photo.data, Options(maps=MAPS, face="largest", **asked))
+            seconds = time.perf_counter() - begin
+            judge = Judge.of(photo, avatar)
+            if avatar.reflectance is None or avatar.reflectance.diffuse_albedo is None:
+                raise SystemExit(f"{photo.name} came back without its diffuse albedo")
+            albedo = np.asarray(avatar.reflectance.diffuse_albedo, np.float32) / FULL_CODE
+            results.append((seconds, judge.score(albedo), judge.relief(avatar)))
+            typer.echo(f"{photo.name}, {quality}, {runtime}: {seconds:.1f} s", err=True)
+        flat.append(judge.flat())
+    points = []
+    for (quality, runtime), results in found.items():
+        times, scores, relief = zip(*results, strict=True)
+        points.append(Point(quality, runtime, float(np.mean(times)), mean(scores), float(np.mean(relief))))
+    return points, mean(flat)
 
 
-def points(name: str, data: Path, config: str, threads: int, further: Path | None) -> list[Point]:
-    """All variants of one network, PyTorch last."""
-    task = cast(HeldOut, TASKS[name](data, SIDE))
-    task.test.refresh()  # captures for training are not needed
-    batches = single(task.held_out())
-    found = []
-    with tempfile.TemporaryDirectory() as scratch:
-        listed = [*engines(threads, further)]
-        listed += quantised(name, listed[0][1], heard(task, batches[0]), Path(scratch))
-        for label, engine in listed:
-            if name not in model_table(engine.folder):
-                continue
-            with open_network(name, engine) as network:
-                maps = np.zeros((len(network.description.channels), TIMED, TIMED), np.float32)
-                network.run(maps)
-                seconds = best_of(3, lambda: network.run(maps))  # noqa: B023 - called at once
-                found.append(Point(label, score(task, Runs(network), batches), seconds))
-    eager = build(name, config).eval()
-    example = torch.zeros(1, len(cast(tuple[str, ...], eager.channels)), TIMED, TIMED)
-    with torch.no_grad():
-        eager(example)
-        found.append(Point(f"PyTorch eager fp32, {config}", float("nan"), best_of(3, lambda: eager(example))))
-    return found
+def mean(scores: Sequence[Score]) -> Score:
+    """Of each figure over the photos that have it; NaN where none has."""
+    rows = np.array([[one.best, one.raw, one.delta_e, one.unseen] for one in scores])
+    known = np.isfinite(rows)
+    total = np.where(known, rows, 0).sum(0)
+    return Score(*(float(a / n) if n else float("nan") for a, n in zip(total, known.sum(0), strict=True)))
 
 
-def table(name: str, found: list[Point]) -> list[str]:
-    """Markdown."""
-    eager = found[-1].seconds
-    front = pareto([(point.seconds, -point.score) for point in found])
+def table(points: Sequence[Point], flat: Score) -> list[str]:
+    """Markdown; on the front is what no other way beats in both time and truth."""
+    fastest = min(point.seconds for point in points)
+    front = pareto([(point.seconds, -round(point.albedo.best + point.relief, 2)) for point in points])
     lines = [
-        f"**{name}**",
-        "",
-        f"| variant | {UNITS[name]} | s / {TIMED}² | x PyTorch eager | front |",
-        "|---" * 5 + "|",
+        "| quality | runtime | s | x fastest | albedo dB, best gain | raw | Delta E 2000 | normals dB | front |",
+        "|---" * 9 + "|",
     ]
-    for point, best in zip(found, front, strict=True):
-        told = "-" if np.isnan(point.score) else f"{abs(point.score):.4g}"
-        times = f"{point.seconds:.3f} | {eager / point.seconds:.2f}"
-        lines.append(f"| {point.label} | {told} | {times} | {'**front**' if best else ''} |")
-    return [*lines, ""]
+    for point, best in zip(points, front, strict=True):
+        a = point.albedo
+        lines.append(
+            f"| {point.quality} | {point.runtime} | {point.seconds:.1f} | {point.seconds / fastest:.2f} | {a.best:.2f} | "
+            f"{a.raw:.2f} | {a.delta_e:.2f} | {point.relief:.2f} | {'**front**' if best else ''} |"
+        )
+    lines.append(f"| one flat colour, the true mean | | | | {flat.best:.2f} | {flat.raw:.2f} | {flat.delta_e:.2f} | | |")
+    return [*lines, "", f"Means over {len(QUICK)} rendered photos: {', '.join(QUICK)}."]
 
 
 def main(
-    captures: Annotated[Path, typer.Option(help="Folder of captures; its folder held-out is used.")],
-    networks: Annotated[Path | None, typer.Option(help="Networks of other sizes, as for avatarme bench.")] = None,
-    config: Annotated[str, typer.Option(help="Size of the shipped networks, for PyTorch.")] = "compact",
-    only: Annotated[str, typer.Option(help="Names, with commas between.")] = ",".join(NETWORKS),
-    write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
+    cache: Annotated[Path, typer.Option(help="Folder that keeps what was rendered.")] = CACHE,
+    quality: Annotated[str, typer.Option(help="Names, with commas between.")] = ",".join(LEVELS),
+    runtime: Annotated[str, typer.Option(help="Names, with commas between.")] = ",".join(RUNTIMES),
+    write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
-    """Print the tables."""
-    data = captures.parent if captures.name == "held-out" else captures
-    threads = choose_engine().threads
-    torch.set_num_threads(threads)
-    lines: list[str] = []
-    for name in only.split(","):
-        if name not in NETWORKS:
-            raise UsageError(f"only has {name!r}; there are {', '.join(NETWORKS)}")
-        lines += table(name, points(name, data, config, threads, networks))
-    tell("\n".join(lines), MARK, write)
+    """Print the table."""
+    points, flat = measured(data_folder(None if data is None else str(data)), cache, quality.split(","), runtime.split(","))
+    tell("\n".join(table(points, flat)), MARK, write)
 
 
 if __name__ == "__main__":

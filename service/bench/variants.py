@@ -127,7 +127,7 @@ FULL = Extent(
     1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("int8 static",), ("draft", "standard", "high", "reference"),
     (1536, 3072, 6144), True, 1,
 )  # fmt: skip
-"""Without dynamic quantisation, which ``benchmarks.accuracy_time`` has: its convolutions are as slow as fp32."""
+"""Without dynamic quantisation, whose convolutions are as slow as fp32."""
 QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (), (384, 768, 1536), False, 0, 1)
 
 

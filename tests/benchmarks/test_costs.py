@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 pytest.importorskip("torch")
 
-from benchmarks import cliffs, runtimes, scaling
+from benchmarks import accuracy_time, runtimes, scaling
+from benchmarks.corrections.score import Score
 
 
 def test_straight_lines_and_growing_memory_are_told() -> None:
@@ -30,22 +30,11 @@ def test_a_wrong_choice_of_the_rule_is_told() -> None:
     ]
 
 
-def test_the_closed_form_of_the_cliff() -> None:
-    """Its slopes are the differences of its height but for the tear itself."""
-    height, right, down, distance = cliffs.torn(0.6, 0.0)
-    middle = (right[:, 1:] + right[:, :-1]) / 2
-    whole = (distance > cliffs.MM)[:, 1:] & (distance > cliffs.MM)[:, :-1]
-    assert np.abs(np.diff(height, axis=1) - middle)[whole].max() < 2e-3
-    assert np.abs(np.diff(height, axis=0) - (down[1:] + down[:-1]) / 2).max() < 2e-3
-    assert np.abs(np.diff(height, axis=1) - middle)[~whole].max() > 0.5
-
-
-def test_without_a_cliff_the_bilateral_reference_is_least_squares() -> None:
-    from service.reflectance.relief.integrate import integrate
-
-    _, right, down, _ = cliffs.torn(0.0, 0.0)
-    found = cliffs.bilateral(right, down, 2.0)
-    plain = integrate(
-        right.astype(np.float32), down.astype(np.float32), np.ones(right.shape, bool), tolerance=1e-6, most_steps=99
-    ).height
-    assert np.abs((found - found.mean()) - plain).max() < 1e-3
+def test_the_front_has_what_nothing_beats_and_missing_figures_are_left_out() -> None:
+    poor, good = Score(20.0, 18.0, 6.0, float("nan")), Score(22.0, 19.0, 5.0, 17.0)
+    ways = [("draft", 10.0, poor), ("standard", 40.0, good), ("high", 50.0, good)]
+    points = [accuracy_time.Point(name, "onnxruntime", seconds, score, 25.0) for name, seconds, score in ways]
+    lines = accuracy_time.table(points, poor)
+    assert [line.split(" | ")[0].strip("| ") for line in lines if "front" in line] == ["quality", "draft", "standard"]
+    both = accuracy_time.mean([poor, good])
+    assert (both.best, both.unseen) == (21.0, 17.0)
