@@ -93,13 +93,15 @@ def table(points: Sequence[Point], flat: Score) -> list[str]:
         "|---" * 9 + "|",
     ]
     for point, best in zip(points, front, strict=True):
-        a = point.albedo
-        lines.append(
-            f"| {point.quality} | {point.runtime} | {point.seconds:.1f} | {point.seconds / fastest:.2f} | {a.best:.2f} | "
-            f"{a.raw:.2f} | {a.delta_e:.2f} | {point.relief:.2f} | {'**front**' if best else ''} |"
-        )
-    lines.append(f"| one flat colour, the true mean | | | | {flat.best:.2f} | {flat.raw:.2f} | {flat.delta_e:.2f} | | |")
+        head = f"| {point.quality} | {point.runtime} | {point.seconds:.1f} | {point.seconds / fastest:.2f} | "
+        lines.append(f"{head}{_told(point.albedo)} | {point.relief:.2f} | {'**front**' if best else ''} |")
+    lines.append(f"| one flat colour, the true mean | | | | {_told(flat)} | | |")
     return [*lines, "", f"Means over {len(QUICK)} rendered photos: {', '.join(QUICK)}."]
+
+
+def _told(albedo: Score) -> str:
+    """Three cells."""
+    return f"{albedo.best:.2f} | {albedo.raw:.2f} | {albedo.delta_e:.2f}"
 
 
 def main(
