@@ -112,7 +112,8 @@ def main(
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
     """Print the table."""
-    points, flat = measured(data_folder(None if data is None else str(data)), cache, quality.split(","), runtime.split(","))
+    folder = data_folder(None if data is None else str(data))
+    points, flat = measured(folder, cache, quality.split(","), runtime.split(","))
     tell("\n".join(table(points, flat)), MARK, write)
 
 
