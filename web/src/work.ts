@@ -2,6 +2,7 @@
 
 import type { Job } from "./api";
 import { byId, duration, make, words } from "./dom";
+import { timeInWords, type Expected } from "./times";
 
 const STAGES: Record<string, string> = {
   decode: "Reading the photo",
@@ -24,9 +25,12 @@ export class Work {
   private began = 0;
   private stageBegan = 0;
   private timer = 0;
+  private usual = "";
 
-  start(photoUrl: string): void {
+  /** `expected`: the time that was told before the start, shown beside the time that has passed. */
+  start(photoUrl: string, expected: Expected | null): void {
     this.stage = "";
+    this.usual = timeInWords(expected);
     this.began = this.stageBegan = performance.now();
     byId("work-done").replaceChildren();
     byId("work-lost").hidden = true;
@@ -82,6 +86,7 @@ export class Work {
   }
 
   private tick(): void {
-    byId("work-time").textContent = duration((performance.now() - this.began) / 1000);
+    const passed = duration((performance.now() - this.began) / 1000);
+    byId("work-time").textContent = this.usual ? `${passed} of ${this.usual}` : passed;
   }
 }

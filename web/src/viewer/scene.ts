@@ -3,6 +3,7 @@
 import {
   Box3,
   DirectionalLight,
+  Group,
   Mesh,
   MeshBasicMaterial,
   NeutralToneMapping,
@@ -19,11 +20,15 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
 import { loadHead } from "./load";
+import type { PhotoCamera } from "./manifest";
 import type { MapStore } from "./maps";
+import { lookThrough, projectedBox, type PixelBox } from "./photo_camera";
 import { MapSurface, Skin, type Surface } from "./skin";
 
-
 const FIELD_OF_VIEW = 24;
+
+/** Place of the neck's joint in head space, in metres, about which the head nods and turns; roughly. */
+const NECK = new Vector3(0, -0.12, -0.09);
 
 /** Where the light stands, seen from the camera: degrees to the right and up; strengths of lamp and room. */
 export interface Light {
@@ -42,6 +47,10 @@ export class HeadScene {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 10);
+  /** The photo's camera, and whether the view looks through it. */
+  private readonly photoCamera = new PerspectiveCamera();
+  private throughPhoto = false;
+  private readonly neck = new Group();
   private readonly lamp = new DirectionalLight(0xffffff, 1);
   private readonly watcher: ResizeObserver;
   private readonly parts: { mesh: Mesh; skin: Skin; wires: Mesh }[] = [];
@@ -99,9 +108,13 @@ export class HeadScene {
       mesh.add(wires);
       this.parts.push({ mesh, skin, wires });
     }
-    this.scene.add(head.group);
+    head.group.position.copy(NECK).negate();
+    this.neck.position.copy(NECK);
+    this.neck.add(head.group);
+    this.scene.add(this.neck);
     this.photoExpression = head.expression;
     this.express(head.expression);
+    this.scene.updateMatrixWorld(true);
     this.frameHead(new Box3().setFromObject(head.group));
     this.fit();
   }
@@ -116,6 +129,26 @@ export class HeadScene {
     for (const { mesh } of this.parts)
       for (const [name, index] of Object.entries(mesh.morphTargetDictionary ?? {}))
         mesh.morphTargetInfluences![index] = weights[name] ?? 0;
+    this.draw();
+  }
+
+  /** Turns the head on its neck, angles in radians; the camera stays. */
+  pose(yaw: number, pitch: number): void {
+    this.neck.rotation.set(pitch, yaw, 0);
+    this.draw();
+  }
+
+  /** Box of the head in the photo's pixels, with the expression that it wears now. */
+  boxInPhoto(camera: PhotoCamera): PixelBox {
+    this.scene.updateMatrixWorld();
+    return projectedBox(this.parts.map((part) => part.mesh), camera);
+  }
+
+  /** Looks at the head as the photo does, at this part of it; null goes back to the free view. */
+  lookAsPhoto(camera: PhotoCamera, window: PixelBox | null): void {
+    this.throughPhoto = window !== null;
+    this.controls.enabled = window === null;
+    if (window) lookThrough(this.photoCamera, camera, window);
     this.draw();
   }
 
@@ -189,19 +222,20 @@ export class HeadScene {
     this.frame = requestAnimationFrame(() => {
       this.frame = 0;
       this.controls.update(); // damping goes on by the change that it reports
-      this.placeLight();
-      this.renderer.render(this.scene, this.camera);
+      const camera = this.throughPhoto ? this.photoCamera : this.camera;
+      this.placeLight(camera);
+      this.renderer.render(this.scene, camera);
       this.canvas.dataset.frames = String(this.renderer.info.render.frame);
     });
   }
 
   /** Lamp and room stay with the viewer, so turning the camera shows the head turning in a fixed light. */
-  private placeLight(): void {
+  private placeLight(camera: PerspectiveCamera): void {
     const [azimuth, elevation] = [this.light.azimuth, this.light.elevation].map((degrees) => (degrees * Math.PI) / 180);
     const across = Math.cos(elevation!);
     const from = new Vector3(Math.sin(azimuth!) * across, Math.sin(elevation!), Math.cos(azimuth!) * across);
-    this.camera.updateMatrixWorld();
-    from.transformDirection(this.camera.matrixWorld);
+    camera.updateMatrixWorld();
+    from.transformDirection(camera.matrixWorld);
     this.lamp.position.copy(this.centre).addScaledVector(from, 1);
     this.lamp.target.position.copy(this.centre);
     this.lamp.intensity = this.light.strength;
