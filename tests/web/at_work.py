@@ -31,7 +31,7 @@ def make_head(page: Page) -> None:
 
 def settle(page: Page) -> None:
     """Until nothing is loaded and no more frames are drawn."""
-    page.wait_for_function("document.getElementById('view-status').textContent === ''")
+    page.wait_for_function("() => document.getElementById('view-status').textContent === ''")
     page.evaluate(
         """async () => {
             const canvas = document.getElementById('canvas');

@@ -53,7 +53,8 @@ def grab(page: Page, size: tuple[int, int]) -> Image.Image:
     """The view without what lies over it, at that size."""
     settle(page)
     picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))
-    return picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    inner = picture.crop((2, 2, picture.width - 2, picture.height - 2))  # a rim may show what lies beside the view
+    return inner.convert("RGB").resize(size, Image.Resampling.LANCZOS)
 
 
 def framed(page: Page, width: int, height: int) -> None:

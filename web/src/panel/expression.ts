@@ -47,11 +47,11 @@ function chipsOf(photo: Weights, chosen: (weights: Weights) => void): HTMLElemen
 }
 
 function liveButton(motion: Motion): HTMLElement {
-  const button = make("button", { type: "button", id: "alive", "aria-pressed": "false" }, "Bring to life");
+  const button = make("button", { type: "button", id: "alive", "aria-pressed": "false" }, "Live");
   button.addEventListener("click", () => {
     const on = button.getAttribute("aria-pressed") === "false";
     button.setAttribute("aria-pressed", String(on));
-    button.textContent = on ? "Stop" : "Bring to life";
+    button.textContent = on ? "Stop" : "Live";
     motion.loop(on);
   });
   return make("div", { class: "row alive" }, button, make("span", { class: "hint" }, "Blinks, looks about, smiles"));
