@@ -1,7 +1,8 @@
 """Pictures of the page's gallery: ``python -m tests.web.gallery [--archive AVATAR.zip]``, then ``make web``.
 
 Makes a head of the sample photo (or takes an archive of it), opens it in the page itself, and writes what the viewer
-shows, and cuts of the photo, to ``web/gallery``.
+shows, and cuts of the photo, to ``web/gallery``. With ``--docs`` it writes the pictures of ``docs/web.md`` instead, so
+after ``make web``.
 """
 
 from __future__ import annotations
@@ -13,16 +14,17 @@ import sys
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
 from tests.web.at_work import artists, make_head, set_light, settle
 from tests.web.conftest import PHOTO, ROOT, launched
 from tests.web.fake_service import serving
+from tests.web.test_access import PHONE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 OUT = ROOT / "web" / "gallery"
 TILE = 360
@@ -126,21 +128,53 @@ def charts(archive: Path) -> None:
     save(made, "maps")
 
 
+def screens(browser: Browser, address: str) -> None:
+    """The pictures of ``docs/web.md``: the start, the comparison with the photo, the head on a phone in the dark."""
+    wide: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"}
+    page = browser.new_page(**wide)
+    page.goto(address)
+    page.wait_for_selector("#quality:not([hidden])")
+    page.evaluate("for (const image of document.images) image.loading = 'eager'")
+    page.wait_for_load_state("networkidle")
+    shoot(page, "start", full_page=True)
+    make_head(page)
+    page.click("#inset")
+    settle(page)
+    page.locator("#view").hover()
+    shoot(page, "light")
+    phone = browser.new_page(**PHONE, color_scheme="dark", reduced_motion="reduce")
+    phone.goto(address)
+    make_head(phone)
+    phone.check("input[name=preset][value=surprise]", force=True)
+    phone.locator(".chips").scroll_into_view_if_needed()
+    settle(phone)
+    shoot(phone, "phone")
+
+
+def shoot(page: Page, name: str, **wishes: Any) -> None:
+    """Write a screenshot of the page to ``docs``."""
+    picture = Image.open(io.BytesIO(page.screenshot(**wishes))).convert("RGB")
+    picture.save(ROOT / "docs" / f"web-{name}.jpg", quality=QUALITY, optimize=True, progressive=True)
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--archive", type=Path, help="a head of the sample photo that is made already")
+    parser.add_argument("--docs", action="store_true", help="write the pictures of docs/web.md instead")
     given = parser.parse_args()
-    OUT.mkdir(parents=True, exist_ok=True)
-    cuts_of_the_photo()
     with tempfile.TemporaryDirectory() as folder:
         archive = given.archive or Path(folder) / "sample.zip"
         if not given.archive:
             subprocess.run(
                 [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(archive)], cwd=ROOT, check=True
             )
-        charts(archive)
         with launched() as browser, serving(archive, step_s=0.05) as fake:
+            if given.docs:
+                return screens(browser, fake.address)
+            OUT.mkdir(parents=True, exist_ok=True)
+            cuts_of_the_photo()
+            charts(archive)
             page = browser.new_page(
                 viewport={"width": 1200, "height": 900}, device_scale_factor=2, reduced_motion="reduce", bypass_csp=True
             )

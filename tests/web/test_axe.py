@@ -37,7 +37,7 @@ def test_axe_finds_no_violation(screen: str, fake: Fake, open_page: Opener) -> N
     for states in STATES:
         for name in states(page, fake):
             if not page.evaluate("'axe' in window"):
-                page.evaluate(AXE.read_text("utf-8"))  # over the debugger, which the content security policy lets through
+                page.evaluate(AXE.read_text("utf-8"))  # by the debugger: the content security policy holds for the page
             found = page.evaluate(RUN)
             assert found["passed"] > 10, f"{name}: axe looked at nothing"
             wrong += [f"{name}: {text}" for text in found["wrong"]]

@@ -208,7 +208,8 @@ def test_a_reloaded_page_goes_on_with_its_job(fake: Fake, open_page: Opener) -> 
 
 
 @pytest.mark.parametrize(
-    ("reason", "words"), [("expired", "has expired"), ("erased", "was deleted"), ("lost", "are lost"), (None, "no head")]
+    ("reason", "words"),
+    [("expired", "has expired"), ("erased", "was deleted"), ("lost", "are lost"), (None, "no head")],
 )
 def test_a_link_to_a_head_that_is_gone_says_why(reason: str | None, words: str, fake: Fake, open_page: Opener) -> None:
     if reason:

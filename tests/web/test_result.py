@@ -112,7 +112,7 @@ def test_what_there_is_to_download(fake: Fake, archive: Path, open_page: Opener)
             subprocess.run(["unzip", "-tq", str(path)], check=True, capture_output=True)
 
 
-def test_the_displacement_scale_for_blender_is_that_of_the_manifest(fake: Fake, archive: Path, open_page: Opener) -> None:
+def test_the_displacement_for_blender_is_that_of_the_manifest(fake: Fake, archive: Path, open_page: Opener) -> None:
     """Blender's height is (value - midlevel) scale in metres, with values from 0 to 1."""
     page = open_page(fake.address)
     make_head(page)
@@ -144,7 +144,7 @@ def test_a_download_over_a_broken_connection(fake: Fake, open_page: Opener) -> N
     make_head(page)
     page.route("**/files/**", lambda route: route.abort())
     page.click("#download")
-    page.wait_for_function("() => document.getElementById('download-status').textContent.startsWith('That did not work')")
+    page.wait_for_selector("#download-status:has-text('That did not work')")
     assert page.is_visible("#canvas"), "the head stays"
 
 

@@ -67,6 +67,16 @@ def test_the_time_stays_in_sight_while_the_job_runs(fake: Fake, open_page: Opene
     page.wait_for_function("() => document.getElementById('work-time').textContent.endsWith('of about 41 s')")
 
 
+def test_a_job_that_takes_longer_than_told(fake: Fake, open_page: Opener) -> None:
+    row = {"quality": "standard", "size": [6144, 4096], "jobs": 1, "median_s": 1.0, "p90_s": 1.0}
+    fake.quality, fake.step_s = {**QUALITY, "items": [row]}, 2.0
+    page = open_page(fake.address)
+    page.wait_for_selector("#quality:not([hidden])")
+    page.set_input_files("#file", PHOTO)
+    page.click("#go")
+    page.wait_for_function("() => document.getElementById('work-time').textContent.endsWith('was to take about 1 s')")
+
+
 @pytest.mark.parametrize("button", ["#try", "#try-too"])
 def test_the_sample_is_made_at_once(button: str, fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)

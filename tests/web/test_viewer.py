@@ -11,7 +11,17 @@ import pytest
 
 from tests.web.archives import with_reflectance
 from tests.web.at_work import (
-    Pixels, artists, difference, face, make_head, picture, set_light, set_slider, settle, shapes, show,
+    Pixels,
+    artists,
+    difference,
+    face,
+    make_head,
+    picture,
+    set_light,
+    set_slider,
+    settle,
+    shapes,
+    show,
 )  # fmt: skip
 from tests.web.conftest import Opener, opening
 from tests.web.fake_service import serving

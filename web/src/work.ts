@@ -25,12 +25,12 @@ export class Work {
   private began = 0;
   private stageBegan = 0;
   private timer = 0;
-  private usual = "";
+  private expected: Expected | null = null;
 
   /** `expected`: the time that was told before the start, shown beside the time that has passed. */
   start(photoUrl: string, expected: Expected | null): void {
     this.stage = "";
-    this.usual = timeInWords(expected);
+    this.expected = expected;
     this.began = this.stageBegan = performance.now();
     byId("work-done").replaceChildren();
     byId("work-lost").hidden = true;
@@ -86,7 +86,9 @@ export class Work {
   }
 
   private tick(): void {
-    const passed = duration((performance.now() - this.began) / 1000);
-    byId("work-time").textContent = this.usual ? `${passed} of ${this.usual}` : passed;
+    const seconds = (performance.now() - this.began) / 1000;
+    const usual = timeInWords(this.expected);
+    const late = this.expected !== null && seconds > 1.2 * this.expected.seconds;
+    byId("work-time").textContent = `${duration(seconds)}${usual && (late ? `; it was to take ${usual}` : ` of ${usual}`)}`;
   }
 }
