@@ -10,11 +10,12 @@ import { lightOfPhoto, lightPanel } from "./panel/light";
 import { summary } from "./panel/summary";
 import type { Problem } from "./problem";
 import { Compare } from "./viewer/compare";
+import type { Light } from "./viewer/lighting";
 import type { Manifest } from "./viewer/manifest";
 import { MapStore } from "./viewer/maps";
 import { Motion } from "./viewer/motion";
 import { findPhoto } from "./viewer/photo";
-import { HeadScene, type Light } from "./viewer/scene";
+import { HeadScene } from "./viewer/scene";
 
 export interface Around {
   /** Address of the photo in this page, "" where the page does not have it. */

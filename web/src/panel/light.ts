@@ -2,7 +2,8 @@
 
 import { byId, make } from "../dom";
 import type { Fit } from "../viewer/manifest";
-import type { HeadScene, Light } from "../viewer/scene";
+import type { Light } from "../viewer/lighting";
+import type { HeadScene } from "../viewer/scene";
 import { group, slider } from "./group";
 
 /** Angle from the viewer's direction at the rim of the ball, in degrees: a little behind the head. */

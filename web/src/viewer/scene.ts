@@ -2,14 +2,12 @@
 
 import {
   Box3,
-  DirectionalLight,
   Group,
   Mesh,
   MeshBasicMaterial,
   NeutralToneMapping,
   PCFShadowMap,
   PerspectiveCamera,
-  PMREMGenerator,
   Scene,
   Spherical,
   SRGBColorSpace,
@@ -18,7 +16,7 @@ import {
   type Material,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { Lighting, type Light } from "./lighting";
 import { loadHead } from "./load";
 import type { PhotoCamera } from "./manifest";
 import type { MapStore } from "./maps";
@@ -30,16 +28,8 @@ const FIELD_OF_VIEW = 24;
 /** Place of the neck's joint in head space, in metres, about which the head nods and turns; roughly. */
 const NECK = new Vector3(0, -0.12, -0.09);
 
-/** Where the light stands, seen from the camera: degrees to the right and up; strengths of lamp and room. */
-export interface Light {
-  azimuth: number;
-  elevation: number;
-  strength: number;
-  room: number;
-}
-
 export class HeadScene {
-  readonly light: Light = { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 };
+  readonly light: Light;
   readonly controls: OrbitControls;
   expression: Record<string, number> = {};
   photoExpression: Record<string, number> = {};
@@ -51,7 +41,7 @@ export class HeadScene {
   private readonly photoCamera = new PerspectiveCamera();
   private throughPhoto = false;
   private readonly neck = new Group();
-  private readonly lamp = new DirectionalLight(0xffffff, 1);
+  private readonly lighting: Lighting;
   private readonly watcher: ResizeObserver;
   private readonly parts: { mesh: Mesh; skin: Skin; wires: Mesh }[] = [];
   private readonly centre = new Vector3();
@@ -65,15 +55,8 @@ export class HeadScene {
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
-    const room = new RoomEnvironment();
-    const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(room, 0.04).texture;
-    generator.dispose();
-    room.dispose();
-    this.lamp.castShadow = true;
-    this.lamp.shadow.mapSize.set(1024, 1024);
-    this.lamp.shadow.radius = 3;
-    this.scene.add(this.lamp, this.lamp.target);
+    this.lighting = new Lighting(this.scene, this.renderer);
+    this.light = this.lighting.light;
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enablePan = false;
     this.controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -178,9 +161,7 @@ export class HeadScene {
   }
 
   moveLight(change: Partial<Light>): void {
-    Object.assign(this.light, change);
-    this.light.azimuth = ((((this.light.azimuth + 180) % 360) + 360) % 360) - 180;
-    this.light.elevation = Math.min(Math.max(this.light.elevation, -85), 85);
+    this.lighting.move(change);
     this.lightMoved();
     this.draw();
   }
@@ -212,7 +193,7 @@ export class HeadScene {
       skin.dispose();
       (wires.material as Material).dispose();
     }
-    this.scene.environment?.dispose();
+    this.lighting.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
   }
@@ -223,24 +204,10 @@ export class HeadScene {
       this.frame = 0;
       this.controls.update(); // damping goes on by the change that it reports
       const camera = this.throughPhoto ? this.photoCamera : this.camera;
-      this.placeLight(camera);
+      this.lighting.place(camera, this.centre, this.controls.getAzimuthalAngle());
       this.renderer.render(this.scene, camera);
       this.canvas.dataset.frames = String(this.renderer.info.render.frame);
     });
-  }
-
-  /** Lamp and room stay with the viewer, so turning the camera shows the head turning in a fixed light. */
-  private placeLight(camera: PerspectiveCamera): void {
-    const [azimuth, elevation] = [this.light.azimuth, this.light.elevation].map((degrees) => (degrees * Math.PI) / 180);
-    const across = Math.cos(elevation!);
-    const from = new Vector3(Math.sin(azimuth!) * across, Math.sin(elevation!), Math.cos(azimuth!) * across);
-    camera.updateMatrixWorld();
-    from.transformDirection(camera.matrixWorld);
-    this.lamp.position.copy(this.centre).addScaledVector(from, 1);
-    this.lamp.target.position.copy(this.centre);
-    this.lamp.intensity = this.light.strength;
-    this.scene.environmentIntensity = this.light.room;
-    this.scene.environmentRotation.y = this.controls.getAzimuthalAngle();
   }
 
   private frameHead(box: Box3): void {
@@ -251,14 +218,7 @@ export class HeadScene {
     this.controls.target.copy(this.centre);
     this.controls.minDistance = 0.9 * radius;
     this.controls.maxDistance = 2.5 * this.distance;
-    const view = this.lamp.shadow.camera;
-    view.left = view.bottom = -radius;
-    view.right = view.top = radius;
-    view.near = 1 - radius;
-    view.far = 1 + radius;
-    view.updateProjectionMatrix();
-    this.lamp.shadow.bias = -0.0004;
-    this.lamp.shadow.normalBias = 0.002;
+    this.lighting.cover(radius);
     this.front();
   }
 
