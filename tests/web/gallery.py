@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 OUT = ROOT / "web" / "gallery"
 TILE = 360
 """Side of a small picture in pixels."""
-WIDE = (600, 720)
+WIDE = (540, 800)
 """Width and height of the two pictures with the slider."""
 QUALITY = 84
 """Of the JPEGs."""
@@ -145,8 +145,9 @@ def screens(browser: Browser, address: str) -> None:
     phone = browser.new_page(**PHONE, color_scheme="dark", reduced_motion="reduce")
     phone.goto(address)
     make_head(phone)
-    phone.check("input[name=preset][value=surprise]", force=True)
-    phone.locator(".chips").scroll_into_view_if_needed()
+    phone.click("label.surprise")
+    phone.locator("#alive").focus()
+    phone.evaluate("document.activeElement.blur(); scrollBy(0, 110)")
     settle(phone)
     shoot(phone, "phone")
 

@@ -162,6 +162,13 @@ def test_a_phone(fake: Fake, open_page: Opener) -> None:
     assert box
     assert box["y"] >= -1, "the head stays in view while the controls are used"
     assert box["height"] < 0.6 * 780
+    for selector in ("#alive", "input[name=kit]", "#delete", "#download"):
+        page.locator(selector).first.focus()
+        here = page.locator(selector).first.bounding_box()
+        scene = page.locator(".scene").bounding_box()
+        assert here
+        assert scene
+        assert here["y"] >= scene["y"] + scene["height"] - 1, f"{selector} has the focus and lies under the view"
 
 
 def test_there_is_no_camera_button_with_a_mouse(fake: Fake, open_page: Opener) -> None:
