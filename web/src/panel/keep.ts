@@ -26,11 +26,11 @@ export function keeping(job: Job, erase: () => void): HTMLElement {
 
 function expiry(job: Job): string {
   const date = job.expires_at ? new Date(job.expires_at) : null;
-  if (!date || Number.isNaN(date.getTime())) return "The photo is erased already; the head is kept for a limited time.";
+  if (!date || Number.isNaN(date.getTime())) return "The head is kept for a limited time.";
   const time = date.toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
   return date.getTime() < Date.now()
     ? `The link expired on ${time}; the files may be erased at any moment.`
-    : `The photo is erased already. The head is kept until ${time}, and this page's address leads back to it.`;
+    : `The head is kept until ${time}; until then this page's address leads back to it.`;
 }
 
 function confirm(erase: () => void): void {
