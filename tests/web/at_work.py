@@ -31,7 +31,7 @@ def make_head(page: Page) -> None:
 
 def settle(page: Page) -> None:
     """Until nothing is loaded and no more frames are drawn."""
-    page.wait_for_function("document.getElementById('view-status').textContent === ''")
+    page.wait_for_function("() => document.getElementById('view-status').textContent === ''")
     page.evaluate(
         """async () => {
             const canvas = document.getElementById('canvas');
@@ -44,8 +44,21 @@ def settle(page: Page) -> None:
     )
 
 
+def artists(page: Page) -> None:
+    """Open the part of the panel with maps, numbers and files."""
+    if page.get_attribute("#artists", "open") is None:
+        page.click("#artists > summary")
+
+
+def shapes(page: Page) -> None:
+    """Open the list of the 52 sliders."""
+    if page.get_attribute("#shapes", "open") is None:
+        page.click("#shapes > summary")
+
+
 def show(page: Page, view: str) -> Pixels:
     """The head with one of the switches of the maps on."""
+    artists(page)
     page.check(f"#panel input[name=view][value={view}]")
     page.wait_for_selector(f"#canvas[data-shows={view}]")
     return picture(page)
@@ -71,6 +84,12 @@ def difference(first: Pixels, second: Pixels) -> float:
 
 def set_slider(page: Page, name: str, value: float) -> None:
     page.locator(f"#{name}").fill(str(value))
+
+
+def set_light(page: Page, azimuth: float, elevation: float) -> None:
+    """Degrees to the right of the viewer and up."""
+    set_slider(page, "light-azimuth", azimuth)
+    set_slider(page, "light-elevation", elevation)
 
 
 def posts(requests: list[tuple[str, str, dict[str, str]]]) -> list[dict[str, Any]]:

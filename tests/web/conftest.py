@@ -6,7 +6,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,18 +32,35 @@ MODEST = {"viewport": {"width": 900, "height": 600}, "device_scale_factor": 0.5,
 Opener = Callable[..., "Page"]
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (make setup)")
+@contextmanager
+def launched() -> Iterator[Browser]:
+    """Headless Chromium.
+
+    Raises:
+        FileNotFoundError: there is none on this machine.
+    """
+    from playwright.sync_api import sync_playwright
+
     names = (os.environ.get("AVATARME_CHROMIUM", ""), *CHROMIUM)
     found = next((path for path in map(shutil.which, names) if path), None)
-    with playwright.sync_playwright() as session:
+    with sync_playwright() as session:
         path = found or session.chromium.executable_path
         if not Path(path).exists():
-            pytest.skip("no Chromium here: apt-get install chromium, or name one in AVATARME_CHROMIUM")
+            raise FileNotFoundError("no Chromium here: apt-get install chromium, or name one in AVATARME_CHROMIUM")
         program = session.chromium.launch(executable_path=path, args=ARGUMENTS)
         yield program
         program.close()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed (make setup)")
+    with ExitStack() as stack:
+        try:
+            program = stack.enter_context(launched())
+        except FileNotFoundError as missing:
+            pytest.skip(str(missing))
+        yield program
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +69,7 @@ def plain_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("archive") / "plain.zip"
     maps = ("--maps", "texture,confidence,shape_normal")
     command = [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(target), *maps]
-    subprocess.run([*command, "--maps", "texture,confidence,shape_normal"], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     assert zipfile.is_zipfile(target)
     return target
 

@@ -71,6 +71,8 @@ class Fake:
         streams: whether there are event streams.
         cut_after: the event stream breaks after so many events, each time.
         key: the access key that is wanted.
+        quality: what GET /v1/quality answers.
+        gone: jobs whose results are gone, and why: "expired", "erased", "lost".
     """
 
     archive: Path
@@ -80,6 +82,8 @@ class Fake:
     streams: bool = True
     cut_after: int = 10**9
     key: str = ""
+    quality: dict[str, Any] = field(default_factory=lambda: QUALITY)
+    gone: dict[str, str] = field(default_factory=dict)
     jobs: dict[str, float] = field(default_factory=dict)
     errors: dict[str, dict[str, Any]] = field(default_factory=dict)
     deleted: list[str] = field(default_factory=list)
@@ -112,7 +116,7 @@ class Fake:
             "state": final if over else "queued" if at == 1 else "running",
             "stage": "" if at == 1 or over else STAGES[at - 2],
             "progress": 1.0 if over else (at - 1) / (len(STAGES) + 1),
-            "expires_at": "2026-11-22T09:30:00.000Z" if over else None,
+            "expires_at": "2046-11-22T09:30:00.000Z" if over else None,
             "links": {
                 "self": address,
                 "events": f"{address}/events",
@@ -141,13 +145,16 @@ class Handler(BaseHTTPRequestHandler):
         path = self._begin()
         if path == "/":
             return self._file(STATIC / "index.html")
-        if path.count("/") == 1 and (STATIC / path[1:]).is_file():
+        if path[1:] in {file.relative_to(STATIC).as_posix() for file in STATIC.rglob("*") if file.is_file()}:
             return self._file(STATIC / path[1:])
         if not self._allowed():
             return None
         if path == "/v1/quality":
-            return self._json(200, QUALITY)
+            return self._json(200, self.fake.quality)
         name, _, rest = path.removeprefix("/v1/avatars/").partition("/")
+        if name in self.fake.gone:
+            reason = self.fake.gone[name]
+            return self._problem(problem("gone", 410, "Gone", "The result has expired or was erased.", reason=reason))
         if name not in self.fake.jobs or name in self.fake.deleted:
             return self._problem(problem("not-found", 404, "Not found", "There is no such avatar."))
         if not rest:
@@ -157,6 +164,9 @@ class Handler(BaseHTTPRequestHandler):
         if rest == "archive.zip":
             return self._send(200, "application/zip", self.fake.archive.read_bytes())
         return self._member(rest.removeprefix("files/"))
+
+    def do_HEAD(self) -> None:
+        self.do_GET()
 
     def do_POST(self) -> None:
         self._begin()
@@ -235,7 +245,8 @@ class Handler(BaseHTTPRequestHandler):
         }.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
 
 def _parts(body: bytes, kind: str) -> dict[str, bytes]:

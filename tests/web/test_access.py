@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.web.at_work import difference, make_head, picture, submit
+from tests.web.at_work import artists, difference, make_head, picture, shapes, submit
 from tests.web.conftest import PHOTO, Opener
 from tests.web.fake_service import Fake, problem
 
@@ -59,7 +59,7 @@ def poor_contrast(page: Page) -> list[str]:
 
 
 def tab_to(page: Page, selector: str) -> None:
-    for _ in range(60):
+    for _ in range(80):
         page.keyboard.press("Tab")
         if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
             return
@@ -93,13 +93,35 @@ def test_keyboard_only(fake: Fake, open_page: Opener) -> None:
     assert difference(turned, picture(page)) > 0.01
     page.keyboard.press("Home")
 
-    tab_to(page, "input[name=view]")
+    tab_to(page, "#inset")
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "wipe"
+    page.keyboard.press("ArrowRight")
+    assert page.input_value("#wipe") == "51"
+    assert page.evaluate("getComputedStyle(document.getElementById('view')).getPropertyValue('--at')") == "51%"
+    tab_to(page, "input[name=drag]")
+    page.keyboard.press("ArrowRight")
+    assert not page.is_visible("#wipe")
+
+    tab_to(page, "input[name=kit]")
     page.keyboard.press("ArrowDown")
-    page.wait_for_selector("#canvas[data-shows=texture]")
+    assert page.is_checked("input[name=kit][value=blender]")
+    tab_to(page, "input[name=preset]")
+    page.keyboard.press("ArrowRight")
+    assert page.is_checked("input[name=preset][value=neutral]")
+    tab_to(page, "#alive")
+    page.keyboard.press("Space")
+    assert page.get_attribute("#alive", "aria-pressed") == "true"
+    page.keyboard.press("Space")
     tab_to(page, "#light-elevation")
     page.keyboard.press("ArrowRight")
     assert page.input_value("#light-elevation") == "31"
-    page.locator("#delete").focus()
+    tab_to(page, "#artists > summary")
+    page.keyboard.press("Enter")
+    tab_to(page, "input[name=view]")
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector("#canvas[data-shows=texture]")
+    tab_to(page, "#delete")
     page.keyboard.press("Enter")
     page.wait_for_selector("#confirm[open]")
     page.keyboard.press("Escape")
@@ -140,6 +162,13 @@ def test_a_phone(fake: Fake, open_page: Opener) -> None:
     assert box
     assert box["y"] >= -1, "the head stays in view while the controls are used"
     assert box["height"] < 0.6 * 780
+    for selector in ("#alive", "input[name=kit]", "#delete", "#download"):
+        page.locator(selector).first.focus()
+        here = page.locator(selector).first.bounding_box()
+        scene = page.locator(".scene").bounding_box()
+        assert here
+        assert scene
+        assert here["y"] >= scene["y"] + scene["height"] - 1, f"{selector} has the focus and lies under the view"
 
 
 def test_there_is_no_camera_button_with_a_mouse(fake: Fake, open_page: Opener) -> None:
@@ -158,8 +187,9 @@ def test_text_can_be_read(scheme: str, fake: Fake, open_page: Opener) -> None:
     assert not poor_contrast(page)
     page.click("#go")
     page.wait_for_selector("#canvas[data-shows=lit]")
-    page.click("summary:has-text('Expression')")
-    page.click("summary:has-text('Measured')")
+    shapes(page)
+    artists(page)
+    page.click("#measured > summary")
     assert not poor_contrast(page)
 
 
@@ -169,5 +199,7 @@ def test_without_webgl_there_is_the_preview(fake: Fake, open_page: Opener) -> No
     submit(page)
     page.wait_for_selector("img#canvas")
     assert "no 3D" in page.inner_text("#view-status")
-    page.wait_for_function("document.querySelector('img#canvas').naturalWidth > 100")
+    page.wait_for_function("() => document.querySelector('img#canvas').naturalWidth > 100")
     assert page.is_visible("#download")
+    assert page.is_visible("#artists")
+    assert not page.is_visible("#view-modes")

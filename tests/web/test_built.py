@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 WEB = ROOT / "web"
@@ -33,11 +34,36 @@ def page() -> Tags:
     return Tags((STATIC / "index.html").read_text("utf-8"))
 
 
+def built() -> list[Path]:
+    return sorted(path for path in STATIC.rglob("*") if path.is_file())
+
+
 def test_the_page_is_small() -> None:
-    sizes = {path.name: path.stat().st_size for path in STATIC.iterdir()}
-    assert set(sizes) == {"index.html", "app.js", "app.css", "viewer.js", "icon.svg", "LICENSES.txt"}
-    assert sum(sizes.values()) < 1_000_000
-    assert sum(size for name, size in sizes.items() if name != "viewer.js") < 60_000, "the first screen has no three.js"
+    sizes = {path.relative_to(STATIC).as_posix(): path.stat().st_size for path in built()}
+    pictures = {name: size for name, size in sizes.items() if name.endswith(".jpg")}
+    texts = {name: size for name, size in sizes.items() if name not in pictures}
+    assert set(texts) == {"index.html", "app.js", "app.css", "viewer.js", "icon.svg", "LICENSES.txt"}
+    assert sum(texts.values()) < 1_000_000
+    assert sum(size for name, size in texts.items() if name != "viewer.js") < 60_000, "the first screen has no three.js"
+    assert all(size < 70_000 for size in pictures.values())
+    assert sum(pictures.values()) < 300_000
+
+
+def test_every_picture_is_shown_and_every_shown_picture_is_there() -> None:
+    shown = {attributes["src"] for tag, attributes in page().found if tag == "img" and attributes.get("src")}
+    there = {path.relative_to(STATIC).as_posix() for path in built() if path.suffix in (".jpg", ".svg")}
+    assert shown == there - {"sample.jpg"}, "sample.jpg is handed in, not shown"
+
+
+def test_pictures_of_the_gallery_are_plain() -> None:
+    """No metadata, and the sizes that the page reserves for them, so that nothing jumps when they come."""
+    for tag, attributes in page().found:
+        if tag != "img" or not (attributes.get("src") or "").startswith("gallery/"):
+            continue
+        with Image.open(STATIC / str(attributes["src"])) as picture:
+            assert not picture.getexif()
+            width, height = int(str(attributes["width"])), int(str(attributes["height"]))
+            assert abs(picture.width / picture.height - width / height) < 0.01, attributes["src"]
 
 
 def test_nothing_comes_from_another_server() -> None:
@@ -67,7 +93,7 @@ def test_every_control_has_a_name() -> None:
         if tag == "img":
             assert "alt" in attributes
         if tag == "input" and attributes.get("type") not in ("radio", "checkbox"):
-            assert attributes.get("id") in labelled
+            assert attributes.get("id") in labelled or attributes.get("aria-label")
     assert ("html", {"lang": "en"}) in found
 
 
@@ -82,6 +108,7 @@ def test_versions_are_exact_and_licences_are_shipped() -> None:
     three = package["dependencies"]["three"]
     assert f"three.js {three}" in licences
     assert "The MIT License" in licences
+    assert "public domain" in licences, "where the pictures come from"
     assert f"three.js {three}" in (ROOT / "THIRD_PARTY.md").read_text("utf-8")
 
 
@@ -91,5 +118,6 @@ def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
         pytest.skip("the page's build tools are not installed: make web")
     environment = {**os.environ, "WEB_OUT": f"{tmp_path.as_uri()}/"}
     subprocess.run(["node", "build.mjs"], cwd=WEB, env=environment, check=True, capture_output=True)
-    for path in STATIC.iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes(), f"{path.name} is old: run make web"
+    for path in built():
+        again = tmp_path / path.relative_to(STATIC)
+        assert again.read_bytes() == path.read_bytes(), f"{path.name} is old: run make web"

@@ -9,6 +9,7 @@ import pytest
 from tests.web.at_work import make_head, posts, submit
 from tests.web.conftest import PHOTO, Opener
 from tests.web.fake_service import Fake, problem
+from tests.web.states import TWO_FACES
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -16,15 +17,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 REFUSED = "Failed to load resource"  # what Chromium logs for each answer of 400 and more
-TWO_FACES = problem(
-    "multiple-faces",
-    422,
-    "Several faces in the photo",
-    "the photo shows 2 faces",
-    boxes=[[170, 70, 280, 180], [10, 20, 60, 80]],
-)
-
-
 def done(page: Page) -> None:
     page.wait_for_selector("#result:not([hidden])")
 
@@ -58,6 +50,7 @@ def test_a_photo_becomes_a_head(fake: Fake, open_page: Opener) -> None:
 
 def test_options_are_those_that_were_chosen(fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)
+    page.click("#more > summary")
     page.check("input[name=quality][value=draft]")
     page.check("input[name=which][value=some]")
     for name in ("displacement", "confidence", "texture"):
@@ -68,13 +61,6 @@ def test_options_are_those_that_were_chosen(fake: Fake, open_page: Opener) -> No
     page.wait_for_url("**/#avatar=*")
     rest = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "shape_normal"]
     assert fake.options == [{"quality": "draft", "maps": rest, "face": "largest"}]
-
-
-def test_measured_times_are_shown(fake: Fake, open_page: Opener) -> None:
-    page = open_page(fake.address)
-    text = page.inner_text("label:has([name=quality][value=standard])")
-    assert "41 s" in text  # of the level's own size
-    assert "about" not in page.inner_text("label:has([name=quality][value=high])"), "a time that nobody measured"
 
 
 def test_without_a_photo_it_says_so(fake: Fake, open_page: Opener) -> None:
@@ -147,11 +133,13 @@ def test_trying_again_after_a_lost_answer_makes_one_job(fake: Fake, open_page: O
     assert keys[0] == keys[1]
 
 
-def test_of_several_faces_one_is_chosen_on_the_photo(fake: Fake, open_page: Opener) -> None:
+def test_choosing_a_face_is_a_question_and_no_error(fake: Fake, open_page: Opener) -> None:
     fake.error = TWO_FACES
     page = open_page(fake.address)
     submit(page)
-    page.wait_for_selector(".frame >> nth=1")
+    page.wait_for_selector(".frame >> nth=2")
+    assert not page.is_visible("#fault")
+    assert page.evaluate("document.activeElement.id") == "faces-title"
     photo, frame = page.locator("#boxes-photo").bounding_box(), page.locator(".frame").first.bounding_box()
     assert photo and frame
     scale = photo["width"] / 512
@@ -160,6 +148,37 @@ def test_of_several_faces_one_is_chosen_on_the_photo(fake: Fake, open_page: Open
     page.get_by_role("button", name="Face 2").click()
     done(page)
     assert [options.get("face") for options in fake.options] == [None, 1]
+    assert [options["quality"] for options in fake.options] == ["standard"] * 2, "the other options stay"
+
+
+def test_faces_are_counted_as_the_boxes_are(fake: Fake, open_page: Opener) -> None:
+    """The service's text counts the faces that matter, two; there are three boxes to choose from."""
+    fake.error = TWO_FACES
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_selector(".frame >> nth=2")
+    assert "3 faces" in page.inner_text("#faces")
+    assert "index" not in page.inner_text("#faces")
+    labels = page.eval_on_selector_all(".frame", "frames => frames.map((frame) => frame.getAttribute('aria-label'))")
+    assert labels == ["Face 1, the largest", "Face 2", "Face 3"]
+    page.click("#restart-faces")
+    assert page.is_visible("#intake")
+
+
+def test_choosing_a_face_after_a_reload(fake: Fake, open_page: Opener) -> None:
+    """The photo is gone from the page then, and has to be chosen again."""
+    fake.error, fake.step_s = TWO_FACES, 0.6
+    page = open_page(fake.address)
+    submit(page)
+    page.wait_for_url("**/#avatar=*")
+    page.reload()
+    page.wait_for_selector("#ask-again:not([hidden])")
+    assert "3 faces" in page.inner_text("#ask-again")
+    assert not page.is_visible("#fault")
+    fake.error, fake.step_s = TWO_FACES, 0.1
+    submit(page)
+    page.get_by_role("button", name="Face 1").click()
+    done(page)
 
 
 def test_cancel(fake: Fake, open_page: Opener) -> None:
@@ -188,10 +207,31 @@ def test_a_reloaded_page_goes_on_with_its_job(fake: Fake, open_page: Opener) -> 
     assert len(fake.jobs) == 1
 
 
-def test_a_head_that_is_gone(fake: Fake, open_page: Opener) -> None:
+@pytest.mark.parametrize(
+    ("reason", "words"),
+    [("expired", "has expired"), ("erased", "was deleted"), ("lost", "are lost"), (None, "no head")],
+)
+def test_a_link_to_a_head_that_is_gone_says_why(reason: str | None, words: str, fake: Fake, open_page: Opener) -> None:
+    if reason:
+        fake.gone["never-was"] = reason
     page = open_page(f"{fake.address}/#avatar=never-was", expected=(REFUSED,))
-    assert "no such avatar" in fault_text(page)
+    page.wait_for_selector("#gone:not([hidden])")
+    assert words in page.inner_text("#gone-title")
+    assert not page.is_visible("#fault")
+    assert page.evaluate("document.activeElement.id") == "gone-title"
+    page.click("#restart-gone")
     assert page.is_visible("#intake")
+    assert page.evaluate("document.activeElement.id") == "file"
+
+
+def test_a_head_that_expires_while_it_is_looked_at(fake: Fake, open_page: Opener) -> None:
+    """A browser would save the error message as head.glb."""
+    page = open_page(fake.address, expected=(REFUSED,))
+    make_head(page)
+    fake.gone[next(iter(fake.jobs))] = "expired"
+    page.click("#download")
+    page.wait_for_selector("#gone:not([hidden])")
+    assert "expired" in page.inner_text("#gone-title")
 
 
 def test_delete_asks_first(fake: Fake, open_page: Opener) -> None:
@@ -214,6 +254,7 @@ def test_a_service_that_wants_a_key(fake: Fake, open_page: Opener) -> None:
     page.fill("#key", "secret-key")
     page.press("#key", "Enter")
     done(page)
+    page.check("input[name=kit][value=all]")
     with page.expect_download() as download:
         page.click("#download")
     assert download.value.suggested_filename == "avatar.zip"

@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 
 from tests.web.archives import with_reflectance
-from tests.web.at_work import Pixels, difference, face, make_head, picture, set_slider, settle, show
+from tests.web.at_work import (
+    Pixels,
+    artists,
+    difference,
+    face,
+    make_head,
+    picture,
+    set_light,
+    set_slider,
+    settle,
+    shapes,
+    show,
+)  # fmt: skip
 from tests.web.conftest import Opener, opening
 from tests.web.fake_service import serving
 
@@ -33,11 +45,6 @@ def head(browser: Browser, archive: Path) -> Iterator[Page]:
         page = opened(fake.address)
         make_head(page)
         yield page
-
-
-def light(page: Page, azimuth: float, elevation: float) -> None:
-    set_slider(page, "light-azimuth", azimuth)
-    set_slider(page, "light-elevation", elevation)
 
 
 def test_the_head_is_there(head: Page) -> None:
@@ -75,11 +82,11 @@ def test_each_map_looks_different(head: Page) -> None:
 
 def test_a_map_alone_shows_its_codes_whatever_the_light(head: Page) -> None:
     before = show(head, "shape_normal")
-    light(head, -120, 60)
+    set_light(head, -120, 60)
     assert difference(before, picture(head)) == 0
     nose = face(before).mean((0, 1))
     assert nose[2] > 0.8, "the face looks along +Z, which is blue"
-    light(head, 35, 30)
+    set_light(head, 35, 30)
 
 
 def test_confidence_shows_what_was_seen(head: Page) -> None:
@@ -100,12 +107,12 @@ def halves(pixels: Pixels) -> float:
 
 def test_the_light_comes_from_where_it_was_put(head: Page) -> None:
     show(head, "lit")
-    light(head, 80, 0)
+    set_light(head, 80, 0)
     right = halves(picture(head))
-    light(head, -80, 0)
+    set_light(head, -80, 0)
     left = halves(picture(head))
     assert right > 1.15 * left
-    light(head, 35, 30)
+    set_light(head, 35, 30)
 
 
 def test_the_light_is_moved_by_dragging_ball_and_head(head: Page) -> None:
@@ -130,7 +137,7 @@ def test_the_light_is_moved_by_dragging_ball_and_head(head: Page) -> None:
     assert float(head.input_value("#light-azimuth")) > -60
     assert difference(moved, picture(head)) > 0.01
     head.check("input[name=drag][value=head]", force=True)
-    light(head, 35, 30)
+    set_light(head, 35, 30)
 
 
 def test_gloss_and_pores_can_be_switched_off(head: Page) -> None:
@@ -151,13 +158,14 @@ def test_normals_lean_where_their_map_says(
     with serving(tmp_path / "leaning.zip", step_s=0.05) as fake:
         page = open_page(fake.address)
         make_head(page)
+        artists(page)
         set_slider(page, "light-room", 0)
-        light(page, *lamp)
+        set_light(page, *lamp)
         towards = face(picture(page)).mean()
         page.uncheck("#use-normals")
         straight = face(picture(page)).mean()
         page.check("#use-normals")
-        light(page, -lamp[0], -lamp[1])
+        set_light(page, -lamp[0], -lamp[1])
         away = face(picture(page)).mean()
     assert towards > 1.1 * straight
     assert away < 0.9 * towards
@@ -169,6 +177,7 @@ def test_flat_normal_maps_change_nothing(plain_archive: Path, tmp_path: Path, op
     with serving(tmp_path / "flat.zip", step_s=0.05) as fake:
         page = open_page(fake.address)
         make_head(page)
+        artists(page)
         with_maps = picture(page)
         page.uncheck("#use-normals")
         assert difference(with_maps, picture(page)) < 2e-4
@@ -176,25 +185,26 @@ def test_flat_normal_maps_change_nothing(plain_archive: Path, tmp_path: Path, op
 
 def test_expressions(head: Page) -> None:
     before = show(head, "lit")
-    head.click("summary:has-text('Expression')")
-    assert head.locator("[id^=shape-]").count() == 52
+    shapes(head)
+    assert head.locator("input[id^=shape-]").count() == 52
     set_slider(head, "shape-jawOpen", 1)
+    assert head.locator("input[name=preset]:checked").count() == 0, "it is no preset any more"
     opened = picture(head)
     height = before.shape[0]
     lower = np.abs(opened - before)[height // 2 : int(0.85 * height)].mean()
     upper = np.abs(opened - before)[: int(0.4 * height)].mean()
     assert lower > 10 * upper, "opening the jaw moves the lower face"
-    head.click("text=Neutral")
+    head.check("input[name=preset][value=neutral]", force=True)
     assert head.input_value("#shape-jawOpen") == "0"
     neutral = picture(head)
-    head.click("text=As in the photo")
+    head.check("input[name=preset][value=photo]", force=True)
     assert difference(neutral, picture(head)) > 0.002
     assert difference(before, picture(head)) == 0
-    head.click("summary:has-text('Expression')")
 
 
 def test_wireframe(head: Page) -> None:
     before = show(head, "lit")
+    artists(head)
     head.check("#wireframe")
     assert difference(before, picture(head)) > 0.02
     head.uncheck("#wireframe")
@@ -223,9 +233,32 @@ def test_nothing_is_drawn_while_nothing_changes(head: Page) -> None:
     assert head.get_attribute("#canvas", "data-frames") == before
 
 
-def test_every_file_can_be_downloaded(head: Page) -> None:
-    head.click("summary:has-text('Single files')")
-    with head.expect_download() as download:
-        head.click("text=maps/texture.png")
-    assert download.value.path().read_bytes().startswith(b"\x89PNG")
-    head.click("summary:has-text('Single files')")
+def test_six_presets_look_different(head: Page) -> None:
+    names = head.eval_on_selector_all("input[name=preset]", "inputs => inputs.map((input) => input.value)")
+    assert names == ["photo", "neutral", "smile", "laugh", "surprise", "sadness", "anger"]
+    pictures = {}
+    for name in names:
+        head.check(f"input[name=preset][value={name}]", force=True)
+        pictures[name] = picture(head)
+    for index, first in enumerate(names):
+        for second in names[index + 1 :]:
+            assert difference(pictures[first], pictures[second]) > 0.001, f"{first} and {second} look the same"
+    head.check("input[name=preset][value=photo]", force=True)
+
+
+def test_the_live_loop_moves_the_head_until_it_is_stopped(head: Page) -> None:
+    before = show(head, "lit")
+    assert head.get_attribute("#alive", "aria-pressed") == "false", "nothing moves before it is asked to"
+    head.click("#alive")
+    assert head.get_attribute("#alive", "aria-pressed") == "true"
+    frames = int(head.get_attribute("#canvas", "data-frames") or 0)
+    head.wait_for_function(f"() => Number(document.getElementById('canvas').dataset.frames) > {frames + 5}")
+    head.click("#alive")
+    assert difference(before, picture(head)) == 0, "stopping leaves the expression that was chosen"
+
+
+def test_words_for_what_was_measured(head: Page) -> None:
+    text = head.inner_text(".summary")
+    assert "Very like the photo" in text
+    assert "nearly all of the face" in text
+    assert not any(character.isdigit() for character in text), "numbers are for artists"

@@ -47,6 +47,24 @@ export async function request(url: string, init: RequestInit = {}): Promise<Resp
   throw new Fault(problemOf(content, answer.status), seconds(answer.headers.get("Retry-After")));
 }
 
+/** The body of an answer, with how many bytes have come so far. */
+export async function downloaded(url: string, signal: AbortSignal, told: (have: number) => void): Promise<Blob> {
+  const answer = await request(url, { signal });
+  const chunks: BlobPart[] = [];
+  let have = 0;
+  const reader = answer.body!.getReader();
+  try {
+    for (let part = await reader.read(); !part.done; part = await reader.read()) {
+      chunks.push(part.value as BlobPart);
+      told((have += part.value.length));
+    }
+  } catch (error) {
+    if (signal.aborted) throw error;
+    throw new Unreachable();
+  }
+  return new Blob(chunks);
+}
+
 /** Merges what an answer or event says of a job into what is known of it. */
 export function merged(job: Job | null, content: unknown, id = ""): Job {
   const given = (typeof content === "object" && content !== null ? content : {}) as Partial<Job>;

@@ -1,14 +1,24 @@
 // The page: photo and options, the job at work, the head.
 
-import { apiKey, newKey, readJob, remove, submit, type Job } from "./api";
+import { apiKey, newKey, readJob, remove, submit, type Job, type Options } from "./api";
 import { byId } from "./dom";
 import { chooseFace } from "./faces";
 import { follow } from "./follow";
+import { showGone } from "./gone";
 import { Intake } from "./intake";
 import { Fault, type Problem } from "./problem";
+import { samplePhoto } from "./sample";
+import { wipe } from "./wipe";
 import { Work } from "./work";
 
-type Screen = "intake" | "work" | "result";
+const SCREENS = ["intake", "faces", "work", "result", "gone"] as const;
+type Screen = (typeof SCREENS)[number];
+
+/** What a job was made from; no photo where the page took it up by its address. */
+interface Origin {
+  options: Options;
+  photoUrl: string;
+}
 
 const never = () => undefined;
 let doing = new AbortController();
@@ -20,15 +30,18 @@ let close: () => void = never;
 document.body.classList.toggle("touch", navigator.maxTouchPoints > 0);
 const intake = new Intake(() => clearFault());
 const work = new Work();
+wipe(byId("gallery-wipe"));
 
 byId("intake").addEventListener("submit", (event) => {
   event.preventDefault();
-  if (!intake.photo) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." }, never);
-  else if (intake.options().maps?.length === 0) fail({ title: "No map is chosen", status: 400, detail: "Choose one or more." }, never);
-  else void create();
+  const options = intake.options();
+  if (!intake.photo) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." });
+  else if (options.maps?.length === 0) fail({ title: "No map is chosen", status: 400, detail: "Choose one or more." });
+  else void create(options);
 });
+for (const id of ["try", "try-too"]) byId(id).addEventListener("click", () => void trySample());
 byId("cancel").addEventListener("click", () => void cancel());
-byId("restart").addEventListener("click", () => reset());
+for (const id of ["restart", "restart-gone", "restart-faces"]) byId(id).addEventListener("click", () => startAgain());
 byId("again").addEventListener("click", () => retry());
 byId<HTMLFormElement>("key-form").addEventListener("submit", (event) => {
   event.preventDefault();
@@ -39,17 +52,24 @@ window.addEventListener("hashchange", () => void resume());
 void resume();
 
 /** Hands in the photo. The key stays the same over retries, so that a lost answer does not make two jobs. */
-async function create(face?: number, key = newKey()): Promise<void> {
+async function create(options: Options, key = newKey()): Promise<void> {
   const photo = intake.photo!;
-  const options = { ...intake.options(), ...(face === undefined ? {} : { face }) };
   const signal = begin();
   show("work");
-  work.start(intake.photoUrl);
+  work.start(intake.photoUrl, intake.expected(options));
   byId("work-title").focus();
-  await guarded(signal, () => void create(face, key), async () => {
+  await guarded(signal, () => void create(options, key), async () => {
     job = await submit(photo, options, key, (share) => work.sent(share), signal);
     history.replaceState(null, "", `#avatar=${job.id}`);
-    await finish(await watch(job, signal), signal);
+    await finish(await watch(job, signal), signal, { options, photoUrl: intake.photoUrl });
+  });
+}
+
+async function trySample(): Promise<void> {
+  const signal = begin();
+  await guarded(signal, () => void trySample(), async () => {
+    intake.take(await samplePhoto(signal));
+    await create(intake.quickOptions());
   });
 }
 
@@ -62,9 +82,9 @@ async function resume(): Promise<void> {
     const found = await readJob(id, signal);
     if (found.state === "queued" || found.state === "running") {
       show("work");
-      work.start("");
+      work.start("", null);
     }
-    await finish(await watch(found, signal), signal);
+    await finish(await watch(found, signal), signal, { options: {}, photoUrl: "" });
   });
 }
 
@@ -73,21 +93,38 @@ async function watch(start: Job, signal: AbortSignal): Promise<Job> {
   return follow(start, (now) => work.show((job = now)), (yes) => work.lost(yes), signal);
 }
 
-async function finish(done: Job, signal: AbortSignal): Promise<void> {
+async function finish(done: Job, signal: AbortSignal, origin: Origin): Promise<void> {
   work.stop();
   job = done;
-  if (done.state === "succeeded") return open(done, signal);
+  if (done.state === "succeeded") return open(done, signal, origin.photoUrl);
+  const boxes = done.error?.boxes;
+  if (done.state === "failed" && done.error?.code === "multiple-faces" && boxes) return ask(boxes, origin);
   if (done.state === "failed") throw new Fault(done.error ?? { title: "The job failed", status: 500 });
-  throw new Fault({ title: done.state === "cancelled" ? "Cancelled" : "The head has expired", status: 410 });
+  if (done.state === "expired") throw new Fault({ title: "The head has expired", status: 410, reason: "expired" });
+  throw new Fault({ title: "Cancelled", status: 409, detail: "This head was cancelled before it was done." });
 }
 
-async function open(done: Job, signal: AbortSignal): Promise<void> {
+/** Several faces: a question, not an error. Without the photo, after a reload, it has to be chosen again first. */
+function ask(boxes: NonNullable<Problem["boxes"]>, { options, photoUrl }: Origin): void {
+  reset();
+  if (!photoUrl) {
+    byId("ask-again").textContent = `There are ${boxes.length} faces in that photo. Choose the photo again to say whose head it is to be.`;
+    byId("ask-again").hidden = false;
+    return;
+  }
+  show("faces");
+  byId("live").textContent = `${boxes.length} faces were found`;
+  chooseFace(boxes, photoUrl, (face) => void create({ ...options, face }));
+}
+
+async function open(done: Job, signal: AbortSignal, photoUrl: string): Promise<void> {
   show("result");
   byId("live").textContent = "The head is ready";
   byId("result-title").focus();
+  window.scrollTo(0, 0);
   const { openResult } = await loadViewer();
   if (signal.aborted) return;
-  close = await openResult(done, () => void erase(done), signal);
+  close = await openResult(done, { photoUrl, erase: () => void erase(done), gone }, signal);
 }
 
 function loadViewer(): Promise<typeof import("./viewer")> {
@@ -126,20 +163,27 @@ async function guarded(signal: AbortSignal, again: () => void, action: () => Pro
 function report(error: unknown, again: () => void): void {
   const fault = error instanceof Fault ? error : null;
   if (!fault) console.error(error);
-  fail(fault?.problem ?? { title: "This page made a mistake", status: 0, detail: String(error) }, again, fault?.retryAfter);
+  const problem = fault?.problem ?? { title: "This page made a mistake", status: 0, detail: String(error) };
+  if (problem.status === 410 || problem.status === 404) gone(problem);
+  else fail(problem, again, fault?.retryAfter);
 }
 
-function fail(problem: Problem, again: () => void, retryAfter?: number | null): void {
-  if (byId("result").hidden || problem.status === 410 || problem.status === 404) reset();
-  retry = again;
+function gone(problem: Problem): void {
+  reset();
+  show("gone");
+  showGone(problem);
+}
+
+function fail(problem: Problem, again: (() => void) | null = null, retryAfter?: number | null): void {
+  if (byId("result").hidden) reset();
+  retry = again ?? never;
   byId("fault-title").textContent = problem.title;
   const later = retryAfter ? ` Try again in ${retryAfter} s.` : "";
   byId("fault-detail").textContent = (problem.detail ?? "") + later;
   byId("key-form").hidden = problem.status !== 401;
-  byId("again").hidden = !(problem.status === 0 || problem.status === 429 || problem.status >= 500) || !intake.photo;
+  byId("again").hidden = !again || !(problem.status === 0 || problem.status === 429 || problem.status >= 500);
   byId("fault").hidden = false;
   byId("fault").focus();
-  if (problem.boxes && intake.photo) chooseFace(problem.boxes, intake.photoUrl, (face) => void create(face));
 }
 
 function begin(): AbortSignal {
@@ -159,12 +203,18 @@ function reset(): void {
   show("intake");
 }
 
+function startAgain(): void {
+  reset();
+  byId("file").focus();
+}
+
 function clearFault(): void {
-  byId("fault").hidden = byId("faces").hidden = true;
+  byId("fault").hidden = byId("ask-again").hidden = true;
 }
 
 function show(screen: Screen): void {
-  for (const name of ["intake", "work", "result"]) byId(name).hidden = name !== screen;
+  for (const name of SCREENS) byId(name).hidden = name !== screen;
+  byId("gallery").hidden = screen !== "intake";
   byId("restart").hidden = screen !== "result";
   document.body.dataset.screen = screen;
 }

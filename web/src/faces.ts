@@ -1,4 +1,4 @@
-// Several faces in the photo: the boxes to choose from, on the photo where it is still here.
+// Several faces in the photo: the boxes to choose from. They are counted as the service counts its boxes, all of them.
 
 import { byId, make } from "./dom";
 import type { Box } from "./problem";
@@ -6,33 +6,35 @@ import type { Box } from "./problem";
 export function chooseFace(boxes: Box[], photoUrl: string, chosen: (index: number) => void): void {
   const photo = byId<HTMLImageElement>("boxes-photo");
   const field = byId("boxes");
+  const list = byId("face-list");
   field.hidden = true;
-  field.querySelectorAll("button").forEach((button) => button.remove());
-  byId("face-list").replaceChildren(
-    ...boxes.map((_, index) => button(index, "button", chosen)),
-  );
-  byId("faces").hidden = false;
-  if (!photoUrl) return;
+  field.querySelectorAll("button").forEach((old) => old.remove());
+  list.replaceChildren();
+  byId("faces-help").textContent = `There are ${boxes.length} faces in the photo. Choose the one to make a head of.`;
+  byId("faces-title").focus();
+  // A format that this browser cannot show may still be one that the service reads.
+  photo.onerror = () => list.replaceChildren(...boxes.map((_, index) => button(index, "button", chosen)));
   photo.onload = () => {
     field.hidden = false;
-    for (const [index, box] of boxes.entries()) {
-      const [left, top, right, bottom] = box;
-      const frame = button(index, "frame", chosen);
-      // Over CSSOM, which the content security policy allows, unlike style attributes.
-      frame.style.left = `${(100 * left) / photo.naturalWidth}%`;
-      frame.style.top = `${(100 * top) / photo.naturalHeight}%`;
-      frame.style.width = `${(100 * (right - left)) / photo.naturalWidth}%`;
-      frame.style.height = `${(100 * (bottom - top)) / photo.naturalHeight}%`;
-      field.append(frame);
-    }
-    byId("face-list").replaceChildren();
-    field.querySelector("button")?.focus();
+    for (const [index, box] of boxes.entries()) field.append(frame(index, box, photo, chosen));
   };
   photo.src = photoUrl;
 }
 
+function frame(index: number, box: Box, photo: HTMLImageElement, chosen: (index: number) => void): HTMLButtonElement {
+  const [left, top, right, bottom] = box;
+  const made = button(index, "frame", chosen);
+  // Over CSSOM, which the content security policy allows, unlike style attributes.
+  made.style.left = `${(100 * left) / photo.naturalWidth}%`;
+  made.style.top = `${(100 * top) / photo.naturalHeight}%`;
+  made.style.width = `${(100 * (right - left)) / photo.naturalWidth}%`;
+  made.style.height = `${(100 * (bottom - top)) / photo.naturalHeight}%`;
+  return made;
+}
+
 function button(index: number, kind: string, chosen: (index: number) => void): HTMLButtonElement {
-  const made = make("button", { type: "button", class: kind, "aria-label": `Face ${index + 1}` }, make("span", {}, `${index + 1}`));
+  const name = `Face ${index + 1}${index === 0 ? ", the largest" : ""}`;
+  const made = make("button", { type: "button", class: kind, "aria-label": name }, make("span", {}, `${index + 1}`));
   made.addEventListener("click", () => chosen(index));
   return made;
 }

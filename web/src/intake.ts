@@ -1,29 +1,28 @@
 // The photo and the options.
 
 import { headers, type Options } from "./api";
-import { byId, duration, make, words } from "./dom";
+import { byId, make, words } from "./dom";
+import { noteOnTimes, readLevels, timeInWords, withoutReflectance, type Expected, type Level } from "./times";
 
 const USUAL = "standard";
+const QUICK = "draft";
 
 /** Levels of quality that this page has words for; a newer server's others are shown by name. */
 const ABOUT: Record<string, string> = {
-  draft: "a quick look",
+  draft: "A quick look, small maps",
+  standard: "Full-size maps",
   high: "16-bit normals, fine mesh",
-  reference: "full precision",
+  reference: "Full precision, to compare",
 };
 
 const FAST = ["texture", "confidence", "shape_normal"];
 const MAPS = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement", ...FAST];
 
-interface Level {
-  name: string;
-  size: number[];
-  seconds: number | null;
-}
-
 export class Intake {
   photo: File | null = null;
   photoUrl = "";
+  private levels: Level[] = [];
+
   constructor(private readonly changed: () => void) {
     const drop = byId("drop");
     for (const id of ["file", "camera"]) {
@@ -47,6 +46,7 @@ export class Intake {
       if (file) this.take(file);
     });
     this.offerMaps();
+    byId("intake").addEventListener("change", () => this.tellTime());
     void this.ask();
   }
 
@@ -78,28 +78,48 @@ export class Intake {
     return chosen;
   }
 
+  /** Options of a first try: the quickest level, everything else as usual. */
+  quickOptions(): Options {
+    return this.levels.some((level) => level.name === QUICK) ? { quality: QUICK } : {};
+  }
+
+  /** How long a job with these options is likely to take. */
+  expected(options: Options): Expected | null {
+    if (options.maps?.every((name) => FAST.includes(name))) return withoutReflectance(this.levels);
+    return this.levels.find((level) => level.name === (options.quality ?? USUAL))?.expected ?? null;
+  }
+
   /** How long each quality takes on this server; without an answer its usual one is made. */
   private async ask(): Promise<void> {
     try {
       const answer = await fetch("v1/quality", { headers: headers() });
-      if (answer.ok) this.offer(read(await answer.json()));
+      if (answer.ok) this.offer(readLevels(await answer.json()));
     } catch {
       // The page works without.
     }
   }
 
   private offer(levels: Level[]): void {
+    this.levels = levels;
     const usual = levels.find((level) => level.name === USUAL) ?? levels[0];
     byId("quality-choices").replaceChildren(
       ...levels.map((level) => {
         const input = make("input", { type: "radio", name: "quality", value: level.name, checked: level === usual });
-        const time = level.seconds === null ? "" : `about ${duration(level.seconds)}`;
-        const about = [time, ABOUT[level.name], level.size.join("\u00a0×\u00a0")].filter(Boolean).join("; ");
-        const text = make("span", {}, make("b", {}, words(level.name)), make("small", {}, about));
-        return make("label", { class: "choice" }, input, text);
+        const time = make("span", { class: "time" }, timeInWords(level.expected));
+        const about = [ABOUT[level.name], level.size.join("\u00a0×\u00a0")].filter(Boolean).join(", ");
+        return make("label", { class: "choice" }, input, make("span", {}, make("b", {}, words(level.name)), time, make("small", {}, about)));
       }),
     );
+    byId("quality-note").textContent = noteOnTimes(levels);
     byId("quality").hidden = levels.length < 2;
+    const quick = timeInWords(this.expected(this.quickOptions()));
+    byId("try-time").textContent = quick ? `Draft quality, ${quick}` : "";
+    this.tellTime();
+  }
+
+  private tellTime(): void {
+    const time = timeInWords(this.expected(this.options()));
+    byId("estimate").textContent = time ? `Takes ${time}.` : "";
   }
 
   private offerMaps(): void {
@@ -114,15 +134,4 @@ export class Intake {
       byId("maps-choices").hidden = which !== "some";
     });
   }
-}
-
-/** Levels with the median time that jobs of their size took here. */
-function read(content: unknown): Level[] {
-  const given = (typeof content === "object" && content !== null ? content : {}) as Record<string, unknown>;
-  const rows = (name: string) => (Array.isArray(given[name]) ? given[name] : []) as Record<string, unknown>[];
-  return rows("levels").map((level) => {
-    const size = (Array.isArray(level.size) ? level.size : []).map(Number);
-    const measured = rows("items").find((item) => item.quality === level.name && String(item.size) === String(size));
-    return { name: String(level.name), size, seconds: Number.isFinite(measured?.median_s) ? Number(measured!.median_s) : null };
-  });
 }

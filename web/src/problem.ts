@@ -6,6 +6,8 @@ export interface Problem {
   detail?: string;
   code?: string;
   instance?: string;
+  /** Why a result is gone: expired, erased, lost. */
+  reason?: string;
   boxes?: Box[];
 }
 
@@ -47,6 +49,7 @@ export function problemOf(content: unknown, status: number): Problem {
     detail: text("detail") ?? (text("title") ? undefined : `It answered with status ${status}.`),
     code: text("code"),
     instance: text("instance"),
+    reason: text("reason"),
     boxes,
   };
 }

@@ -1,76 +1,130 @@
 // Everything that needs three.js; loaded when a head is to be shown.
 
-import { headers, request, type Job } from "./api";
-import { byId, bytes } from "./dom";
-import { facts, filesOf, warningsOf } from "./panel/facts";
+import { downloaded, request, type Job } from "./api";
+import { byId, bytes, make } from "./dom";
+import { artistsPanel } from "./panel/artists";
+import { downloads } from "./panel/downloads";
 import { expressionPanel } from "./panel/expression";
-import { lightPanel } from "./panel/light";
-import { mapsPanel } from "./panel/maps";
-import { type Manifest } from "./viewer/manifest";
+import { keeping } from "./panel/keep";
+import { lightOfPhoto, lightPanel } from "./panel/light";
+import { summary } from "./panel/summary";
+import type { Problem } from "./problem";
+import { Compare } from "./viewer/compare";
+import type { Light } from "./viewer/lighting";
+import type { Manifest } from "./viewer/manifest";
 import { MapStore } from "./viewer/maps";
+import { Motion } from "./viewer/motion";
+import { findPhoto } from "./viewer/photo";
 import { HeadScene } from "./viewer/scene";
 
+export interface Around {
+  /** Address of the photo in this page, "" where the page does not have it. */
+  photoUrl: string;
+  erase: () => void;
+  gone: (problem: Problem) => void;
+}
+
 /** Fills the result screen; resolves to what takes it down again. */
-export async function openResult(job: Job, erase: () => void, signal: AbortSignal): Promise<() => void> {
+export async function openResult(job: Job, around: Around, signal: AbortSignal): Promise<() => void> {
   const status = byId("view-status");
   const panel = byId("panel");
   panel.replaceChildren();
+  byId("view-modes").hidden = true;
   status.textContent = "Loading the head";
   const manifest = (await (await request(`${job.links.files}/manifest.json`, { signal })).json()) as Manifest;
-  const files = filesOf(job, manifest, erase);
-  panel.append(files.main, ...warningsOf(job, manifest), files.single, facts(job, manifest));
+  const keep = keeping(job, around.erase);
+  panel.append(summary(job, manifest), downloads(job, manifest, around.gone, signal), keep);
 
   const canvas = fresh(byId<HTMLCanvasElement>("canvas"));
   let scene: HeadScene;
   try {
     scene = new HeadScene(canvas);
   } catch {
-    withoutWebGL(job, manifest);
+    keep.before(artistsPanel(job, manifest, null, signal));
+    await withoutWebGL(job, manifest, signal);
     return () => undefined;
   }
   try {
     const size = manifest.files.find((file) => file.path === "mesh/head.glb")?.size ?? 0;
-    const data = await download(`${job.links.files}/mesh/head.glb`, signal, (have) => {
+    const data = await downloaded(`${job.links.files}/mesh/head.glb`, signal, (have) => {
       status.textContent = `Loading the head, ${bytes(have)}${size ? ` of ${bytes(size)}` : ""}`;
     });
     const store = new MapStore(job.links.files, manifest, scene.textureLimit());
-    await scene.load(data, store);
-    const light = lightPanel(scene, canvas);
-    files.single.before(mapsPanel(scene, store, signal), light, expressionPanel(scene));
+    await scene.load(await data.arrayBuffer(), store);
+    const motion = new Motion(scene);
+    const parts = [expressionPanel(scene, motion), lightPanel(scene, canvas, manifest.fit)];
+    keep.before(...parts, artistsPanel(job, manifest, { scene, store }, signal));
     status.textContent = "";
+    const compare = await comparison(scene, job, manifest, around.photoUrl, signal);
+    modes(scene, compare, lightOfPhoto(manifest.fit));
+    return () => {
+      motion.dispose();
+      compare?.dispose();
+      scene.dispose();
+    };
   } catch (error) {
     scene.dispose();
     throw error;
   }
-  return () => scene.dispose();
+}
+
+/** The head beside the photo; null where there is no photo to be had, which spoils nothing else. */
+async function comparison(
+  scene: HeadScene,
+  job: Job,
+  manifest: Manifest,
+  photoUrl: string,
+  signal: AbortSignal,
+): Promise<Compare | null> {
+  if (!manifest.camera) return null;
+  const box = scene.boxInPhoto(manifest.camera);
+  const photo = await findPhoto(photoUrl, job.links.files, manifest, box, signal).catch(() => null);
+  signal.throwIfAborted();
+  return photo && new Compare(scene, manifest.camera, photo, box);
+}
+
+/** What dragging on the view does: turn the head, move the light, wipe between photo and head in the photo's light. */
+function modes(scene: HeadScene, compare: Compare | null, photoLight: Partial<Light> | null): void {
+  const choices = [...document.querySelectorAll<HTMLInputElement>("input[name=drag]")];
+  const [head, , photo] = choices;
+  let before: Light | null = null;
+  const apply = () => {
+    scene.controls.enableRotate = !choices.some((choice) => choice.checked && choice.value === "light");
+    if (!compare) return;
+    if (photo!.checked && photoLight && !before) {
+      before = { ...scene.light };
+      scene.moveLight(photoLight);
+    } else if (!photo!.checked && before) {
+      scene.moveLight(before);
+      before = null;
+    }
+    compare.show(photo!.checked);
+  };
+  for (const choice of choices) choice.onchange = apply;
+  head!.checked = true;
+  photo!.parentElement!.hidden = !compare;
+  byId("inset").onclick = () => {
+    photo!.checked = true;
+    apply();
+    byId("wipe").focus();
+  };
+  byId("view-modes").hidden = false;
+  apply();
 }
 
 /** A canvas keeps the context of the head before; a new one starts clean, without its listeners. */
-function fresh(old: HTMLCanvasElement): HTMLCanvasElement {
-  const made = old.cloneNode() as HTMLCanvasElement;
+function fresh(old: HTMLElement): HTMLCanvasElement {
+  const label = "The head in three dimensions";
+  const made = make("canvas", { id: "canvas", tabindex: 0, role: "application", "aria-label": label, "aria-describedby": "canvas-keys" });
   old.replaceWith(made);
   return made;
 }
 
-async function download(url: string, signal: AbortSignal, told: (have: number) => void): Promise<ArrayBuffer> {
-  const answer = await request(url, { signal, headers: headers() });
-  const chunks: BlobPart[] = [];
-  let have = 0;
-  const reader = answer.body!.getReader();
-  for (let part = await reader.read(); !part.done; part = await reader.read()) {
-    chunks.push(part.value as BlobPart);
-    told((have += part.value.length));
-  }
-  return new Blob(chunks).arrayBuffer();
-}
-
-function withoutWebGL(job: Job, manifest: Manifest): void {
+async function withoutWebGL(job: Job, manifest: Manifest, signal: AbortSignal): Promise<void> {
   byId("view-status").textContent = "This browser shows no 3D (WebGL 2 is off), so here is the preview.";
   const sheet = manifest.files.find((file) => file.path === "preview/sheet.jpg");
   if (!sheet) return;
-  const picture = document.createElement("img");
-  picture.alt = "The head from five sides";
-  picture.src = `${job.links.files}/${sheet.path}`;
+  const data = await downloaded(`${job.links.files}/${sheet.path}`, signal, () => undefined);
+  const picture = make("img", { id: "canvas", alt: "The head from five sides", src: URL.createObjectURL(data) });
   byId("canvas").replaceWith(picture);
-  picture.id = "canvas";
 }

@@ -2,6 +2,7 @@
 
 import type { Job } from "./api";
 import { byId, duration, make, words } from "./dom";
+import { timeInWords, type Expected } from "./times";
 
 const STAGES: Record<string, string> = {
   decode: "Reading the photo",
@@ -24,9 +25,12 @@ export class Work {
   private began = 0;
   private stageBegan = 0;
   private timer = 0;
+  private expected: Expected | null = null;
 
-  start(photoUrl: string): void {
+  /** `expected`: the time that was told before the start, shown beside the time that has passed. */
+  start(photoUrl: string, expected: Expected | null): void {
     this.stage = "";
+    this.expected = expected;
     this.began = this.stageBegan = performance.now();
     byId("work-done").replaceChildren();
     byId("work-lost").hidden = true;
@@ -82,6 +86,9 @@ export class Work {
   }
 
   private tick(): void {
-    byId("work-time").textContent = duration((performance.now() - this.began) / 1000);
+    const seconds = (performance.now() - this.began) / 1000;
+    const usual = timeInWords(this.expected);
+    const late = this.expected !== null && seconds > 1.2 * this.expected.seconds;
+    byId("work-time").textContent = `${duration(seconds)}${usual && (late ? `; it was to take ${usual}` : ` of ${usual}`)}`;
   }
 }

@@ -1,8 +1,10 @@
-// Sliders of the ARKit blendshapes.
+// Expressions: presets, a loop in which the head looks alive, and a slider for each of the ARKit blendshapes.
 
 import { make, words } from "../dom";
+import { Motion, type Weights } from "../viewer/motion";
 import type { HeadScene } from "../viewer/scene";
 import { group, slider, type Slider } from "./group";
+import { PRESETS } from "./presets";
 
 const REGIONS: [string, RegExp][] = [
   ["Brows", /^brow/],
@@ -14,23 +16,51 @@ const REGIONS: [string, RegExp][] = [
   ["Other", /./],
 ];
 
-export function expressionPanel(scene: HeadScene): HTMLElement {
+export function expressionPanel(scene: HeadScene, motion: Motion): HTMLElement {
   const names = scene.blendshapes();
-  const panel = group("Expression", false);
+  const panel = group("Expression", true);
   if (!names.length) {
     panel.body.append(make("p", { class: "hint" }, "This head has no blendshapes."));
     return panel.element;
   }
   const sliders = new Map<string, Slider>();
-  const all = (weights: Record<string, number>) => {
-    scene.express(weights);
+  const chips = chipsOf(scene.photoExpression, (weights) => {
+    motion.to(weights);
     for (const [name, one] of sliders) one.set(weights[name] ?? 0);
-  };
-  panel.body.append(
-    make("div", { class: "row" }, button("As in the photo", () => all(scene.photoExpression)), button("Neutral", () => all({}))),
-  );
+  });
+  const all = slidersOf(names, sliders, motion, () => {
+    for (const chip of chips.querySelectorAll("input")) chip.checked = false; // it is nobody's preset any more
+  });
+  panel.body.append(chips, liveButton(motion), all);
+  return panel.element;
+}
+
+function chipsOf(photo: Weights, chosen: (weights: Weights) => void): HTMLElement {
+  const list = make("div", { class: "chips", role: "radiogroup", "aria-label": "Expression" });
+  const choices: typeof PRESETS = [["photo", "As in the photo", photo], ...PRESETS];
+  for (const [id, title, weights] of choices) {
+    const input = make("input", { type: "radio", name: "preset", value: id, checked: id === "photo" });
+    input.addEventListener("change", () => chosen(weights));
+    list.append(make("label", { class: `chip ${id}` }, input, make("span", {}, title)));
+  }
+  return list;
+}
+
+function liveButton(motion: Motion): HTMLElement {
+  const button = make("button", { type: "button", id: "alive", "aria-pressed": "false" }, "Live");
+  button.addEventListener("click", () => {
+    const on = button.getAttribute("aria-pressed") === "false";
+    button.setAttribute("aria-pressed", String(on));
+    button.textContent = on ? "Stop" : "Live";
+    motion.loop(on);
+  });
+  return make("div", { class: "row alive" }, button, make("span", { class: "hint" }, "Blinks, looks about, smiles"));
+}
+
+function slidersOf(names: string[], sliders: Map<string, Slider>, motion: Motion, moved: () => void): HTMLElement {
+  const details = make("details", { class: "more", id: "shapes" }, make("summary", {}, `All ${names.length} shapes`));
   // Fifty sliders cost time that most visitors do not need.
-  panel.element.addEventListener("toggle", () => {
+  details.addEventListener("toggle", () => {
     if (sliders.size) return;
     const left = new Set(names);
     for (const [title, pattern] of REGIONS) {
@@ -38,20 +68,15 @@ export function expressionPanel(scene: HeadScene): HTMLElement {
       if (!mine.length) continue;
       const rows = mine.map((name) => {
         left.delete(name);
-        const one = slider(words(name), `shape-${name}`, { min: 0, max: 1, step: 0.01 }, scene.expression[name] ?? 0, (value) =>
-          scene.express({ ...scene.expression, [name]: value }),
-        );
+        const one = slider(words(name), `shape-${name}`, { min: 0, max: 1, step: 0.01 }, motion.rest[name] ?? 0, (value) => {
+          motion.set(name, value);
+          moved();
+        });
         sliders.set(name, one);
         return one.row;
       });
-      panel.body.append(make("fieldset", {}, make("legend", {}, title), ...rows));
+      details.append(make("fieldset", {}, make("legend", {}, title), ...rows));
     }
   });
-  return panel.element;
-}
-
-function button(text: string, pressed: () => void): HTMLButtonElement {
-  const made = make("button", { type: "button" }, text);
-  made.addEventListener("click", pressed);
-  return made;
+  return details;
 }

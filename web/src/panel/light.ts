@@ -1,6 +1,8 @@
 // The light: a ball to drag, sliders, dragging on the head, keys.
 
 import { byId, make } from "../dom";
+import type { Fit } from "../viewer/manifest";
+import type { Light } from "../viewer/lighting";
 import type { HeadScene } from "../viewer/scene";
 import { group, slider } from "./group";
 
@@ -8,9 +10,22 @@ import { group, slider } from "./group";
 const RIM = 135;
 const STEP = 5;
 
-export function lightPanel(scene: HeadScene, canvas: HTMLCanvasElement): HTMLElement {
+const LIGHTS: [string, Partial<Light>][] = [
+  ["Studio", { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 }],
+  ["Window", { azimuth: -70, elevation: 15, strength: 2.8, room: 0.35 }],
+  ["Rim", { azimuth: 140, elevation: 35, strength: 4.5, room: 0.15 }],
+];
+
+export function lightPanel(scene: HeadScene, canvas: HTMLCanvasElement, fit: Fit | null): HTMLElement {
   const panel = group("Light", true);
   const { light } = scene;
+  const photo = lightOfPhoto(fit);
+  const buttons = [...LIGHTS, ...(photo ? [["Photo", photo] as [string, Partial<Light>]] : [])].map(([title, to]) => {
+    const button = make("button", { type: "button", class: "small" }, title);
+    button.addEventListener("click", () => scene.moveLight(to));
+    return button;
+  });
+  panel.body.append(make("div", { class: "row", role: "group", "aria-label": "Light" }, ...buttons));
   const dot = make("span", { class: "dot" });
   // For pointers only: the sliders beside it say and do the same.
   const ball = make("div", { class: "ball", "aria-hidden": true }, dot);
@@ -46,6 +61,21 @@ export function lightPanel(scene: HeadScene, canvas: HTMLCanvasElement): HTMLEle
   return panel.element;
 }
 
+/** The lamp where the photo's light comes from: the linear band of its spherical harmonics, whose y is down, z forward. */
+export function lightOfPhoto(fit: Fit | null): Partial<Light> | null {
+  const bands = fit?.light?.coefficients;
+  if (!bands || bands.length < 4) return null;
+  const [down, forward, right] = bands.slice(1, 4).map((colours) => colours[0] + colours[1] + colours[2]);
+  const length = Math.hypot(right!, down!, forward!);
+  if (length < 1e-6) return null;
+  return {
+    azimuth: Math.round(degreesOf(Math.atan2(right!, -forward!))),
+    elevation: Math.round(degreesOf(Math.asin(-down! / length))),
+    strength: 2.1,
+    room: 0.6,
+  };
+}
+
 /** Place on the unit disk of a light, by its angle from the viewer (azimuthal equidistant). */
 function onBall(azimuth: number, elevation: number): [number, number] {
   const [a, e] = [radians(azimuth), radians(elevation)];
@@ -65,12 +95,8 @@ function fromBall(x: number, y: number): { azimuth: number; elevation: number } 
 }
 
 function dragOnHead(scene: HeadScene, canvas: HTMLCanvasElement): void {
-  const modes = document.querySelectorAll<HTMLInputElement>("input[name=drag]");
-  const light = () => [...modes].some((mode) => mode.checked && mode.value === "light");
-  for (const mode of modes) mode.onchange = () => (scene.controls.enableRotate = !light());
-  scene.controls.enableRotate = !light();
   dragged(canvas, (event) => {
-    if (!light() || !event.isPrimary) return;
+    if (document.querySelector<HTMLInputElement>("input[name=drag][value=light]")?.checked !== true || !event.isPrimary) return;
     const { azimuth, elevation } = scene.light;
     scene.moveLight({ azimuth: azimuth + event.movementX * 0.5, elevation: elevation - event.movementY * 0.5 });
   });
@@ -96,9 +122,6 @@ function keys(scene: HeadScene, canvas: HTMLCanvasElement): void {
     event.preventDefault();
   });
   byId("reset-view").onclick = () => scene.front();
-  const wireframe = byId<HTMLInputElement>("wireframe");
-  wireframe.onchange = () => scene.wireframe(wireframe.checked);
-  wireframe.checked = false;
 }
 
 function dragged(element: HTMLElement, moved: (event: PointerEvent) => void): void {

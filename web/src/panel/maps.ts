@@ -1,10 +1,9 @@
-// Switches of the maps: lit by all of them, or one as it is.
+// Switches of the maps: lit by all of them, or one as it is. Part of "For artists".
 
 import { byId, bytes, make, words } from "../dom";
 import type { MapStore } from "../viewer/maps";
 import type { HeadScene } from "../viewer/scene";
 import { MapSurface, PLAIN, type Surface } from "../viewer/skin";
-import { group } from "./group";
 
 const LEGENDS: Record<string, [string, string][]> = {
   confidence: [
@@ -37,8 +36,8 @@ const ABOUT: Record<string, string> = {
   shape_normal: "Normals of the fitted head",
 };
 
-export function mapsPanel(scene: HeadScene, store: MapStore, signal: AbortSignal): HTMLElement {
-  const panel = group("Maps", true);
+export function mapsPart(scene: HeadScene, store: MapStore, signal: AbortSignal): HTMLElement {
+  const part = make("div", { class: "part" });
   const list = make("div", { class: "choices maps", role: "radiogroup", "aria-label": "What the head shows" });
   const about = make("p", { class: "hint" });
   const lit = litSwitches(store);
@@ -72,10 +71,10 @@ export function mapsPanel(scene: HeadScene, store: MapStore, signal: AbortSignal
 
   list.append(choice("lit", "Lit", true));
   for (const map of store.maps) list.append(choice(map.role, TITLES[map.role] ?? words(map.role), false));
-  panel.body.append(list, about, lit.box);
-  panel.body.addEventListener("change", () => void apply());
+  part.append(list, about, lit.box);
+  part.addEventListener("change", () => void apply());
   void apply();
-  return panel.element;
+  return part;
 }
 
 interface Chosen {

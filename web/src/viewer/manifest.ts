@@ -12,16 +12,42 @@ export interface MapEntry {
   coding: { zero: number; scale: number; meaning: string };
 }
 
+/** Photo pixels from head space: (x, y, z) = rotation X + translation, pixel = focal_px (x, y) / z + principal_point. */
+export interface PhotoCamera {
+  width: number;
+  height: number;
+  focal_px: number;
+  principal_point: [number, number];
+  rotation: [Triple, Triple, Triple];
+  translation: Triple;
+}
+
+export type Triple = [number, number, number];
+
+export interface Likeness {
+  distance: number;
+  centred_cosine: number;
+  impostor: { distance_p05: number; centred_cosine_p95: number };
+}
+
+export interface Fit {
+  landmark_rms_px: number;
+  landmark_rms_iod?: number;
+  visible_fraction: number;
+  identity_similarity: Likeness | null;
+  light?: { coefficients: Triple[] } | null;
+  warnings: string[];
+}
+
 export interface Manifest {
   maps: MapEntry[];
   files: { path: string; role: string; size: number }[];
   displacement: { scale_mm: number; mid: number } | null;
-  fit: {
-    landmark_rms_px: number;
-    visible_fraction: number;
-    identity_similarity: { centred_cosine: number; impostor: { centred_cosine_p95: number } } | null;
-    warnings: string[];
-  };
+  options?: { quality?: string };
+  /** Null, as `camera` and `fit`, where no photo was given. */
+  input: { width: number; height: number; face_box: [number, number, number, number] } | null;
+  camera: PhotoCamera | null;
+  fit: Fit | null;
   head: { name: string; vertices: number };
   warnings?: string[];
 }

@@ -2,13 +2,12 @@
 
 import {
   Box3,
-  DirectionalLight,
+  Group,
   Mesh,
   MeshBasicMaterial,
   NeutralToneMapping,
   PCFShadowMap,
   PerspectiveCamera,
-  PMREMGenerator,
   Scene,
   Spherical,
   SRGBColorSpace,
@@ -17,24 +16,20 @@ import {
   type Material,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { Lighting, type Light } from "./lighting";
 import { loadHead } from "./load";
+import type { PhotoCamera } from "./manifest";
 import type { MapStore } from "./maps";
+import { lookThrough, projectedBox, type PixelBox } from "./photo_camera";
 import { MapSurface, Skin, type Surface } from "./skin";
-
 
 const FIELD_OF_VIEW = 24;
 
-/** Where the light stands, seen from the camera: degrees to the right and up; strengths of lamp and room. */
-export interface Light {
-  azimuth: number;
-  elevation: number;
-  strength: number;
-  room: number;
-}
+/** Place of the neck's joint in head space, in metres, about which the head nods and turns; roughly. */
+const NECK = new Vector3(0, -0.12, -0.09);
 
 export class HeadScene {
-  readonly light: Light = { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 };
+  readonly light: Light;
   readonly controls: OrbitControls;
   expression: Record<string, number> = {};
   photoExpression: Record<string, number> = {};
@@ -42,7 +37,11 @@ export class HeadScene {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 10);
-  private readonly lamp = new DirectionalLight(0xffffff, 1);
+  /** The photo's camera, and whether the view looks through it. */
+  private readonly photoCamera = new PerspectiveCamera();
+  private throughPhoto = false;
+  private readonly neck = new Group();
+  private readonly lighting: Lighting;
   private readonly watcher: ResizeObserver;
   private readonly parts: { mesh: Mesh; skin: Skin; wires: Mesh }[] = [];
   private readonly centre = new Vector3();
@@ -56,15 +55,8 @@ export class HeadScene {
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
-    const room = new RoomEnvironment();
-    const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(room, 0.04).texture;
-    generator.dispose();
-    room.dispose();
-    this.lamp.castShadow = true;
-    this.lamp.shadow.mapSize.set(1024, 1024);
-    this.lamp.shadow.radius = 3;
-    this.scene.add(this.lamp, this.lamp.target);
+    this.lighting = new Lighting(this.scene, this.renderer);
+    this.light = this.lighting.light;
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enablePan = false;
     this.controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -99,9 +91,13 @@ export class HeadScene {
       mesh.add(wires);
       this.parts.push({ mesh, skin, wires });
     }
-    this.scene.add(head.group);
+    head.group.position.copy(NECK).negate();
+    this.neck.position.copy(NECK);
+    this.neck.add(head.group);
+    this.scene.add(this.neck);
     this.photoExpression = head.expression;
     this.express(head.expression);
+    this.scene.updateMatrixWorld(true);
     this.frameHead(new Box3().setFromObject(head.group));
     this.fit();
   }
@@ -116,6 +112,26 @@ export class HeadScene {
     for (const { mesh } of this.parts)
       for (const [name, index] of Object.entries(mesh.morphTargetDictionary ?? {}))
         mesh.morphTargetInfluences![index] = weights[name] ?? 0;
+    this.draw();
+  }
+
+  /** Turns the head on its neck, angles in radians; the camera stays. */
+  pose(yaw: number, pitch: number): void {
+    this.neck.rotation.set(pitch, yaw, 0);
+    this.draw();
+  }
+
+  /** Box of the head in the photo's pixels, with the expression that it wears now. */
+  boxInPhoto(camera: PhotoCamera): PixelBox {
+    this.scene.updateMatrixWorld();
+    return projectedBox(this.parts.map((part) => part.mesh), camera);
+  }
+
+  /** Looks at the head as the photo does, at this part of it; null goes back to the free view. */
+  lookAsPhoto(camera: PhotoCamera, window: PixelBox | null): void {
+    this.throughPhoto = window !== null;
+    this.controls.enabled = window === null;
+    if (window) lookThrough(this.photoCamera, camera, window);
     this.draw();
   }
 
@@ -145,9 +161,7 @@ export class HeadScene {
   }
 
   moveLight(change: Partial<Light>): void {
-    Object.assign(this.light, change);
-    this.light.azimuth = ((((this.light.azimuth + 180) % 360) + 360) % 360) - 180;
-    this.light.elevation = Math.min(Math.max(this.light.elevation, -85), 85);
+    this.lighting.move(change);
     this.lightMoved();
     this.draw();
   }
@@ -179,7 +193,7 @@ export class HeadScene {
       skin.dispose();
       (wires.material as Material).dispose();
     }
-    this.scene.environment?.dispose();
+    this.lighting.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
   }
@@ -189,24 +203,11 @@ export class HeadScene {
     this.frame = requestAnimationFrame(() => {
       this.frame = 0;
       this.controls.update(); // damping goes on by the change that it reports
-      this.placeLight();
-      this.renderer.render(this.scene, this.camera);
+      const camera = this.throughPhoto ? this.photoCamera : this.camera;
+      this.lighting.place(camera, this.centre, this.controls.getAzimuthalAngle());
+      this.renderer.render(this.scene, camera);
       this.canvas.dataset.frames = String(this.renderer.info.render.frame);
     });
-  }
-
-  /** Lamp and room stay with the viewer, so turning the camera shows the head turning in a fixed light. */
-  private placeLight(): void {
-    const [azimuth, elevation] = [this.light.azimuth, this.light.elevation].map((degrees) => (degrees * Math.PI) / 180);
-    const across = Math.cos(elevation!);
-    const from = new Vector3(Math.sin(azimuth!) * across, Math.sin(elevation!), Math.cos(azimuth!) * across);
-    this.camera.updateMatrixWorld();
-    from.transformDirection(this.camera.matrixWorld);
-    this.lamp.position.copy(this.centre).addScaledVector(from, 1);
-    this.lamp.target.position.copy(this.centre);
-    this.lamp.intensity = this.light.strength;
-    this.scene.environmentIntensity = this.light.room;
-    this.scene.environmentRotation.y = this.controls.getAzimuthalAngle();
   }
 
   private frameHead(box: Box3): void {
@@ -217,14 +218,7 @@ export class HeadScene {
     this.controls.target.copy(this.centre);
     this.controls.minDistance = 0.9 * radius;
     this.controls.maxDistance = 2.5 * this.distance;
-    const view = this.lamp.shadow.camera;
-    view.left = view.bottom = -radius;
-    view.right = view.top = radius;
-    view.near = 1 - radius;
-    view.far = 1 + radius;
-    view.updateProjectionMatrix();
-    this.lamp.shadow.bias = -0.0004;
-    this.lamp.shadow.normalBias = 0.002;
+    this.lighting.cover(radius);
     this.front();
   }
 

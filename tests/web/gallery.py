@@ -1,0 +1,189 @@
+"""Pictures of the page's gallery: ``python -m tests.web.gallery [--archive AVATAR.zip]``, then ``make web``.
+
+Makes a head of the sample photo (or takes an archive of it), opens it in the page itself, and writes what the viewer
+shows, and cuts of the photo, to ``web/gallery``. With ``--docs`` it writes the pictures of ``docs/web.md`` instead, so
+after ``make web``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from PIL import Image
+
+from tests.web.at_work import artists, make_head, set_light, settle
+from tests.web.conftest import PHOTO, ROOT, launched
+from tests.web.fake_service import serving
+from tests.web.test_access import PHONE
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+OUT = ROOT / "web" / "gallery"
+TILE = 360
+"""Side of a small picture in pixels."""
+WIDE = (540, 800)
+"""Width and height of the two pictures with the slider."""
+QUALITY = 84
+"""Of the JPEGs."""
+BACKGROUND = "#canvas { background: radial-gradient(circle at 50% 42%, #fdfdfd, #ccd2d0); border: 0 }"
+
+
+def save(picture: Image.Image, name: str, quality: int = QUALITY) -> None:
+    """Write a JPEG and check that it is small enough for the page."""
+    path = OUT / f"{name}.jpg"
+    picture.convert("RGB").save(path, quality=quality, optimize=True, progressive=True)
+    if path.stat().st_size > 70_000:
+        raise SystemExit(f"{path}: {path.stat().st_size} bytes are too many for the page")
+
+
+def cuts_of_the_photo() -> None:
+    """The photo as the page hands it in, and its thumbnail."""
+    photo = Image.open(PHOTO).convert("RGB")
+    save(photo, "sample", 90)
+    save(photo.crop((125, 15, 325, 215)).resize((144, 144), Image.Resampling.LANCZOS), "thumb")
+
+
+def grab(page: Page, size: tuple[int, int]) -> Image.Image:
+    """The view without what lies over it, at that size."""
+    settle(page)
+    picture = Image.open(io.BytesIO(page.locator("#view").screenshot()))
+    inner = picture.crop((2, 2, picture.width - 2, picture.height - 2))  # a rim may show what lies beside the view
+    return inner.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+
+
+def framed(page: Page, width: int, height: int) -> None:
+    """Make the view that large, in pixels of the page."""
+    page.add_style_tag(
+        content=f"{BACKGROUND} #view {{ width: {width}px !important; height: {height}px !important; border: 0 }}"
+        "#view, #canvas { border-radius: 0 !important; outline: 0 !important; min-height: 0 }"
+        "#reset-view, #inset, .wipe-line, .wipe-tag { display: none !important }"
+    )
+
+
+def take(page: Page) -> None:
+    """All pictures that the viewer shows."""
+    framed(page, *(side // 2 for side in WIDE))
+    page.check("input[name=drag][value=photo]", force=True)
+    page.evaluate("document.getElementById('view').style.setProperty('--at', '0%')")
+    save(grab(page, WIDE), "head")
+    page.evaluate("document.getElementById('view').style.setProperty('--at', '100%')")
+    save(grab(page, WIDE), "photo")
+
+    page.check("input[name=drag][value=head]", force=True)
+    framed(page, TILE, TILE)
+    page.get_by_role("button", name="Studio").click()
+    turn(page, -10)
+    page.keyboard.press("+")
+    page.keyboard.press("+")
+    save(grab(page, (TILE, TILE)), "side")
+    turn(page, 14)
+    set_light(page, -65, 20)
+    save(grab(page, (TILE, TILE)), "light")
+    turn(page, -2)
+    page.get_by_role("button", name="Studio").click()
+    page.check("input[name=preset][value=surprise]", force=True)
+    save(grab(page, (TILE, TILE)), "surprise")
+    page.check("input[name=preset][value=smile]", force=True)
+    artists(page)
+    page.select_option("#colour", "")
+    page.check("#use-normals")
+    set_light(page, 60, 25)
+    save(grab(page, (TILE, TILE)), "relief")
+    page.select_option("#colour", "diffuse_albedo")
+    page.check("#wireframe")
+    page.get_by_role("button", name="Studio").click()
+    turn(page, -8)
+    save(grab(page, (TILE, TILE)), "mesh")
+
+
+def turn(page: Page, steps: int) -> None:
+    """Turn the head by arrow keys, 5 degrees each."""
+    page.locator("#canvas").focus()
+    for _ in range(abs(steps)):
+        page.keyboard.press("ArrowRight" if steps > 0 else "ArrowLeft")
+
+
+def charts(archive: Path) -> None:
+    """The face in the middle of four maps, as quarters of one picture."""
+    half = TILE // 2
+    made = Image.new("RGB", (TILE, TILE))
+    with zipfile.ZipFile(archive) as opened:
+        for index, role in enumerate(("diffuse_albedo", "specular_albedo", "specular_normal", "displacement")):
+            chart: Image.Image = Image.open(io.BytesIO(opened.read(f"maps/{role}.png")))
+            if chart.mode.startswith("I"):  # 16 bits; relief shown to 0.15 mm of 1.6 mm
+                chart = chart.point(lambda code: (code - 32768) / 24 + 128).convert("L")
+            width, height = chart.size
+            side = int(0.8 * height)
+            left, top = (width - side) // 2, int(0.08 * height)
+            quarter = chart.convert("RGB").crop((left, top, left + side, top + side)).resize((half, half))
+            made.paste(quarter, (index % 2 * half, index // 2 * half))
+    save(made, "maps")
+
+
+def screens(browser: Browser, address: str) -> None:
+    """The pictures of ``docs/web.md``: the start, the comparison with the photo, the head on a phone in the dark."""
+    wide: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"}
+    page = browser.new_page(**wide)
+    page.goto(address)
+    page.wait_for_selector("#quality:not([hidden])")
+    page.evaluate("for (const image of document.images) image.loading = 'eager'")
+    page.wait_for_load_state("networkidle")
+    shoot(page, "start", full_page=True)
+    make_head(page)
+    page.click("#inset")
+    settle(page)
+    page.locator("#view").hover()
+    shoot(page, "light")
+    phone = browser.new_page(**PHONE, color_scheme="dark", reduced_motion="reduce")
+    phone.goto(address)
+    make_head(phone)
+    phone.click("label.surprise")
+    phone.locator("#alive").focus()
+    phone.evaluate("document.activeElement.blur(); scrollBy(0, 110)")
+    settle(phone)
+    shoot(phone, "phone")
+
+
+def shoot(page: Page, name: str, **wishes: Any) -> None:
+    """Write a screenshot of the page to ``docs``."""
+    picture = Image.open(io.BytesIO(page.screenshot(**wishes))).convert("RGB")
+    picture.save(ROOT / "docs" / f"web-{name}.jpg", quality=QUALITY, optimize=True, progressive=True)
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--archive", type=Path, help="a head of the sample photo that is made already")
+    parser.add_argument("--docs", action="store_true", help="write the pictures of docs/web.md instead")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        archive = given.archive or Path(folder) / "sample.zip"
+        if not given.archive:
+            subprocess.run(
+                [sys.executable, "-m", "service", "make", str(PHOTO), "-o", str(archive)], cwd=ROOT, check=True
+            )
+        with launched() as browser, serving(archive, step_s=0.05) as fake:
+            if given.docs:
+                return screens(browser, fake.address)
+            OUT.mkdir(parents=True, exist_ok=True)
+            cuts_of_the_photo()
+            charts(archive)
+            page = browser.new_page(
+                viewport={"width": 1200, "height": 900}, device_scale_factor=2, reduced_motion="reduce", bypass_csp=True
+            )
+            page.set_default_timeout(300_000)
+            page.goto(fake.address)
+            make_head(page)
+            take(page)
+
+
+if __name__ == "__main__":
+    main()

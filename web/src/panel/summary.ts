@@ -1,0 +1,63 @@
+// What was measured, in words; the numbers are under "For artists".
+
+import type { Job } from "../api";
+import { make, words } from "../dom";
+import type { Fit, Likeness, Manifest } from "../viewer/manifest";
+
+/** Distance of the identity network under which two photos count as one person (King 2017, dlib). */
+const SAME_PERSON = 0.6;
+/** Three quarters of it; the project's own photos lie at 0.38 on average (README, `python -m benchmarks.photos`). */
+const VERY_LIKE = 0.45;
+
+/** Landmark error over the distance of the eyes; rendered photos of unseen heads have 0.013 (README). */
+const CLOSE = 0.035;
+const FAIR = 0.06;
+
+const WARNINGS: Record<string, string> = {
+  "low-resolution": "The face is small in the photo; details are guessed.",
+  "low-confidence": "The face is hard to see; shape and pose are uncertain.",
+  "extreme-pose": "The face is turned far away; one side is made up.",
+  "under-exposed": "The face is dark; colours are uncertain.",
+  "eyes-covered": "The eyes are covered; they are made up.",
+  "gaze-not-seen": "Where the eyes look could not be seen.",
+  "glasses-removed": "Glasses were taken off; the skin under their frame is made up.",
+  "face-covered": "Something covers much of the face; it stays in the maps.",
+  "little-seen": "Little of the face is seen; the rest is made up.",
+};
+
+export function summary(job: Job, manifest: Manifest): HTMLElement {
+  const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
+  const title = make("h2", { id: "summary-title" }, headline(manifest.fit?.identity_similarity ?? null));
+  section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
+  const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? [])]);
+  const rows = [...codes].map((code) => make("li", {}, WARNINGS[code] ?? `${words(code)}.`));
+  if (rows.length) section.append(make("ul", { class: "note", "aria-label": "To be careful about" }, ...rows));
+  return section;
+}
+
+export function headline(likeness: Likeness | null): string {
+  if (!likeness) return "The head is ready";
+  if (likeness.distance <= VERY_LIKE) return "Very like the photo";
+  if (likeness.distance <= SAME_PERSON) return "Like the photo";
+  if (likeness.distance <= likeness.impostor.distance_p05) return "Somewhat like the photo";
+  return "Not much like the photo";
+}
+
+function sentences(fit: Fit): string {
+  const error = fit.landmark_rms_iod;
+  const shape =
+    error === undefined
+      ? ""
+      : error <= CLOSE
+        ? "The shape follows the face closely. "
+        : error <= FAIR
+          ? "The shape follows the face fairly well. "
+          : "The shape follows the face loosely. ";
+  return `${shape}${seen(fit.visible_fraction)}; the rest of the head is made up to match.`;
+}
+
+function seen(share: number): string {
+  if (share >= 0.8) return "The photo shows nearly all of the face";
+  if (share >= 0.55) return "The photo shows most of the face";
+  return share >= 0.35 ? "The photo shows about half of the face" : "The photo shows little of the face";
+}
