@@ -1,4 +1,4 @@
-"""What the networks are told of the head: its geometry on the chart, and where they may speak."""
+"""Input channels of the networks that describe the head: its geometry on the chart, and what each texel shows."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ GEOMETRY = (
 """Channels of :attr:`Subject.geometry` in order."""
 
 EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
-"""Logarithm of the light that the whites of the eyes show, the same in all texels, and 1 where it is known, else 0."""
+"""Log radiance of a white surface in place of the sclera, the same at all texels; and 1 where it was measured, else 0."""
 
 LIT = "lit_skin"
-"""Channel that is 1 where the texture shows skin in the photo's light, 0 where it shows hair, eyes, or was made up."""
+"""Channel that is 1 where the texture shows skin in the photo's light, 0 on hair, eyes and inpainted texels."""
 
 INPAINTED = "inpainted_skin"
-"""Channel that is 1 where the texture is skin that no photo showed."""
+"""Channel that is 1 on inpainted skin."""
 
 BROWS = "brows"
 """Channel that is 1 where brows may lie."""
@@ -52,22 +52,23 @@ COVERED = "covered_skin"
 """Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
 
 HAIR = "hair"
-"""Channel that is 1 on the scalp and where skin is covered by what is no cap or mask: hair, as a rule. 0 on lips."""
+"""Channel that is 1 on the scalp and on covered skin outside caps and masks, where hair is the rule; 0 on lips."""
 
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
 
 CLUES = (LIT, INPAINTED, *EYES, BROWS, COVERED, HAIR, LIDS)
-"""Channels of :attr:`Subject.clues`: what photo and head tell of where light and relief can be read from."""
+"""Channels of :attr:`Subject.clues`: where light and relief can be read from the texture."""
 
 BROW_SOFT = 5.0
-"""Standard deviation of the blur over which relief fades into brows, texels of ``GEOMETRY_SIZE``."""
+"""Standard deviation of the blur by which relief fades out towards brows, texels of ``GEOMETRY_SIZE``."""
 
 LASHES_SOFT = 2.0
-"""The same beside lashes."""
+"""The same for lashes."""
+
 
 def margin(width: int) -> int:
-    """Texels of a map of this width by which the islands of parts grow: one of ``GEOMETRY_SIZE``."""
+    """Padding of the islands of parts, in texels of a map of this width: one texel of ``GEOMETRY_SIZE``."""
     return max(width // GEOMETRY_SIZE[0], 1)
 
 
@@ -79,17 +80,16 @@ class Subject:
         head: the model.
         vertices: (V, 3) metres with the photo's expression.
         chart: of ``head`` at ``GEOMETRY_SIZE``.
-        lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 where it is hair, glasses or made up;
-            None: all of it is.
-        inpainted: (h, w) float32, 1 where the texture is skin, not hair, that no photo showed; None: nowhere.
-        worn: (h, w) float32, 1 where the texture is a cap or a mask; None: nowhere.
-        eye_light: (3,) linear RGB light that the whites of the eyes would show in usual light
-            (``service.reflectance.corrections.sclera_depth``); None: not known.
-        parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: what the texture shows of it
-            less the light of the face.
-        iris: (3,) linear RGB albedo of the irises; None: the texture tells as well as anything.
-        pixel_mm: of the face, a pixel of the photo; None: not known.
-        corrections: those that ran before.
+        lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 on hair, glasses and inpainted texels;
+            None: all of it is skin in the light.
+        inpainted: (h, w) float32, 1 on inpainted skin; None: nowhere.
+        worn: (h, w) float32, 1 on a cap or a mask; None: nowhere.
+        eye_light: (3,) linear RGB radiance of a white surface in place of the sclera; None: not measured.
+        parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
+            light of the face is taken instead.
+        iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
+        pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
+        corrections: those that ran before the networks.
     """
 
     head: HeadModel
