@@ -37,7 +37,7 @@ GEOMETRY = (
 """Channels of :attr:`Subject.geometry` in order."""
 
 EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
-"""Log radiance of a white surface in place of the sclera, the same at all texels; and 1 where it was measured, else 0."""
+"""Log radiance of a white surface in place of the sclera, the same at all texels; 1 where it was measured, else 0."""
 
 LIT = "lit_skin"
 """Channel that is 1 where the texture shows skin in the photo's light, 0 on hair, eyes and inpainted texels."""
