@@ -23,13 +23,13 @@ from service.api.options import parse_options
 from service.api.problems import ProblemError, not_found
 from service.api.schemas import Job, JobPage, State
 from service.api.uploads import Upload, received
+from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
 from service.jobs.clock import now
-from service.jobs.store import KeyInUse, NewJob, Row
+from service.jobs.store import KeyInUse, NewJob, Row, workflows
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
 
-DAY = 86400.0
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255
@@ -103,7 +103,9 @@ def delete(job: str, tenant: Asking, context: Here) -> Response:
         context.queue.cancel(row["workflow"])
     elif row["gone"] is None:
         context.store.depart(job, "erased")
+        context.queue.delete(workflows(row))
     _erase(context, job)
+    context.store.checkpoint()
     return Response(status_code=204)
 
 
@@ -128,7 +130,7 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
     )  # fmt: skip
-    return await run_in_threadpool(_store, context, new, upload.path)
+    return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
 
 def _erase(context: Context, job: str) -> None:
@@ -137,14 +139,17 @@ def _erase(context: Context, job: str) -> None:
         context.artifacts.sweep(job, set())
 
 
-def _store(context: Context, new: NewJob, path: Path) -> Row:
+def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
     """First the photo on the disk, then the job and its place in the queue in one transaction."""
     context.artifacts.put(path, new.photo)
     try:
-        return context.store.add(new, lambda connection, workflow: context.queue.put(connection, workflow, new.id))
+        return context.store.add(new, context.queue.put, bounds, context.queue.move)
     except KeyInUse as used:
         _erase(context, new.id)
         return _same(used.row, new.digest)
+    except NoRoom as full:
+        _erase(context, new.id)
+        raise no_room(full) from full
     except BaseException:
         _erase(context, new.id)
         raise
@@ -165,16 +170,22 @@ def _admit(context: Context, tenant: Tenant, key: str | None) -> None:
     context.check_space()
     if key is not None and context.store.by_key(tenant.name, key) is not None:
         return  # it was let in before
-    waiting = context.store.counts().get("queued", 0)
-    if waiting >= context.settings.max_queued:
-        raise ProblemError("queue-full", 429, headers={"Retry-After": "30"}, queued=waiting)
-    own = context.store.counts(tenant.name)
-    unfinished = own.get("queued", 0) + own.get("running", 0)
+    try:
+        context.store.room(tenant.name, bounds_of(context, tenant))
+    except NoRoom as full:
+        raise no_room(full) from full
+
+
+def bounds_of(context: Context, tenant: Tenant) -> Bounds:
+    """How much of a tenant is let in."""
     most = tenant.max_unfinished or context.settings.max_unfinished
-    if unfinished >= most:
-        raise ProblemError("quota", 429, headers={"Retry-After": "10"}, unfinished=unfinished, max_unfinished=most)
-    if tenant.per_day is not None and context.store.accepted_since(tenant.name, now() - DAY) >= tenant.per_day:
-        raise ProblemError("quota", 429, headers={"Retry-After": "3600"}, per_day=tenant.per_day)
+    return Bounds(queued=context.settings.max_queued, unfinished=most, per_day=tenant.per_day)
+
+
+def no_room(full: NoRoom) -> ProblemError:
+    """The problem of a job that was not let in."""
+    pause = "30" if full.kind == "queue-full" else "3600" if "per_day" in full.facts else "10"
+    return ProblemError(full.kind, 429, headers={"Retry-After": pause}, **full.facts)
 
 
 @asynccontextmanager

@@ -99,7 +99,7 @@ class Runner:
         row = self._row(job)
         if row is None or row["workflow"] != workflow or not patient(lambda: self.store.begin(job)):
             return {"kind": "ended"}
-        return {"kind": "wanted", "photo": row["photo"], "photo_sha256": row["photo_sha256"]}
+        return {"kind": "wanted"}  # no hash: what is returned is recorded in the database
 
     def make(self, job: str) -> dict[str, Any]:
         """Second step: compute the archive in a process of its own.
@@ -145,7 +145,7 @@ class Runner:
         if row is None or row["state"] not in FINAL:
             return
         keep = {row["archive"]} if row["archive"] and row["gone"] is None else set()
-        if row["keep_photo"] and row["gone"] is None:
+        if row["keep_photo"] and row["photo"] and row["gone"] is None:
             keep.add(row["photo"])
         patient(lambda: self.artifacts.sweep(job, keep))
         patient(lambda: self.store.set(job, swept=True))
@@ -250,6 +250,8 @@ class Runner:
 
     def _photo(self, row: Row, scratch: Path) -> Path | None:
         """Path of the photo on this machine, None where it is gone."""
+        if not row["photo"]:  # cancelled meanwhile
+            return None
         if self.artifacts.folder is not None:
             path = self.artifacts.folder / row["photo"]
             return path if path.exists() else None
@@ -296,9 +298,9 @@ class _Report:
             return
         if stage == self._stage and time.monotonic() - self._at < WRITE:
             return
-        self._stage, self._at = stage, time.monotonic()
+        known, self._stage, self._at = self._stage, stage, time.monotonic()
         with contextlib.suppress(sa.exc.SQLAlchemyError):
-            self._store.progress(self._job, stage, share)
+            self._store.progress(self._job, stage, share, known)
 
 
 class _Stop:
