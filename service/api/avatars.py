@@ -17,12 +17,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from service.api.context import Context, context_of, tenant_of
-from service.api.keys import ANYBODY, Tenant
+from service.api.keys import ANYBODY, LOOPBACK, Tenant
 from service.api.middleware import host_name
-from service.api.options import parse_options
+from service.api.options import parse_metadata
 from service.api.problems import ProblemError, not_found
 from service.api.schemas import Job, JobPage, State
-from service.api.uploads import Upload, received
+from service.api.uploads import QUERY, Upload, received
 from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
 from service.jobs.clock import now
@@ -30,7 +30,6 @@ from service.jobs.store import KeyInUse, NewJob, Row, workflows
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
 
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255
 
@@ -46,6 +45,9 @@ Here = Annotated[Context, Depends(context_of)]
 async def post(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes multipart/form-data with the photo as ``image``, or the photo itself as the body.
 
+    With the photo as the body the other parts are parameters of the address, each option by its name and as on the
+    command line: ``?quality=draft&size=576x384``.
+
     The answer comes as soon as the photo is stored and the job is in the queue. With an ``Idempotency-Key`` the same
     request can be sent again and makes one job only.
 
@@ -59,6 +61,9 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
         row = await _accept(context, tenant, key, upload)
     body = job_json(row)
     return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
+
+
+post.more_parameters = QUERY  # type: ignore[attr-defined]  # of a photo that is the body
 
 
 @router.get("", response_model=JobPage, operation_id="list_avatars", summary="List the jobs of this key, newest first.")
@@ -117,8 +122,9 @@ def _of_this_machine(request: Request, listening: str) -> bool:
 
 
 async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:
-    options = parse_options(upload.options).to_json()
-    digest = _digest(upload, options)
+    options = upload.chosen().to_json()
+    metadata = parse_metadata(upload.metadata)
+    digest = _digest(upload, options, metadata)
     if key is not None:
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
         if known is not None:
@@ -129,6 +135,7 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
     new = NewJob(
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
+        priority=upload.priority, metadata=metadata,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
@@ -207,8 +214,10 @@ def _same(row: Row, digest: str) -> Row:
     return row
 
 
-def _digest(upload: Upload, options: dict[str, Any]) -> str:
+def _digest(upload: Upload, options: dict[str, Any], metadata: dict[str, Any]) -> str:
     content = [upload.sha256, upload.keep_photo, options]
+    if metadata:
+        content.append(metadata)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

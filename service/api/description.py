@@ -15,6 +15,7 @@ from fastapi import FastAPI
 from service.api.options import adapter
 from service.api.problems import MEDIA_TYPE
 from service.api.schemas import Problem
+from service.jobs.admission import PRIORITIES
 
 Json = dict[str, Any]
 
@@ -36,6 +37,8 @@ _NEW_AVATAR: Json = {
             "default": False,
             "description": "Keep the photo beside the result.",
         },
+        "metadata": {"type": "object", "description": "Words of your own, at most 2048 bytes; given back with the job."},
+        "priority": {"type": "string", "enum": list(PRIORITIES), "default": "normal"},
     },
 }
 
@@ -52,6 +55,7 @@ _TAKES = {
     ("/v1/avatars/{job}/events", "get"): ("Last-Event-ID",),
     ("/v1/avatars/{job}/archive.zip", "get"): ("Range", "If-Range"),
     ("/v1/avatars/{job}/files/{path}", "get"): ("Range", "If-Range"),
+    ("/v1/avatars/{job}/photo", "get"): ("Range", "If-Range"),
 }
 
 
@@ -132,7 +136,7 @@ def _complete(path: str, method: str, operation: Json) -> None:
     if (path, method) == ("/v1/avatars", "post"):
         form = {
             "schema": {"$ref": "#/components/schemas/NewAvatar"},
-            "encoding": {"options": {"contentType": "application/json"}},
+            "encoding": {name: {"contentType": "application/json"} for name in ("options", "metadata")},
         }
         photos = {kind: {"schema": _PHOTO} for kind in ("image/jpeg", "image/png", "image/webp")}
         operation["requestBody"] = _body({"multipart/form-data": form, **photos})

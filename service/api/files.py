@@ -117,6 +117,23 @@ async def file(job: str, path: str, request: Request, tenant: Asking, context: H
     return _answer(request, context, await run_in_threadpool(_extent, context, row, path), {})
 
 
+@router.head("/{job}/photo", include_in_schema=False)
+@router.get(
+    "/{job}/photo",
+    response_class=Response,
+    operation_id="download_photo",
+    responses=_answers(OTHER),
+    summary="The photo as it was sent, where it was to be kept.",
+)
+async def photo(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """As bytes to be stored, never as something that a browser shows: it may be more things than a picture."""
+    row = await run_in_threadpool(context.job, job, tenant)
+    if not row["keep_photo"] or not row["photo"] or not await run_in_threadpool(context.artifacts.exists, row["photo"]):
+        raise not_found()
+    whole = Extent(row["photo"], 0, row["photo_bytes"], f'"{row["photo_sha256"]}"', "photo.bin")
+    return _answer(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
+
+
 def finished(context: Context, job: str, tenant: Tenant) -> Row:
     """The row of a tenant's job that has a result.
 

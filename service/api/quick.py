@@ -25,7 +25,7 @@ _ADDRESS = re.compile(r"/v1/avatars/([0-9a-f]{32})\Z")
 
 _QUERY = (
     "select j.tenant, j.state, j.gone, e.body from avatarme_jobs j "
-    "join avatarme_events e on e.job = j.id and e.n = j.events where j.id = ?"
+    "join avatarme_events e on e.job = j.id and e.n = j.events where j.id = ? and j.kind = 'avatar'"
 )
 
 _BUSY_S = 0.02
@@ -95,7 +95,8 @@ class QuickState:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass on."""
-        match = _ADDRESS.match(scope["path"]) if scope["type"] == "http" and scope["method"] == "GET" else None
+        plain = scope["type"] == "http" and scope["method"] == "GET" and not scope["query_string"]
+        match = _ADDRESS.match(scope["path"]) if plain else None
         found = _look(scope, match[1]) if match is not None else None
         if found is None:
             await self._app(scope, receive, send)

@@ -29,6 +29,7 @@ class Links(BaseModel):
     events: str
     archive: str | None
     files: str | None
+    photo: str | None = Field(description="Where the photo was to be kept.")
 
 
 class Job(BaseModel):
@@ -46,6 +47,8 @@ class Job(BaseModel):
     error: Problem | None
     warnings: list[str]
     options: dict[str, Any]
+    priority: str
+    metadata: dict[str, Any] = Field(description="Words of the owner's own, as they came.")
 
 
 class JobPage(BaseModel):
@@ -120,4 +123,4 @@ class Readiness(BaseModel):
     """Whether photos can be taken, and why not."""
 
     status: Literal["ready"]
-    workers: int
+    workers: int = Field(description="Workers that compute; where there are none, jobs wait.")

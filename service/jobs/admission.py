@@ -76,11 +76,12 @@ def check(connection: sa.Connection, tenant: str, bounds: Bounds, *, counted: in
     Raises:
         NoRoom: it would be one too many.
     """
-    states = sa.select(JOBS.c.tenant == tenant, JOBS.c.state, sa.func.count()).where(JOBS.c.state.in_(UNFINISHED))
+    mine = sa.func.sum(sa.case((JOBS.c.tenant == tenant, 1), else_=0))
+    states = sa.select(JOBS.c.state, sa.func.count(), mine).where(JOBS.c.state.in_(UNFINISHED))
     queued = own = -counted
-    for mine, state, count in connection.execute(states.group_by(JOBS.c.tenant == tenant, JOBS.c.state)):
+    for state, count, of_tenant in connection.execute(states.group_by(JOBS.c.state)):
         queued += count if state == "queued" else 0
-        own += count if mine else 0
+        own += of_tenant
     if queued >= bounds.queued:
         raise NoRoom("queue-full", queued=queued)
     if own >= bounds.unfinished:

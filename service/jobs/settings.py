@@ -16,7 +16,7 @@ PREFIX = "AVATARME_"
 PIPELINE_VERSION = "pipeline-4"
 """Version of the steps of a job, kept by hand: unfinished jobs of another version are begun again at start-up."""
 
-_KINDS = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
+_KINDS: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +40,8 @@ class Settings:
         host, port: where to listen.
         allowed_hosts: names for the Host header, joined by commas; "" for addresses and the names of this machine.
         keys: path of the file of API keys; "" for a server without keys.
+        first_key: make that file with one key where it is missing; the key itself is left beside it, in first-key.txt.
+        anybody: serve without keys although others than this machine can reach ``host``.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
         uploads: uploads that are received at the same time.
         connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
@@ -67,6 +69,8 @@ class Settings:
     port: int = 8000
     allowed_hosts: str = ""
     keys: str = ""
+    first_key: bool = False
+    anybody: bool = False
     max_unfinished: int = 2000
     uploads: int = 64
     connections: int = 512
@@ -99,6 +103,8 @@ class Settings:
             raise UsageError(
                 f"worker is {self.worker!r}; letters, digits, '-', '_' and '.' are allowed", field="worker"
             )
+        if self.first_key and not self.keys:
+            raise UsageError("first_key is on and keys names no file that the key could be in", field="keys")
         if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
             raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
 
@@ -142,8 +148,15 @@ def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = 
         if flags.get(field.name) is not None:
             chosen[field.name] = flags[field.name]
         elif variable in environment:
-            try:
-                chosen[field.name] = _KINDS[str(field.type)](environment[variable])
-            except ValueError as error:
-                raise UsageError(f"{variable} is {environment[variable]!r}; it has to be a number") from error
+            chosen[field.name] = _value(variable, environment[variable], _KINDS[str(field.type)])
     return Settings(**chosen)
+
+
+def _value(variable: str, text: str, kind: type) -> Any:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(kind).validate_python(text)
+    except ValidationError as error:
+        wanted = "true or false" if kind is bool else "a number"
+        raise UsageError(f"{variable} is {text!r}; it has to be {wanted}") from error

@@ -37,10 +37,13 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
             "events": f"{address}/events",
             "archive": f"{address}/archive.zip" if done else None,
             "files": f"{address}/files" if done else None,
+            "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
         "error": {**error, "instance": address} if error else None,
         "warnings": json.loads(row["warnings"]),
         "options": json.loads(row["options"]),
+        "priority": row["priority"],
+        "metadata": json.loads(row["metadata"]),
     }
 
 
