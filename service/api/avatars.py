@@ -17,6 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from service.api.context import Context, context_of, tenant_of
+from service.api.decoding import cost
 from service.api.keys import ANYBODY, LOOPBACK, Tenant
 from service.api.middleware import host_name
 from service.api.options import parse_metadata
@@ -129,7 +130,8 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
         if known is not None:
             return _same(known, digest)
-    async with context.gates:
+    share = await run_in_threadpool(_cost, context, upload.path)
+    async with context.decoding.taken(share):
         await run_in_threadpool(_look_through, context, upload.path)
     job = secrets.token_hex(16)
     new = NewJob(
@@ -160,6 +162,10 @@ def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
     except BaseException:
         _erase(context, new.id)
         raise
+
+
+def _cost(context: Context, path: Path) -> int:
+    return cost(path.read_bytes(), context.limits)
 
 
 def _look_through(context: Context, path: Path) -> None:

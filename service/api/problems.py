@@ -50,6 +50,7 @@ EXPLANATIONS = {
     "range-not-satisfiable": "One range within the file can be asked for.",
     "queue-full": "Too many jobs are waiting; try again later.",
     "quota": "Your key allows no more jobs now.",
+    "needs-memory": "Decoding this photo takes more memory than this server has for it.",
     "busy": "Too many uploads are being received; try again shortly.",
     "draining": "The server is shutting down; try again shortly.",
     "starting": "The server is starting; try again shortly.",

@@ -43,6 +43,7 @@ class Settings:
         first_key: make that file with one key where it is missing; the key itself is left beside it, in first-key.txt.
         anybody: serve without keys although others than this machine can reach ``host``.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
+        decode_mb: memory in MiB for looking photos through; 0 for what the machine, or the container, has beside 512 MiB.
         uploads: uploads that are received at the same time.
         connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
         renders: pictures that are rendered at the same time, each in a process with the limits of a job.
@@ -72,6 +73,7 @@ class Settings:
     first_key: bool = False
     anybody: bool = False
     max_unfinished: int = 2000
+    decode_mb: int = 0
     uploads: int = 64
     connections: int = 512
     renders: int = 1
@@ -92,6 +94,7 @@ class Settings:
             "max_unfinished": 1,
             "memory_mb": 0,
             "reserve_mb": 0,
+            "decode_mb": 0,
         }
         for name, least in low.items():
             if getattr(self, name) < least:
