@@ -12,22 +12,24 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
-from service.api.context import Context, context_of, tenant_of
+from service.api.admitting import bounds_of, erase, no_room, sweep
+from service.api.context import Context
 from service.api.decoding import cost
 from service.api.keys import ANYBODY, LOOPBACK, Tenant
 from service.api.middleware import host_name
 from service.api.options import parse_metadata
-from service.api.problems import ProblemError, not_found
+from service.api.needs import Asking, Here
+from service.api.problems import ProblemError
 from service.api.schemas import Job, JobPage, State
 from service.api.uploads import QUERY, Upload, received
 from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
 from service.jobs.clock import now
-from service.jobs.store import KeyInUse, NewJob, Row, workflows
+from service.jobs.store import KeyInUse, NewJob, Row
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
 
@@ -35,9 +37,6 @@ FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwa
 _MAX_KEY = 255
 
 router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
-
-Asking = Annotated[Tenant, Depends(tenant_of)]
-Here = Annotated[Context, Depends(context_of)]
 
 
 @router.post(
@@ -101,17 +100,7 @@ def state(job: str, tenant: Asking, context: Here) -> Response:
 @router.delete("/{job}", status_code=204, operation_id="delete_avatar", summary="Cancel a job, or erase its result.")
 def delete(job: str, tenant: Asking, context: Here) -> Response:
     """A job that is unfinished is cancelled and its photo erased; of one that has ended everything is erased."""
-    row = context.store.get(job) if len(job) == 32 else None
-    if row is None or row["tenant"] != tenant.name:
-        raise not_found()
-    expires = now() + context.settings.result_hours * 3600
-    if context.store.cancel(job, expires):
-        context.queue.cancel(row["workflow"])
-    elif row["gone"] is None:
-        context.store.depart(job, "erased")
-        context.queue.delete(workflows(row))
-    _erase(context, job)
-    context.store.checkpoint()
+    erase(context, job, tenant, "avatar")
     return Response(status_code=204)
 
 
@@ -142,25 +131,19 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
 
-def _erase(context: Context, job: str) -> None:
-    """Remove the files of a job as far as the store lets; a worker erases the rest, also of one that still writes."""
-    with contextlib.suppress(OSError):
-        context.artifacts.sweep(job, set())
-
-
 def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
     """First the photo on the disk, then the job and its place in the queue in one transaction."""
     context.artifacts.put(path, new.photo)
     try:
         return context.store.add(new, context.queue.put, bounds, context.queue.move)
     except KeyInUse as used:
-        _erase(context, new.id)
+        sweep(context, new.id)
         return _same(used.row, new.digest)
     except NoRoom as full:
-        _erase(context, new.id)
+        sweep(context, new.id)
         raise no_room(full) from full
     except BaseException:
-        _erase(context, new.id)
+        sweep(context, new.id)
         raise
 
 
@@ -187,18 +170,6 @@ def _admit(context: Context, tenant: Tenant, key: str | None) -> None:
         context.store.room(tenant.name, bounds_of(context, tenant))
     except NoRoom as full:
         raise no_room(full) from full
-
-
-def bounds_of(context: Context, tenant: Tenant) -> Bounds:
-    """How much of a tenant is let in."""
-    most = tenant.max_unfinished or context.settings.max_unfinished
-    return Bounds(queued=context.settings.max_queued, unfinished=most, per_day=tenant.per_day)
-
-
-def no_room(full: NoRoom) -> ProblemError:
-    """The problem of a job that was not let in."""
-    pause = "30" if full.kind == "queue-full" else "3600" if "per_day" in full.facts else "10"
-    return ProblemError(full.kind, 429, headers={"Retry-After": pause}, **full.facts)
 
 
 @asynccontextmanager

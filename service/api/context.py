@@ -56,14 +56,14 @@ class Context:
         self.decoding = DecodingMemory(budget(memory_bytes(), settings.decode_mb), max(2, processors()))
         self._workers: tuple[float, list[dict[str, object]]] = (float("-inf"), [])
 
-    def job(self, job: str, tenant: Tenant) -> Row:
+    def job(self, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
         """The row of a tenant's job.
 
         Raises:
             ProblemError: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
         """
         row = self.store.get(job) if len(job) == 32 else None
-        if row is None or row["tenant"] != tenant.name:
+        if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
             raise not_found()
         if row["gone"] is not None:
             raise ProblemError("gone", 410, reason=row["gone"])

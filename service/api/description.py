@@ -46,6 +46,7 @@ _HEADERS = {
     "Idempotency-Key": ("A request that is sent again with the same key makes no second job.", 255),
     "Range": ("One range of bytes.", None),
     "If-Range": ("Strong ETag for which the range is wanted; else the whole is sent.", None),
+    "Prefer": ("'respond-async' does not wait for the picture.", None),
     "Last-Event-ID": ("Number of the last event that arrived; those after it are sent.", None),
 }
 """Headers that mean something in a request, with their greatest length."""
@@ -56,6 +57,8 @@ _TAKES = {
     ("/v1/avatars/{job}/archive.zip", "get"): ("Range", "If-Range"),
     ("/v1/avatars/{job}/files/{path}", "get"): ("Range", "If-Range"),
     ("/v1/avatars/{job}/photo", "get"): ("Range", "If-Range"),
+    ("/v1/renders", "post"): ("Prefer",),
+    ("/v1/renders/{render}/picture.png", "get"): ("Range", "If-Range"),
 }
 
 

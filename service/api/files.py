@@ -14,9 +14,9 @@ from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from service.api.avatars import Asking, Here
 from service.api.context import Context
 from service.api.keys import Tenant
+from service.api.needs import Asking, Here
 from service.api.problems import ProblemError, not_found
 from service.api.ranges import not_modified, wanted_range
 from service.api.schemas import FileList
@@ -79,7 +79,7 @@ async def archive(job: str, request: Request, tenant: Asking, context: Here) -> 
     digest = row["archive_sha256"]
     whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
     disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
-    return _answer(request, context, whole, disposition)
+    return answer_with(request, context, whole, disposition)
 
 
 @router.get(
@@ -114,7 +114,7 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
     row = await run_in_threadpool(finished, context, job, tenant)
-    return _answer(request, context, await run_in_threadpool(_extent, context, row, path), {})
+    return answer_with(request, context, await run_in_threadpool(_extent, context, row, path), {})
 
 
 @router.head("/{job}/photo", include_in_schema=False)
@@ -131,16 +131,16 @@ async def photo(job: str, request: Request, tenant: Asking, context: Here) -> Re
     if not row["keep_photo"] or not row["photo"] or not await run_in_threadpool(context.artifacts.exists, row["photo"]):
         raise not_found()
     whole = Extent(row["photo"], 0, row["photo_bytes"], f'"{row["photo_sha256"]}"', "photo.bin")
-    return _answer(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
+    return answer_with(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
 
 
-def finished(context: Context, job: str, tenant: Tenant) -> Row:
+def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
     """The row of a tenant's job that has a result.
 
     Raises:
         ProblemError: there is no such job, it has not succeeded, or its result is gone.
     """
-    row = context.job(job, tenant)
+    row = context.job(job, tenant, kind)
     if row["state"] in ("queued", "running"):
         raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
     if row["state"] != "succeeded":
@@ -168,7 +168,8 @@ def _extent(context: Context, row: Row, path: str) -> Extent:
     return Extent(row["archive"], start, info.file_size, etag, path)
 
 
-def _answer(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+def answer_with(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+    """The file that a request asks for, a range of it, or that it is as it was."""
     headers = {
         **headers,
         "Accept-Ranges": "bytes",

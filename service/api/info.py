@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from fastapi import APIRouter
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
-from service.api.avatars import Here
+from service.api.needs import Here
 from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
 from service.api.schemas import Health, ModelList, QualityList, Readiness
 from service.jobs.problems import TITLES, problem

@@ -58,6 +58,28 @@ class JobPage(BaseModel):
     next: str | None
 
 
+class RenderLinks(BaseModel):
+    """Addresses on this server; that of the picture is null until there is one."""
+
+    self: str
+    avatar: str
+    picture: str | None
+
+
+class RenderJob(BaseModel):
+    """State of one picture. Times are RFC 3339 in UTC."""
+
+    id: str
+    state: State
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    expires_at: str | None
+    links: RenderLinks
+    error: Problem | None
+    request: dict[str, Any] = Field(description="What was asked for.")
+
+
 class File(BaseModel):
     """One file of an archive."""
 

@@ -178,6 +178,15 @@ def picture(response: httpx.Response) -> bytes:
     return data
 
 
+def picture_or_job(response: httpx.Response) -> Any:
+    """A PNG, or where the answer is 202 the JSON of its job.
+
+    Raises:
+        UnexpectedAnswer: the answer is neither.
+    """
+    return _json(response) if response.status_code == 202 else picture(response)
+
+
 def _content(response: httpx.Response, most: int) -> bytes:
     data = bytearray()
     for chunk in response.iter_raw():

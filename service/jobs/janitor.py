@@ -10,6 +10,7 @@ import sqlalchemy as sa
 
 from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS, seconds_of_database
+from service.jobs.erasure import let_go
 from service.jobs.problems import problem
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
@@ -61,7 +62,7 @@ class Janitor:
         """Erase results whose time is over, and after a while all memory of them."""
         moment = now()
         for row in self._store.where(JOBS.c.state.in_(FINAL), JOBS.c.gone.is_(None), JOBS.c.expires_at < moment):
-            self._store.depart(row["id"], "expired")
+            let_go(self._store, self._queue, row, "expired")
         tombstone = moment - self._runner.settings.tombstone_hours * 3600
         for row in self._store.where(JOBS.c.gone.is_not(None), JOBS.c.updated_at < tombstone):
             self._queue.delete(workflows(row))

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 
 from service.errors import Crashed, ModelFault, OutOfMemory, OutOfTime
+from service.jobs import pictures
 from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.clock import now
 from service.jobs.problems import from_error
@@ -169,7 +170,7 @@ class Runner:
         job = row["id"]
         while True:
             self._wait_for_space(job)
-            photo = self._photo(row, scratch)
+            photo = self._photo(row, scratch) if row["kind"] == "avatar" else scratch
             if photo is None:
                 return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
             self._rest(job)
@@ -183,13 +184,15 @@ class Runner:
             if self.stopping.is_set():
                 time.sleep(3600)  # the worker ends; this step must not be recorded as finished
             if ending.kind == "done":
-                return self._store(job, ending.facts, scratch / "archive.zip")
+                return self._store(row, ending.facts, scratch)
             starved = ending.kind == "memory" or ending.facts.get("code") == OutOfMemory.code
             if ending.kind == "problem" and not starved:
                 return {"kind": "problem", "problem": ending.facts}
             if ending.kind == "stopped":
                 return {"kind": "ended"}
             if ending.kind == "time":
+                if row["kind"] == "render":
+                    return {"kind": "problem", "problem": pictures.too_slow(self.settings.render_seconds)}
                 return _failed(OutOfTime(f"the computation took more than {self.settings.job_seconds:g} s"))
             log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
             if starved:
@@ -207,6 +210,13 @@ class Runner:
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
         job = row["id"]
+        if row["kind"] == "render":
+            source = patient(lambda: self.store.get(row["source"]))
+            if source is None or source["archive"] is None:
+                return Ending("problem", pictures.gone(), 0)
+            task = pictures.task(row, source, self.settings, scratch)
+            self.active[job] = process = JobProcess(pictures.limits(self.settings))
+            return process.run(task, lambda message: None, _Stop(self, job))
         task = Task(
             job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=_json(row["options"]),
             artifacts=self.settings.artifacts_url, output=str(scratch / "archive.zip"), scratch=str(scratch),
@@ -268,10 +278,14 @@ class Runner:
 
         return patient(fetch)
 
-    def _store(self, job: str, facts: dict[str, Any], output: Path) -> dict[str, Any]:
-        name = artifact_name(job, "archive", facts["sha256"], "zip")
-        if output.exists():
-            patient(lambda: self.artifacts.put(output, name))
+    def _store(self, row: Row, facts: dict[str, Any], scratch: Path) -> dict[str, Any]:
+        kind, file = "archive", scratch / "archive.zip"
+        if row["kind"] == "render":
+            kind, file = "picture", scratch / pictures.FILE
+            facts = patient(lambda: pictures.facts(file, facts))
+        name = artifact_name(row["id"], kind, facts["sha256"], file.suffix.removeprefix("."))
+        if file.exists():
+            patient(lambda: self.artifacts.put(file, name))
         return {"kind": "done", "archive": name, **facts}
 
     def _row(self, job: str) -> Row | None:

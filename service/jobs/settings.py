@@ -46,12 +46,14 @@ class Settings:
         decode_mb: memory in MiB for looking photos through; 0 for what the machine, or the container, has beside 512 MiB.
         uploads: uploads that are received at the same time.
         connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
-        renders: pictures that are rendered at the same time, each in a process with the limits of a job.
+        renders: pictures that one worker renders at the same time, each in a process with the limits of a job.
         render_seconds: longest time of one picture.
+        render_wait_seconds: how long a request waits for its picture before it is answered with the picture's job.
         header_seconds: longest time for the head of a request.
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
         program: module that computes a job; tests put a small one here.
+        render_program: module that renders a picture; likewise.
     """
 
     data: Path = Path("avatarme-data")
@@ -78,10 +80,12 @@ class Settings:
     connections: int = 512
     renders: int = 1
     render_seconds: float = 120.0
+    render_wait_seconds: float = 100.0
     header_seconds: float = 10.0
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
     program: str = "service.jobs.child"
+    render_program: str = "service.render.child"
 
     def __post_init__(self) -> None:
         low = {

@@ -236,18 +236,21 @@ class Store:
         Args:
             job: which.
             result: ``archive`` (name of the artifact), ``sha256``, ``bytes``, ``warnings``, ``timings``,
-                ``peak_rss_mb``.
+                ``peak_rss_mb``; of a render also ``facts``.
             expires_at: when it is erased.
         """
+        more = {"metadata": json.dumps(result["facts"])} if "facts" in result else {}
         return self._end(
-            job, state="succeeded", progress=1.0, expires_at=expires_at, archive=result["archive"],
+            job, state="succeeded", progress=1.0, **more, expires_at=expires_at, archive=result["archive"],
             archive_sha256=result["sha256"], archive_bytes=result["bytes"], warnings=json.dumps(result["warnings"]),
             timings=json.dumps(result["timings"]), peak_rss_mb=result["peak_rss_mb"],
         )  # fmt: skip
 
     def fail(self, job: str, problem: Mapping[str, Any], expires_at: float) -> bool:
         """The job ends with a problem object; False where it had ended before."""
-        return self._end(job, state="failed", error=json.dumps(problem), expires_at=expires_at)
+        # A picture is found by what it shows; one that failed may be asked for again.
+        key = sa.case((JOBS.c.kind == "render", None), else_=JOBS.c.key)
+        return self._end(job, state="failed", error=json.dumps(problem), expires_at=expires_at, key=key)
 
     def cancel(self, job: str, expires_at: float) -> bool:
         """The job ends because its owner wants it to; False where it had ended before.

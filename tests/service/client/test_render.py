@@ -34,6 +34,18 @@ def test_a_picture_comes_back_after_a_busy_server(client: Client, fake: Fake, sl
     assert fake.requests("POST", "/v1/renders")[0].headers["Content-Type"] == "application/json"
 
 
+def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> None:
+    job = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
+    fake.fail("POST", "/v1/renders", answer(202, job))
+    fake.fail("GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"}))
+
+    def gives_picture(request: _Handler) -> None:
+        request.reply(200, PNG, {"Content-Type": "image/png"})
+
+    fake.fail("GET", "picture.png", gives_picture)
+    assert client.render(JOB) == PNG
+
+
 def test_what_is_no_picture_is_noticed(client: Client, fake: Fake) -> None:
     fake.fail("POST", "/v1/renders", gives(b"<html>", []))  # type: ignore[arg-type]
     with pytest.raises(UnexpectedAnswer, match="PNG"):
