@@ -30,6 +30,7 @@ from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
 from service.jobs.clock import now
 from service.jobs.store import KeyInUse, NewJob, Row
+from service.jobs.traces import traceparent
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
 
@@ -58,7 +59,7 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     key = _idempotency_key(request)
     await run_in_threadpool(_admit, context, tenant, key)
     async with _slot(context), received(request, context.settings, context.limits.max_bytes) as upload:
-        row = await _accept(context, tenant, key, upload)
+        row = await _accept(context, tenant, key, upload, traceparent(request.headers))
     body = job_json(row)
     return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
 
@@ -111,7 +112,7 @@ def _of_this_machine(request: Request, listening: str) -> bool:
     return listening in LOOPBACK and name.strip("[]") in LOOPBACK and not forwarded
 
 
-async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:
+async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload, trace: str | None) -> Row:
     options = upload.chosen().to_json()
     metadata = parse_metadata(upload.metadata)
     digest = _digest(upload, options, metadata)
@@ -126,7 +127,7 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
     new = NewJob(
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
-        priority=upload.priority, metadata=metadata,
+        priority=upload.priority, metadata=metadata, trace=trace,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 

@@ -10,9 +10,9 @@ import sqlalchemy as sa
 from starlette.requests import HTTPConnection
 
 from service.api.decoding import DecodingMemory, budget
+from service.api.glance import Glance
 from service.api.keys import Keys, Tenant
 from service.api.problems import ProblemError, not_found
-from service.api.quick import Glance
 from service.api.watcher import Watcher
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, seconds_of_database

@@ -53,13 +53,15 @@ JOBS = sa.Table(
     sa.Column("turn", sa.Integer, nullable=False, server_default="0"),
     sa.Column("metadata", sa.Text, nullable=False, server_default="{}"),
     sa.Column("webhook", sa.Text),
+    sa.Column("trace", sa.String(64)),
     sa.UniqueConstraint("tenant", "key"),
     sa.Index("avatarme_jobs_list", "tenant", "created_at", "id"),
     sa.Index("avatarme_jobs_state", "state", "expires_at"),
     sa.Index("avatarme_jobs_turn", "turn"),
 )
 """``kind`` is "avatar" or "render", ``source`` the job whose result is rendered, ``turn`` the place in the queue
-(:mod:`service.jobs.admission`), ``metadata`` the owner's own words as JSON, ``webhook`` the address that wants to know.
+(:mod:`service.jobs.admission`), ``metadata`` the owner's own words as JSON, ``webhook`` the address that wants to know,
+``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
 """
 
 TALLIES = sa.Table(

@@ -15,7 +15,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.jobs import admission, life, tallies
+from service.jobs import admission, life, tallies, traces
 from service.jobs.admission import UNFINISHED, Bounds
 from service.jobs.clock import now
 from service.jobs.database import EVENTS, JOBS
@@ -48,6 +48,7 @@ class NewJob:
         priority: of ``service.jobs.admission.PRIORITIES``.
         metadata: words of the owner's own.
         webhook: address that is told of the end, None for nobody.
+        trace: the trace that the request belongs to, as its header ``traceparent``; None for none.
     """
 
     id: str
@@ -64,6 +65,7 @@ class NewJob:
     priority: str = "normal"
     metadata: Mapping[str, Any] = field(default_factory=dict)
     webhook: str | None = None
+    trace: str | None = None
 
 
 OWNERS = {
@@ -314,6 +316,7 @@ class Store:
             tallies.count(connection, tallies.ENDED, f"{row['kind']}/{row['state']}/{code}")
             tallies.count_stages(connection, json.loads(row["timings"]))
         life.ended(row)
+        traces.ended(row)
         return True
 
     def _change(self, job: str, event: str, states: Sequence[str], **values: Any) -> Row | None:
@@ -359,4 +362,5 @@ def _values(job: NewJob) -> dict[str, Any]:
         "keep_photo": job.keep_photo, "key": job.key, "digest": job.digest, "warnings": "[]", "timings": "{}",
         "crashes": 0, "events": 0, "swept": False, "kind": job.kind, "source": job.source, "priority": job.priority,
         "turn": 0, "metadata": json.dumps(job.metadata), "webhook": job.webhook,
+        "trace": job.trace,
     }  # fmt: skip
