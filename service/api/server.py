@@ -122,7 +122,7 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
     lock = FileLock(settings.data, "server")
     keeper = WorkerKeeper(settings) if with_worker else None
     app = create_app(settings)
-    protocol = protocol_class(settings.header_seconds, settings.connections)
+    protocol = protocol_class(settings.header_seconds, settings.connections, settings.stalled_seconds)
     config = uvicorn.Config(
         app, host=settings.host, port=settings.port, http=protocol, ws="none", log_config=None, access_log=False,
         server_header=False, date_header=True, timeout_keep_alive=15, timeout_graceful_shutdown=DRAIN_S,

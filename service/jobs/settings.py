@@ -52,6 +52,7 @@ class Settings:
         header_seconds: longest time for the head of a request.
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
+        stalled_seconds: longest time that a reader of an answer may stand still.
         program: module that computes a job; tests put a small one here.
         render_program: module that renders a picture; likewise.
     """
@@ -84,6 +85,7 @@ class Settings:
     header_seconds: float = 10.0
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
+    stalled_seconds: float = 60.0
     program: str = "service.jobs.child"
     render_program: str = "service.render.child"
 
@@ -103,7 +105,7 @@ class Settings:
         for name, least in low.items():
             if getattr(self, name) < least:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
-        for name in ("job_seconds", "render_seconds", "result_hours", "header_seconds", "body_seconds", "idle_seconds"):
+        for name in (field.name for field in fields(self) if field.name.endswith(("_seconds", "_hours"))):
             if not getattr(self, name) > 0:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be above 0", field=name)
         if not self.worker or not self.worker.replace("-", "").replace("_", "").replace(".", "").isalnum():
