@@ -3,8 +3,8 @@
     python -m benchmarks.chaos --kills 200 --jobs 1000
 
 Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
-worker alone. The moments are spread evenly over the points of ``POINTS``: while a photo is taken in, in each stage, while
-the archive is packed and published, and soon after a start. Afterwards every job that was answered with 202 must have
+worker alone. The moments are spread evenly over ``POINTS``: while a photo is taken in, in each stage, while the
+archive is packed and published, and soon after a start. Afterwards every job that was answered with 202 must have
 succeeded, or failed where its photo has to fail, and been told so once; its archive must be that of an undisturbed run
 byte for byte, no stage whose result was on the disk may have been computed again, and there may be no job that nobody
 was told of.
@@ -75,9 +75,7 @@ class Findings:
 
     def well(self) -> bool:
         """Whether every promise was kept."""
-        return bool(self.accepted) and not (
-            self.wrong or self.lost or self.twice or self.redone or self.leftovers
-        )
+        return bool(self.accepted) and not (self.wrong or self.lost or self.twice or self.redone or self.leftovers)
 
 
 def chaos(
@@ -272,7 +270,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     bound = sum(seed in FAILING for _, seed in findings.accepted.values())
     print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
     print(f"failed {dict(findings.failures)}; {bound} of the photos were made to fail so")
-    print(f"lost {len(findings.lost)}, made twice {len(findings.twice)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")
+    print(f"lost {len(findings.lost)}, made twice {len(findings.twice)}, other bytes {len(findings.wrong)}")
+    print(f"stages redone {len(findings.redone)}, files left over {len(findings.leftovers)}")
     for line in (*findings.lost, *findings.twice, *findings.wrong, *findings.redone, *findings.leftovers):
         print(line)
     raise SystemExit(0 if findings.well() else 1)

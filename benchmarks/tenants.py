@@ -69,7 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     alone, beside = run(folder, asked.jobs, asked.crowd)
     shutil.rmtree(folder)
     ratio = statistics.median(beside) / statistics.median(alone)
-    print(f"alone {statistics.median(alone):.2f} s, beside {asked.crowd} jobs {statistics.median(beside):.2f} s (medians)")
+    print(
+        f"alone {statistics.median(alone):.2f} s, beside {asked.crowd} jobs {statistics.median(beside):.2f} s (medians)"
+    )
     print(f"ratio {ratio:.2f}")
     raise SystemExit(0 if ratio <= 2 else 1)
 

@@ -1,4 +1,4 @@
-"""Print what the serving install needs, with versions and hashes, from deploy/locks: python requirements.py [EXTRA,...]."""
+"""Print what the serving install needs, with versions and hashes: python requirements.py [EXTRA,...]."""
 
 from __future__ import annotations
 

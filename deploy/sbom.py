@@ -1,4 +1,4 @@
-"""Print what is installed here as a bill of materials (CycloneDX 1.6, JSON): packages, and the data files by their hashes.
+"""Print what is installed here, packages and data files, as a bill of materials (CycloneDX 1.6, JSON).
 
 Run by the Python that the service runs with: python sbom.py > sbom.json
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from typing import Any
 
 from service.api.context import Context
 from service.api.keys import Tenant
@@ -21,7 +22,8 @@ def bounds_of(context: Context, tenant: Tenant) -> Bounds:
 def no_room(full: NoRoom) -> ProblemError:
     """The problem of a job that was not let in."""
     pause = "30" if full.kind == "queue-full" else "3600" if "per_day" in full.facts else "10"
-    return ProblemError(full.kind, 429, headers={"Retry-After": pause}, **full.facts)
+    facts: dict[str, Any] = dict(full.facts)
+    return ProblemError(full.kind, 429, headers={"Retry-After": pause}, **facts)
 
 
 def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:

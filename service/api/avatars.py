@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import json
 import secrets
@@ -21,18 +20,18 @@ from service.api.context import Context
 from service.api.decoding import cost
 from service.api.keys import ANYBODY, LOOPBACK, Tenant
 from service.api.middleware import host_name
-from service.api.options import parse_metadata
 from service.api.needs import Asking, Here
+from service.api.options import parse_metadata
 from service.api.problems import ProblemError
 from service.api.schemas import Job, JobPage, State
 from service.api.uploads import QUERY, Upload, received
 from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
-from service.jobs.clock import now
 from service.jobs.store import KeyInUse, NewJob, Row
 from service.jobs.traces import traceparent
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
+from service.webhooks.address import target
 
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255
@@ -115,6 +114,8 @@ def _of_this_machine(request: Request, listening: str) -> bool:
 async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload, trace: str | None) -> Row:
     options = upload.chosen().to_json()
     metadata = parse_metadata(upload.metadata)
+    if upload.webhook_url:
+        target(upload.webhook_url, context.settings.webhook_hosts, private=context.settings.webhook_private)
     digest = _digest(upload, options, metadata)
     if key is not None:
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
@@ -128,6 +129,7 @@ async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upl
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
         priority=upload.priority, metadata=metadata, trace=trace,
+        webhook=upload.webhook_url or None,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 

@@ -23,7 +23,7 @@ FIXED = 64 * MIB
 """Bytes of a decoding process without an image; 37 MiB were measured."""
 
 RESERVE = 512 * MIB
-"""Bytes that are left to the server itself: 160 MiB after its start, uploads, listeners, the page cache of its files."""
+"""Bytes that are left to the server itself, its uploads, its listeners and the page cache of its files."""
 
 MOST = 2600 * MIB
 """Largest budget: two of the largest photos at a time."""
@@ -112,6 +112,8 @@ def cost(data: bytes, limits: Limits) -> int:
     Raises:
         UnreadableInput: one of its subclasses, for what can be seen without decoding.
     """
+    if not data:
+        return FIXED  # the gate has words for it
     container = open_container(data, limits)
     if container.size is None:
         return FIXED + limits.max_pixels * PER_PIXEL["other"]

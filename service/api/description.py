@@ -37,8 +37,12 @@ _NEW_AVATAR: Json = {
             "default": False,
             "description": "Keep the photo beside the result.",
         },
-        "metadata": {"type": "object", "description": "Words of your own, at most 2048 bytes; given back with the job."},
+        "metadata": {
+            "type": "object",
+            "description": "Words of your own, at most 2048 bytes; given back with the job.",
+        },
         "priority": {"type": "string", "enum": list(PRIORITIES), "default": "normal"},
+        "webhook_url": {"type": "string", "description": "Told of the end, where the operator has listed its host."},
     },
 }
 

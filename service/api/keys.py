@@ -1,8 +1,9 @@
 """Who is asking: API keys with quotas, from a file that holds their hashes only.
 
-The file is read again when it changes, so keys come and go without a restart; two entries of one name are two keys of
-one tenant, which is how a key is replaced. The file is JSON: ``{"keys": [{"name": "studio", "sha256": "...", "max_unfinished": 20, "per_day": 500}]}``; the two
-quotas may be left out. ``python -m service.api.keys NAME`` makes a key and prints it with its entry.
+The file is JSON: ``{"keys": [{"name": "studio", "sha256": "...", "max_unfinished": 20, "per_day": 500}]}``; the two
+quotas may be left out. It is read again when it changes, so keys come and go without a restart; two entries of one name
+are two keys of one tenant, which is how a key is replaced. ``python -m service.api.keys NAME`` makes a key and prints
+it with its entry.
 """
 
 from __future__ import annotations
@@ -113,7 +114,9 @@ def make_first_key(path: Path) -> Path | None:
             return None
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         for file, text in ((told, key), (path, json.dumps({"keys": [entry]}))):
-            with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii") as stream:
+            with os.fdopen(
+                os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii"
+            ) as stream:
                 stream.write(text + "\n")
     except OSError as error:
         raise UsageError(f"the first key cannot be written: {error}", field="keys") from error

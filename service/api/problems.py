@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 EXPLANATIONS = {
     "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
     "malformed-multipart": "The body is not the multipart/form-data that its Content-Type announces.",
-    "too-many-parts": "A request has one part 'image', and may have one each of 'options', 'keep_photo', 'metadata', 'priority', 'webhook_url'.",
+    "too-many-parts": "One part 'image', and one each of the others at most: options, keep_photo, metadata and so on.",
     "part-too-large": "Parts other than the photo are limited to 16 KiB.",
     "one-file-only": "One request makes one avatar of one photo.",
     "unknown-field": "There is no such part or option. Photos are never fetched from an address.",

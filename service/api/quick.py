@@ -16,6 +16,7 @@ from service.api.context import Context
 
 _ADDRESS = re.compile(r"/v1/avatars/([0-9a-f]{32})\Z")
 
+
 @dataclass(frozen=True)
 class _Route:
     """What the log and the numbers call these requests."""

@@ -20,8 +20,9 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
 from service.api.admitting import bounds_of, erase, no_room
-from service.api.context import Context, Tenant
+from service.api.context import Context
 from service.api.files import Extent, answer_with, finished
+from service.api.keys import Tenant
 from service.api.needs import Asking, Here
 from service.api.options import parse_object
 from service.api.problems import ProblemError
@@ -89,7 +90,11 @@ def state(render: str, tenant: Asking, context: Here) -> Response:
 @router.head("/{render}/picture.png", include_in_schema=False)
 @router.get(
     "/{render}/picture.png", response_class=Response, operation_id="download_render",
-    responses={200: _PNG[200], 206: {"description": "A range of it.", "content": _CONTENT}, 304: {"description": "As it was."}},
+    responses={
+        200: _PNG[200],
+        206: {"description": "A range of it.", "content": _CONTENT},
+        304: {"description": "As it was."},
+    },
     summary="The picture.",
 )  # fmt: skip
 async def picture(render: str, request: Request, tenant: Asking, context: Here) -> Response:
@@ -133,7 +138,8 @@ async def _ended(request: Request, context: Context, row: Row) -> Row:
     with context.watcher.listening(row["id"]) as changed:
         while row["state"] not in FINAL and time.monotonic() < deadline and not context.draining.is_set():
             changed.clear()
-            row = await run_in_threadpool(context.store.get, row["id"]) or row
+            found: Row | None = await run_in_threadpool(context.store.get, row["id"])
+            row = found or row
             if row["state"] in FINAL or await request.is_disconnected():
                 break
             with contextlib.suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""What the framework lets pass and this interface does not: strange parameters, and methods named too few or too many."""
+"""What the framework lets pass and this interface does not: strange parameters, and a wrong list of methods."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ async def no_strange_parameters(request: Request) -> None:
     """
     route = request.scope.get("route")
     dependant = getattr(route, "dependant", None)
-    extra = getattr(getattr(route, "endpoint", None), "more_parameters", frozenset())
+    extra: frozenset[str] = getattr(getattr(route, "endpoint", None), "more_parameters", frozenset())
     known = {field.alias for field in getattr(dependant, "query_params", ())} | set(extra)
     for name in request.query_params:
         if name not in known:

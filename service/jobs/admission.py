@@ -2,7 +2,7 @@
 
 Turns are start tags of start-time fair queueing (Goyal, Vin, Cheng 1996) with jobs of equal cost: a tenant's next job
 gets the turn after that of its last unfinished one, and somebody who has none gets the turn that is being served.
-However many jobs one tenant has waiting, another one's next job is therefore behind at most one of them for each worker.
+However many jobs one tenant has waiting, another one's next job is thus behind at most one of them for each worker.
 """
 
 from __future__ import annotations

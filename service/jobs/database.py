@@ -83,6 +83,19 @@ EVENTS = sa.Table(
     sa.Column("body", sa.Text, nullable=False),
 )
 
+MESSAGES = sa.Table(
+    "avatarme_webhooks",
+    TABLES,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("job", sa.String(32), nullable=False),
+    sa.Column("url", sa.Text, nullable=False),
+    sa.Column("body", sa.Text, nullable=False),
+    sa.Column("tries", sa.Integer, nullable=False),
+    sa.Column("next_at", sa.Double, nullable=False),
+    sa.Index("avatarme_webhooks_due", "next_at"),
+)
+"""Messages of :mod:`service.webhooks` that have not arrived yet."""
+
 WORKERS = sa.Table(
     "avatarme_workers",
     TABLES,

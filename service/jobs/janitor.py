@@ -8,6 +8,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from service.jobs.admission import UNFINISHED
 from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS, seconds_of_database
 from service.jobs.erasure import let_go
@@ -15,7 +16,7 @@ from service.jobs.problems import problem
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.store import UNFINISHED, Row, workflows
+from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL
 
 log = logging.getLogger(__name__)

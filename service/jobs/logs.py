@@ -41,7 +41,7 @@ class JsonFormatter(logging.Formatter):
 
 
 def calm(record: logging.LogRecord) -> logging.LogRecord:
-    """What the queue's library logs when an owner cancels a job is no error: the workflow ends by an exception there."""
+    """What the queue's library logs when an owner cancels a job is no error; a workflow ends by an exception there."""
     kind = record.exc_info[0] if record.exc_info else None
     if record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError"):
         job = str(getattr(record, "operationUUID", "")).partition(".")[0]

@@ -215,8 +215,9 @@ class Runner:
             if source is None or source["archive"] is None:
                 return Ending("problem", pictures.gone(), 0)
             task = pictures.task(row, source, self.settings, scratch)
-            self.active[job] = process = JobProcess(pictures.limits(self.settings))
-            return process.run(task, lambda message: None, _Stop(self, job))
+            painter = JobProcess(pictures.limits(self.settings))
+            self.active[job] = painter
+            return painter.run(task, lambda message: None, _Stop(self, job))
         task = Task(
             job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=_json(row["options"]),
             artifacts=self.settings.artifacts_url, output=str(scratch / "archive.zip"), scratch=str(scratch),

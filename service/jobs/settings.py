@@ -27,6 +27,8 @@ class Settings:
         data: folder of the database, uploads and results.
         database: SQLAlchemy URL of a Postgres database that several machines share; "" for SQLite in ``data``.
         artifacts: fsspec URL (``s3://bucket/prefix``, ``file:///mnt/shared``) for photos and results; "" for ``data``.
+        signed_downloads: send whoever downloads to the store, with an address that holds for five minutes, where the
+            store can sign (S3) and everybody reaches it; else this server passes all bytes on.
         worker: name of this worker, different for each one and the same after a restart.
         jobs: photos that one worker computes at the same time, >= 1.
         memory_mb: most memory of one job in MiB, 0 for no limit of ours.
@@ -43,7 +45,7 @@ class Settings:
         first_key: make that file with one key where it is missing; the key itself is left beside it, in first-key.txt.
         anybody: serve without keys although others than this machine can reach ``host``.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
-        decode_mb: memory in MiB for looking photos through; 0 for what the machine, or the container, has beside 512 MiB.
+        decode_mb: memory in MiB for looking photos through; 0 for what machine or container have but for 512 MiB.
         uploads: uploads that are received at the same time.
         connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
         renders: pictures that one worker renders at the same time, each in a process with the limits of a job.
@@ -53,6 +55,9 @@ class Settings:
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
         stalled_seconds: longest time that a reader of an answer may stand still.
+        webhook_hosts: hosts that may be told of the end of a job, joined by commas; "" for none.
+        webhook_secret: path of the file with the secret that messages are signed with; needed with ``webhook_hosts``.
+        webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
         program: module that computes a job; tests put a small one here.
         render_program: module that renders a picture; likewise.
     """
@@ -60,6 +65,7 @@ class Settings:
     data: Path = Path("avatarme-data")
     database: str = ""
     artifacts: str = ""
+    signed_downloads: bool = False
     worker: str = "solo"
     jobs: int = 1
     memory_mb: int = 8192
@@ -86,6 +92,9 @@ class Settings:
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
     stalled_seconds: float = 60.0
+    webhook_hosts: str = ""
+    webhook_secret: str = ""
+    webhook_private: bool = False
     program: str = "service.jobs.child"
     render_program: str = "service.render.child"
 
@@ -114,6 +123,8 @@ class Settings:
             )
         if self.first_key and not self.keys:
             raise UsageError("first_key is on and keys names no file that the key could be in", field="keys")
+        if self.webhook_hosts and not Path(self.webhook_secret or "/dev/null").is_file():
+            raise UsageError("webhook_hosts needs webhook_secret, the file with the secret", field="webhook_secret")
         if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
             raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
 

@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from service.jobs import admission, life, tallies, traces
 from service.jobs.admission import UNFINISHED, Bounds
 from service.jobs.clock import now
-from service.jobs.database import EVENTS, JOBS
+from service.jobs.database import EVENTS, JOBS, MESSAGES
 from service.jobs.view import FINAL, job_json
 
 MEASURED = ("quality", "size", "maps")
@@ -276,6 +276,7 @@ class Store:
             values |= {**OWNERS, "archive": None, "archive_sha256": None, "archive_bytes": None, "webhook": None}
             connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values))
             connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
+            connection.execute(sa.delete(MESSAGES).where(MESSAGES.c.job == job))
 
     def set(self, job: str, **values: Any) -> None:
         """Set columns that tell the owner nothing."""
@@ -301,9 +302,9 @@ class Store:
         """
         if self.engine.dialect.name != "sqlite":
             return True
-        with contextlib.closing(sqlite3.connect(str(self.engine.url.database), timeout=_FOLD_S)) as connection:
-            with contextlib.suppress(sqlite3.Error):
-                return not connection.execute("pragma wal_checkpoint(truncate)").fetchone()[0]
+        made = sqlite3.connect(str(self.engine.url.database), timeout=_FOLD_S)
+        with contextlib.closing(made) as connection, contextlib.suppress(sqlite3.Error):
+            return not connection.execute("pragma wal_checkpoint(truncate)").fetchone()[0]
         return False
 
     def _end(self, job: str, **values: Any) -> bool:
@@ -315,6 +316,10 @@ class Store:
             code = json.loads(row["error"]).get("code", "") if row["error"] else ""
             tallies.count(connection, tallies.ENDED, f"{row['kind']}/{row['state']}/{code}")
             tallies.count_stages(connection, json.loads(row["timings"]))
+            if row["webhook"]:
+                told = {"type": "job.ended", "job": job_json(row)}
+                message = {"id": f"msg_{job}", "job": job, "url": row["webhook"], "body": json.dumps(told)}
+                connection.execute(sa.insert(MESSAGES).values(**message, tries=0, next_at=now()))
         life.ended(row)
         traces.ended(row)
         return True

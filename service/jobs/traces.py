@@ -56,7 +56,10 @@ def spans(made_by: Any, row: sa.RowMapping) -> None:
     }  # fmt: skip
     end = row["finished_at"] or row["updated_at"]
     whole = made_by.start_span(
-        "job", TraceContextTextMapPropagator().extract(carrier), start_time=_ns(row["created_at"]), attributes=attributes
+        "job",
+        TraceContextTextMapPropagator().extract(carrier),
+        start_time=_ns(row["created_at"]),
+        attributes=attributes,
     )
     below = trace.set_span_in_context(whole)
     started = row["started_at"]

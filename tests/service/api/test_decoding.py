@@ -145,7 +145,7 @@ def container() -> Iterator[Path]:
 
 @pytest.mark.slow
 def test_a_server_stays_within_its_container(container: Path, tmp_path: Path) -> None:
-    """Eight photos at once, each of which needs 0.7 GB to decode; one of them alone would be too many for 1 GiB twice."""
+    """Eight photos at once, each of which needs 0.7 GB to decode."""
     server = Server(tmp_path / "data", with_worker=False)
     server._command = ["sh", "-c", 'echo $$ > "$0" && exec "$@"', str(container / "cgroup.procs"), *server._command]
     server.start(ready=False)

@@ -14,6 +14,8 @@ from service.api import keys
 from service.api.keys import Keys, check_exposed, make_first_key, new_key
 from service.errors import UsageError
 
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - what it is about
+
 
 def bearer(key: str) -> dict[str, str]:
     return {"authorization": f"Bearer {key}"}
@@ -67,7 +69,7 @@ def test_the_first_key_is_made_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("host", "file", "anybody"), [("127.0.0.1", "", False), ("0.0.0.0", "k", False), ("0.0.0.0", "", True)]
+    ("host", "file", "anybody"), [("127.0.0.1", "", False), (EVERYWHERE, "k", False), (EVERYWHERE, "", True)]
 )
 def test_who_may_serve(host: str, file: str, anybody: bool) -> None:
     check_exposed(host, file, anybody=anybody)
@@ -75,8 +77,8 @@ def test_who_may_serve(host: str, file: str, anybody: bool) -> None:
 
 def test_a_server_that_others_reach_needs_keys(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="keys"):
-        check_exposed("0.0.0.0", "", anybody=False)
-    command = [sys.executable, "-m", "service", "serve", "--host", "0.0.0.0", "--port", "0", "--data", str(tmp_path)]
+        check_exposed(EVERYWHERE, "", anybody=False)
+    command = [sys.executable, "-m", "service", "serve", "--host", EVERYWHERE, "--port", "0", "--data", str(tmp_path)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 2
     assert "--anybody" in ended.stderr

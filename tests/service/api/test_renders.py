@@ -162,7 +162,9 @@ def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
     assert job["links"]["avatar"] == f"/v1/avatars/{finished}"
     picture = api.client.get(job["links"]["picture"])
     assert picture.content == answer.content
-    assert api.client.get(job["links"]["picture"], headers={"If-None-Match": picture.headers["etag"]}).status_code == 304
+    assert (
+        api.client.get(job["links"]["picture"], headers={"If-None-Match": picture.headers["etag"]}).status_code == 304
+    )
     other = ask(api, {**content, "view": "back"}, Prefer="respond-async")
     assert other.json()["id"] != first.json()["id"]
     api.client.delete(other.headers["location"])

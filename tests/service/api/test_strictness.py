@@ -126,7 +126,8 @@ def test_metadata_come_back_as_they_were(shared: Api) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "code"), [("[1]", "malformed-metadata"), ("{", "malformed-metadata"), ('{"a": "%s"}' % ("x" * 2048), "usage")]
+    ("text", "code"),
+    [("[1]", "malformed-metadata"), ("{", "malformed-metadata"), ('{"a": "%s"}' % ("x" * 2048), "usage")],
 )
 def test_metadata_have_a_form_and_a_size(shared: Api, text: str, code: str) -> None:
     files: dict[str, Any] = {"image": ("x.jpg", GOOD, "image/jpeg"), "metadata": (None, text)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
@@ -35,9 +36,11 @@ def test_a_picture_comes_back_after_a_busy_server(client: Client, fake: Fake, sl
 
 
 def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> None:
-    job = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
+    job: dict[str, Any] = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
     fake.fail("POST", "/v1/renders", answer(202, job))
-    fake.fail("GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"}))
+    fake.fail(
+        "GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"})
+    )
 
     def gives_picture(request: _Handler) -> None:
         request.reply(200, PNG, {"Content-Type": "image/png"})

@@ -33,9 +33,7 @@ def test_each_turn_is_one_line_that_names_job_and_tenant(bench: Bench, caplog: p
     assert end["took_s"] > 0 and end["waited_s"] >= 0 and end["stages_s"]
 
 
-@pytest.mark.parametrize(
-    ("status", "code", "level"), [(422, "no-face", logging.INFO), (500, "crashed", logging.ERROR)]
-)
+@pytest.mark.parametrize(("status", "code", "level"), [(422, "no-face", logging.INFO), (500, "crashed", logging.ERROR)])
 def test_only_our_own_faults_are_errors(
     bench: Bench, caplog: pytest.LogCaptureFixture, status: int, code: str, level: int
 ) -> None:
@@ -104,10 +102,12 @@ def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
     spans = {span.name: span for span in kept.get_finished_spans()}
     assert set(spans) == {"job", "wait", "compute"}
     assert {f"{span.context.trace_id:032x}" for span in spans.values()} == {"ab" * 16}
-    assert f"{spans['job'].parent.span_id:016x}" == "cd" * 8
-    assert spans["job"].attributes["avatarme.job"] == job
+    parent_of, facts = spans["job"].parent, spans["job"].attributes
+    assert parent_of is not None and f"{parent_of.span_id:016x}" == "cd" * 8
+    assert facts is not None and facts["avatarme.job"] == job
     assert spans["wait"].end_time == spans["compute"].start_time
-    assert json.loads(row["timings"])["one"] == spans["compute"].attributes["avatarme.stage.one_s"]
+    stages = spans["compute"].attributes
+    assert stages is not None and stages["avatarme.stage.one_s"] == json.loads(row["timings"])["one"]
 
 
 @pytest.mark.parametrize("value", ["", "x", "00-zz-1-01", "01-" + "ab" * 16 + "-" + "cd" * 8 + "-01"])

@@ -43,7 +43,7 @@ def test_memory_is_the_tightest_limit_on_the_way_up(
     [
         ("0::/\n", {"sys/fs/cgroup/cpu.max": "50000 100000\n"}),
         ("0::/a\n", {"sys/fs/cgroup/a/cpu.max": "max 100000\n", "sys/fs/cgroup/cpu.max": "100000 100000\n"}),
-        ("4:cpu,cpuacct:/x\n", {"sys/fs/cgroup/cpu/x/cpu.cfs_quota_us": "100000", "sys/fs/cgroup/cpu/x/cpu.cfs_period_us": "100000"}),
+        ("4:cpu,cpuacct:/x\n", {f"sys/fs/cgroup/cpu/x/cpu.cfs_{name}_us": "100000" for name in ("quota", "period")}),
     ],
 )  # fmt: skip
 def test_a_quota_of_one_processor_is_one(tmp_path: Path, cgroup: str, files: dict[str, str]) -> None:

@@ -226,7 +226,7 @@ def test_a_password_may_have_any_characters(tmp_path: Path) -> None:
 
     postgres = Postgres(tmp_path)
     postgres.start()
-    password = "p@ss%41/w:rd?#' \\"
+    password = "p@ss%41/w:rd?#' \\"  # noqa: S105 - of a server that lives for this test
     try:
         with psycopg.connect(postgres.url, autocommit=True) as connection:
             connection.execute(psycopg.sql.SQL("alter user avatarme password {}").format(password))
