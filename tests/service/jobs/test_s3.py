@@ -277,6 +277,12 @@ def test_a_bucket_that_is_not_there_is_no_missing_photo(s3: S3, tmp_path: Path) 
         put(Artifacts("s3://no-such-bucket/x"), tmp_path)
 
 
+def archive_of(api: Api, job: str) -> str:
+    row = api.context.store.get(job)
+    assert row is not None
+    return str(row["archive"])
+
+
 def test_the_store_gives_an_archive_out_itself(bench: Bench, tmp_path: Path) -> None:
     """By an address that is signed, for a while; the client follows it and does not hand it the key."""
     import dataclasses
@@ -291,7 +297,7 @@ def test_the_store_gives_an_archive_out_itself(bench: Bench, tmp_path: Path) -> 
         assert answer.status_code == 307
         place = answer.headers["location"]
         assert "Signature" in place and answer.headers["cache-control"] == "no-store"
-        made = api.context.artifacts.read(str((api.context.store.get(job) or {})["archive"]))
+        made = api.context.artifacts.read(archive_of(api, job))
         given = httpx.get(place)
         assert given.content == made
         assert given.headers["content-disposition"].startswith("attachment")
