@@ -1,27 +1,33 @@
 # The serving image: Python, the serving dependencies, weights and head model; no torch, no compiler, no pip.
 # docs/deploy.md says how to run it. Each RUN step works outside a container too, which is how it is tested.
 ARG PYTHON_VERSION=3.11.13
+# Pins the base by its content: --build-arg PYTHON_DIGEST=@sha256:... (docker buildx imagetools inspect says which).
+ARG PYTHON_DIGEST=""
 
-FROM python:${PYTHON_VERSION}-slim-bookworm AS build
+FROM python:${PYTHON_VERSION}-slim-bookworm${PYTHON_DIGEST} AS build
 # Further extras, for example "s3" or "s3,heic".
 ARG EXTRAS=""
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 WORKDIR /src
-COPY pyproject.toml requirements.lock deploy/requirements.py ./
-# The dependencies first: this layer stays as it is while only the program changes. SciPy's tests go, and what OpenVINO
-# needs for other devices and other files than ONNX: 70 of its 180 MB.
+COPY deploy/requirements.py ./
+COPY deploy/locks locks
+# The dependencies first: this layer stays as it is while only the program changes. Every file has to have its hash.
+# SciPy's tests go, and what OpenVINO needs for other devices and other files than ONNX: 70 of its 180 MB.
 RUN python -m venv --without-pip /app \
     && python requirements.py "${EXTRAS}" > requirements.txt \
-    && pip --python /app/bin/python install --only-binary=:all: -c requirements.lock -r requirements.txt \
+    && pip install --root-user-action=ignore --only-binary=:all: --require-hashes -r locks/build.txt \
+    && pip --python /app/bin/python install --only-binary=:all: --require-hashes --no-deps -r requirements.txt \
     && find /app/lib/python3*/site-packages/scipy -depth -type d -name tests -exec rm -r {} + \
     && find /app/lib/python3*/site-packages -path '*/openvino/libs/*' -regex '.*/\(cache\.json\|.*_[gn]pu_plugin\.so\|.*_\(tensorflow\(_lite\)?\|pytorch\|paddle\|gguf\|jax\)_frontend\.so.*\)' -delete
-COPY README.md LICENSE NOTICE THIRD_PARTY.md ./
+COPY pyproject.toml README.md LICENSE NOTICE THIRD_PARTY.md ./
 COPY LICENSES LICENSES
 COPY service service
-RUN pip --python /app/bin/python install --no-deps .
-COPY deploy/healthcheck.py /app/
+RUN pip wheel --no-deps --no-build-isolation --wheel-dir wheels . \
+    && pip --python /app/bin/python install --no-deps --no-index wheels/*.whl
+COPY deploy/healthcheck.py deploy/sbom.py /app/
+RUN /app/bin/python -I /app/sbom.py > /app/sbom.json
 
-FROM python:${PYTHON_VERSION}-slim-bookworm
+FROM python:${PYTHON_VERSION}-slim-bookworm${PYTHON_DIGEST}
 ARG VERSION=0.1.0
 ARG REVISION=""
 ARG CREATED=""
@@ -52,7 +58,9 @@ ENV PATH=/app/bin:$PATH \
     ORT_DISABLE_TELEMETRY=1 \
     AVATARME_HOST=0.0.0.0 \
     AVATARME_PORT=8000 \
-    AVATARME_DATA=/data
+    AVATARME_DATA=/data \
+    AVATARME_KEYS=/data/keys.json \
+    AVATARME_FIRST_KEY=true
 WORKDIR /data
 USER 10001:10001
 VOLUME /data

@@ -1,11 +1,13 @@
 """Nothing is lost: post photos, kill the service again and again, and look at what became of every accepted job.
 
-    python -m benchmarks.chaos --kills 100
+    python -m benchmarks.chaos --kills 200 --jobs 1000
 
 Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
-worker alone, at a random moment: two of three while a job is at work, the others soon after a start. Afterwards every
-job that was answered with 202 must have succeeded, or failed where its photo has to fail; its archive must be that of
-an undisturbed run byte for byte, and no stage whose result was on the disk may have been computed again.
+worker alone. The moments are spread evenly over ``POINTS``: while a photo is taken in, in each stage, while the
+archive is packed and published, and soon after a start. Afterwards every job that was answered with 202 must have
+succeeded, or failed where its photo has to fail, and been told so once; its archive must be that of an undisturbed run
+byte for byte, no stage whose result was on the disk may have been computed again, and there may be no job that nobody
+was told of.
 """
 
 from __future__ import annotations
@@ -29,9 +31,10 @@ from typing import Any
 import httpx
 
 from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
+from benchmarks.toy_job import LOG, SECONDS, STAGES, archive
 
-_AT_WORK = 2 / 3
+POINTS = ("taking in", *STAGES, "publishing", "starting")
+"""Where the kills meet the service, in turn."""
 
 FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
 """Seeds of jobs that have to fail, with the code that they have to fail with; see ``benchmarks.toy_job.FAULTS``."""
@@ -47,11 +50,12 @@ class Findings:
     Attributes:
         accepted: job -> (digest of the photo, seed).
         kills: number of kills by kind.
-        at_work: number of kills that met a job at work.
+        points: number of kills at each of ``POINTS``.
         states: number of jobs by their last state.
         failures: number of failed jobs by their code.
         wrong: jobs whose archive is not that of an undisturbed run.
         lost: jobs that did not succeed, or did not fail as they had to.
+        twice: jobs whose end was told more than once, or that nobody was told of: made twice of one request.
         redone: stages that were computed again although their result was kept.
         leftovers: files of uploads and stages that nobody needs.
         seconds: of the run.
@@ -59,18 +63,19 @@ class Findings:
 
     accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
     kills: Counter[str] = field(default_factory=Counter)
-    at_work: int = 0
+    points: Counter[str] = field(default_factory=Counter)
     states: Counter[str] = field(default_factory=Counter)
     failures: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
+    twice: list[str] = field(default_factory=list)
     redone: list[str] = field(default_factory=list)
     leftovers: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
     def well(self) -> bool:
         """Whether every promise was kept."""
-        return bool(self.accepted) and not (self.wrong or self.lost or self.redone or self.leftovers)
+        return bool(self.accepted) and not (self.wrong or self.lost or self.twice or self.redone or self.leftovers)
 
 
 def chaos(
@@ -82,6 +87,7 @@ def chaos(
     seed: int = 1,
     settings: dict[str, Any] | None = None,
     minutes: float = float("inf"),
+    jobs: int = 0,
 ) -> Findings:
     """Run it.
 
@@ -93,6 +99,7 @@ def chaos(
         seed: of the random choices.
         settings: further settings of the server.
         minutes: after which no more is killed.
+        jobs: post on until so many were accepted.
     """
     begin = time.monotonic()
     random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
@@ -105,17 +112,17 @@ def chaos(
     for thread in threads:
         thread.start()
     try:
-        for _ in range(kills):
+        for number in range(kills):
             if time.monotonic() - begin > minutes * 60:
                 break
-            if random_.random() < _AT_WORK and _at_work(log):
-                time.sleep(random_.uniform(0.0, 0.5))
-                findings.at_work += 1
-            else:
-                time.sleep(random_.uniform(0.0, 2.5))
+            point = POINTS[number % len(POINTS)]
+            findings.points[point if _reached(point, log, findings) else "elsewhere"] += 1
+            time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
             kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
             _kill(server, kind)
             findings.kills[kind] += 1
+        while len(findings.accepted) < jobs:
+            time.sleep(0.2)
     finally:
         over.set()
         for thread in threads:
@@ -154,7 +161,7 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
             photo, key = small_photo(1000 * number + count), f"{number}-{count}"
             seed = list(FAILING)[count // _EVERY % len(FAILING)] if count % _EVERY == 0 else count % 100
             digest = hashlib.sha256(photo).hexdigest()
-            while not over.is_set():
+            for _ in range(600):  # also when it is over: what may have been stored has to be known
                 try:
                     answer = post(client, photo, seed, key)
                 except httpx.HTTPError:
@@ -167,13 +174,22 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
             time.sleep(pause)
 
 
-def _at_work(log: Path, within: float = 60.0) -> bool:
-    """Wait until a stage begins; False where none does within the time."""
-    before, deadline = _size(log), time.monotonic() + within
+def _reached(point: str, log: Path, findings: Findings, within: float = 60.0) -> bool:
+    """Wait until the service is at a point; False where it does not come there within the time."""
+    if point == "starting":
+        return True
+    mark = {"publishing": f" kept {STAGES[-1]}"}.get(point, f" begin {point}")
+    before, accepted, deadline = _size(log), len(findings.accepted), time.monotonic() + within
     while time.monotonic() < deadline:
-        if _size(log) > before:
-            return True
-        time.sleep(0.02)
+        if point == "taking in":
+            if len(findings.accepted) > accepted:
+                return True
+        elif _size(log) > before:
+            with log.open("rb") as stream:
+                stream.seek(before)
+                if mark.encode() + b"\n" in stream.read():
+                    return True
+        time.sleep(0.005)
     return False
 
 
@@ -212,6 +228,14 @@ def _look(server: Server, findings: Findings) -> None:
                 findings.lost.append(f"{job}: {state}")
             elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
                 findings.wrong.append(job)
+            told = client.get(f"/v1/avatars/{job}/events").text
+            if sum(told.count(f'"state": "{end}"') for end in ("succeeded", "failed", "cancelled")) != 1:
+                findings.twice.append(job)
+        address = "/v1/avatars?limit=100"
+        while address:
+            page = client.get(address).json()
+            findings.twice += [item["id"] for item in page["items"] if item["id"] not in findings.accepted]
+            address = f"/v1/avatars?limit=100&cursor={page['next']}" if page["next"] else ""
 
 
 def _leftovers(data: Path, jobs: set[str]) -> list[str]:
@@ -227,6 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
     parser.add_argument("--posters", type=int, default=3)
     parser.add_argument("--pause", type=float, default=1.5, help="seconds between two photos of one poster")
     parser.add_argument("--seed", type=int, default=1)
@@ -234,17 +259,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     findings = chaos(
-        folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes
-    )
+        folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes,
+        jobs=asked.jobs,
+    )  # fmt: skip
     if findings.well():
         shutil.rmtree(folder)
     kinds = ", ".join(f"{count} of {kind}" for kind, count in findings.kills.items())
-    print(f"{findings.kills.total()} kills ({kinds}; {findings.at_work} at work) in {findings.seconds:.0f} s")
+    print(f"{findings.kills.total()} kills ({kinds}) in {findings.seconds:.0f} s")
+    print("at " + ", ".join(f"{point}: {count}" for point, count in findings.points.items()))
     bound = sum(seed in FAILING for _, seed in findings.accepted.values())
     print(f"{len(findings.accepted)} jobs accepted; at the end {dict(findings.states)}")
     print(f"failed {dict(findings.failures)}; {bound} of the photos were made to fail so")
-    print(f"lost {len(findings.lost)}, other bytes {len(findings.wrong)}, stages redone {len(findings.redone)}")
-    for line in (*findings.lost, *findings.wrong, *findings.redone, *findings.leftovers):
+    print(f"lost {len(findings.lost)}, made twice {len(findings.twice)}, other bytes {len(findings.wrong)}")
+    print(f"stages redone {len(findings.redone)}, files left over {len(findings.leftovers)}")
+    for line in (*findings.lost, *findings.twice, *findings.wrong, *findings.redone, *findings.leftovers):
         print(line)
     raise SystemExit(0 if findings.well() else 1)
 

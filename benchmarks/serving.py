@@ -79,7 +79,7 @@ class Server:
         self.wait("readyz" if ready else "livez", within)
 
     def wait(self, probe: str, within: float = 180.0) -> None:
-        """Wait for a probe to say yes.
+        """Wait for a probe to say yes; for "readyz", with a worker too.
 
         Raises:
             RuntimeError: it does not within the time.
@@ -87,7 +87,8 @@ class Server:
         deadline = time.monotonic() + within
         while time.monotonic() < deadline:
             with contextlib.suppress(httpx.HTTPError):
-                if httpx.get(f"{self.url}/{probe}", timeout=5).status_code == 200:
+                answer = httpx.get(f"{self.url}/{probe}", timeout=5)
+                if answer.status_code == 200 and (probe != "readyz" or answer.json()["workers"] > 0):
                     return
             if self.process is None or self.process.poll() is not None:
                 break

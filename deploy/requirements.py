@@ -1,29 +1,43 @@
-"""Print what the serving install needs, from pyproject.toml: python requirements.py [EXTRA,...]."""
+"""Print what the serving install needs, with versions and hashes: python requirements.py [EXTRA,...]."""
 
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
 
+LOCKS = Path(__file__).parent / "locks"
 
-def requirements(project: dict[str, object], extras: list[str]) -> list[str]:
-    """Requirements of the project and of some of its extras.
+
+def blocks(text: str) -> dict[str, str]:
+    """Name of each package of a lock file -> its lines, hashes included."""
+    found: dict[str, str] = {}
+    name = ""
+    for line in text.splitlines():
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if not line[0].isspace():
+            name = line.partition("==")[0].strip()
+            found[name] = ""
+        found[name] += line + "\n"
+    return found
+
+
+def requirements(extras: list[str], locks: Path = LOCKS) -> str:
+    """Pinned requirements with hashes of the project and of some of its extras.
 
     Args:
-        project: the table ``project`` of pyproject.toml.
         extras: names of extras.
+        locks: folder of the lock files.
 
     Raises:
-        KeyError: there is no such extra.
+        FileNotFoundError: there is no lock for an extra.
     """
-    needed, optional = project["dependencies"], project["optional-dependencies"]
-    if not isinstance(needed, list) or not isinstance(optional, dict):
-        raise KeyError("dependencies")
-    return [*needed, *(requirement for extra in extras for requirement in optional[extra])]
+    needed: dict[str, str] = {}
+    for name in ("base", *extras):
+        needed |= blocks((locks / f"{name}.txt").read_text("ascii"))
+    return "".join(needed[name] for name in sorted(needed))
 
 
 if __name__ == "__main__":
     wanted = [name.strip() for argument in sys.argv[1:] for name in argument.split(",") if name.strip()]
-    table = tomllib.loads(Path("pyproject.toml").read_text("utf-8"))["project"]
-    sys.stdout.writelines(f"{requirement}\n" for requirement in requirements(table, wanted))
+    sys.stdout.write(requirements(wanted))

@@ -198,9 +198,13 @@ FETCHERS = {"httpx", "httpcore", "requests", "aiohttp", "urllib3", "urllib.reque
 
 
 def test_what_serves_fetches_nothing() -> None:
-    """A server without an HTTP client cannot be talked into asking an address of a stranger's choice."""
+    """A server without an HTTP client cannot be talked into asking an address of a stranger's choice.
+
+    One module posts: to hosts that the operator has listed, to the address that was checked, and it reads no answer.
+    """
     clients = {ROOT / "service" / "client", ROOT / "service" / "batch"}
     files = [file for file in sorted((ROOT / "service").rglob("*.py")) if not clients & set(file.parents)]
+    files.remove(ROOT / "service" / "webhooks" / "post.py")
     found = {str(file.relative_to(ROOT)): trespasses(file.read_text("utf-8"), FETCHERS) for file in files}
     assert not {file: names for file, names in found.items() if names}
 

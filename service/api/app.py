@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -19,6 +19,7 @@ from service.api.context import Context
 from service.api.description import described
 from service.api.middleware import Front
 from service.api.quick import QuickState
+from service.api.strictness import Heads, no_strange_parameters
 from service.jobs.settings import Settings
 
 PAGE = Path(__file__).parents[1] / "web" / "static"
@@ -50,9 +51,10 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
     )  # fmt: skip
     problems.install(app)
     app.add_middleware(QuickState)
+    app.add_middleware(Heads)
     app.add_middleware(Front, settings=settings)
     for module in (avatars, events, files, renders, info):
-        app.include_router(module.router)
+        app.include_router(module.router, dependencies=[Depends(no_strange_parameters)])
     _serve_page(app, page)
     app.openapi = lambda: described(app)  # type: ignore[method-assign]
     return app

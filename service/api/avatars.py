@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import json
 import secrets
@@ -12,32 +11,32 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
-from service.api.context import Context, context_of, tenant_of
-from service.api.keys import ANYBODY, Tenant
+from service.api.admitting import bounds_of, erase, no_room, sweep
+from service.api.context import Context
+from service.api.decoding import cost
+from service.api.keys import ANYBODY, LOOPBACK, Tenant
 from service.api.middleware import host_name
-from service.api.options import parse_options
-from service.api.problems import ProblemError, not_found
+from service.api.needs import Asking, Here
+from service.api.options import parse_metadata
+from service.api.problems import ProblemError
 from service.api.schemas import Job, JobPage, State
-from service.api.uploads import Upload, received
+from service.api.uploads import QUERY, Upload, received
+from service.jobs.admission import Bounds, NoRoom
 from service.jobs.artifacts import artifact_name
-from service.jobs.clock import now
 from service.jobs.store import KeyInUse, NewJob, Row
+from service.jobs.traces import traceparent
 from service.jobs.view import FINAL, job_json
 from service.photo.gate import check_photo
+from service.webhooks.address import target
 
-DAY = 86400.0
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255
 
 router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
-
-Asking = Annotated[Tenant, Depends(tenant_of)]
-Here = Annotated[Context, Depends(context_of)]
 
 
 @router.post(
@@ -45,6 +44,9 @@ Here = Annotated[Context, Depends(context_of)]
 )
 async def post(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes multipart/form-data with the photo as ``image``, or the photo itself as the body.
+
+    With the photo as the body the other parts are parameters of the address, each option by its name and as on the
+    command line: ``?quality=draft&size=576x384``.
 
     The answer comes as soon as the photo is stored and the job is in the queue. With an ``Idempotency-Key`` the same
     request can be sent again and makes one job only.
@@ -56,9 +58,12 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     key = _idempotency_key(request)
     await run_in_threadpool(_admit, context, tenant, key)
     async with _slot(context), received(request, context.settings, context.limits.max_bytes) as upload:
-        row = await _accept(context, tenant, key, upload)
+        row = await _accept(context, tenant, key, upload, traceparent(request.headers))
     body = job_json(row)
     return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
+
+
+post.more_parameters = QUERY  # type: ignore[attr-defined]  # of a photo that is the body
 
 
 @router.get("", response_model=JobPage, operation_id="list_avatars", summary="List the jobs of this key, newest first.")
@@ -95,15 +100,7 @@ def state(job: str, tenant: Asking, context: Here) -> Response:
 @router.delete("/{job}", status_code=204, operation_id="delete_avatar", summary="Cancel a job, or erase its result.")
 def delete(job: str, tenant: Asking, context: Here) -> Response:
     """A job that is unfinished is cancelled and its photo erased; of one that has ended everything is erased."""
-    row = context.store.get(job) if len(job) == 32 else None
-    if row is None or row["tenant"] != tenant.name:
-        raise not_found()
-    expires = now() + context.settings.result_hours * 3600
-    if context.store.cancel(job, expires):
-        context.queue.cancel(row["workflow"])
-    elif row["gone"] is None:
-        context.store.depart(job, "erased")
-    _erase(context, job)
+    erase(context, job, tenant, "avatar")
     return Response(status_code=204)
 
 
@@ -114,40 +111,47 @@ def _of_this_machine(request: Request, listening: str) -> bool:
     return listening in LOOPBACK and name.strip("[]") in LOOPBACK and not forwarded
 
 
-async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload) -> Row:
-    options = parse_options(upload.options).to_json()
-    digest = _digest(upload, options)
+async def _accept(context: Context, tenant: Tenant, key: str | None, upload: Upload, trace: str | None) -> Row:
+    options = upload.chosen().to_json()
+    metadata = parse_metadata(upload.metadata)
+    if upload.webhook_url:
+        target(upload.webhook_url, context.settings.webhook_hosts, private=context.settings.webhook_private)
+    digest = _digest(upload, options, metadata)
     if key is not None:
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
         if known is not None:
             return _same(known, digest)
-    async with context.gates:
+    share = await run_in_threadpool(_cost, context, upload.path)
+    async with context.decoding.taken(share):
         await run_in_threadpool(_look_through, context, upload.path)
     job = secrets.token_hex(16)
     new = NewJob(
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
+        priority=upload.priority, metadata=metadata, trace=trace,
+        webhook=upload.webhook_url or None,
     )  # fmt: skip
-    return await run_in_threadpool(_store, context, new, upload.path)
+    return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
 
-def _erase(context: Context, job: str) -> None:
-    """Remove the files of a job as far as the store lets; a worker erases the rest, also of one that still writes."""
-    with contextlib.suppress(OSError):
-        context.artifacts.sweep(job, set())
-
-
-def _store(context: Context, new: NewJob, path: Path) -> Row:
+def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
     """First the photo on the disk, then the job and its place in the queue in one transaction."""
     context.artifacts.put(path, new.photo)
     try:
-        return context.store.add(new, lambda connection, workflow: context.queue.put(connection, workflow, new.id))
+        return context.store.add(new, context.queue.put, bounds, context.queue.move)
     except KeyInUse as used:
-        _erase(context, new.id)
+        sweep(context, new.id)
         return _same(used.row, new.digest)
+    except NoRoom as full:
+        sweep(context, new.id)
+        raise no_room(full) from full
     except BaseException:
-        _erase(context, new.id)
+        sweep(context, new.id)
         raise
+
+
+def _cost(context: Context, path: Path) -> int:
+    return cost(path.read_bytes(), context.limits)
 
 
 def _look_through(context: Context, path: Path) -> None:
@@ -165,16 +169,10 @@ def _admit(context: Context, tenant: Tenant, key: str | None) -> None:
     context.check_space()
     if key is not None and context.store.by_key(tenant.name, key) is not None:
         return  # it was let in before
-    waiting = context.store.counts().get("queued", 0)
-    if waiting >= context.settings.max_queued:
-        raise ProblemError("queue-full", 429, headers={"Retry-After": "30"}, queued=waiting)
-    own = context.store.counts(tenant.name)
-    unfinished = own.get("queued", 0) + own.get("running", 0)
-    most = tenant.max_unfinished or context.settings.max_unfinished
-    if unfinished >= most:
-        raise ProblemError("quota", 429, headers={"Retry-After": "10"}, unfinished=unfinished, max_unfinished=most)
-    if tenant.per_day is not None and context.store.accepted_since(tenant.name, now() - DAY) >= tenant.per_day:
-        raise ProblemError("quota", 429, headers={"Retry-After": "3600"}, per_day=tenant.per_day)
+    try:
+        context.store.room(tenant.name, bounds_of(context, tenant))
+    except NoRoom as full:
+        raise no_room(full) from full
 
 
 @asynccontextmanager
@@ -196,8 +194,10 @@ def _same(row: Row, digest: str) -> Row:
     return row
 
 
-def _digest(upload: Upload, options: dict[str, Any]) -> str:
+def _digest(upload: Upload, options: dict[str, Any], metadata: dict[str, Any]) -> str:
     content = [upload.sha256, upload.keep_photo, options]
+    if metadata:
+        content.append(metadata)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

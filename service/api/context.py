@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
 import shutil
 import threading
 import time
@@ -11,12 +9,14 @@ import time
 import sqlalchemy as sa
 from starlette.requests import HTTPConnection
 
+from service.api.decoding import DecodingMemory, budget
+from service.api.glance import Glance
 from service.api.keys import Keys, Tenant
 from service.api.problems import ProblemError, not_found
-from service.api.quick import Glance
 from service.api.watcher import Watcher
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, seconds_of_database
+from service.jobs.machine import memory_bytes, processors
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
@@ -25,9 +25,6 @@ from service.photo.limits import Limits
 
 FRESH = 20.0
 """Seconds for which a worker's sign of life counts."""
-
-GATES = max(2, os.cpu_count() or 1)
-"""Photos that are looked through at the same time; each costs its own bytes and a process."""
 
 
 class Context:
@@ -56,18 +53,17 @@ class Context:
         self.watcher = Watcher(self.store)
         self.draining = threading.Event()
         self.uploads = 0
-        self.renders = 0
-        self.gates = asyncio.Semaphore(GATES)
+        self.decoding = DecodingMemory(budget(memory_bytes(), settings.decode_mb), max(2, processors()))
         self._workers: tuple[float, list[dict[str, object]]] = (float("-inf"), [])
 
-    def job(self, job: str, tenant: Tenant) -> Row:
+    def job(self, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
         """The row of a tenant's job.
 
         Raises:
             ProblemError: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
         """
         row = self.store.get(job) if len(job) == 32 else None
-        if row is None or row["tenant"] != tenant.name:
+        if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
             raise not_found()
         if row["gone"] is not None:
             raise ProblemError("gone", 410, reason=row["gone"])

@@ -15,6 +15,7 @@ from fastapi import FastAPI
 from service.api.options import adapter
 from service.api.problems import MEDIA_TYPE
 from service.api.schemas import Problem
+from service.jobs.admission import PRIORITIES
 
 Json = dict[str, Any]
 
@@ -36,6 +37,12 @@ _NEW_AVATAR: Json = {
             "default": False,
             "description": "Keep the photo beside the result.",
         },
+        "metadata": {
+            "type": "object",
+            "description": "Words of your own, at most 2048 bytes; given back with the job.",
+        },
+        "priority": {"type": "string", "enum": list(PRIORITIES), "default": "normal"},
+        "webhook_url": {"type": "string", "description": "Told of the end, where the operator has listed its host."},
     },
 }
 
@@ -43,6 +50,7 @@ _HEADERS = {
     "Idempotency-Key": ("A request that is sent again with the same key makes no second job.", 255),
     "Range": ("One range of bytes.", None),
     "If-Range": ("Strong ETag for which the range is wanted; else the whole is sent.", None),
+    "Prefer": ("'respond-async' does not wait for the picture.", None),
     "Last-Event-ID": ("Number of the last event that arrived; those after it are sent.", None),
 }
 """Headers that mean something in a request, with their greatest length."""
@@ -52,6 +60,9 @@ _TAKES = {
     ("/v1/avatars/{job}/events", "get"): ("Last-Event-ID",),
     ("/v1/avatars/{job}/archive.zip", "get"): ("Range", "If-Range"),
     ("/v1/avatars/{job}/files/{path}", "get"): ("Range", "If-Range"),
+    ("/v1/avatars/{job}/photo", "get"): ("Range", "If-Range"),
+    ("/v1/renders", "post"): ("Prefer",),
+    ("/v1/renders/{render}/picture.png", "get"): ("Range", "If-Range"),
 }
 
 
@@ -132,7 +143,7 @@ def _complete(path: str, method: str, operation: Json) -> None:
     if (path, method) == ("/v1/avatars", "post"):
         form = {
             "schema": {"$ref": "#/components/schemas/NewAvatar"},
-            "encoding": {"options": {"contentType": "application/json"}},
+            "encoding": {name: {"contentType": "application/json"} for name in ("options", "metadata")},
         }
         photos = {kind: {"schema": _PHOTO} for kind in ("image/jpeg", "image/png", "image/webp")}
         operation["requestBody"] = _body({"multipart/form-data": form, **photos})

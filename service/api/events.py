@@ -10,8 +10,8 @@ from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from service.api.avatars import Asking, Here
 from service.api.context import Context
+from service.api.needs import Asking, Here
 from service.jobs.view import FINAL
 
 HEARTBEAT = 15.0

@@ -5,6 +5,7 @@ Members of the archive are stored and not deflated, so a member is a range of th
 
 from __future__ import annotations
 
+import base64
 import zipfile
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -14,15 +15,19 @@ from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from service.api.avatars import Asking, Here
 from service.api.context import Context
 from service.api.keys import Tenant
+from service.api.needs import Asking, Here
 from service.api.problems import ProblemError, not_found
 from service.api.ranges import not_modified, wanted_range
 from service.api.schemas import FileList
 from service.jobs.store import Row
 
 PIECE = 256 << 10
+
+SIGNED_S = 300
+"""Seconds for which an address at the store can be used; a download that has begun goes on."""
+
 _LOCAL_HEADER = 30
 
 TYPES = {
@@ -74,12 +79,21 @@ class Extent:
     summary="The whole result as a zip.",
 )
 async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
-    """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off."""
+    """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off.
+
+    307 where the operator lets the store give files out: its address is in ``Location`` and holds for five minutes.
+    """
     row = await run_in_threadpool(finished, context, job, tenant)
     digest = row["archive_sha256"]
     whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
     disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
-    return _answer(request, context, whole, disposition)
+    if context.settings.signed_downloads and request.method == "GET":
+        words = disposition["Content-Disposition"]
+        place = await run_in_threadpool(context.artifacts.signed, row["archive"], SIGNED_S, words)
+        if place is not None:
+            headers = {"Location": place, "Cache-Control": "no-store", "Repr-Digest": _digest(digest)}
+            return Response(status_code=307, headers=headers)
+    return answer_with(request, context, whole, disposition)
 
 
 @router.get(
@@ -114,16 +128,33 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
     row = await run_in_threadpool(finished, context, job, tenant)
-    return _answer(request, context, await run_in_threadpool(_extent, context, row, path), {})
+    return answer_with(request, context, await run_in_threadpool(_extent, context, row, path), {})
 
 
-def finished(context: Context, job: str, tenant: Tenant) -> Row:
+@router.head("/{job}/photo", include_in_schema=False)
+@router.get(
+    "/{job}/photo",
+    response_class=Response,
+    operation_id="download_photo",
+    responses=_answers(OTHER),
+    summary="The photo as it was sent, where it was to be kept.",
+)
+async def photo(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """As bytes to be stored, never as something that a browser shows: it may be more things than a picture."""
+    row = await run_in_threadpool(context.job, job, tenant)
+    if not row["keep_photo"] or not row["photo"] or not await run_in_threadpool(context.artifacts.exists, row["photo"]):
+        raise not_found()
+    whole = Extent(row["photo"], 0, row["photo_bytes"], f'"{row["photo_sha256"]}"', "photo.bin")
+    return answer_with(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
+
+
+def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
     """The row of a tenant's job that has a result.
 
     Raises:
         ProblemError: there is no such job, it has not succeeded, or its result is gone.
     """
-    row = context.job(job, tenant)
+    row = context.job(job, tenant, kind)
     if row["state"] in ("queued", "running"):
         raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
     if row["state"] != "succeeded":
@@ -151,7 +182,8 @@ def _extent(context: Context, row: Row, path: str) -> Extent:
     return Extent(row["archive"], start, info.file_size, etag, path)
 
 
-def _answer(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+def answer_with(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+    """The file that a request asks for, a range of it, or that it is as it was."""
     headers = {
         **headers,
         "Accept-Ranges": "bytes",
@@ -185,6 +217,11 @@ async def _pieces(context: Context, artifact: str, start: int, count: int) -> As
             yield piece
     finally:
         stream.close()
+
+
+def _digest(sha256: str) -> str:
+    """The hash of a file as a header of RFC 9530."""
+    return f"sha-256=:{base64.b64encode(bytes.fromhex(sha256)).decode()}:"
 
 
 def _media_type(name: str) -> str:

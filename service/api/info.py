@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from fastapi import APIRouter
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
-from service.api.avatars import Here
+from service.api.needs import Here
 from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
 from service.api.schemas import Health, ModelList, QualityList, Readiness
 from service.jobs.problems import TITLES, problem
@@ -28,7 +28,11 @@ async def livez() -> Response:
 
 @router.get("/readyz", response_model=Readiness, operation_id="get_readiness", summary="Photos are taken.")
 def readyz(context: Here) -> Response:
-    """Ready means: the database answers, a worker lives whose data files and networks are checked, there is space."""
+    """Ready means: the database answers and there is space, so photos are stored and results given out.
+
+    Workers may be away: jobs wait for them, and whoever starts workers when jobs wait has to be able to post some.
+    Where workers live and none can work, because data files are damaged, nobody is ready.
+    """
     reason = None
     workers: list[dict[str, object]] = []
     try:
@@ -38,9 +42,8 @@ def readyz(context: Here) -> Response:
     ready = [worker for worker in workers if worker["ready"]]
     if context.draining.is_set():
         reason = "the server is shutting down"
-    elif reason is None and not ready:
-        faulty = any(worker["fault"] for worker in workers)
-        reason = "a data file is missing or changed" if faulty else "no worker has loaded the networks yet"
+    elif reason is None and not ready and any(worker["fault"] for worker in workers):
+        reason = "a data file is missing or changed"
     elif context.free_mb() < context.settings.reserve_mb:
         reason = "there is too little space for uploads"
     if reason is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import statistics
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, cast
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.core import CounterMetricFamily, HistogramMetricFamily, Metric
 
+from service.jobs import tallies
 from service.jobs.clock import now
 from service.jobs.database import JOBS
 from service.jobs.view import STATES
@@ -44,15 +45,23 @@ def exposition(context: Context) -> bytes:
         workers.labels(str(ready).lower()).set(sum(worker["ready"] == ready for worker in context.workers()))
     Gauge("avatarme_listeners", "Open event streams", registry=registry).set(context.watcher.count)
     Gauge("avatarme_free_megabytes", "Free space for uploads", registry=registry).set(context.free_mb())
-    _stages(context, registry)
+    registry.register(cast(Any, _Tallies(context)))
     return generate_latest(REGISTRY) + generate_latest(registry)
 
 
-def _stages(context: Context, registry: CollectorRegistry) -> None:
-    times: dict[str, list[float]] = {}
-    for row in context.store.measured(200):
-        for stage, seconds in json.loads(row["timings"]).items():
-            times.setdefault(stage, []).append(seconds)
-    gauge = Gauge("avatarme_stage_seconds", "Median time of a stage in the last jobs", ["stage"], registry=registry)
-    for stage, seconds in times.items():
-        gauge.labels(stage).set(statistics.median(seconds))
+class _Tallies:
+    """Counts of the database for the exposition: jobs that ended, and times of stages."""
+
+    def __init__(self, context: Context) -> None:
+        self._engine = context.engine
+
+    def collect(self) -> Iterator[Metric]:
+        """The families; called by the library."""
+        ended = CounterMetricFamily("avatarme_jobs_ended", "Jobs that ended", labels=["kind", "state", "code"])
+        for label, value in sorted(tallies.counts(self._engine, tallies.ENDED).items()):
+            ended.add_metric(label.split("/"), value)
+        yield ended
+        stages = HistogramMetricFamily("avatarme_stage_seconds", "Time of a stage of a job", labels=["stage"])
+        for stage, buckets, total in tallies.histograms(self._engine):
+            stages.add_metric([stage], buckets, total)
+        yield stages

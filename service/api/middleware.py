@@ -12,7 +12,9 @@ import time
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.metrics import DURATION, REQUESTS, UPLOAD_BYTES
+from service.api.origin import is_foreign
 from service.api.problems import ProblemError, response
+from service.api.strictness import in_origin_form
 from service.jobs.settings import Settings
 
 log = logging.getLogger("service.api.access")
@@ -88,6 +90,7 @@ class Front:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        scope = in_origin_form(scope)
         headers = Head(scope)
         given = headers.first(b"x-request-id")
         exchange = _Exchange(scope, receive, send, given if _ID.match(given) else secrets.token_hex(8))
@@ -103,6 +106,8 @@ class Front:
     def _refusal(self, head: Head) -> ProblemError | None:
         if head.count(b"host") > 1 or not self._hosts.allow(head.first(b"host"), head.path()):
             return ProblemError("bad-host", 400)
+        if is_foreign(head.method(), head.first(b"sec-fetch-site"), head.first(b"origin"), head.first(b"host")):
+            return ProblemError("cross-origin", 403, headers={"Connection": "close"})
         if head.count(b"content-length") and head.count(b"transfer-encoding"):
             detail = "Content-Length and Transfer-Encoding exclude each other"
             return ProblemError("bad-request", 400, detail, {"Connection": "close"})
@@ -126,6 +131,10 @@ class Head:
     def count(self, name: bytes) -> int:
         """How often a header occurs."""
         return sum(key == name for key, _ in self._headers)
+
+    def method(self) -> str:
+        """The method."""
+        return str(self._scope["method"])
 
     def path(self) -> str:
         """Path of the address."""

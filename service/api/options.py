@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import lru_cache
 from typing import Any, cast
@@ -11,9 +12,12 @@ from typing import Any, cast
 from pydantic import TypeAdapter, ValidationError
 
 from service.api.problems import ProblemError
-from service.options import Options
+from service.options import Options, parse_face, parse_maps, parse_size
 
 MAX_BYTES = 16 << 10
+MAX_METADATA = 2 << 10
+"""Bytes of the part ``metadata``."""
+
 _MAX_DEPTH = 8
 
 
@@ -24,19 +28,77 @@ def parse_options(text: bytes) -> Options:
         ProblemError: it is no JSON object, has a name that is not an option, or a value of the wrong kind.
         UsageError: a value is out of range.
     """
-    values = parse_object(text) if text.strip() else {}
-    known = {field.name for field in fields(Options)}
+    return checked_options(parse_object(text) if text.strip() else {})
+
+
+def parse_metadata(text: bytes) -> dict[str, Any]:
+    """The part ``metadata``: a JSON object of the owner's own, given back with the job and never looked into.
+
+    Raises:
+        ProblemError: it is no such object, or larger than ``MAX_METADATA``.
+    """
+    if len(text) > MAX_METADATA:
+        words = f"metadata has {len(text)} bytes; at most {MAX_METADATA} are kept"
+        raise ProblemError("usage", 422, words, pointer="/metadata")
+    return parse_object(text, "malformed-metadata") if text.strip() else {}
+
+
+def query_options(pairs: Mapping[str, str]) -> Options:
+    """Options from the parameters of an address, written as on the command line; as :func:`parse_options`."""
+    return checked_options({name: _from_text(name, text) for name, text in pairs.items()})
+
+
+def checked_options(values: Mapping[str, Any]) -> Options:
+    """JSON values -> options.
+
+    Raises:
+        ProblemError: there is no such option, or a value is of the wrong kind.
+        UsageError: a value is out of range; in the words of the command line.
+    """
     for name in values:
-        if name not in known:
+        if name not in NAMES:
             where = f"/{name[:40]}"
-            detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(known))}"
+            detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(NAMES))}"
             raise ProblemError("unknown-field", 422, detail, pointer=where)
     try:
-        return adapter().validate_python(values)
+        # Options checks kinds as well as ranges, and true is no 1 to it. What it cannot even look at is the adapter's.
+        return Options(**{name: _shaped(name, value) for name, value in values.items()})
+    except TypeError:
+        return _described(values)
+
+
+def _described(values: Mapping[str, Any]) -> Options:
+    try:
+        return adapter().validate_python(dict(values))
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = "/" + "/".join(str(part) for part in first["loc"])
         raise ProblemError("usage", 422, f"{where[1:]}: {first['msg']}", pointer=where) from error
+
+
+def _shaped(name: str, value: Any) -> Any:
+    """Words as on the command line, and lists as tuples."""
+    if isinstance(value, str) and name in _WORDS:
+        return _WORDS[name](value)
+    if isinstance(value, list) and name in ("maps", "size"):
+        return tuple(value)
+    return value
+
+
+def _from_text(name: str, text: str) -> Any:
+    if name in _WORDS:
+        return text
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return text
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else text
+
+
+NAMES = frozenset(field.name for field in fields(Options))
+
+_WORDS: dict[str, Callable[[str], Any]] = {"maps": parse_maps, "size": parse_size, "face": parse_face}
+"""Options that the command line writes in words of their own."""
 
 
 @lru_cache(maxsize=1)

@@ -25,11 +25,12 @@ log = logging.getLogger(__name__)
 EXPLANATIONS = {
     "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
     "malformed-multipart": "The body is not the multipart/form-data that its Content-Type announces.",
-    "too-many-parts": "A request has one part 'image', and may have one part 'options' and one part 'keep_photo'.",
+    "too-many-parts": "One part 'image', and one each of the others at most: options, keep_photo, metadata and so on.",
     "part-too-large": "Parts other than the photo are limited to 16 KiB.",
     "one-file-only": "One request makes one avatar of one photo.",
     "unknown-field": "There is no such part or option. Photos are never fetched from an address.",
     "malformed-options": "The part 'options' has to be a JSON object without NaN and without deep nesting.",
+    "malformed-metadata": "The part 'metadata' has to be a JSON object without NaN and without deep nesting.",
     "usage": "An option is out of its range; 'pointer' names it.",
     "malformed-render": "The body has to be a JSON object without NaN and without deep nesting.",
     "render-timeout": "The picture took too long; a smaller one, or one with fewer samples, takes less.",
@@ -39,6 +40,7 @@ EXPLANATIONS = {
     "bad-request": "The request breaks the rules of HTTP.",
     "invalid-parameter": "A parameter of the address or a header is not what it has to be.",
     "bad-host": "The Host header is none of the names of this server.",
+    "cross-origin": "A web page of another origin made this request; only pages of this server may change anything.",
     "unauthorized": "Send a key: 'Authorization: Bearer KEY'.",
     "listing-needs-key": "A server without keys lists jobs to its own machine only.",
     "not-ready": "The result is there when the job has succeeded.",
@@ -48,6 +50,7 @@ EXPLANATIONS = {
     "range-not-satisfiable": "One range within the file can be asked for.",
     "queue-full": "Too many jobs are waiting; try again later.",
     "quota": "Your key allows no more jobs now.",
+    "needs-memory": "Decoding this photo takes more memory than this server has for it.",
     "busy": "Too many uploads are being received; try again shortly.",
     "draining": "The server is shutting down; try again shortly.",
     "starting": "The server is starting; try again shortly.",
@@ -116,11 +119,21 @@ def _fault(request: Request, error: Exception) -> Response:
     return response(body, None, request.url.path)
 
 
+def allowed_methods(scope: Any) -> list[str]:
+    """As in ``service.api.strictness``, which imports this module."""
+    from service.api.strictness import allowed_methods as found
+
+    return found(scope)
+
+
 def _http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)  # noqa: S101 - what it was registered for
     code = _STATUS_CODES.get(error.status_code, "bad-request" if error.status_code < 500 else "internal")
     detail = EXPLANATIONS.get(code, "The request could not be answered.")
-    return response(problem(code, error.status_code, detail), error.headers, request.url.path)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(allowed_methods(request.scope))
+    return response(problem(code, error.status_code, detail), headers, request.url.path)
 
 
 def _validation(request: Request, error: Exception) -> Response:

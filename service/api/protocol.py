@@ -15,18 +15,34 @@ from service.api.problems import EXPLANATIONS, MEDIA_TYPE
 from service.jobs.problems import problem
 
 
-def protocol_class(header_seconds: float, connections: int) -> type[H11Protocol]:
-    """The protocol with a deadline.
+def protocol_class(header_seconds: float, connections: int, stalled_seconds: float = 60.0) -> type[H11Protocol]:
+    """The protocol with deadlines.
 
     Args:
         header_seconds: from the connection, or the first byte of a further request, to the end of its head.
         connections: that one address may have open at a time, 0 for any number.
+        stalled_seconds: that a reader may leave what was written to it unread, before its connection is closed. What
+            is kept for it is at most the transport's buffer, so this also is a least speed.
     """
 
     class GuardedProtocol(H11Protocol):
         """One connection."""
 
         _deadline: asyncio.TimerHandle | None = None
+        _stall: asyncio.TimerHandle | None = None
+
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            self._stall = self.loop.call_later(stalled_seconds, self.transport.abort)
+
+        def resume_writing(self) -> None:
+            self._reading_goes_on()
+            super().resume_writing()
+
+        def _reading_goes_on(self) -> None:
+            if self._stall is not None:
+                self._stall.cancel()
+                self._stall = None
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
@@ -39,6 +55,7 @@ def protocol_class(header_seconds: float, connections: int) -> type[H11Protocol]
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._stop_waiting()
+            self._reading_goes_on()
             super().connection_lost(exc)
 
         def data_received(self, data: bytes) -> None:

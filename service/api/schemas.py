@@ -29,6 +29,7 @@ class Links(BaseModel):
     events: str
     archive: str | None
     files: str | None
+    photo: str | None = Field(description="Where the photo was to be kept.")
 
 
 class Job(BaseModel):
@@ -46,6 +47,8 @@ class Job(BaseModel):
     error: Problem | None
     warnings: list[str]
     options: dict[str, Any]
+    priority: str
+    metadata: dict[str, Any] = Field(description="Words of the owner's own, as they came.")
 
 
 class JobPage(BaseModel):
@@ -53,6 +56,28 @@ class JobPage(BaseModel):
 
     items: list[Job]
     next: str | None
+
+
+class RenderLinks(BaseModel):
+    """Addresses on this server; that of the picture is null until there is one."""
+
+    self: str
+    avatar: str
+    picture: str | None
+
+
+class RenderJob(BaseModel):
+    """State of one picture. Times are RFC 3339 in UTC."""
+
+    id: str
+    state: State
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    expires_at: str | None
+    links: RenderLinks
+    error: Problem | None
+    request: dict[str, Any] = Field(description="What was asked for.")
 
 
 class File(BaseModel):
@@ -120,4 +145,4 @@ class Readiness(BaseModel):
     """Whether photos can be taken, and why not."""
 
     status: Literal["ready"]
-    workers: int
+    workers: int = Field(description="Workers that compute; where there are none, jobs wait.")

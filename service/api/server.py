@@ -10,12 +10,14 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
 
 from service.api.app import create_app
+from service.api.keys import LOOPBACK, check_exposed, make_first_key
 from service.api.protocol import protocol_class
 from service.jobs import logs
 from service.jobs.limits import give_back_memory
@@ -108,14 +110,19 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
         with_worker: False where workers run elsewhere (``avatarme worker``).
 
     Raises:
-        UsageError: another server has the data folder.
+        UsageError: another server has the data folder, or others could use this one without a key.
     """
     logs.set_up()
     give_back_memory()
+    check_exposed(settings.host, settings.keys, anybody=settings.anybody)
+    if settings.first_key and (told := make_first_key(Path(settings.keys))):
+        log.warning("there were no keys: one was made and is in %s; delete that file when you have it", told)
+    if settings.host not in LOOPBACK and not settings.keys:
+        log.warning("everybody who reaches %s may use this server, as it was told", settings.host)
     lock = FileLock(settings.data, "server")
     keeper = WorkerKeeper(settings) if with_worker else None
     app = create_app(settings)
-    protocol = protocol_class(settings.header_seconds, settings.connections)
+    protocol = protocol_class(settings.header_seconds, settings.connections, settings.stalled_seconds)
     config = uvicorn.Config(
         app, host=settings.host, port=settings.port, http=protocol, ws="none", log_config=None, access_log=False,
         server_header=False, date_header=True, timeout_keep_alive=15, timeout_graceful_shutdown=DRAIN_S,

@@ -7,7 +7,7 @@ import contextlib
 import hashlib
 import secrets
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,9 +15,18 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
 from service.api.options import MAX_BYTES as MAX_OPTIONS
+from service.api.options import NAMES, parse_options, query_options
 from service.api.problems import ProblemError
 from service.errors import TooManyBytes
+from service.jobs.admission import PRIORITIES
 from service.jobs.settings import Settings
+from service.options import Options
+
+PARTS = ("options", "keep_photo", "metadata", "priority", "webhook_url")
+"""Parts beside the photo."""
+
+QUERY = frozenset(PARTS) - {"options"} | NAMES
+"""Parameters of the address of a photo that is the body."""
 
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
 MAX_PARTS = 8
@@ -37,14 +46,55 @@ class Upload:
         sha256: hex digest of the photo.
         size: bytes of the photo.
         options: the part ``options``, empty without one.
+        named: options by name as text, where the photo is the body.
         keep_photo: the part ``keep_photo``.
+        metadata: the part ``metadata``, empty without one.
+        priority: the part ``priority``.
+        webhook_url: the part ``webhook_url``, empty without one.
     """
 
     path: Path
     sha256: str = ""
     size: int = 0
     options: bytes = b""
+    named: dict[str, str] = field(default_factory=dict)
     keep_photo: bool = False
+    metadata: bytes = b""
+    priority: str = "normal"
+    webhook_url: str = ""
+
+    def chosen(self) -> Options:
+        """The options.
+
+        Raises:
+            ProblemError, UsageError: as ``service.api.options.parse_options``.
+        """
+        return query_options(self.named) if self.named else parse_options(self.options)
+
+    def set(self, name: str, value: bytes) -> None:
+        """Take a part other than the photo.
+
+        Raises:
+            ProblemError: its value is not possible.
+        """
+        if name == "options":
+            self.options = value
+        elif name == "metadata":
+            self.metadata = value
+        elif name == "webhook_url":
+            self.webhook_url = value.decode("utf-8", "replace").strip()
+        elif name == "keep_photo":
+            self.keep_photo = _one_of(name, value, ("true", "false")) == "true"
+        elif name == "priority":
+            self.priority = _one_of(name, value, PRIORITIES)
+
+
+def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
+    text = value.decode("utf-8", "replace").strip().lower()
+    if text not in allowed:
+        *most, last = (f"'{word}'" for word in allowed)
+        raise ProblemError("usage", 422, f"{name} has to be {', '.join(most)} or {last}", pointer=f"/{name}")
+    return text
 
 
 @contextlib.asynccontextmanager
@@ -64,6 +114,7 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
     _check_length(request, max_bytes)
     settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
     upload = Upload(settings.incoming / f"{secrets.token_hex(16)}.part")
+    _take_parameters(request, upload, form=_is_form(kind))
     try:
         with upload.path.open("xb") as stream:
             sink: _Body = (
@@ -75,6 +126,18 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
         yield upload
     finally:
         upload.path.unlink(missing_ok=True)
+
+
+def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
+    """What the address says beside a photo that is the body; a form says it in parts."""
+    for name, text in request.query_params.items():
+        if form:
+            words = f"a form has {name} as a part, an option in the part 'options'; not in its address"
+            raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name}")
+        if name in PARTS:
+            upload.set(name, text.encode())
+        else:
+            upload.named[name] = text
 
 
 async def _pump(request: Request, sink: _Body, settings: Settings) -> None:
@@ -225,7 +288,7 @@ class _Multipart(_Body):
         # The name of the file is never looked at, only whether there is one: names are made by this server.
         words = self._options_header(self._disposition)[1]
         self._name = words.get(b"name", b"").decode("utf-8", "replace")
-        known = self._name in ("image", "options", "keep_photo")
+        known = self._name == "image" or self._name in PARTS
         self._is_file = self._name == "image" or (not known and b"filename" in words)
         self._files += self._is_file
         if self._files > 1:
@@ -254,14 +317,11 @@ class _Multipart(_Body):
                 raise ProblemError("part-too-large", 400)
 
     def _end(self) -> None:
-        if self._name == "options":
-            self.upload.options = bytes(self._text)
-        elif self._name == "keep_photo":
-            text = bytes(self._text).strip().lower()
-            if text not in (b"true", b"false"):
-                words = "keep_photo has to be 'true' or 'false'"
-                self._later(ProblemError("usage", 422, words, pointer="/keep_photo"))
-            self.upload.keep_photo = text == b"true"
+        if self._name in PARTS:
+            try:
+                self.upload.set(self._name, bytes(self._text))
+            except ProblemError as fault:
+                self._later(fault)
 
     def _close(self) -> None:
         self._closed = True

@@ -78,15 +78,15 @@ class RemoteMaker:
             told(stage, share)
 
         progress("send", 0.0)
-        job = self._submit(order, 0)
-        for again in range(1, _JOBS):
+        for again in range(_JOBS - 1):
+            job = None
             try:
-                return self._collect(job, order, again - 1, progress, end)
+                job = self._submit(order, again)
+                return self._collect(job, order, again, progress, end)
             except (JobCancelled, JobExpired, JobFailed, NoSuchJob) as error:
-                if isinstance(error, JobFailed) and not job.ended:
+                if isinstance(error, JobFailed) and (job is None or not job.ended):
                     raise  # it failed before our eyes; one that lay there failed was left by another run
-            job = self._submit(order, again)
-        return self._collect(job, order, _JOBS - 1, progress, end)
+        return self._collect(self._submit(order, _JOBS - 1), order, _JOBS - 1, progress, end)
 
     def _submit(self, order: Order, again: int) -> Job:
         return self._client.submit(order.photo, order.options, key=_key(order, again))

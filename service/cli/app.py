@@ -268,6 +268,9 @@ def serve(
         str | None, typer.Option(metavar="URL", help="Store that several machines share. [default: files in DIR]")
     ] = None,
     keys: Annotated[str | None, typer.Option(metavar="FILE", help="File of API keys. [default: none needed]")] = None,
+    anybody: Annotated[
+        bool | None, typer.Option("--anybody", help="Serve others than this machine without keys.")
+    ] = None,
     worker: Annotated[bool, typer.Option(help="Run a worker beside the server.")] = True,
 ) -> None:
     """Take photos over HTTP.
@@ -277,7 +280,7 @@ def serve(
     with reported(as_json=False):
         from service.cli.serve import serve as run
 
-        flags = {"host": host, "port": port, "data": data, "jobs": jobs}
+        flags = {"host": host, "port": port, "data": data, "jobs": jobs, "anybody": anybody}
         run(flags | {"database": database, "artifacts": artifacts, "keys": keys}, with_worker=worker)
 
 

@@ -16,7 +16,7 @@ from service.client.errors import JobExpired, NoSuchJob, UnexpectedAnswer
 from service.client.events import Event
 from service.client.retry import AGAIN, Retry
 from service.client.state import Job, checked_id, share
-from service.client.transport import Transport, picture
+from service.client.transport import Transport, picture, picture_or_job
 from service.client.waiting import Follower
 from service.errors import UsageError
 
@@ -24,6 +24,9 @@ Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
 
 _BLOCK = 1 << 20
+
+_RENDER_LOOK_S = 1.0
+"""Seconds between two looks at a picture that takes long."""
 
 
 class Client:
@@ -193,7 +196,19 @@ class Client:
             yield {"content": wanted.encode()}
 
         headers = {"Content-Type": "application/json"}
-        return self._transport.answer(picture, "POST", "/v1/renders", headers=headers, body=body)
+        made = self._transport.answer(picture_or_job, "POST", "/v1/renders", headers=headers, body=body)
+        return made if isinstance(made, bytes) else self._picture_of(made)
+
+    def _picture_of(self, answer: Any) -> bytes:
+        """The picture of a job that was not ready when the server answered."""
+        job = Job.parse(answer)
+        while not job.ended:
+            self._transport.retry.sleep(_RENDER_LOOK_S)
+            job = Job.parse(self._transport.json("GET", f"/v1/renders/{job.id}"))
+        fault = job.fault()
+        if fault is not None:
+            raise fault
+        return self._transport.answer(picture, "GET", f"/v1/renders/{job.id}/picture.png")
 
     def quality(self) -> Mapping[str, Any]:
         """Levels of quality with the times that the server measured on its machine."""

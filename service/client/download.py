@@ -98,7 +98,7 @@ class Download:
         headers: dict[str, str] = {}
         if have:
             headers = {"Range": f"bytes={have}-", "If-Range": self._etag}
-        with self._transport.stream(self._path, headers) as response:
+        with self._transport.stream(self._path, headers, follow=True) as response:
             if response.status_code == 200:
                 have = self._begin(response)
                 if have:
@@ -131,7 +131,8 @@ class Download:
         self._total = int(length) if length.isascii() and length.isdigit() else None
         etag = response.headers.get("ETag", "")
         same, self._etag = etag == self._etag, "" if etag.startswith("W/") else etag
-        self._stated = _stated_sha256(response.headers)
+        told = (_stated_sha256(answer.headers) for answer in (*response.history, response))
+        self._stated = next((digest for digest in told if digest is not None), None)
         if self._etag:
             name = hashlib.sha256(self._etag.encode("utf-8", "replace")).hexdigest()[:16]
             self._part = self._hidden(name)

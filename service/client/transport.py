@@ -112,7 +112,12 @@ class Transport:
 
     @contextlib.contextmanager
     def stream(
-        self, path: str, headers: Mapping[str, str] | None = None, timeout_s: float | None = None
+        self,
+        path: str,
+        headers: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        *,
+        follow: bool = False,
     ) -> Iterator[httpx.Response]:
         """One GET, without retries, whose body is read as it comes.
 
@@ -120,12 +125,15 @@ class Transport:
             path: below the address.
             headers: further headers.
             timeout_s: bound of each wait for bytes, None for that of all requests.
+            follow: go where a redirection leads, without the key where that is another server.
 
         Raises:
             TransportFault: there is no connection, or it broke.
         """
         timeout = self._timeout_s if timeout_s is None else timeout_s
-        with self._http.stream("GET", self.server + path, headers=dict(headers or {}), timeout=timeout) as response:
+        # The store of a server may give its files out itself; the key goes to the server only, which httpx sees to.
+        named: dict[str, Any] = {"headers": dict(headers or {}), "timeout": timeout, "follow_redirects": follow}
+        with self._http.stream("GET", self.server + path, **named) as response:
             yield response
 
     @contextlib.contextmanager
@@ -176,6 +184,15 @@ def picture(response: httpx.Response) -> bytes:
     if not data.startswith(b"\x89PNG\r\n\x1a\n"):
         raise UnexpectedAnswer("the server's answer is no PNG; is it this service?")
     return data
+
+
+def picture_or_job(response: httpx.Response) -> Any:
+    """A PNG, or where the answer is 202 the JSON of its job.
+
+    Raises:
+        UnexpectedAnswer: the answer is neither.
+    """
+    return _json(response) if response.status_code == 202 else picture(response)
 
 
 def _content(response: httpx.Response, most: int) -> bytes:

@@ -47,10 +47,32 @@ JOBS = sa.Table(
     sa.Column("events", sa.Integer, nullable=False),
     sa.Column("swept", sa.Boolean, nullable=False),
     sa.Column("gone", sa.String(16)),
+    sa.Column("kind", sa.String(16), nullable=False, server_default="avatar"),
+    sa.Column("source", sa.String(32)),
+    sa.Column("priority", sa.String(8), nullable=False, server_default="normal"),
+    sa.Column("turn", sa.Integer, nullable=False, server_default="0"),
+    sa.Column("metadata", sa.Text, nullable=False, server_default="{}"),
+    sa.Column("webhook", sa.Text),
+    sa.Column("trace", sa.String(64)),
     sa.UniqueConstraint("tenant", "key"),
     sa.Index("avatarme_jobs_list", "tenant", "created_at", "id"),
     sa.Index("avatarme_jobs_state", "state", "expires_at"),
+    sa.Index("avatarme_jobs_turn", "turn"),
 )
+"""``kind`` is "avatar" or "render", ``source`` the job whose result is rendered, ``turn`` the place in the queue
+(:mod:`service.jobs.admission`), ``metadata`` the owner's own words as JSON, ``webhook`` the address that wants to know,
+``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
+"""
+
+TALLIES = sa.Table(
+    "avatarme_tallies",
+    TABLES,
+    sa.Column("name", sa.String(32), primary_key=True),
+    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("bucket", sa.String(16), primary_key=True),
+    sa.Column("value", sa.Double, nullable=False),
+)
+"""Counts that only grow, for :mod:`service.jobs.tallies`; rows of jobs go, these stay."""
 
 EVENTS = sa.Table(
     "avatarme_events",
@@ -60,6 +82,19 @@ EVENTS = sa.Table(
     sa.Column("name", sa.String(16), nullable=False),
     sa.Column("body", sa.Text, nullable=False),
 )
+
+MESSAGES = sa.Table(
+    "avatarme_webhooks",
+    TABLES,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("job", sa.String(32), nullable=False),
+    sa.Column("url", sa.Text, nullable=False),
+    sa.Column("body", sa.Text, nullable=False),
+    sa.Column("tries", sa.Integer, nullable=False),
+    sa.Column("next_at", sa.Double, nullable=False),
+    sa.Index("avatarme_webhooks_due", "next_at"),
+)
+"""Messages of :mod:`service.webhooks` that have not arrived yet."""
 
 WORKERS = sa.Table(
     "avatarme_workers",
@@ -94,6 +129,7 @@ def _sqlite(connection: Any, _record: Any) -> None:
     connection.execute("PRAGMA journal_mode=WAL")  # readers do not wait for writers
     connection.execute("PRAGMA synchronous=FULL")  # a commit is on the disk: a 202 must survive a power cut
     connection.execute("PRAGMA busy_timeout=30000")
+    connection.execute("PRAGMA secure_delete=ON")  # what is erased is overwritten in the file, not only let go
 
 
 def add_columns(connection: sa.Connection) -> None:
@@ -107,6 +143,8 @@ def add_columns(connection: sa.Connection) -> None:
             if column.name not in known:
                 words = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
                 connection.execute(sa.text(f"alter table {table.name} add column {words}"))
+        for index in table.indexes:
+            index.create(connection, checkfirst=True)
 
 
 def seconds_of_database(engine: sa.Engine) -> sa.ColumnElement[float]:

@@ -8,13 +8,15 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from service.jobs.admission import UNFINISHED
 from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS, seconds_of_database
+from service.jobs.erasure import let_go
 from service.jobs.problems import problem
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.store import UNFINISHED, Row
+from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL
 
 log = logging.getLogger(__name__)
@@ -61,18 +63,22 @@ class Janitor:
         """Erase results whose time is over, and after a while all memory of them."""
         moment = now()
         for row in self._store.where(JOBS.c.state.in_(FINAL), JOBS.c.gone.is_(None), JOBS.c.expires_at < moment):
-            self._store.depart(row["id"], "expired")
+            let_go(self._store, self._queue, row, "expired")
         tombstone = moment - self._runner.settings.tombstone_hours * 3600
         for row in self._store.where(JOBS.c.gone.is_not(None), JOBS.c.updated_at < tombstone):
-            self._queue.delete(_workflows(row))
+            self._queue.delete(workflows(row))
             self._store.forget(row["id"])
+        self._store.checkpoint()
 
     def tidy(self) -> None:
         """Erase photos and stages of jobs that ended while nobody could do it."""
         rows = self._store.where(JOBS.c.state.in_(FINAL), JOBS.c.swept.is_(False), JOBS.c.updated_at < now() - SETTLED)
         for row in rows:
-            if row["id"] not in self._runner.active:
-                self._runner.tidy(row["id"])
+            if row["id"] in self._runner.active:
+                continue
+            if row["gone"] is not None:
+                self._queue.delete(workflows(row))  # results of steps name files by their hashes
+            self._runner.tidy(row["id"])
 
     def strays(self) -> None:
         """Remove uploads that never became a job, and files of jobs that nobody knows."""
@@ -134,7 +140,7 @@ class Janitor:
             status = states.get(row["workflow"])
             if status is None:
                 log.error("a job was not in the queue and is put there", extra={"job": row["id"]})
-                self._put(row["workflow"], row["id"])
+                self._put(row)
             elif status.status in ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"):
                 self._close(row, status.status)
             elif working and status.status == "PENDING" and status.executor_id == self._runner.settings.worker:
@@ -181,20 +187,15 @@ class Janitor:
         with self._store.engine.begin() as connection:
             query = sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.workflow == row["workflow"])
             if connection.execute(query.values(workflow=workflow)).rowcount:
-                self._queue.put(connection, workflow, job)
+                self._queue.put(connection, {**row, "workflow": workflow})
 
-    def _put(self, workflow: str, job: str) -> None:
+    def _put(self, row: Row) -> None:
         with self._store.engine.begin() as connection:
-            self._queue.put(connection, workflow, job)
+            self._queue.put(connection, row)
 
     def _by_workflow(self, workflow: str) -> Row | None:
         rows = self._store.where(JOBS.c.workflow == workflow)
         return rows[0] if rows else None
-
-
-def _workflows(row: Row) -> list[str]:
-    job, _, count = str(row["workflow"]).partition(".")
-    return [f"{job}.{number}" for number in range(1, int(count) + 1)]
 
 
 def _age(path: Path) -> float:

@@ -40,6 +40,16 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry, default=str)
 
 
+def calm(record: logging.LogRecord) -> logging.LogRecord:
+    """What the queue's library logs when an owner cancels a job is no error; a workflow ends by an exception there."""
+    kind = record.exc_info[0] if record.exc_info else None
+    if record.name == "dbos" and kind is not None and kind.__name__.endswith("WorkflowCancelledError"):
+        job = str(getattr(record, "operationUUID", "")).partition(".")[0]
+        facts = {"name": record.name, "levelno": logging.INFO, "levelname": "INFO", "msg": "a job was cancelled"}
+        return logging.makeLogRecord({**facts, "created": record.created, "msecs": record.msecs, "job": job})
+    return record
+
+
 class Background(logging.Handler):
     """Writes in a thread of its own, so that nobody waits for a reader of the log that is slow or has stopped.
 
@@ -58,7 +68,7 @@ class Background(logging.Handler):
         if self._waiting.qsize() >= MOST_WAITING:
             self._lost += 1
             return
-        self._waiting.put(record)
+        self._waiting.put(calm(record))
         if record.levelno >= logging.CRITICAL:
             self.flush()
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import sqlalchemy as sa
 from dbos import DBOSClient, Serializer
 
 APPLICATION = "avatarme"
-QUEUE = "avatars"
+QUEUES = {"avatar": "avatars", "render": "renders"}
+"""Kind of a job -> its queue: a picture of some seconds does not wait for a head of some minutes."""
+
 WORKFLOW = "avatar"
 
 
@@ -46,12 +48,29 @@ class Queue:
         if migrate:
             self.client._sys_db.run_migrations()
 
-    def put(self, connection: sa.Connection, workflow: str, job: str, version: str | None = None) -> None:
-        """Put the workflow of a job into the queue, inside the caller's transaction; twice is once."""
-        options: Any = {"queue_name": QUEUE, "workflow_name": WORKFLOW, "workflow_id": workflow}
+    def put(
+        self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, version: str | None = None
+    ) -> None:
+        """Put the workflow of a job into the queue, inside the caller's transaction; twice is once.
+
+        Args:
+            connection: of the transaction.
+            job: ``id``, ``workflow``, ``kind`` and ``turn`` of the job.
+            version: of the program that is to take it; None for any.
+        """
+        options: Any = {
+            "queue_name": QUEUES[job["kind"]], "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
+            "priority": job["turn"],
+        }  # fmt: skip
         if version is not None:
             options["app_version"] = version
-        self.client.enqueue_in_transaction(connection, options, job)
+        self.client.enqueue_in_transaction(connection, options, job["id"])
+
+    def move(self, connection: sa.Connection, workflow: str, turn: int) -> None:
+        """Give a workflow that waits another turn, inside the caller's transaction."""
+        status = self.client._sys_db.tables.workflow_status
+        query = sa.update(status).where(status.c.workflow_uuid == workflow, status.c.status == "ENQUEUED")
+        connection.execute(query.values(priority=turn))
 
     def cancel(self, workflow: str) -> None:
         """A workflow that waits never starts; one that runs starts no further step."""

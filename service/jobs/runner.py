@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 
 from service.errors import Crashed, ModelFault, OutOfMemory, OutOfTime
+from service.jobs import pictures
 from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.clock import now
 from service.jobs.problems import from_error
@@ -99,7 +100,7 @@ class Runner:
         row = self._row(job)
         if row is None or row["workflow"] != workflow or not patient(lambda: self.store.begin(job)):
             return {"kind": "ended"}
-        return {"kind": "wanted", "photo": row["photo"], "photo_sha256": row["photo_sha256"]}
+        return {"kind": "wanted"}  # no hash: what is returned is recorded in the database
 
     def make(self, job: str) -> dict[str, Any]:
         """Second step: compute the archive in a process of its own.
@@ -145,7 +146,7 @@ class Runner:
         if row is None or row["state"] not in FINAL:
             return
         keep = {row["archive"]} if row["archive"] and row["gone"] is None else set()
-        if row["keep_photo"] and row["gone"] is None:
+        if row["keep_photo"] and row["photo"] and row["gone"] is None:
             keep.add(row["photo"])
         patient(lambda: self.artifacts.sweep(job, keep))
         patient(lambda: self.store.set(job, swept=True))
@@ -169,7 +170,7 @@ class Runner:
         job = row["id"]
         while True:
             self._wait_for_space(job)
-            photo = self._photo(row, scratch)
+            photo = self._photo(row, scratch) if row["kind"] == "avatar" else scratch
             if photo is None:
                 return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
             self._rest(job)
@@ -183,13 +184,15 @@ class Runner:
             if self.stopping.is_set():
                 time.sleep(3600)  # the worker ends; this step must not be recorded as finished
             if ending.kind == "done":
-                return self._store(job, ending.facts, scratch / "archive.zip")
+                return self._store(row, ending.facts, scratch)
             starved = ending.kind == "memory" or ending.facts.get("code") == OutOfMemory.code
             if ending.kind == "problem" and not starved:
                 return {"kind": "problem", "problem": ending.facts}
             if ending.kind == "stopped":
                 return {"kind": "ended"}
             if ending.kind == "time":
+                if row["kind"] == "render":
+                    return {"kind": "problem", "problem": pictures.too_slow(self.settings.render_seconds)}
                 return _failed(OutOfTime(f"the computation took more than {self.settings.job_seconds:g} s"))
             log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
             if starved:
@@ -207,6 +210,14 @@ class Runner:
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
         job = row["id"]
+        if row["kind"] == "render":
+            source = patient(lambda: self.store.get(row["source"]))
+            if source is None or source["archive"] is None:
+                return Ending("problem", pictures.gone(), 0)
+            task = pictures.task(row, source, self.settings, scratch)
+            painter = JobProcess(pictures.limits(self.settings))
+            self.active[job] = painter
+            return painter.run(task, lambda message: None, _Stop(self, job))
         task = Task(
             job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=_json(row["options"]),
             artifacts=self.settings.artifacts_url, output=str(scratch / "archive.zip"), scratch=str(scratch),
@@ -250,6 +261,8 @@ class Runner:
 
     def _photo(self, row: Row, scratch: Path) -> Path | None:
         """Path of the photo on this machine, None where it is gone."""
+        if not row["photo"]:  # cancelled meanwhile
+            return None
         if self.artifacts.folder is not None:
             path = self.artifacts.folder / row["photo"]
             return path if path.exists() else None
@@ -266,10 +279,14 @@ class Runner:
 
         return patient(fetch)
 
-    def _store(self, job: str, facts: dict[str, Any], output: Path) -> dict[str, Any]:
-        name = artifact_name(job, "archive", facts["sha256"], "zip")
-        if output.exists():
-            patient(lambda: self.artifacts.put(output, name))
+    def _store(self, row: Row, facts: dict[str, Any], scratch: Path) -> dict[str, Any]:
+        kind, file = "archive", scratch / "archive.zip"
+        if row["kind"] == "render":
+            kind, file = "picture", scratch / pictures.FILE
+            facts = patient(lambda: pictures.facts(file, facts))
+        name = artifact_name(row["id"], kind, facts["sha256"], file.suffix.removeprefix("."))
+        if file.exists():
+            patient(lambda: self.artifacts.put(file, name))
         return {"kind": "done", "archive": name, **facts}
 
     def _row(self, job: str) -> Row | None:
@@ -296,9 +313,9 @@ class _Report:
             return
         if stage == self._stage and time.monotonic() - self._at < WRITE:
             return
-        self._stage, self._at = stage, time.monotonic()
+        known, self._stage, self._at = self._stage, stage, time.monotonic()
         with contextlib.suppress(sa.exc.SQLAlchemyError):
-            self._store.progress(self._job, stage, share)
+            self._store.progress(self._job, stage, share, known)
 
 
 class _Stop:

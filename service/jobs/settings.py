@@ -16,7 +16,7 @@ PREFIX = "AVATARME_"
 PIPELINE_VERSION = "pipeline-4"
 """Version of the steps of a job, kept by hand: unfinished jobs of another version are begun again at start-up."""
 
-_KINDS = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
+_KINDS: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,8 @@ class Settings:
         data: folder of the database, uploads and results.
         database: SQLAlchemy URL of a Postgres database that several machines share; "" for SQLite in ``data``.
         artifacts: fsspec URL (``s3://bucket/prefix``, ``file:///mnt/shared``) for photos and results; "" for ``data``.
+        signed_downloads: send whoever downloads to the store, with an address that holds for five minutes, where the
+            store can sign (S3) and everybody reaches it; else this server passes all bytes on.
         worker: name of this worker, different for each one and the same after a restart.
         jobs: photos that one worker computes at the same time, >= 1.
         memory_mb: most memory of one job in MiB, 0 for no limit of ours.
@@ -40,20 +42,30 @@ class Settings:
         host, port: where to listen.
         allowed_hosts: names for the Host header, joined by commas; "" for addresses and the names of this machine.
         keys: path of the file of API keys; "" for a server without keys.
+        first_key: make that file with one key where it is missing; the key itself is left beside it, in first-key.txt.
+        anybody: serve without keys although others than this machine can reach ``host``.
         max_unfinished: jobs that may be unfinished for one tenant, where its key says nothing else.
+        decode_mb: memory in MiB for looking photos through; 0 for what machine or container have but for 512 MiB.
         uploads: uploads that are received at the same time.
         connections: that one address may have open at the same time, 0 for any number; behind a proxy all are its.
-        renders: pictures that are rendered at the same time, each in a process with the limits of a job.
+        renders: pictures that one worker renders at the same time, each in a process with the limits of a job.
         render_seconds: longest time of one picture.
+        render_wait_seconds: how long a request waits for its picture before it is answered with the picture's job.
         header_seconds: longest time for the head of a request.
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
+        stalled_seconds: longest time that a reader of an answer may stand still.
+        webhook_hosts: hosts that may be told of the end of a job, joined by commas; "" for none.
+        webhook_secret: path of the file with the secret that messages are signed with; needed with ``webhook_hosts``.
+        webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
         program: module that computes a job; tests put a small one here.
+        render_program: module that renders a picture; likewise.
     """
 
     data: Path = Path("avatarme-data")
     database: str = ""
     artifacts: str = ""
+    signed_downloads: bool = False
     worker: str = "solo"
     jobs: int = 1
     memory_mb: int = 8192
@@ -67,15 +79,24 @@ class Settings:
     port: int = 8000
     allowed_hosts: str = ""
     keys: str = ""
+    first_key: bool = False
+    anybody: bool = False
     max_unfinished: int = 2000
+    decode_mb: int = 0
     uploads: int = 64
     connections: int = 512
     renders: int = 1
     render_seconds: float = 120.0
+    render_wait_seconds: float = 100.0
     header_seconds: float = 10.0
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
+    stalled_seconds: float = 60.0
+    webhook_hosts: str = ""
+    webhook_secret: str = ""
+    webhook_private: bool = False
     program: str = "service.jobs.child"
+    render_program: str = "service.render.child"
 
     def __post_init__(self) -> None:
         low = {
@@ -88,17 +109,22 @@ class Settings:
             "max_unfinished": 1,
             "memory_mb": 0,
             "reserve_mb": 0,
+            "decode_mb": 0,
         }
         for name, least in low.items():
             if getattr(self, name) < least:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
-        for name in ("job_seconds", "render_seconds", "result_hours", "header_seconds", "body_seconds", "idle_seconds"):
+        for name in (field.name for field in fields(self) if field.name.endswith(("_seconds", "_hours"))):
             if not getattr(self, name) > 0:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be above 0", field=name)
         if not self.worker or not self.worker.replace("-", "").replace("_", "").replace(".", "").isalnum():
             raise UsageError(
                 f"worker is {self.worker!r}; letters, digits, '-', '_' and '.' are allowed", field="worker"
             )
+        if self.first_key and not self.keys:
+            raise UsageError("first_key is on and keys names no file that the key could be in", field="keys")
+        if self.webhook_hosts and not Path(self.webhook_secret or "/dev/null").is_file():
+            raise UsageError("webhook_hosts needs webhook_secret, the file with the secret", field="webhook_secret")
         if self.database and not self.database.startswith(("postgresql", "sqlite:///")):
             raise UsageError("database has to be a postgresql:// address, or empty for SQLite", field="database")
 
@@ -142,8 +168,15 @@ def from_environment(flags: Mapping[str, Any], environment: Mapping[str, str] = 
         if flags.get(field.name) is not None:
             chosen[field.name] = flags[field.name]
         elif variable in environment:
-            try:
-                chosen[field.name] = _KINDS[str(field.type)](environment[variable])
-            except ValueError as error:
-                raise UsageError(f"{variable} is {environment[variable]!r}; it has to be a number") from error
+            chosen[field.name] = _value(variable, environment[variable], _KINDS[str(field.type)])
     return Settings(**chosen)
+
+
+def _value(variable: str, text: str, kind: type) -> Any:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(kind).validate_python(text)
+    except ValidationError as error:
+        wanted = "true or false" if kind is bool else "a number"
+        raise UsageError(f"{variable} is {text!r}; it has to be {wanted}") from error

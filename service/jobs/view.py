@@ -20,6 +20,8 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
     Args:
         row: a row of ``service.jobs.database.JOBS``.
     """
+    if row["kind"] == "render":
+        return _render_json(row)
     address = f"/v1/avatars/{row['id']}"
     done = row["state"] == "succeeded" and row["gone"] is None
     error = json.loads(row["error"]) if row["error"] else None
@@ -37,10 +39,32 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
             "events": f"{address}/events",
             "archive": f"{address}/archive.zip" if done else None,
             "files": f"{address}/files" if done else None,
+            "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
         "error": {**error, "instance": address} if error else None,
         "warnings": json.loads(row["warnings"]),
         "options": json.loads(row["options"]),
+        "priority": row["priority"],
+        "metadata": json.loads(row["metadata"]),
+    }
+
+
+def _render_json(row: sa.RowMapping) -> dict[str, Any]:
+    address = f"/v1/renders/{row['id']}"
+    done = row["state"] == "succeeded" and row["gone"] is None
+    error = json.loads(row["error"]) if row["error"] else None
+    times = {name: stamp(row[name]) for name in ("created_at", "started_at", "finished_at", "expires_at")}
+    return {
+        "id": row["id"],
+        "state": row["state"],
+        **times,
+        "links": {
+            "self": address,
+            "avatar": f"/v1/avatars/{row['source']}",
+            "picture": f"{address}/picture.png" if done else None,
+        },
+        "error": {**error, "instance": address} if error else None,
+        "request": json.loads(row["options"]).get("request", {}),
     }
 
 

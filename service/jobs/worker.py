@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 
 CHORES = {
     "beat": 2.0, "tidy": 5.0, "take_over": 5.0, "reconcile": 10.0, "expire": 30.0, "recheck": 30.0, "strays": 600.0,
+    "tell": 2.0,
 }  # fmt: skip
 """Name of each chore and the seconds between two times of doing it."""
 
@@ -57,6 +58,7 @@ class Worker:
         self._ready = False
         self._fault: str | None = None
         self._failing_since: float | None = None
+        self._telling: threading.Thread | None = None
 
     def run(self) -> None:
         """Work until the process is told to end."""
@@ -106,6 +108,20 @@ class Worker:
         self._janitor.adopt()
         if self._fault is None:
             self._janitor.lead()
+
+    def tell(self) -> None:
+        """Send what webhooks wait for, in a thread: whoever is told may take its time."""
+        if self.settings.webhook_hosts and (self._telling is None or not self._telling.is_alive()):
+            self._telling = threading.Thread(target=self._tell, name="webhooks", daemon=True)
+            self._telling.start()
+
+    def _tell(self) -> None:
+        from service.webhooks.deliver import deliver
+
+        try:
+            deliver(self._engine, self.settings)
+        except (sa.exc.SQLAlchemyError, OSError) as error:
+            log.warning("webhooks cannot be sent: %s", error)
 
     def take_over(self) -> None:
         """Put the jobs of dead workers back into the queue: those whose lock is free, or that are silent."""

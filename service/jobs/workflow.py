@@ -10,7 +10,7 @@ from dbos import DBOS, DBOSConfig
 
 from service.jobs.database import LINE
 from service.jobs.problems import from_error
-from service.jobs.queue import APPLICATION, QUEUE, WORKFLOW, JsonSerializer
+from service.jobs.queue import APPLICATION, QUEUES, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings
 
@@ -53,7 +53,11 @@ def launch(settings: Settings, runner: Runner) -> None:
     DBOS(config=config)
     _register(runner)
     DBOS.launch()
-    DBOS.register_queue(QUEUE, worker_concurrency=settings.jobs, polling_interval_sec=POLL, on_conflict="always_update")
+    for kind, most in (("avatar", settings.jobs), ("render", settings.renders)):
+        if most:
+            DBOS.register_queue(
+                QUEUES[kind], worker_concurrency=most, polling_interval_sec=POLL, on_conflict="always_update"
+            )
 
 
 def take_over(worker: str) -> int:

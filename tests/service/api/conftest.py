@@ -18,6 +18,7 @@ from tests.service.databases import lay_out
 from tests.service.photo.badimages import picture, save
 
 TOY = "benchmarks.toy_job"
+TOY_PICTURE = "benchmarks.toy_picture"
 GOOD = save(picture(300, 280), "JPEG")
 
 
@@ -72,7 +73,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A real server with a worker that runs the toy job, and short deadlines."""
     running = Server(
         tmp_path_factory.mktemp("server") / "data",
-        {"header_seconds": 1.0, "idle_seconds": 1.0, "body_seconds": 5.0, "jobs": 2},
+        {"header_seconds": 1.0, "idle_seconds": 1.0, "body_seconds": 5.0, "jobs": 2, "render_program": TOY_PICTURE},
     )
     running.start()
     yield running

@@ -200,9 +200,9 @@ def test_unknown_addresses_are_problems_too(shared: Api, path: str) -> None:
     is_problem(shared.client.get(path), 404, "not-found")
 
 
-@pytest.mark.parametrize("method", ["PUT", "PATCH", "OPTIONS", "TRACE", "HEAD"])
+@pytest.mark.parametrize("method", ["PUT", "PATCH", "OPTIONS", "TRACE"])
 def test_other_methods_are_refused_with_those_that_are_allowed(shared: Api, method: str) -> None:
-    answer = shared.client.request(method, "/v1/avatars", headers={"Origin": "https://evil.example"})
+    answer = shared.client.request(method, "/v1/avatars", headers={"Origin": "http://localhost"})
     assert answer.status_code == 405
     assert {"GET", "POST"} & set(answer.headers["allow"].split(", "))
     assert not [name for name in answer.headers if name.startswith("access-control")], (

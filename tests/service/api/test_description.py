@@ -84,7 +84,7 @@ def test_the_upload_is_a_form_with_a_name(document: Json) -> None:
     assert content["multipart/form-data"]["schema"] == {"$ref": "#/components/schemas/NewAvatar"}
     form = document["components"]["schemas"]["NewAvatar"]
     assert form["properties"]["image"]["format"] == "binary"
-    assert content["multipart/form-data"]["encoding"] == {"options": {"contentType": "application/json"}}
+    assert content["multipart/form-data"]["encoding"]["options"] == {"contentType": "application/json"}
 
 
 def test_parameters_of_addresses_are_described_and_headers_too(document: Json) -> None:

@@ -206,6 +206,24 @@ def test_erasing_leaves_nothing_but_the_word_gone(server: Server, client: httpx.
     assert job not in client.get("/v1/avatars?limit=100").text
 
 
+def test_erasing_leaves_no_hash_and_no_key_in_the_database(server: Server, client: httpx.Client, photo: bytes) -> None:
+    key = f"secret-key-{next(_SEEDS)}"
+    job = post(client, photo, 1, key).json()["id"]
+    wait_for(client, job)
+    made = client.get(f"/v1/avatars/{job}/archive.zip").content
+    traces = [hashlib.sha256(photo).hexdigest(), hashlib.sha256(made).hexdigest(), key]
+    client.delete(f"/v1/avatars/{job}")
+    deadline = time.monotonic() + 60
+
+    def left() -> list[str]:
+        files = list(server.data.glob("jobs.sqlite*"))
+        return [trace for trace in traces if any(trace.encode() in file.read_bytes() for file in files)]
+
+    while left() and time.monotonic() < deadline:
+        time.sleep(0.5)
+    assert left() == []
+
+
 def test_the_same_request_again_is_the_same_job(client: httpx.Client, photo: bytes) -> None:
     key = f"key-{next(_SEEDS)}"
     answers = in_threads(12, lambda number: post(client, photo, 1, key))
@@ -218,7 +236,9 @@ def test_the_same_request_again_is_the_same_job(client: httpx.Client, photo: byt
     wait_for(client, job)
     assert post(client, photo, 1, key).json()["id"] == job
     client.delete(f"/v1/avatars/{job}")
-    is_problem(post(client, photo, 1, key), 410, "gone")
+    again = post(client, photo, 1, key)
+    assert again.status_code == 202, "what was erased may be sent anew"
+    assert again.json()["id"] != job
 
 
 def test_lists_are_paged_newest_first(client: httpx.Client) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import time
@@ -184,3 +185,26 @@ def test_slow_clients_do_not_hold_up_others(server: Server) -> None:
     finally:
         for line in lines:
             line.close()
+
+
+def test_a_reader_that_stands_still_is_given_up(tmp_path: Path) -> None:
+    """A download that nobody reads would hold its connection, and what was written to it, for ever."""
+    server = Server(tmp_path / "data", {"stalled_seconds": 1.0}, with_worker=False)
+    server.start(ready=False)
+    try:
+        with socket.socket() as line:
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            line.connect(("127.0.0.1", server.port))
+            line.settimeout(20)
+            for _ in range(200):  # answers that together are more than all buffers on the way
+                line.sendall(b"GET /openapi.json HTTP/1.1\r\n" + HOST + b"\r\n")
+            time.sleep(5)
+            received = 0
+            with contextlib.suppress(ConnectionResetError):
+                while block := line.recv(1 << 16):
+                    received += len(block)
+        whole = len(httpx.get(f"{server.url}/openapi.json").content)
+        assert 0 < received < 150 * whole, "the rest was never written"
+        assert httpx.get(f"{server.url}/livez").status_code == 200
+    finally:
+        server.kill()

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from service.api import avatars
+from service.api.glance import Glance
 from service.api.keys import new_key
-from service.api.quick import Glance
 from service.jobs.database import EVENTS
 from service.jobs.settings import Settings
 from tests.service.api.conftest import TOY, Api, is_problem, open_api

@@ -1,32 +1,36 @@
-"""``POST /v1/renders``: what is refused at the door, and a picture from a real child process."""
+"""``/v1/renders``: what is refused at the door, pictures as jobs, and one from a real child process."""
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
-import threading
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import httpx2
 import pytest
 
+from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
+from benchmarks.toy_picture import picture
 from service.api import renders
-from service.api.context import Context
 from service.api.keys import new_key
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
+from service.jobs import pictures
 from service.jobs.artifacts import artifact_name, sha256_of
-from service.jobs.process import Ending
+from service.jobs.database import JOBS
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.jobs.wire import Task
 from service.render import child
 from service.render.render import Picture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
-from tests.service.api.conftest import TOY, Api, is_problem, open_api
+from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import toy_avatar
 from tests.service.render.toys import ROUGH
 
@@ -40,6 +44,10 @@ def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
 
 @pytest.fixture(scope="module")
 def finished(api: Api, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return with_result(api, tmp_path_factory.mktemp("archive"))
+
+
+def with_result(api: Api, folder: Path) -> str:
     """A job whose archive is that of a toy head."""
     job: str = api.post(options={"seed": 1}).json()["id"]
     stream = io.BytesIO()
@@ -48,7 +56,7 @@ def finished(api: Api, tmp_path_factory: pytest.TempPathFactory) -> str:
             archive.writestr(name, data)
     stream.seek(0)
     digest = sha256_of(stream)
-    path = tmp_path_factory.mktemp("archive") / "avatar.zip"
+    path = folder / "avatar.zip"
     path.write_bytes(stream.getvalue())
     name = artifact_name(job, "archive", digest, "zip")
     api.context.artifacts.put(path, name)
@@ -87,40 +95,149 @@ def is_picture(api: Api, answer: httpx2.Response) -> None:
     assert not list((api.context.settings.data / "incoming").iterdir())
 
 
-def test_a_finished_avatar_is_rendered(api: Api, finished: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The child's program, here: what it is told, what it writes, what it says."""
+def worked(api: Api, **settings: Any) -> None:
+    """What a worker does with all that waits, here."""
+    chosen = dataclasses.replace(api.context.settings, **{"render_program": TOY_PICTURE, **settings})
+    runner = Runner(chosen, api.context.store, api.context.artifacts)
+    for row in api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued"):
+        assert runner.accept(row["id"], row["workflow"])["kind"] == "wanted"
+        runner.publish(row["id"], runner.make(row["id"]))
+    runner.stop()
 
+
+def later(api: Api, content: Any, **settings: Any) -> httpx2.Response:
+    """The answer to a request that was sent before a worker made the picture."""
+    assert ask(api, content, Prefer="respond-async").status_code == 202
+    worked(api, **settings)
+    return ask(api, content)
+
+
+def test_the_child_writes_the_picture_and_says_its_facts(
+    api: Api, finished: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Said:
         facts: dict[str, Any]
 
         def done(self, facts: dict[str, Any]) -> None:
             self.facts = facts
 
-    def run(context: Context, task: Task, stop: threading.Event) -> Ending:
-        said = Said()
-        child.run(Task(**json.loads(task.line())), said)  # type: ignore[arg-type]
-        return Ending("done", said.facts, 0)
-
     def rough(source: Any, request: RenderRequest) -> Picture:
         avatar = open_avatar(source, ROLES)
         head = avatar.mesh.as_head("toy", "CC0-1.0")
         return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)
 
-    monkeypatch.setattr(renders, "_run", run)
     monkeypatch.setattr("service.render.render.render_archive", rough)
-    is_picture(api, ask(api, {"avatar": finished, **WANTED}))
+    ask(api, {"avatar": finished, **WANTED}, Prefer="respond-async")
+    (row,) = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued")
+    source = api.context.store.get(finished)
+    assert source is not None
+    said = Said()
+    child.run(pictures.task(row, source, api.context.settings, tmp_path), said)  # type: ignore[arg-type]
+    png = (tmp_path / pictures.FILE).read_bytes()
+    assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
+    assert said.facts["exposure"] == 0.5
+    api.client.delete(f"/v1/renders/{row['id']}")
 
 
 @pytest.mark.slow
 def test_a_picture_from_a_process_of_its_own(api: Api, finished: str) -> None:
-    is_picture(api, ask(api, {"avatar": finished, **WANTED}))
+    is_picture(api, later(api, {"avatar": finished, **WANTED}, render_program="service.render.child"))
+
+
+def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
+    """Cached by content: whoever asks for the same again gets the same, and no worker hears of it."""
+    content = {"avatar": finished, "size": [64, 64], "view": "front"}
+    first, again = ask(api, content, Prefer="respond-async"), ask(api, content, Prefer="respond-async")
+    assert first.status_code == again.status_code == 202
+    assert first.json()["id"] == again.json()["id"]
+    place = first.headers["location"]
+    assert api.client.get(place).json()["state"] == "queued"
+    is_problem(api.client.get(f"{place}/picture.png"), 409, "not-ready")
+    worked(api)
+    answer = ask(api, dict(reversed(content.items())))
+    assert (answer.status_code, answer.headers["content-location"]) == (200, place)
+    assert json.loads(answer.headers["render-facts"])["exposure"] == 0.5
+    job = api.client.get(place).json()
+    assert job["state"] == "succeeded"
+    assert job["links"]["avatar"] == f"/v1/avatars/{finished}"
+    picture = api.client.get(job["links"]["picture"])
+    assert picture.content == answer.content
+    assert (
+        api.client.get(job["links"]["picture"], headers={"If-None-Match": picture.headers["etag"]}).status_code == 304
+    )
+    other = ask(api, {**content, "view": "back"}, Prefer="respond-async")
+    assert other.json()["id"] != first.json()["id"]
+    api.client.delete(other.headers["location"])
+
+
+def test_a_picture_is_no_avatar_and_no_avatar_a_picture(api: Api, finished: str) -> None:
+    job = ask(api, {"avatar": finished, "size": [65, 64]}, Prefer="respond-async").json()["id"]
+    is_problem(api.client.get(f"/v1/avatars/{job}"), 404, "not-found")
+    is_problem(api.client.get(f"/v1/renders/{finished}"), 404, "not-found")
+    is_problem(api.client.delete(f"/v1/renders/{finished}"), 404, "not-found")
+    assert job not in api.client.get("/v1/avatars?limit=100").text
+    assert api.client.delete(f"/v1/renders/{job}").status_code == 204
+    assert api.client.get(f"/v1/renders/{job}").json()["state"] == "cancelled"
+
+
+def test_a_picture_that_failed_may_be_asked_for_again(api: Api, finished: str) -> None:
+    content = {"avatar": finished, "view": "back"}
+    first = ask(api, content, Prefer="respond-async").json()["id"]
+    worked(api)
+    assert api.client.get(f"/v1/renders/{first}").json()["error"]["code"] == "internal"
+    second = ask(api, content, Prefer="respond-async").json()["id"]
+    assert second != first
+    api.client.delete(f"/v1/renders/{second}")
+
+
+def test_a_request_waits_for_its_picture(server: Server, client: httpx.Client, tmp_path: Path) -> None:
+    job = post(client, small_photo(77)).json()["id"]
+    wait_for(client, job)
+    answer = client.post("/v1/renders", json={"avatar": job, "view": "front"})
+    assert answer.status_code == 200, answer.text
+    assert answer.content == picture({"view": "front"})
+    is_problem(client.post("/v1/renders", json={"avatar": job, "view": "back"}), 500, "internal")
+    begin = time.monotonic()
+    answers = in_threads(3, lambda n: client.post("/v1/renders", json={"avatar": job, "size": [64, 64 + n]}))
+    assert [one.status_code for one in answers] == [200] * 3, "they wait for each other, and none is turned away"
+    assert time.monotonic() - begin < 60
+
+
+def test_erasing_an_avatar_erases_its_pictures(server: Server, client: httpx.Client) -> None:
+    job = post(client, small_photo(78)).json()["id"]
+    wait_for(client, job)
+    place = client.post("/v1/renders", json={"avatar": job}).headers["content-location"]
+    assert client.delete(f"/v1/avatars/{job}").status_code == 204
+    is_problem(client.get(place), 410, "gone")
+    assert not any((server.data / "artifacts" / place.rpartition("/")[2]).glob("*"))
+
+
+def test_a_picture_counts_in_the_quota(tmp_path: Path) -> None:
+    with open_api(Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, max_unfinished=2)) as client:
+        api = Api(client)
+        job = with_result(api, tmp_path)
+        for view in ("front", "left"):
+            assert ask(api, {"avatar": job, "view": view}, Prefer="respond-async").status_code == 202
+        is_problem(ask(api, {"avatar": job, "view": "right"}), 429, "quota")
+        is_problem(api.post(), 429, "quota")
+        assert ask(api, {"avatar": job, "view": "front"}, Prefer="respond-async").status_code == 202, "there is one"
+
+
+def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> None:
+    ask(api, {"avatar": finished, "view": "left"}, Prefer="respond-async")
+    worked(api, render_seconds=0.5)
+    row = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "failed")[-1]
+    assert json.loads(row["error"])["code"] == "render-timeout"
 
 
 def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     """Found by the child only: it knows the names of environments."""
-    body = is_problem(ask(api, {"avatar": finished, "scene": {"environment": {"name": "nowhere"}}}), 422, "usage")
-    assert "apartment" in body["detail"]
-    assert body["instance"] == "/v1/renders"
+    content = {"avatar": finished, "scene": {"environment": {"name": "nowhere"}}}
+    job = ask(api, content, Prefer="respond-async").json()["id"]
+    worked(api, render_program="service.render.child")
+    error = api.client.get(f"/v1/renders/{job}").json()["error"]
+    assert (error["code"], error["status"]) == ("usage", 422)
+    assert "apartment" in error["detail"]
 
 
 @pytest.mark.parametrize(
@@ -163,52 +280,6 @@ def test_other_kinds_of_body_and_large_ones_are_refused(api: Api) -> None:
 def test_an_unfinished_avatar_is_not_rendered(api: Api) -> None:
     job = api.post(options={"seed": 2}).json()["id"]
     is_problem(ask(api, {"avatar": job}), 409, "not-ready")
-
-
-def test_only_so_many_at_a_time(api: Api, finished: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(api.context, "renders", api.context.settings.renders)
-    answer = ask(api, {"avatar": finished})
-    is_problem(answer, 503, "busy")
-    assert answer.headers["retry-after"] == "5"
-
-
-@pytest.mark.parametrize(
-    ("kind", "status", "code"),
-    [("time", 504, "render-timeout"), ("memory", 500, "out-of-memory"), ("crash", 500, "crashed")],
-)
-def test_a_process_that_ends_without_a_picture(
-    api: Api, finished: str, monkeypatch: pytest.MonkeyPatch, kind: str, status: int, code: str
-) -> None:
-    monkeypatch.setattr(renders, "_run", lambda context, task, stop: Ending(kind, {}, -9))
-    is_problem(ask(api, {"avatar": finished}), status, code)
-    assert api.context.renders == 0
-
-
-def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The child is killed while it still loads."""
-    import dataclasses
-
-    monkeypatch.setattr(api.context, "settings", dataclasses.replace(api.context.settings, render_seconds=0.05))
-    is_problem(ask(api, {"avatar": finished, "size": [64, 64]}), 504, "render-timeout")
-
-
-def test_a_caller_that_goes_away_ends_the_work(api: Api, finished: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from starlette.requests import Request
-
-    stopped = threading.Event()
-
-    def run(context: object, task: object, stop: threading.Event) -> Ending:
-        assert stop.wait(20)
-        stopped.set()
-        return Ending("stopped", {}, 0)
-
-    async def gone(self: Request) -> bool:
-        return True
-
-    monkeypatch.setattr(renders, "_run", run)
-    monkeypatch.setattr(Request, "is_disconnected", gone)
-    ask(api, {"avatar": finished})
-    assert stopped.is_set()
 
 
 def test_avatars_of_others_are_not_there(tmp_path: Path) -> None:

@@ -106,6 +106,14 @@ def test_a_photo_that_failed_is_a_new_job_for_resume(batch: Folders, fake: Fake)
     assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
 
 
+def test_a_photo_that_the_server_has_erased_is_sent_anew(batch: Folders, fake: Fake) -> None:
+    """Some servers refuse the key of an erased job, and a batch erases what it has downloaded."""
+    photos(batch, 1)
+    fake.fail("POST", "avatars", answer(410, problem(410, "gone", "erased")))
+    assert batch.run().made == 1
+    assert len({seen.headers["Idempotency-Key"] for seen in fake.requests("POST")}) == 2
+
+
 def test_copies_of_a_photo_do_not_erase_each_others_job(batch: Folders, fake: Fake) -> None:
     for number in range(6):
         batch.photo(f"{number}.jpg", "the same photo")

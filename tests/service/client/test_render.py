@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
@@ -32,6 +33,20 @@ def test_a_picture_comes_back_after_a_busy_server(client: Client, fake: Fake, sl
     assert asked == [{"avatar": JOB, "scene": scene, "size": [64, 64], "view": "left"}]
     assert slept and slept[0] >= 5
     assert fake.requests("POST", "/v1/renders")[0].headers["Content-Type"] == "application/json"
+
+
+def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> None:
+    job: dict[str, Any] = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
+    fake.fail("POST", "/v1/renders", answer(202, job))
+    fake.fail(
+        "GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"})
+    )
+
+    def gives_picture(request: _Handler) -> None:
+        request.reply(200, PNG, {"Content-Type": "image/png"})
+
+    fake.fail("GET", "picture.png", gives_picture)
+    assert client.render(JOB) == PNG
 
 
 def test_what_is_no_picture_is_noticed(client: Client, fake: Fake) -> None:

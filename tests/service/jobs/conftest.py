@@ -4,9 +4,11 @@ import hashlib
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from service.jobs.admission import Bounds
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect
 from service.jobs.queue import Queue
@@ -22,9 +24,9 @@ TOY = "benchmarks.toy_job"
 class Bench:
     """The parts of the service on a database of their own, without any process."""
 
-    def __init__(self, data: Path, artifacts: str = "") -> None:
+    def __init__(self, data: Path, artifacts: str = "", database: str = "") -> None:
         self.settings = Settings(
-            data=data, artifacts=artifacts, program=TOY, memory_mb=512, job_seconds=200, niceness=0
+            data=data, artifacts=artifacts, database=database, program=TOY, memory_mb=512, job_seconds=200, niceness=0
         )  # fmt: skip
         lay_out(data)
         self.engine = connect(self.settings.database_url)
@@ -35,7 +37,10 @@ class Bench:
         self.runner = Runner(self.settings, self.store, self.artifacts)
         self._count = itertools.count(1)
 
-    def add(self, seed: int = 0, *, tenant: str = "t", key: str | None = None, keep_photo: bool = False) -> str:
+    def add(
+        self, seed: int = 0, *, tenant: str = "t", key: str | None = None, keep_photo: bool = False,
+        bounds: Bounds | None = None, **more: Any,
+    ) -> str:  # fmt: skip
         """Store a job with a photo, as the interface does; returns its id."""
         number = next(self._count)
         job = f"{number:032x}"
@@ -47,9 +52,9 @@ class Bench:
         self.artifacts.put(upload, name)
         new = NewJob(
             id=job, tenant=tenant, options={"seed": seed}, photo=name, photo_sha256=digest, photo_bytes=len(content),
-            keep_photo=keep_photo, key=key, digest=digest,
+            keep_photo=keep_photo, key=key, digest=digest, **more,
         )  # fmt: skip
-        self.store.add(new, lambda connection, workflow: self.queue.put(connection, workflow, job))
+        self.store.add(new, self.queue.put, bounds, self.queue.move)
         return job
 
     def run(self, job: str) -> str:

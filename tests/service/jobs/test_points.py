@@ -17,9 +17,9 @@ import pytest
 from benchmarks.chaos import redone
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
+from service.jobs.admission import UNFINISHED
 from service.jobs.process import descendants
 from service.jobs.runner import LOSSES
-from service.jobs.store import UNFINISHED
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 
 if TYPE_CHECKING:

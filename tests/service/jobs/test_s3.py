@@ -275,3 +275,32 @@ def test_a_store_that_stays_away_ends_the_worker_not_the_job(
 def test_a_bucket_that_is_not_there_is_no_missing_photo(s3: S3, tmp_path: Path) -> None:
     with pytest.raises(StoreFault, match="FileNotFoundError"):
         put(Artifacts("s3://no-such-bucket/x"), tmp_path)
+
+
+def archive_of(api: Api, job: str) -> str:
+    row = api.context.store.get(job)
+    assert row is not None
+    return str(row["archive"])
+
+
+def test_the_store_gives_an_archive_out_itself(bench: Bench, tmp_path: Path) -> None:
+    """By an address that is signed, for a while; the client follows it and does not hand it the key."""
+    import dataclasses
+
+    import httpx
+
+    with open_api(dataclasses.replace(bench.settings, signed_downloads=True)) as client:
+        api = Api(client)
+        job = api.post().json()["id"]
+        run(api, job)
+        answer = client.get(f"/v1/avatars/{job}/archive.zip", follow_redirects=False)
+        assert answer.status_code == 307
+        place = answer.headers["location"]
+        assert "Signature" in place and answer.headers["cache-control"] == "no-store"
+        made = api.context.artifacts.read(archive_of(api, job))
+        given = httpx.get(place)
+        assert given.content == made
+        assert given.headers["content-disposition"].startswith("attachment")
+        assert httpx.get(place, headers={"Range": "bytes=5-9"}).content == made[5:10]
+        assert client.head(f"/v1/avatars/{job}/archive.zip").status_code == 200
+        assert client.get(f"/v1/avatars/{job}/files/manifest.json").status_code == 200, "a part of an archive"

@@ -1,0 +1,174 @@
+"""What is asked for is done or refused, never passed over: parameters, methods, kinds of values, forms of addresses."""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+import pytest
+
+from benchmarks.serving import Server, small_photo
+from service.errors import UsageError
+from service.options import Options, parse_face, parse_size
+from tests.service.api.conftest import GOOD, Api, is_problem
+
+RAW = {"Content-Type": "image/jpeg"}
+
+
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [
+        ("/v1/avatars", {"GET", "HEAD", "POST"}),
+        ("/v1/avatars/" + "0" * 32, {"GET", "HEAD", "DELETE"}),
+        ("/v1/avatars/" + "0" * 32 + "/events", {"GET"}),
+        ("/v1/avatars/" + "0" * 32 + "/archive.zip", {"GET", "HEAD"}),
+        ("/livez", {"GET", "HEAD"}),
+    ],
+)
+def test_allow_names_the_methods_of_all_routes(shared: Api, path: str, allowed: set[str]) -> None:
+    answer = shared.client.request("PUT", path)
+    is_problem(answer, 405, "method-not-allowed")
+    assert set(answer.headers["allow"].split(", ")) == allowed
+
+
+@pytest.mark.parametrize("path", ["/livez", "/readyz", "/metrics", "/v1/avatars", "/openapi.json", "/v1/quality"])
+def test_head_is_get_without_its_body(shared: Api, path: str) -> None:
+    head, get = shared.client.head(path), shared.client.get(path)
+    assert (head.status_code, head.content) == (get.status_code, b"")
+    assert head.headers["content-type"] == get.headers["content-type"]
+
+
+def test_head_of_a_job(shared: Api) -> None:
+    job = shared.post().json()["links"]["self"]
+    assert shared.client.head(job).status_code == 200
+    assert shared.client.head("/v1/avatars/" + "0" * 32).status_code == 404
+
+
+@pytest.mark.parametrize(
+    "path", ["/v1/avatars?quality=draft", "/v1/avatars/" + "0" * 32 + "?verbose=1", "/v1/models?name=a"]
+)
+def test_a_parameter_that_there_is_not_is_refused(shared: Api, path: str) -> None:
+    answer = shared.client.get(path)
+    body = is_problem(answer, 422, "invalid-parameter")
+    assert body["pointer"].startswith("/query/")
+
+
+def test_a_photo_as_the_body_has_its_options_in_the_address(shared: Api) -> None:
+    query = "quality=draft&size=576x384&seed=7&maps=texture,confidence&face=largest&keep_photo=true&priority=low"
+    answer = shared.client.post(f"/v1/avatars?{query}", content=GOOD, headers=RAW)
+    assert answer.status_code == 202, answer.text
+    job = answer.json()
+    wanted = {"quality": "draft", "size": [576, 384], "seed": 7, "maps": ["texture", "confidence"], "face": "largest"}
+    assert {name: job["options"][name] for name in wanted} == wanted
+    assert job["priority"] == "low"
+    assert job["links"]["photo"]
+
+
+@pytest.mark.parametrize("query", ["qualty=draft", "quality=best", "seed=true", "size=9", "url=http://a.example/b.jpg"])
+def test_a_wrong_option_in_the_address_is_refused(shared: Api, query: str) -> None:
+    answer = shared.client.post(f"/v1/avatars?{query}", content=GOOD, headers=RAW)
+    assert answer.status_code == 422, answer.text
+
+
+def test_a_form_has_no_options_in_its_address(shared: Api) -> None:
+    answer = shared.client.post("/v1/avatars?quality=draft", files={"image": ("x.jpg", GOOD, "image/jpeg")})
+    is_problem(answer, 422, "invalid-parameter")
+
+
+def test_sizes_are_written_as_on_the_command_line_too(shared: Api) -> None:
+    assert shared.post(options={"size": "1152x768"}).json()["options"]["size"] == [1152, 768]
+    assert shared.post(options={"size": [1152, 768]}).json()["options"]["size"] == [1152, 768]
+
+
+@pytest.mark.parametrize(
+    ("options", "parse"),
+    [
+        ({"size": "1152"}, lambda: parse_size("1152")),
+        ({"size": "1000x1000"}, lambda: Options(size=(1000, 1000))),
+        ({"face": "smallest"}, lambda: parse_face("smallest")),
+        ({"face": -1}, lambda: Options(face=-1)),
+    ],
+)
+def test_what_is_wrong_is_said_in_the_words_of_the_command_line(
+    shared: Api, options: dict[str, Any], parse: Any
+) -> None:
+    with pytest.raises(UsageError) as told:
+        parse()
+    body = is_problem(shared.post(options=options), 422, "usage")
+    assert body["detail"] == told.value.message
+    assert body["pointer"] == f"/{next(iter(options))}"
+
+
+@pytest.mark.parametrize("options", [{"seed": True}, {"iterations": True}, {"detail": True}, {"face": False}])
+def test_true_is_no_number(shared: Api, options: dict[str, Any]) -> None:
+    is_problem(shared.post(options=options), 422, "usage")
+
+
+def test_a_photo_that_was_to_be_kept_is_given_back_to_its_owner(shared: Api) -> None:
+    files: dict[str, Any] = {"image": ("x.jpg", GOOD, "image/jpeg"), "keep_photo": (None, "true")}
+    job = shared.client.post("/v1/avatars", files=files).json()
+    answer = shared.client.get(job["links"]["photo"])
+    assert answer.content == GOOD
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert answer.headers["content-disposition"].startswith("attachment")
+    other = shared.post().json()
+    assert other["links"]["photo"] is None
+    is_problem(shared.client.get(f"{other['links']['self']}/photo"), 404, "not-found")
+
+
+def test_metadata_come_back_as_they_were(shared: Api) -> None:
+    told = {"customer": "ä", "nested": {"list": [1, 2.5, None]}}
+    files: dict[str, Any] = {"image": ("x.jpg", GOOD, "image/jpeg"), "metadata": (None, json.dumps(told))}
+    job = shared.client.post("/v1/avatars", files=files).json()
+    assert job["metadata"] == told
+    assert shared.client.get(job["links"]["self"]).json()["metadata"] == told
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("[1]", "malformed-metadata"), ("{", "malformed-metadata"), ('{"a": "%s"}' % ("x" * 2048), "usage")],
+)
+def test_metadata_have_a_form_and_a_size(shared: Api, text: str, code: str) -> None:
+    files: dict[str, Any] = {"image": ("x.jpg", GOOD, "image/jpeg"), "metadata": (None, text)}
+    is_problem(shared.client.post("/v1/avatars", files=files), 422, code)
+
+
+def test_an_address_with_scheme_and_host_is_understood(server: Server) -> None:
+    def status(target: str, host: str) -> bytes:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+            line.sendall(f"GET {target} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+            return line.makefile("rb").readline().split()[1]
+
+    assert status(f"http://127.0.0.1:{server.port}/v1/avatars?limit=1", "127.0.0.1") == b"200"
+    assert status(f"http://localhost:{server.port}/livez", "other.example") == b"200", "the Host header is ignored then"
+    assert status("http://evil.example/livez", "localhost") == b"400"
+
+
+def test_a_page_of_another_origin_changes_nothing(shared: Api) -> None:
+    before = len(shared.stored())
+    foreign: tuple[dict[str, str], ...] = (
+        {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://localhost:81"},
+        {"Sec-Fetch-Site": "cross-site"}, {"Sec-Fetch-Site": "same-site"},
+        {"Sec-Fetch-Site": "cross-site", "Origin": "http://localhost"},
+    )  # fmt: skip
+    for headers in foreign:
+        files = {"image": ("x.jpg", small_photo(5), "image/jpeg")}
+        is_problem(shared.client.post("/v1/avatars", files=files, headers=headers), 403, "cross-origin")
+        is_problem(shared.client.delete("/v1/avatars/" + "0" * 32, headers=headers), 403, "cross-origin")
+    assert len(shared.stored()) == before
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Origin": "http://localhost"},
+        {"Origin": "https://localhost"},
+        {"Sec-Fetch-Site": "same-origin", "Origin": "https://name.of.a.proxy"},
+        {"Sec-Fetch-Site": "none"},
+    ],
+)
+def test_the_own_page_and_programs_are_let_in(shared: Api, headers: dict[str, str]) -> None:
+    files = {"image": ("x.jpg", GOOD, "image/jpeg")}
+    assert shared.client.post("/v1/avatars", files=files, headers=headers).status_code == 202

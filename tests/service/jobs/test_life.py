@@ -1,0 +1,115 @@
+"""What operators see of a job: one line for each turn of its life, counts, times of stages, a trace."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+
+import pytest
+
+from service.jobs import tallies, traces
+from service.jobs.logs import calm
+from service.jobs.problems import problem
+from tests.service.jobs.conftest import Bench
+
+RESULT = {"archive": "a", "sha256": "0" * 64, "bytes": 1, "warnings": [], "peak_rss_mb": 5.0}
+
+
+def lines(caplog: pytest.LogCaptureFixture, job: str) -> list[logging.LogRecord]:
+    return [record for record in caplog.records if getattr(record, "job", None) == job and hasattr(record, "event")]
+
+
+def test_each_turn_is_one_line_that_names_job_and_tenant(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    job = bench.add(1, tenant="ada")
+    assert bench.run(job) == "published"
+    told = lines(caplog, job)
+    assert [record.event for record in told] == ["accepted", "started", "stage", "stage", "stage", "ended"]  # type: ignore[attr-defined]
+    assert {record.tenant for record in told} == {"ada"}  # type: ignore[attr-defined]
+    assert [record.stage for record in told if record.event == "stage"] == ["one", "two", "three"]  # type: ignore[attr-defined]
+    end = vars(told[-1])
+    assert (end["state"], end["code"]) == ("succeeded", None)
+    assert end["took_s"] > 0 and end["waited_s"] >= 0 and end["stages_s"]
+
+
+@pytest.mark.parametrize(("status", "code", "level"), [(422, "no-face", logging.INFO), (500, "crashed", logging.ERROR)])
+def test_only_our_own_faults_are_errors(
+    bench: Bench, caplog: pytest.LogCaptureFixture, status: int, code: str, level: int
+) -> None:
+    caplog.set_level(logging.INFO)
+    job = bench.add()
+    bench.store.fail(job, problem(code, status, "x"), 1e10)
+    (end,) = [record for record in lines(caplog, job) if vars(record)["event"] == "ended"]
+    assert (vars(end)["code"], end.levelno) == (code, level)
+
+
+def test_a_cancelled_job_is_no_error(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    job = bench.add()
+    bench.store.cancel(job, 1e10)
+    assert {record.levelno for record in lines(caplog, job)} == {logging.INFO}
+
+    class DBOSAwaitedWorkflowCancelledError(Exception):
+        pass
+
+    try:
+        raise DBOSAwaitedWorkflowCancelledError
+    except DBOSAwaitedWorkflowCancelledError:
+        facts = sys.exc_info()
+    record = logging.LogRecord("dbos", logging.ERROR, "x", 1, "Exception encountered", (), facts)
+    assert calm(record).levelno == logging.INFO
+    other = logging.LogRecord("service", logging.ERROR, "x", 1, "Exception encountered", (), facts)
+    assert calm(other) is other
+
+
+def test_ends_are_counted_by_code_and_outlive_the_jobs(bench: Bench) -> None:
+    for seed in (1, 2, 104):
+        bench.run(bench.add(seed))
+    bench.store.cancel(bench.add(), 1e10)
+    for row in bench.store.where():
+        bench.store.depart(row["id"], "erased")
+        bench.store.forget(row["id"])
+    ended = tallies.counts(bench.engine, tallies.ENDED)
+    assert ended == {"avatar/succeeded/": 2, "avatar/failed/no-face": 1, "avatar/cancelled/": 1}
+
+
+def test_times_of_stages_are_a_histogram(bench: Bench) -> None:
+    for seconds in (0.05, 0.2, 2.0, 5000.0):
+        job = bench.add()
+        bench.store.begin(job)
+        bench.store.succeed(job, {**RESULT, "timings": {"fit": seconds}}, 1e10)
+    ((stage, buckets, total),) = tallies.histograms(bench.engine)
+    assert stage == "fit"
+    assert dict(buckets)["0.1"] == 1 and dict(buckets)["3"] == 3 and dict(buckets)["+Inf"] == 4
+    assert [count for _, count in buckets] == sorted(count for _, count in buckets), "cumulative"
+    assert total == pytest.approx(5002.25)
+
+
+def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
+    sdk = pytest.importorskip("opentelemetry.sdk.trace")
+    from opentelemetry.sdk.trace.export import SimpleSpanProcessor
+    from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
+
+    kept, provider = InMemorySpanExporter(), sdk.TracerProvider()
+    provider.add_span_processor(SimpleSpanProcessor(kept))
+    parent = "00-" + "ab" * 16 + "-" + "cd" * 8 + "-01"
+    job = bench.add(1, trace=parent)
+    bench.run(job)
+    row = bench.store.get(job)
+    assert row is not None
+    traces.spans(provider.get_tracer("test"), row)
+    spans = {span.name: span for span in kept.get_finished_spans()}
+    assert set(spans) == {"job", "wait", "compute"}
+    assert {f"{span.context.trace_id:032x}" for span in spans.values()} == {"ab" * 16}
+    parent_of, facts = spans["job"].parent, spans["job"].attributes
+    assert parent_of is not None and f"{parent_of.span_id:016x}" == "cd" * 8
+    assert facts is not None and facts["avatarme.job"] == job
+    assert spans["wait"].end_time == spans["compute"].start_time
+    stages = spans["compute"].attributes
+    assert stages is not None and stages["avatarme.stage.one_s"] == json.loads(row["timings"])["one"]
+
+
+@pytest.mark.parametrize("value", ["", "x", "00-zz-1-01", "01-" + "ab" * 16 + "-" + "cd" * 8 + "-01"])
+def test_what_is_no_trace_is_left_out(value: str) -> None:
+    assert traces.traceparent({"traceparent": value}) is None
