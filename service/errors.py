@@ -53,6 +53,10 @@ class AvatarError(Exception):
         self.message = message
         self.extra = extra
 
+    def described(self) -> dict[str, Any]:
+        """Facts, code and message for machines."""
+        return {**self.extra, "code": self.code, "message": self.message}
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (type(self), self.message, self.extra)
 

@@ -14,6 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from service.api.methods import allowed_methods
 from service.errors import AvatarError
 from service.jobs.artifacts import StoreFault
 from service.jobs.problems import from_error, problem
@@ -117,13 +118,6 @@ def _fault(request: Request, error: Exception) -> Response:
     if body["status"] >= 500:
         log.error("a request failed", exc_info=error)
     return response(body, None, request.url.path)
-
-
-def allowed_methods(scope: Any) -> list[str]:
-    """As in ``service.api.strictness``, which imports this module."""
-    from service.api.strictness import allowed_methods as found
-
-    return found(scope)
 
 
 def _http(request: Request, error: Exception) -> Response:

@@ -1,23 +1,17 @@
-"""What the framework lets pass and this interface does not: strange parameters, and a wrong list of methods."""
+"""What the framework passes and this interface does not: strange parameters, HEAD without an answer."""
 
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from fastapi import Request
 from starlette.datastructures import URL
-from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.problems import ProblemError
 
-METHODS = ("GET", "HEAD", "POST", "DELETE")
-
 _OWN_HEAD = re.compile(r"/v1/avatars/[^/]+/(archive\.zip|files/.+|photo|events)\Z|/v1/renders/[^/]+/picture\.png\Z")
 """Addresses whose HEAD is not a GET without its body: downloads answer it themselves, a stream of events has none."""
-
-_STREAM = re.compile(r"/v1/avatars/[^/]+/events\Z")
 
 
 async def no_strange_parameters(request: Request) -> None:
@@ -35,19 +29,6 @@ async def no_strange_parameters(request: Request) -> None:
             words = f"there is no parameter {name[:40]!r} here"
             words += f"; there are {', '.join(sorted(known))}" if known else ", nor any other"
             raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
-
-
-def allowed_methods(scope: Scope) -> list[str]:
-    """Methods that the address of a request takes, over all routes."""
-    routes: list[Any] = scope["app"].router.routes
-    taken = []
-    for method in METHODS:
-        asked = {**scope, "method": method}
-        if any(route.matches(asked)[0] == Match.FULL for route in routes):
-            taken.append(method)
-    if "GET" in taken and "HEAD" not in taken and not _STREAM.match(scope["path"]):
-        taken.insert(1, "HEAD")
-    return taken
 
 
 class Heads:

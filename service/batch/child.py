@@ -25,7 +25,6 @@ def load() -> Program:
 
 def run(task: Task, reporter: Reporter) -> None:
     """Make the avatar, write the archive, say ``done``, or ``problem`` with code and message."""
-    from service.cli.failures import describe
     from service.errors import AvatarError
 
     with (Path(task.scratch) / LOG).open("wb") as log:
@@ -33,7 +32,7 @@ def run(task: Task, reporter: Reporter) -> None:
     try:
         reporter.done({"warnings": make(task, reporter)})
     except AvatarError as error:
-        reporter.problem(describe(error)["error"])
+        reporter.problem(error.described())
 
 
 def make(task: Task, reporter: Reporter) -> list[str]:
@@ -45,9 +44,9 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     import hashlib
 
     from service.archive.pack import write_archive
-    from service.cli.source import read_photo
     from service.errors import UnreadableInput
     from service.options import Options
+    from service.photo.source import read_photo
     from service.pipeline import make_avatar
 
     data = read_photo(task.photo)

@@ -29,7 +29,7 @@ def exit_status(error: BaseException) -> int:
 def describe(error: BaseException) -> dict[str, Any]:
     """``{"error": {"code", "message", ...}}`` with the error's machine-readable facts."""
     if isinstance(error, AvatarError):
-        return {"error": {**error.extra, "code": error.code, "message": error.message}}
+        return {"error": error.described()}
     if isinstance(error, KeyboardInterrupt):
         return {"error": {"code": "interrupted", "message": "interrupted"}}
     return {"error": {"code": "internal", "message": f"{type(error).__name__}: {error}"}}

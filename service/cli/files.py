@@ -7,34 +7,8 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from service.errors import TooManyBytes, UnreadableInput, UsageError
-
-PIPE = "-"
-"""Standard input or output in place of a path."""
-
-
-def called(source: str) -> str:
-    """Name of a source in messages."""
-    return "standard input" if source == PIPE else source
-
-
-def read_bounded(source: str, limit: int) -> bytes:
-    """At most ``limit + 1`` bytes of a file, or of standard input for ``-``, which may be infinite.
-
-    Raises:
-        FileNotFoundError, NotADirectoryError, IsADirectoryError: there is no such file.
-        UnreadableInput: the system refuses to read it.
-    """
-    try:
-        if source == PIPE:
-            return sys.stdin.buffer.read(limit + 1)
-        with Path(source).open("rb") as stream:
-            return stream.read(limit + 1)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
-        raise
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        raise UnreadableInput(f"cannot read {called(source)}: {reason}") from error
+from service.errors import TooManyBytes, UsageError
+from service.photo.source import PIPE, called, read_bounded
 
 
 def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:

@@ -13,8 +13,9 @@ import typer
 
 from service.cli.files import PIPE, head_file
 from service.cli.progress import progress_bar
-from service.cli.source import destination, read_photo
+from service.cli.source import destination
 from service.options import Options
+from service.photo.source import read_photo
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar

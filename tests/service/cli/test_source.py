@@ -8,9 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.cli.source import destination, read_photo
+from service.cli.source import destination
 from service.errors import EmptyFile, TooManyBytes, UnreadableInput, UsageError
 from service.photo.limits import Limits
+from service.photo.source import read_photo
 
 
 def test_a_file_is_read_whole(tmp_path: Path) -> None:
