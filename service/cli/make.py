@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from service.cli.files import PIPE, head_file
+from service.cli.files import head_file
 from service.cli.progress import progress_bar
 from service.cli.source import destination
 from service.options import Options
-from service.photo.source import read_photo
+from service.photo.source import PIPE, read_photo
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar

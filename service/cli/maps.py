@@ -11,8 +11,9 @@ from typing import Any
 
 import typer
 
-from service.cli.files import PIPE, check_paths, head_file, read_file
+from service.cli.files import check_paths, head_file, read_file
 from service.cli.progress import progress_bar
+from service.photo.source import PIPE
 
 MAX_TEXTURE = 200_000_000
 MAX_MESH = 64 << 20

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from service.archive.container import replace_file
-from service.cli.files import PIPE
 from service.errors import OutputFault
+from service.photo.source import PIPE
 
 
 def write_bytes(target: str, data: bytes) -> None:

@@ -11,9 +11,10 @@ from typing import IO
 
 import typer
 
-from service.cli.files import PIPE, check_paths, read_file
+from service.cli.files import check_paths, read_file
 from service.cli.output import write_bytes
 from service.light.scene import Scene
+from service.photo.source import PIPE
 
 MAX_SCENE = 1 << 20
 MAX_ARCHIVE = 2 << 30
