@@ -355,12 +355,12 @@ BAD_INPUTS: dict[int, Promise] = {
     ),
     47: Promise(
         "disk below its reserve, shutting down, nothing loaded",
-        "507 no-space, 503 draining; without a worker that has loaded, /readyz says 503 starting and photos wait in "
-        "the queue; alive all the while",
+        "507 no-space, 503 draining; with damaged data files /readyz says 503 starting; without a "
+        "worker photos wait in the queue; alive all the while",
         (
             _TENANTS + "test_the_reserve_of_the_disk_is_not_touched",
             _TENANTS + "test_a_server_that_shuts_down_takes_nothing",
-            _TENANTS + "test_without_a_worker_the_server_is_not_ready",
+            _TENANTS + "test_without_a_worker_the_server_is_ready",
         ),
     ),
     48: Promise(
