@@ -30,8 +30,8 @@ from service.jobs.artifacts import artifact_name
 from service.jobs.store import KeyInUse, NewJob, Row
 from service.jobs.traces import traceparent
 from service.jobs.view import FINAL, job_json
+from service.jobs.webhooks.address import target
 from service.photo.gate import check_photo
-from service.webhooks.address import target
 
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 _MAX_KEY = 255

@@ -94,7 +94,7 @@ MESSAGES = sa.Table(
     sa.Column("next_at", sa.Double, nullable=False),
     sa.Index("avatarme_webhooks_due", "next_at"),
 )
-"""Messages of :mod:`service.webhooks` that have not arrived yet."""
+"""Messages of :mod:`service.jobs.webhooks` that have not arrived yet."""
 
 WORKERS = sa.Table(
     "avatarme_workers",

@@ -116,7 +116,7 @@ class Worker:
             self._telling.start()
 
     def _tell(self) -> None:
-        from service.webhooks.deliver import deliver
+        from service.jobs.webhooks.deliver import deliver
 
         try:
             deliver(self._engine, self.settings)

@@ -9,7 +9,7 @@ import http.client
 import socket
 import ssl
 
-from service.webhooks.address import Target, resolved
+from service.jobs.webhooks.address import Target, resolved
 
 TIMEOUT_S = 10.0
 """For the connection, and for each wait for bytes."""

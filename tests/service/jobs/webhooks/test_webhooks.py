@@ -20,9 +20,9 @@ from service.errors import UsageError
 from service.jobs.clock import now
 from service.jobs.database import MESSAGES
 from service.jobs.settings import Settings
-from service.webhooks import deliver as delivering
-from service.webhooks.address import Target, resolved, target
-from service.webhooks.deliver import deliver
+from service.jobs.webhooks import deliver as delivering
+from service.jobs.webhooks.address import Target, resolved, target
+from service.jobs.webhooks.deliver import deliver
 from tests.service.jobs.conftest import Bench, bench  # noqa: F401 - a fixture
 
 SECRET = b"a secret of the operator and the receiver"

@@ -12,8 +12,8 @@ from service.jobs import tallies
 from service.jobs.clock import now
 from service.jobs.database import MESSAGES
 from service.jobs.settings import Settings
-from service.webhooks.address import target
-from service.webhooks.post import send
+from service.jobs.webhooks.address import target
+from service.jobs.webhooks.post import send
 
 log = logging.getLogger(__name__)
 
