@@ -114,19 +114,17 @@ class Renderer:
         except Exception as fault:  # the library raises plain Exception where there is no EGL
             raise ModelFault(f"no OpenGL through EGL ({fault}): install libegl1 and libgl1-mesa-dri, or a driver") from fault
         self.programs = {
-            name: self.gl.program(vertex_shader=VERTEX, fragment_shader=text)
+            (name, kind): self.gl.program(vertex_shader=VERTEX, fragment_shader=text.replace("KIND", str(number)))
             for name, text in (("radiance", RADIANCE), ("truth", TRUTH), ("shadow", SHADOW))
+            for kind, number in KINDS.items()
         }
         self.textures: dict[str, Any] = {}
         self.targets: dict[tuple[str, int], Any] = {}
         self.buffers: list[Any] = []
-        depth = [self.gl.depth_texture((SHADOW_SIZE, SHADOW_SIZE)) for _ in range(MOST_LAMPS)]
-        for texture in depth:
-            texture.compare_func = ""
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            texture.repeat_x = texture.repeat_y = False
-        self.lamp_depth = depth
-        self.lamp_targets = [self.gl.framebuffer(depth_attachment=d) for d in depth]
+        self.lamp_depth = self.gl.depth_texture((MOST_LAMPS * SHADOW_SIZE, SHADOW_SIZE))
+        self.lamp_depth.compare_func = ""
+        self.lamp_depth.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.lamp_target = self.gl.framebuffer(depth_attachment=self.lamp_depth)
         self.put("none", np.full((1, 1, 4), 255, np.uint8))
         self.depth_atlas: Any = None
 
@@ -162,7 +160,8 @@ class Renderer:
             index = self.gl.buffer(np.ascontiguousarray(mesh.triangles, np.int32).tobytes())
             self.buffers += [vertices, index]
             arrays = {}
-            for name, program in self.programs.items():
+            for name in ("radiance", "truth", "shadow"):
+                program = self.programs[name, mesh.kind]
                 known = [f if f in program else None for f in _FIELDS]
                 layout = " ".join(
                     part if f else f"{4 * int(part[0])}x" for part, f in zip(_FORMAT.split(), known, strict=True)
@@ -195,22 +194,38 @@ class Renderer:
                 texture.use(unit)
                 program[name].value = unit
 
-    def _draw(self, name: str, meshes: list[Mesh], loaded: list[dict[str, Any]], shared: dict[str, Any], textures: dict[str, Any]) -> None:
-        program = self.programs[name]
-        self._set(program, shared)
+    def _draw(self, name: str, meshes: list[Mesh], loaded: list[dict[str, Any]], shared: dict[str, Any]) -> None:
+        ready = set()
         for mesh, arrays in zip(meshes, loaded, strict=True):
-            self._set(program, {"kind": KINDS[mesh.kind], "label": mesh.label, "charted": float(mesh.charted), **mesh.uniforms})
-            self._bind(program, {**textures, "picture": self.textures[mesh.picture or "none"]})
+            program = self.programs[name, mesh.kind]
+            if mesh.kind not in ready:
+                self._set(program, shared)
+                ready.add(mesh.kind)
+            self._set(program, {"label": mesh.label, "charted": float(mesh.charted), **mesh.uniforms})
+            self._bind(program, {**self._maps(), "picture": self.textures[mesh.picture or "none"]})
             arrays[name].render()
 
     def shadows(self, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: list[npt.NDArray[np.float64]], shared: dict[str, Any]) -> None:
         """Fill the lamps' depth maps."""
-        casting = [(m, a) for m, a in zip(meshes, loaded, strict=True) if m.shadows]
-        for target, matrix in zip(self.lamp_targets, matrices, strict=False):
-            target.use()
-            target.clear(depth=1.0)
-            self.gl.enable_only(moderngl.DEPTH_TEST)
-            self._draw("shadow", [m for m, _ in casting], [a for _, a in casting], {**shared, "toClip": matrix}, self._maps())
+        if matrices:
+            self._depths(self.lamp_target, meshes, loaded, matrices, SHADOW_SIZE, MOST_LAMPS, shared)
+
+    def _depths(self, target: Any, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: Any, size: int, across: int, shared: dict[str, Any]) -> None:
+        target.use()
+        target.viewport = (0, 0, *target.size)
+        target.clear(depth=1.0)
+        self.gl.enable_only(moderngl.DEPTH_TEST)
+        for mesh, arrays in zip(meshes, loaded, strict=True):
+            if not mesh.shadows:
+                continue
+            program = self.programs["shadow", mesh.kind]
+            self._set(program, {**shared, **mesh.uniforms, "lift": 0.0})
+            self._bind(program, {**self._maps(), "picture": self.textures[mesh.picture or "none"]})
+            for k, matrix in enumerate(matrices):
+                target.viewport = (k % across * size, k // across * size, size, size)
+                program["toClip"].write(np.asarray(matrix, np.float32).T.tobytes())
+                arrays["shadow"].render()
+        target.viewport = (0, 0, *target.size)
 
     def depths(self, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: npt.NDArray[np.float64], size: int, shared: dict[str, Any]) -> Float:
         """(N, size, size) float32 depth in [0, 1], row 0 = bottom, as seen by (N, 4, 4) clip matrices."""
@@ -220,27 +235,14 @@ class Renderer:
             texture = self.gl.depth_texture((across * size, rows * size))
             self.depth_atlas = self.gl.framebuffer(depth_attachment=texture)
             self.depth_atlas_texture = texture
-        self.depth_atlas.use()
-        self.depth_atlas.clear(depth=1.0)
-        self.gl.enable_only(moderngl.DEPTH_TEST)
-        program = self.programs["shadow"]
-        self._set(program, {**shared, "lift": 0.0})
-        casting = [(m, a) for m, a in zip(meshes, loaded, strict=True) if m.shadows]
-        for mesh, arrays in casting:
-            self._set(program, {"kind": KINDS[mesh.kind], **mesh.uniforms})
-            self._bind(program, {**self._maps(), "picture": self.textures[mesh.picture or "none"]})
-            for k, matrix in enumerate(matrices):
-                self.depth_atlas.viewport = (k % across * size, k // across * size, size, size)
-                program["toClip"].write(np.asarray(matrix, np.float32).T.tobytes())
-                arrays["shadow"].render()
-        self.depth_atlas.viewport = (0, 0, across * size, rows * size)
+        self._depths(self.depth_atlas, meshes, loaded, matrices, size, across, shared)
         image = np.frombuffer(self.depth_atlas_texture.read(), np.float32).reshape(rows, size, across, size)
         return np.asarray(image.transpose(0, 2, 1, 3).reshape(-1, size, size)[: len(matrices)])
 
     def _maps(self) -> dict[str, Any]:
         names = ("layers", "strands", "places", "gobo", "sky", "iris")
         maps = {name: self.textures.get(name, self.textures["none"]) for name in names}
-        return {**maps, **{f"shadow{i}": d for i, d in enumerate(self.lamp_depth)}}
+        return {**maps, "shadow": self.lamp_depth}
 
     def radiance(self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]) -> Float:
         """(H, W, 4) float32 linear light and cover of the portrait, averaged from twice the size."""
@@ -254,11 +256,11 @@ class Renderer:
             k for k, m in enumerate(meshes) if m.kind == "lens"
         ]
         self.gl.enable_only(moderngl.DEPTH_TEST)
-        self._draw("radiance", [meshes[k] for k in solid], [loaded[k] for k in solid], shared, self._maps())
+        self._draw("radiance", [meshes[k] for k in solid], [loaded[k] for k in solid], shared)
         self.gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self.gl.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         target.depth_mask = False
-        self._draw("radiance", [meshes[k] for k in glass], [loaded[k] for k in glass], shared, self._maps())
+        self._draw("radiance", [meshes[k] for k in glass], [loaded[k] for k in glass], shared)
         target.depth_mask = True
         image = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(size, size, 4)
         return np.asarray(image.reshape(camera.height, TWICE, camera.width, TWICE, 4).mean((1, 3)))
@@ -278,7 +280,7 @@ class Renderer:
             everything = (not only,) * 4
             target.color_mask = (everything, everything, (True,) * 4)
             target.depth_mask = not only
-            self._draw("truth", [meshes[k] for k in chosen], [loaded[k] for k in chosen], shared, self._maps())
+            self._draw("truth", [meshes[k] for k in chosen], [loaded[k] for k in chosen], shared)
         target.color_mask = ((True,) * 4,) * 3
         target.depth_mask = True
         shape = (camera.height, camera.width, 4)

@@ -98,9 +98,9 @@ def figure(person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, seed: in
     ]  # fmt: skip
     look = (s.one(0.22, 0.6), s.one(0.0, 0.8) ** 2, s.one(0.75, 1.15), 0.0)
     for name in ("eye_left", "eye_right"):
-        meshes.append(part(name, "eye", vertices, normals, labels.SCLERA, uniforms={"eyeLook": look,
+        meshes.append(part(name, "eye", vertices, normals, labels.SCLERA, shadows=False, uniforms={"eyeLook": look,
                            "limbus": float(np.radians(LIMBUS_DEG))}))  # fmt: skip
-    meshes.append(part("tongue", "mouth", vertices, normals, labels.MOUTH, uniforms={"colour": (0.42, 0.15, 0.14)}))
+    meshes.append(part("tongue", "mouth", vertices, normals, labels.MOUTH, shadows=False, uniforms={"colour": (0.42, 0.15, 0.14)}))
     teeth = wardrobe.items[wardrobe.names("teeth")[int(s.one() * len(wardrobe.names("teeth")))]]
     points = teeth.worn(person.vertices - wardrobe.fitted_head)
     white = s.one(0.6, 1.1)
@@ -108,13 +108,13 @@ def figure(person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, seed: in
     extra[:, :2], extra[:, 2] = teeth.uv, 1.0
     meshes.append(
         Mesh("mouth", points, smooth_normals(points, teeth.triangles), teeth.triangles, extra, labels.MOUTH,
-             picture=teeth.name, uniforms={"tone": (white, white * s.one(0.9, 1.0), white * s.one(0.7, 1.0), 0.0)})
+             picture=teeth.name, shadows=False, uniforms={"tone": (white, white * s.one(0.9, 1.0), white * s.one(0.7, 1.0), 0.0)})
     )  # fmt: skip
     torso = wardrobe.items["torso/body"]
     points = torso.worn(person.neutral - wardrobe.fitted_head)
     meshes.append(
         Mesh("plain", points, smooth_normals(points, torso.triangles), torso.triangles,
-             np.zeros((len(points), 4), np.float32), labels.SKIN,
+             np.zeros((len(points), 4), np.float32), labels.SKIN, shadows=False,
              uniforms={"colour": tuple(float(x) for x in neck_colour(skin, person)), "gloss": (narrow, broad, mix, 0.6)})
     )  # fmt: skip
     return meshes

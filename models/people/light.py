@@ -17,7 +17,7 @@ from service.light.sphere import flux_by_direction, spread_directions
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
-DIRECTIONS = 24
+DIRECTIONS = 18
 """Directions that stand for the surroundings."""
 AMBIENT_SIZE = 96
 """Side of the depth map of each, pixels."""
@@ -59,6 +59,11 @@ class Light:
             "lampSize": [float(x) for x in size],
             "toLamp": np.ascontiguousarray(matrices.transpose(0, 2, 1)).ravel(), "goboShare": self.gobo_share,
         }  # fmt: skip
+
+    def level(self) -> float:
+        """Radiance of a surface of albedo 0.4 that faces forward, about."""
+        lamps = (self.power.mean(1) / np.maximum((self.at**2).sum(1), 1e-4)).sum() if len(self.at) else 0.0
+        return float(0.4 * (float(self.sky.mean()) + 0.5 * lamps / np.pi))
 
     def matrices(self) -> list[Array]:
         """Clip matrices of the lamps."""

@@ -18,7 +18,7 @@ from models.people.light import AMBIENT_SIZE, add_ambient, ambient_matrices, dra
 from models.people.person import Person, draw_person, the_head
 from models.people.pose import contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
-from models.people.wardrobe import load_wardrobe
+from models.people.wardrobe import Item, load_wardrobe
 from service.geometry.camera import Camera
 
 Float = npt.NDArray[np.float32]
@@ -80,14 +80,14 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
     head = the_head()
     vertices = recessed(person)
     camera = draw_camera(seed, size, landmarks(head, vertices))
-    outfit = dress(seed, person, skin, hair, wardrobe, camera)
+    outfit = dress(seed, person, skin, hair, wardrobe, light.level())
     meshes = [*figure(person, skin, hair, wardrobe, seed), *outfit.meshes]
-    _textures(r, person.skin, folder, light.sky, light.gobo, meshes)
+    _textures(r, seed, person.skin, folder, light.sky, light.gobo, meshes)
     shared = {
         "eye": tuple(float(x) for x in camera.centre), "cutoff": 0.45, "faint": 1.0, "lift": 0.0, "level": 0.0,
         "beard": outfit.beard, "limbus": 0.5, "tone": (1.0, 1.0, 1.0, 0.0), "gloss": (0.3, 0.5, 0.7, 1.0),
         "colour": (0.5, 0.5, 0.5), "transmission": 0.0, "graininess": 0.0, "eyeLook": (0.35, 0.3, 1.0, 0.0),
-        "glare": 1e9,
+        "glare": 1e9, "scalp": tuple(float(x) for x in hair),
     }  # fmt: skip
     for mesh in meshes:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}
@@ -119,7 +119,7 @@ _OWN = (
 )  # fmt: skip
 
 
-def _textures(r: Renderer, skin: int, folder: Path, sky: Float, gobo: npt.NDArray[np.uint8], meshes: list[Mesh]) -> None:
+def _textures(r: Renderer, seed: int, skin: int, folder: Path, sky: Float, gobo: npt.NDArray[np.uint8], meshes: list[Mesh]) -> None:
     strands, places = load_beards(folder)
     loaded = load_skin(skin, folder)
     items = load_wardrobe().items
@@ -128,12 +128,25 @@ def _textures(r: Renderer, skin: int, folder: Path, sky: Float, gobo: npt.NDArra
     r.put("places", places)
     r.put("layers", loaded.layers, keep=False)
     r.put("sky", np.ascontiguousarray(sky[::-1]), keep=False, repeat=True)
+    r.put("iris", items[_iris(seed, items)].picture, keep=False)
     r.put("gobo", gobo[..., None], keep=False)
     for mesh in meshes:
         if mesh.picture in items:
             picture = items[mesh.picture].picture
             # Of grey and alpha the shaders want the alpha as such.
             r.put(mesh.picture, picture if picture.shape[2] != 2 else picture[..., [0, 0, 0, 1]])
+
+
+def _iris(seed: int, items: dict[str, Item]) -> str:
+    """Name of an iris; brown ones are as frequent as all others together."""
+    names = sorted(name for name in items if name.startswith("iris/"))
+    s = Stream(seed, "iris")
+    brown = [name for name in names if "brown" in name]
+    return _pick(s, brown if s.chance(0.5) else names)
+
+
+def _pick(s: Stream, names: list[str]) -> str:
+    return names[int(s.one() * len(names))]
 
 
 def _truth(where: Float, facing: Float, part: Float) -> dict[str, npt.NDArray[np.generic]]:

@@ -21,7 +21,7 @@ void main() { p = position; n = normal; t = uv; a = ambient; q = chart; gl_Posit
 _COMMON = """
 #version 330
 in vec3 p; in vec3 n; in vec4 t; in vec4 a; in vec2 q;
-uniform int kind;
+const int kind = KIND;
 uniform sampler2D picture;   // sRGB albedo, or grey and alpha of cards
 uniform sampler2D layers;    // lips, brow, stubble, scalp
 uniform sampler2D strands;   // beard strands of four lengths
@@ -49,7 +49,7 @@ float bearded() {            // cover by strands at this point of the skin
 bool holed() {               // whether a card or fur is not there
   if (kind == 3) return texture(picture, t.xy).a < cutoff;
   if (kind == 8 || kind == 9) return texture(picture, t.xy).r < cutoff * faint;
-  if (kind == 4) return texture(picture, t.xy).a < 0.5;
+  if (kind == 4) return t.z < -0.001 || texture(picture, t.xy).a < 0.5;
   if (kind == 7) {
     vec2 place = texture(places, t.xy).xy;
     float where = t.z > 0.5 ? t.w : smoothstep(beard.w, beard.w + 0.5, beard.x * place.x + beard.y * place.y);
@@ -64,11 +64,12 @@ RADIANCE = (
     _COMMON
     + """
 uniform vec3 colour;         // of hair, frames, cloth; linear
+uniform vec3 scalp;          // colour of hair painted on the scalp
 uniform vec4 tone;           // multiplies skin albedo; w: share of wear in cloth pictures
 uniform vec4 gloss;          // alpha narrow, broad, share of the narrow one, F0 scale
 uniform vec3 lampAt[3]; uniform vec3 lampLight[3]; uniform mat4 toLamp[3]; uniform float lampSize[3];
 uniform int lamps;
-uniform sampler2D shadow0; uniform sampler2D shadow1; uniform sampler2D shadow2;
+uniform sampler2D shadow;    // depth maps of all lamps side by side
 uniform sampler2D gobo; uniform float goboShare;
 uniform sampler2D sky;       // latitude-longitude, linear, with mip levels
 uniform float transmission;  // of lenses
@@ -77,28 +78,25 @@ uniform float graininess;
 out vec4 result;
 
 const float PI = 3.14159265;
+const vec2 disc[5] = vec2[5](vec2(0.1, -0.25), vec2(-0.55, 0.05), vec2(0.35, 0.6), vec2(0.75, -0.35), vec2(-0.45, -0.85));
 vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
 vec3 seenSky(vec3 d, float lod) {
   vec2 at = vec2(atan(d.x, d.z) / (2.0 * PI) + 0.5, acos(clamp(d.y, -1.0, 1.0)) / PI);
   return textureLod(sky, at, lod).rgb;
 }
-float lit(sampler2D map, vec4 at, float size) {
-  vec3 m = at.xyz / at.w * 0.5 + 0.5;
-  if (m.x < 0.0 || m.x > 1.0 || m.y < 0.0 || m.y > 1.0) return 1.0;
-  float sum = 0.0, turn = 6.2832 * hash(gl_FragCoord.xy);
-  float c = cos(turn), s = sin(turn);
-  for (int i = 0; i < 6; i++) {
-    float r = sqrt((float(i) + 0.5) / 6.0), k = 2.39996 * float(i);
-    vec2 o = vec2(cos(k), sin(k)) * r * size;
-    o = vec2(c * o.x - s * o.y, s * o.x + c * o.y);
-    sum += step(m.z, texture(map, m.xy + o).r);
-  }
-  return sum / 6.0;
-}
 float shadowOf(int i, vec3 at) {
-  vec4 m = toLamp[i] * vec4(at, 1.0);
-  float open = i == 0 ? lit(shadow0, m, lampSize[0]) : i == 1 ? lit(shadow1, m, lampSize[1]) : lit(shadow2, m, lampSize[2]);
-  if (i == 0 && goboShare > 0.0) open *= mix(1.0, texture(gobo, m.xy / m.w * 0.5 + 0.5).r, goboShare);
+  vec4 q4 = toLamp[i] * vec4(at, 1.0);
+  vec3 m = q4.xyz / q4.w * 0.5 + 0.5;
+  if (m.x < 0.0 || m.x > 1.0 || m.y < 0.0 || m.y > 1.0) return 1.0;
+  float open = 0.0, turn = 6.2832 * hash(gl_FragCoord.xy);
+  float c = cos(turn), s = sin(turn);
+  for (int k = 0; k < 5; k++) {
+    vec2 o = disc[k] * lampSize[i];
+    vec2 at2 = clamp(m.xy + vec2(c * o.x - s * o.y, s * o.x + c * o.y), 0.001, 0.999);
+    open += step(m.z, texture(shadow, vec2((at2.x + float(i)) / 3.0, at2.y)).r);
+  }
+  open *= 0.2;
+  if (i == 0) open *= mix(1.0, texture(gobo, m.xy).r, goboShare);
   return open;
 }
 float ggx(float nh, float alpha) { float q = alpha * alpha; float d = nh * nh * (q - 1.0) + 1.0; return q / (PI * d * d); }
@@ -106,12 +104,12 @@ float lobe(vec3 N, vec3 V, vec3 L, float alpha, float f0) {
   vec3 H = normalize(V + L);
   float k = alpha * 0.5, nl = max(dot(N, L), 0.0), nv = max(dot(N, V), 1e-3);
   float g = 1.0 / mix(nv, 1.0, k) / mix(max(nl, 1e-3), 1.0, k);
-  float f = f0 + (1.0 - f0) * pow(1.0 - max(dot(V, H), 0.0), 5.0);
+  float f = f0 + (1.0 - f0) * pow(clamp(1.0 - dot(V, H), 0.0, 1.0), 5.0);
   return ggx(max(dot(N, H), 0.0), alpha) * g * f * 0.25 * nl;
 }
 void main() {
   if (holed()) discard;
-  vec3 V = normalize(eye - p), N = normalize(n);
+  vec3 V = normalize(eye - p), N = normalize(n + vec3(0.0, 0.0, 1e-9));
   if (kind == 3 || kind == 4 || kind == 5 || kind == 6 || kind == 8 || kind == 9) { if (dot(N, V) < 0.0) N = -N; }
   vec3 albedo = colour; vec3 wrap = vec3(0.0); vec4 shine = gloss;
   vec3 S = N;                // normal of the reflection
@@ -120,6 +118,7 @@ void main() {
     vec4 over = texture(layers, t.xy);
     albedo = linear(texture(picture, t.xy).rgb) * tone.rgb;
     albedo = mix(albedo, albedo * vec3(0.8, 0.3, 0.26) + vec3(0.03, 0.0, 0.0), t.z);   // mouth lining and socket
+    albedo = mix(albedo, scalp * (0.75 + 0.5 * blob(t.xy * 300.0)), over.a * 0.85);
     float b = bearded() * (1.0 - t.z);
     albedo = mix(albedo, colour, b);
     wrap = vec3(0.30, 0.12, 0.07) * (1.0 - 0.8 * b);
@@ -159,7 +158,7 @@ void main() {
   if (kind == 3 || kind == 7) f0 = 0.03;
   vec3 glints = vec3(0.0);
   vec3 T = vec3(0.0);
-  if (kind == 3) { T = dFdx(p) * dFdy(t.x) - dFdy(p) * dFdx(t.x); T = normalize(T + vec3(0.0, 1e-9, 0.0)); }
+  if (kind == 3) { T = dFdx(p) * dFdy(t.x) - dFdy(p) * dFdx(t.x); float size = length(T); T = size > 1e-12 ? T / size : vec3(0.0, 1.0, 0.0); }
   for (int i = 0; i < lamps; i++) {
     vec3 way = lampAt[i] - p; float far = dot(way, way); vec3 L = way * inversesqrt(far);
     float open = shadowOf(i, p + N * 0.0025);
@@ -168,7 +167,7 @@ void main() {
     light += e * soft * albedo / PI;
     if (kind == 3) {
       float along = dot(T, normalize(L + V));
-      glints += e * 0.25 * pow(max(0.0, 1.0 - along * along), 60.0) * (0.06 + colour) * max(0.0, dot(N, L) * 0.7 + 0.3);
+      glints += e * 0.10 * pow(max(0.0, 1.0 - along * along), 25.0) * (0.03 + colour) * max(0.0, dot(N, L) * 0.7 + 0.3);
     } else if (shine.w > 0.0) {
       float s = shine.z * lobe(S, V, L, shine.x, f0) + (1.0 - shine.z) * lobe(S, V, L, shine.y, f0);
       glints += e * s;
@@ -176,14 +175,14 @@ void main() {
   }
   if (shine.w > 0.0) {
     vec3 R = reflect(-V, S);
-    float f = f0 + (max(1.0 - shine.y, f0) - f0) * pow(1.0 - nv, 5.0);
-    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * min(a.w * a.w * 1.2, 1.0) * (kind == 3 ? 0.3 : 1.0);
+    float f = f0 + (max(1.0 - shine.y, f0) - f0) * pow(clamp(1.0 - nv, 0.0, 1.0), 5.0);
+    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * min(a.w * a.w * 1.2, 1.0) * (kind == 1 ? 1.0 : kind == 3 ? 0.2 : 0.45);
   }
   light += glints * wet;
   float opaque = 1.0;
   if (kind == 6) {
     vec3 R = reflect(-V, N);
-    float f = tone.w + (1.0 - tone.w) * pow(1.0 - max(dot(N, V), 0.0), 5.0);
+    float f = tone.w + (1.0 - tone.w) * pow(clamp(1.0 - dot(N, V), 0.0, 1.0), 5.0);
     light = seenSky(R, 0.5) * f * tone.rgb + glints * 0.0;
     for (int i = 0; i < lamps; i++) {
       vec3 L = normalize(lampAt[i] - p);
@@ -192,7 +191,7 @@ void main() {
     opaque = 1.0 - transmission * (1.0 - f);
   }
   if (kind == 8 || kind == 9) { opaque = texture(picture, t.xy).r; light *= opaque; }
-  result = vec4(light, opaque);
+  result = vec4(min(light, vec3(1e4)), opaque);
 }
 """
 )
@@ -223,7 +222,7 @@ void main() {
   } else if (kind == 6) {
     vec3 R = reflect(-V, dot(N, V) < 0.0 ? -N : N);
     vec2 at = vec2(atan(R.x, R.z) / 6.2831853 + 0.5, acos(clamp(R.y, -1.0, 1.0)) / 3.14159265);
-    float f = tone.w + (1.0 - tone.w) * pow(1.0 - abs(dot(N, V)), 5.0);
+    float f = tone.w + (1.0 - tone.w) * pow(clamp(1.0 - abs(dot(N, V)), 0.0, 1.0), 5.0);
     float bright = dot(textureLod(sky, at, 0.5).rgb, vec3(0.3333)) * f;
     if (transmission > 0.35 && bright < glare) discard;
   }

@@ -24,8 +24,8 @@ WIDTH, HEIGHT = 1056, 704
 """Texels of the chart: two and a half per mm on the face."""
 FIRST = 500_000
 """Subject of the light stage that skin 0 looks for its tone from; training and tests of the networks use lower ones."""
-BEARDS = 4
-"""Strand pictures for beards: shadow, stubble of 1.5 mm, 4 mm and 8 mm."""
+BARE_BROWS = 6
+"""Hairs in the brows of every fourth skin; these get brows of the wardrobe."""
 LAYERS = ("lips", "brow", "stubble", "scalp")
 
 
@@ -102,6 +102,8 @@ def _draw(number: int) -> dict[str, npt.NDArray[np.generic]]:
     wanted = low + (high - low) * (number * 0.6180339887 % 1.0)
     candidates = (Subject.sample(FIRST + number * 64 + k) for k in range(64))
     subject = min(candidates, key=lambda s: abs(s.tone.typology_angle_deg - wanted))
+    if number % 4 == 0:
+        subject = dataclasses.replace(subject, hair=dataclasses.replace(subject.hair, brow_count=BARE_BROWS))
     stage = Stage.open()
     drawn = Drawn.of(subject, stage.anatomy)
     window = ChartWindow.whole(WIDTH, HEIGHT)
