@@ -20,7 +20,7 @@ def backdrop(seed: int, camera: Camera, sky: Image) -> Image:
     s = Stream(seed, "backdrop")
     size, kind = camera.width, s.one()
     level = float(sky.mean()) + 1e-3
-    if kind < 0.35:  # the surroundings, out of focus
+    if kind < 0.45:  # the surroundings, out of focus
         y, x = np.mgrid[:size, :size] + 0.5
         rays = np.stack([(x - camera.principal_point[0]) / camera.focal_px, (y - camera.principal_point[1]) / camera.focal_px,
                          np.ones_like(x)], -1)  # fmt: skip
@@ -28,7 +28,7 @@ def backdrop(seed: int, camera: Camera, sky: Image) -> Image:
         rays = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)) @ camera.rotation
         return np.asarray(lookup(sky.astype(np.float64), rays), np.float32)
     colour = np.exp(s.normal(0.0, 0.5, 3) * 0.5 + s.normal(0.0, 0.8)[0]) * level
-    if kind < 0.55:  # a wall in uneven light
+    if kind < 0.65:  # a wall in uneven light
         y, x = np.mgrid[:size, :size] / size - 0.5
         turn = s.one(0, 6.3)
         shade = np.exp(s.one(-1.5, 1.5) * (x * np.cos(turn) + y * np.sin(turn)))
@@ -52,6 +52,8 @@ def clutter(s: Stream, size: int) -> Image:
             cv2.rectangle(image, (int(at[0]), int(at[1])), (int(at[2]), int(at[3])), colour, -1)
         else:
             cv2.fillPoly(image, [at.reshape(3, 2).astype(np.int32)], colour)
+    grey = image.mean(-1, keepdims=True)
+    image = grey + (image - grey) * np.float32(s.one() ** 1.5)
     return np.asarray(cv2.GaussianBlur(image, (0, 0), s.one(0.3, 4.0)) ** 2.2, np.float32)
 
 

@@ -13,7 +13,7 @@ from models.head.settle import LIMBUS_DEG, SETTLED_RINGS_DEG
 from models.lightstage.skin.streams import Stream
 from models.people import labels
 from models.people.draw import Mesh
-from models.people.person import Person, the_head
+from models.people.person import Person, lid_openings, the_head
 from models.people.skins import Skin
 from models.people.wardrobe import Wardrobe
 from service.colour import srgb_to_linear
@@ -88,7 +88,7 @@ def figure(person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, seed: in
     vertices = recessed(person)
     normals = np.asarray(vertex_normals(vertices, head.triangles.astype(np.int64)), np.float32)
     narrow, broad, mix = (float(x) for x in skin.roughness)
-    oil = s.one(0.6, 1.5)
+    oil = s.one(0.3, 1.2)
     tone = (*(float(x) for x in person.tint), 0.0)
     colour = tuple(float(x) for x in hair)
     meshes = [
@@ -127,8 +127,7 @@ def recessed(person: Person) -> Float:
     """
     head = the_head()
     vertices = person.vertices.copy()
-    for name, unit in (("eye_left", "eyeBlinkLeft"), ("eye_right", "eyeBlinkRight")):
-        shut = float(person.expression[head.expression_names.index(unit)])
+    for name, opening in zip(("eye_right", "eye_left"), lid_openings(vertices), strict=True):
         members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
-        vertices[members, 2] -= np.float32(0.006 * np.clip((shut - 0.8) / 0.15, 0.0, 1.0))
+        vertices[members, 2] -= np.float32(0.006 * np.clip((1.0 - opening) / 0.8, 0.0, 1.0))
     return vertices

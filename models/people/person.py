@@ -23,6 +23,8 @@ WIDEST = 4.0
 FIELDS = ((0.045, 1.2e-3), (0.022, 0.9e-3), (0.012, 0.45e-3))
 """Length scale and standard deviation (metres) of smooth displacements that no component of the model has."""
 WAVES = 40
+OVERLAP_M = 0.0003
+"""By how much closed lids pass each other, so that nothing shows between them."""
 RIGID = ("eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue")
 """Parts that the fields move as one piece."""
 
@@ -76,6 +78,47 @@ def _places() -> npt.NDArray[np.float64]:
     return np.asarray(points)
 
 
+@functools.lru_cache(maxsize=1)
+def lid_rims() -> tuple[tuple[int, int], ...]:
+    """Vertices in the middle of the upper and the lower rim of the lids, of the subject's right eye and of the left."""
+    head = the_head()
+    socket = head.region("eye_socket") > 0.5
+    skin = head.triangles[head.triangle_part == 0]
+    across = skin[socket[skin].any(1) & ~socket[skin].all(1)]
+    rim = np.setdiff1d(np.unique(across), np.flatnonzero(socket))
+    pairs = []
+    for name in ("eye_right", "eye_left"):
+        ball = head.mean[np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])]
+        centre = 0.5 * (ball.min(0) + ball.max(0))
+        near = rim[(np.abs(head.mean[rim, 0] - centre[0]) < 0.02) & (head.mean[rim, 2] > centre[2])]
+        aside = np.abs(head.mean[near, 0] - centre[0])
+        upper = head.mean[near, 1] > np.median(head.mean[near, 1])
+        pairs.append(tuple(int(near[k][np.argmin(aside[k])]) for k in (upper, ~upper)))
+    return tuple((a, b) for a, b in pairs)
+
+
+def lid_openings(vertices: Float) -> Float:
+    """(2,) float32 mm between the lids of (V, 3) vertices in metres; negative where they overlap."""
+    return np.asarray([1e3 * (vertices[a, 1] - vertices[b, 1]) for a, b in lid_rims()], np.float32)
+
+
+def lids_as_meant(vertices: Float, expression: Float) -> Float:
+    """(E,) the expression with eyeBlink such that the lids close by the share that it says, whatever the shape.
+
+    At full activation the unit closes the average eye too far and wide eyes not quite.
+    """
+    head, out = the_head(), expression.copy()
+    names = ("eyeBlinkRight", "eyeBlinkLeft")
+    units = [head.expression_names.index(name) for name in names]
+    open_ = vertices - np.tensordot(expression[units], head.expression[units], 1)
+    for unit, (upper, lower), before in zip(units, lid_rims(), lid_openings(open_) * 1e-3, strict=True):
+        closing = float(head.expression[unit, lower, 1] - head.expression[unit, upper, 1])
+        share = float(expression[unit])
+        wanted = (1.0 - share) * before - share * OVERLAP_M
+        out[unit] = np.clip((before - wanted) / max(closing, 1e-4), 0.0, 1.0)
+    return out
+
+
 def _residual(s: Stream) -> Float:
     """(V, 3) float32 metres: random Fourier features (Rahimi and Recht 2007), more alike left and right than not."""
     points, size = _places(), s.log_normal(0.8, 0.5)[0]
@@ -116,6 +159,7 @@ def draw_person(seed: int) -> Person:
     expression, eyes = draw_expression(seed, head.expression_names)
     weights = np.asarray(expression, np.float32)
     neutral = head.shape(identity) + residual
+    weights = lids_as_meant(neutral + np.tensordot(weights, head.expression, 1), weights)
     vertices = neutral + np.tensordot(weights, head.expression, 1)
     tint = np.exp(s.normal(0.0, 0.12)[0] + s.normal(0.0, 0.03, 3))
     return Person(

@@ -15,7 +15,7 @@ from models.people.draw import Mesh, Renderer, renderer
 from models.people.dress import dress, hair_colour
 from models.people.figure import figure, recessed
 from models.people.light import AMBIENT_SIZE, add_ambient, ambient_matrices, draw_light
-from models.people.person import Person, draw_person, the_head
+from models.people.person import draw_person, lid_openings, the_head
 from models.people.pose import contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
 from models.people.wardrobe import Item, load_wardrobe
@@ -42,6 +42,8 @@ class Portrait:
         identity, expression: coefficients of the head model.
         vertices: (V, 3) float32 metres in head space, with all that goes beyond the model.
         eyes: state of the eyes: "open", "half", "closed" or "wink".
+        lids_mm: (2,) float32 height of the opening of the lids in the middle, the subject's right eye first; negative where
+            they overlap.
     """
 
     seed: int
@@ -58,6 +60,7 @@ class Portrait:
     expression: Float
     vertices: Float
     eyes: str
+    lids_mm: Float
 
 
 def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait:
@@ -104,13 +107,13 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
         r.clear()
     behind = backdrop(seed, camera, light.sky)
     colour = radiance[..., :3] + (1.0 - np.clip(radiance[..., 3:], 0.0, 1.0)) * behind
-    truth = _truth(where, facing, part)
+    truth = _truth(where, facing, part, camera)
     colour = outfit.screen(colour, truth)
     image, jpeg = develop(seed, colour, np.isin(truth["part"], labels.CHARTED))
     points, seen = _points(camera, vertices, truth)
     return Portrait(
         seed, image, jpeg, truth["chart"], truth["normal"], truth["depth"], truth["part"], points, seen, camera,
-        person.identity, person.expression, vertices, person.eyes,
+        person.identity, person.expression, vertices, person.eyes, lid_openings(vertices),
     )  # fmt: skip
 
 
@@ -149,11 +152,16 @@ def _pick(s: Stream, names: list[str]) -> str:
     return names[int(s.one() * len(names))]
 
 
-def _truth(where: Float, facing: Float, part: Float) -> dict[str, npt.NDArray[np.generic]]:
+def _truth(where: Float, facing: Float, part: Float, camera: Camera) -> dict[str, npt.NDArray[np.generic]]:
     parts = np.round(part[..., 0]).astype(np.uint8)
     there = parts != labels.BACKGROUND
     charted = there & (where[..., 3] > 0.5) & np.isin(parts, labels.CHARTED)
-    normal = facing[..., :3] / np.maximum(np.linalg.norm(facing[..., :3], axis=-1, keepdims=True), 1e-9)
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    rays = np.stack([x - camera.principal_point[0], y - camera.principal_point[1], np.full_like(x, camera.focal_px)], -1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    # Interpolated normals point away from the camera at some outlines; there the surface is seen edge-on.
+    normal = facing[..., :3] - np.maximum((facing[..., :3] * rays).sum(-1, keepdims=True), 0.0) * rays
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     return {
         "chart": np.where(charted[..., None], where[..., :2], np.float32(np.nan)).astype(np.float32),
         "normal": np.where(there[..., None], normal, 0.0).astype(np.float32),

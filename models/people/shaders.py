@@ -176,7 +176,7 @@ void main() {
   if (shine.w > 0.0) {
     vec3 R = reflect(-V, S);
     float f = f0 + (max(1.0 - shine.y, f0) - f0) * pow(clamp(1.0 - nv, 0.0, 1.0), 5.0);
-    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * min(a.w * a.w * 1.2, 1.0) * (kind == 1 ? 1.0 : kind == 3 ? 0.2 : 0.45);
+    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * min(a.w * a.w * 1.2, 1.0) * (kind == 1 ? 1.0 : 0.22);
   }
   light += glints * wet;
   float opaque = 1.0;

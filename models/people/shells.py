@@ -42,13 +42,11 @@ def shell(vertices: Float, value: Array, thickness: float, rounds: int, label: i
     triangles, smooth = _skin()
     points = vertices.astype(np.float64)
     normals = vertex_normals(vertices, triangles).astype(np.float64)
-    soft = points
-    for _ in range(rounds):
-        soft = 0.5 * soft + 0.5 * (smooth @ soft)
-    over = ((soft - points) * normals).sum(1, keepdims=True)
-    points = soft + normals * np.maximum(thickness - over, 0.0) + normals * np.minimum(thickness, 0.002)
-    for _ in range(2):
-        points = 0.5 * points + 0.5 * (smooth @ points)
+    soft = points + normals * thickness
+    for _ in range(rounds):  # a membrane: it evens out, but stays off the skin
+        soft = smooth @ soft
+        soft = soft + normals * np.maximum(thickness - ((soft - points) * normals).sum(1, keepdims=True), 0.0)
+    points = soft
     kept = triangles[(value[triangles] > 0).any(1)]
     used, local = np.unique(kept, return_inverse=True)
     out = points[used].astype(np.float32)
@@ -96,7 +94,7 @@ def mask(s: Stream, vertices: Float) -> list[Mesh]:
     look = _fabric(s, 0.0)
     if s.chance(0.5):
         look["colour"] = (0.35, 0.55, 0.65) if s.chance(0.5) else (0.75, 0.75, 0.75)
-    covered = shell(vertices, value, s.one(0.002, 0.004), 25, labels.OTHER, look)
+    covered = shell(vertices, value, s.one(0.003, 0.007), 80, labels.OTHER, look)
     meshes = [covered]
     for name, sign in (("ear_left", 1.0), ("ear_right", -1.0)):
         ear = vertices[head.region(name) > 0.5].astype(np.float64)

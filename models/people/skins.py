@@ -69,6 +69,14 @@ def load_skin(number: int, folder: Path) -> Skin:
         )
 
 
+def prepare(folder: Path | None = None) -> None:
+    """Draw what is missing of the skins and beards: about seven minutes of a core for all."""
+    folder = folder or default_folder()
+    load_beards(folder)
+    for number in range(COUNT):
+        load_skin(number, folder)
+
+
 @functools.lru_cache(maxsize=1)
 def load_beards(folder: Path) -> tuple[Bytes, Bytes]:
     """Strands (704, 1056, 4) of four lengths over the whole beard, and (704, 1056, 2) densities: beard, moustache."""
