@@ -21,10 +21,12 @@ def sheet(path: Path, start: int, size: int) -> None:
     import cv2
     import numpy as np
 
-    from models.people.portrait import portrait
+    from models.people.make import portrait
 
     across, down = SHEET
-    images = [cv2.resize(portrait(start + k).image, (size, size), interpolation=cv2.INTER_AREA) for k in range(across * down)]
+    images = [
+        cv2.resize(portrait(start + k).image, (size, size), interpolation=cv2.INTER_AREA) for k in range(across * down)
+    ]
     rows = [np.hstack(images[k * across : (k + 1) * across]) for k in range(down)]
     cv2.imwrite(str(path), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
@@ -54,7 +56,9 @@ def make(start: int, count: int, size: int, out: Path, jobs: int) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m models.people", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m models.people", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=64, help="portraits")
     parser.add_argument("--start", type=int, default=0, help="first seed")
     parser.add_argument("--size", type=int, default=256, help="side, pixels")

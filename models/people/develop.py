@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
 from service.colour import linear_to_srgb
+from service.errors import UnreadableInput
 from service.geometry.camera import Camera
 from service.light.environment import lookup
 
@@ -19,14 +20,20 @@ def backdrop(seed: int, camera: Camera, sky: Image) -> Image:
     """(H, W, 3) linear light of what stands behind the person."""
     s = Stream(seed, "backdrop")
     size, kind = camera.width, s.one()
-    level = float(sky.mean()) + 1e-3
+    level = (float(sky.mean()) + 1e-3) * 0.4  # things reflect part of the light that falls on them
     if kind < 0.45:  # the surroundings, out of focus
         y, x = np.mgrid[:size, :size] + 0.5
-        rays = np.stack([(x - camera.principal_point[0]) / camera.focal_px, (y - camera.principal_point[1]) / camera.focal_px,
-                         np.ones_like(x)], -1)  # fmt: skip
+        rays = np.stack(
+            [
+                (x - camera.principal_point[0]) / camera.focal_px,
+                (y - camera.principal_point[1]) / camera.focal_px,
+                np.ones_like(x),
+            ],
+            -1,
+        )
         rays = rays * [s.one(1.0, 3.0), s.one(1.0, 3.0), 1.0]
         rays = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)) @ camera.rotation
-        return np.asarray(lookup(sky.astype(np.float64), rays), np.float32)
+        return np.asarray(lookup(sky.astype(np.float64), rays) * s.one(0.2, 1.0), np.float32)
     colour = np.exp(s.normal(0.0, 0.5, 3) * 0.5 + s.normal(0.0, 0.8)[0]) * level
     if kind < 0.65:  # a wall in uneven light
         y, x = np.mgrid[:size, :size] / size - 0.5
@@ -90,30 +97,48 @@ def develop(seed: int, light: Image, face: npt.NDArray[np.bool_]) -> tuple[Bytes
         coded = np.repeat(coded @ np.array([[0.299], [0.587], [0.114]], np.float32), 3, -1)
     if s.chance(0.2):  # a small picture made large
         small = max(24, int(size * s.one(0.25, 0.8)))
-        coded = cv2.resize(cv2.resize(coded, (small, small), interpolation=cv2.INTER_AREA), (size, size),
-                           interpolation=cv2.INTER_CUBIC if s.chance(0.5) else cv2.INTER_LINEAR)  # fmt: skip
+        filter_ = cv2.INTER_CUBIC if s.chance(0.5) else cv2.INTER_LINEAR
+        shrunk = cv2.resize(coded, (small, small), interpolation=cv2.INTER_AREA)
+        coded = np.asarray(cv2.resize(shrunk, (size, size), interpolation=filter_), np.float32)
     picture = np.round(np.clip(coded, 0.0, 1.0) * 255).astype(np.uint8)
     quality = int(s.one(30, 98)) if s.chance(0.8) else 98
     done, buffer = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise OSError("the JPEG encoder failed")
-    return np.ascontiguousarray(cv2.imdecode(buffer, cv2.IMREAD_COLOR)[..., ::-1]), buffer.tobytes()
+    data = buffer.tobytes()
+    return decoded(data), data
+
+
+def decoded(jpeg: bytes) -> Bytes:
+    """(H, W, 3) uint8 sRGB of a JPEG file.
+
+    Raises:
+        UnreadableInput: it is none.
+    """
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise UnreadableInput("the portrait's JPEG file cannot be decoded")
+    return np.ascontiguousarray(image[..., ::-1].astype(np.uint8, copy=False))
 
 
 def _lens(s: Stream, image: Image) -> Image:
     """Blur by focus or motion, glow, vignetting."""
     size = image.shape[0]
     if s.chance(0.35):
-        image = cv2.GaussianBlur(image, (0, 0), s.one(0.4, 0.012 * size))
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), s.one(0.4, 0.012 * size)), np.float32)
     if s.chance(0.08):
         length = max(3, int(s.one(0.01, 0.05) * size))
         kernel = np.zeros((length, length), np.float32)
         turn, half = s.one(0, np.pi), (length - 1) / 2
-        ends = [(int(round(half + sign * half * np.cos(turn))), int(round(half + sign * half * np.sin(turn)))) for sign in (-1, 1)]
+        ends = [
+            (round(half + sign * half * np.cos(turn)), round(half + sign * half * np.sin(turn))) for sign in (-1, 1)
+        ]
         cv2.line(kernel, ends[0], ends[1], 1.0)
-        image = cv2.filter2D(image, -1, kernel / kernel.sum())
+        image = np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), np.float32)
     if s.chance(0.2):
-        image = image + np.float32(s.one(0.02, 0.15)) * cv2.GaussianBlur(np.minimum(image, 4.0), (0, 0), size * s.one(0.02, 0.1))
+        image = image + np.float32(s.one(0.02, 0.15)) * cv2.GaussianBlur(
+            np.minimum(image, 4.0), (0, 0), size * s.one(0.02, 0.1)
+        )
     if s.chance(0.3):
         y, x = np.mgrid[:size, :size] / size - 0.5 + s.normal(0, 0.1)[0]
         image = image * np.exp(-s.one(0.3, 2.0) * (x * x + y * y))[..., None].astype(np.float32)

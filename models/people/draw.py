@@ -68,7 +68,9 @@ class Mesh:
         n = len(self.position)
         ambient = np.ones((n, 4), np.float32) if self.ambient is None else self.ambient
         chart = np.zeros((n, 2), np.float32) if self.chart is None else self.chart
-        return np.ascontiguousarray(np.concatenate([self.position, self.normal, self.uv, ambient, chart], 1), np.float32)
+        return np.ascontiguousarray(
+            np.concatenate([self.position, self.normal, self.uv, ambient, chart], 1), np.float32
+        )
 
 
 def clip_matrix(camera: Camera) -> npt.NDArray[np.float64]:
@@ -105,16 +107,23 @@ def lamp_matrix(at: npt.NDArray[np.float64], radius: float = 0.24) -> npt.NDArra
     return np.asarray(project @ view)
 
 
+def specialised(text: str, name: str, kind: int) -> str:
+    """A fragment shader for one material; branches on constants cost a software renderer nothing."""
+    return text.replace("KIND", str(kind)).replace("SOFTNESS", "1.5" if name == "truth" else "0.0")
+
+
 class Renderer:
     """OpenGL context with programs, buffers and textures; make it once (``renderer()``)."""
 
     def __init__(self) -> None:
         try:
-            self.gl = moderngl.create_standalone_context(backend="egl")
+            self.gl: Any = moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]
         except Exception as fault:  # the library raises plain Exception where there is no EGL
-            raise ModelFault(f"no OpenGL through EGL ({fault}): install libegl1 and libgl1-mesa-dri, or a driver") from fault
+            raise ModelFault(
+                f"no OpenGL through EGL ({fault}): install libegl1 and libgl1-mesa-dri, or a driver"
+            ) from fault
         self.programs = {
-            (name, kind): self.gl.program(vertex_shader=VERTEX, fragment_shader=text.replace("KIND", str(number)))
+            (name, kind): self.gl.program(vertex_shader=VERTEX, fragment_shader=specialised(text, name, number))
             for name, text in (("radiance", RADIANCE), ("truth", TRUTH), ("shadow", SHADOW))
             for kind, number in KINDS.items()
         }
@@ -128,7 +137,9 @@ class Renderer:
         self.put("none", np.full((1, 1, 4), 255, np.uint8))
         self.depth_atlas: Any = None
 
-    def put(self, name: str, image: npt.NDArray[Any], mipmaps: bool = True, keep: bool = True, repeat: bool = False) -> None:
+    def put(
+        self, name: str, image: npt.NDArray[Any], mipmaps: bool = True, keep: bool = True, repeat: bool = False
+    ) -> None:
         """Give a picture (H, W, C) uint8 or float32, row 0 = top, under a name; one given with ``keep`` stays."""
         if keep and name in self.textures:
             return
@@ -136,7 +147,9 @@ class Renderer:
             self.textures.pop(name).release()
         kind = "f1" if image.dtype == np.uint8 else "f4"
         flipped = np.ascontiguousarray(image[::-1])
-        texture = self.gl.texture((image.shape[1], image.shape[0]), image.shape[2], flipped.tobytes(), alignment=1, dtype=kind)
+        texture = self.gl.texture(
+            (image.shape[1], image.shape[0]), image.shape[2], flipped.tobytes(), alignment=1, dtype=kind
+        )
         if mipmaps:
             texture.build_mipmaps()
             texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
@@ -184,7 +197,9 @@ class Renderer:
                 continue
             if isinstance(value, np.ndarray):
                 value = np.asarray(value, np.float32)
-                program[name].write(value.T.tobytes() if value.ndim == 2 and value.shape[0] == value.shape[1] else value.tobytes())
+                program[name].write(
+                    value.T.tobytes() if value.ndim == 2 and value.shape[0] == value.shape[1] else value.tobytes()
+                )
             else:
                 program[name].value = value
 
@@ -205,12 +220,27 @@ class Renderer:
             self._bind(program, {**self._maps(), "picture": self.textures[mesh.picture or "none"]})
             arrays[name].render()
 
-    def shadows(self, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: list[npt.NDArray[np.float64]], shared: dict[str, Any]) -> None:
+    def shadows(
+        self,
+        meshes: list[Mesh],
+        loaded: list[dict[str, Any]],
+        matrices: list[npt.NDArray[np.float64]],
+        shared: dict[str, Any],
+    ) -> None:
         """Fill the lamps' depth maps."""
         if matrices:
             self._depths(self.lamp_target, meshes, loaded, matrices, SHADOW_SIZE, MOST_LAMPS, shared)
 
-    def _depths(self, target: Any, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: Any, size: int, across: int, shared: dict[str, Any]) -> None:
+    def _depths(
+        self,
+        target: Any,
+        meshes: list[Mesh],
+        loaded: list[dict[str, Any]],
+        matrices: Any,
+        size: int,
+        across: int,
+        shared: dict[str, Any],
+    ) -> None:
         target.use()
         target.viewport = (0, 0, *target.size)
         target.clear(depth=1.0)
@@ -218,7 +248,7 @@ class Renderer:
         for mesh, arrays in zip(meshes, loaded, strict=True):
             if not mesh.shadows:
                 continue
-            program = self.programs["shadow", mesh.kind]
+            program: Any = self.programs["shadow", mesh.kind]
             self._set(program, {**shared, **mesh.uniforms, "lift": 0.0})
             self._bind(program, {**self._maps(), "picture": self.textures[mesh.picture or "none"]})
             for k, matrix in enumerate(matrices):
@@ -227,7 +257,14 @@ class Renderer:
                 arrays["shadow"].render()
         target.viewport = (0, 0, *target.size)
 
-    def depths(self, meshes: list[Mesh], loaded: list[dict[str, Any]], matrices: npt.NDArray[np.float64], size: int, shared: dict[str, Any]) -> Float:
+    def depths(
+        self,
+        meshes: list[Mesh],
+        loaded: list[dict[str, Any]],
+        matrices: npt.NDArray[np.float64],
+        size: int,
+        shared: dict[str, Any],
+    ) -> Float:
         """(N, size, size) float32 depth in [0, 1], row 0 = bottom, as seen by (N, 4, 4) clip matrices."""
         across = 6
         rows = -(-len(matrices) // across)
@@ -244,7 +281,9 @@ class Renderer:
         maps = {name: self.textures.get(name, self.textures["none"]) for name in names}
         return {**maps, "shadow": self.lamp_depth}
 
-    def radiance(self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]) -> Float:
+    def radiance(
+        self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]
+    ) -> Float:
         """(H, W, 4) float32 linear light and cover of the portrait, averaged from twice the size."""
         size = camera.width * TWICE
         target = self._target("radiance", size)
@@ -265,7 +304,9 @@ class Renderer:
         image = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(size, size, 4)
         return np.asarray(image.reshape(camera.height, TWICE, camera.width, TWICE, 4).mean((1, 3)))
 
-    def truth(self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]) -> tuple[Float, Float, Float]:
+    def truth(
+        self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]
+    ) -> tuple[Float, Float, Float]:
         """Three (H, W, 4) float32 buffers of what pixel centres show, as the shader ``TRUTH`` writes them."""
         target = self._target("truth", camera.width)
         target.use()
@@ -285,7 +326,8 @@ class Renderer:
         target.depth_mask = True
         shape = (camera.height, camera.width, 4)
         where, facing, part = (
-            np.frombuffer(target.read(components=4, attachment=k, dtype="f4"), np.float32).reshape(shape) for k in range(3)
+            np.frombuffer(target.read(components=4, attachment=k, dtype="f4"), np.float32).reshape(shape)
+            for k in range(3)
         )
         return where, facing, part
 

@@ -1,9 +1,10 @@
-"""What somebody wears and grows, by seed: hair, brows, lashes, beard, hats, clothes, glasses, things before the face."""
+"""What somebody wears and grows, by seed: hair, brows, lashes, beard, hats, clothes, glasses, occluders."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,19 +24,30 @@ from service.geometry.normals import vertex_normals
 Float = npt.NDArray[np.float32]
 
 NO_BEARD = (0.0, 0.0, 0.0, 0.3)
-HAIR = (*("short01", "short02", "short03", "short04") * 3, *("afro01", "ponytail01", "long01", "braid01") * 2, "bob01", "bob02")
+HAIR = (
+    *("short01", "short02", "short03", "short04") * 3,
+    *("afro01", "ponytail01", "long01", "braid01") * 2,
+    "bob01",
+    "bob02",
+)
 """Hair by how often it is worn; bobs hide half of the face."""
 
 
 @dataclass
 class Outfit:
-    """Meshes, the beard's uniform (density, density of the moustache, length 0 to 3, edge), what is put on the picture."""
+    """What somebody has on.
+
+    Attributes:
+        meshes: to be drawn with the head.
+        beard: density, density of the moustache, length from 0 to 3, edge; for the shaders.
+        screens: what is put on the picture.
+    """
 
     meshes: list[Mesh] = field(default_factory=list)
     beard: tuple[float, float, float, float] = NO_BEARD
-    screens: list[Callable[[Float, dict[str, npt.NDArray[np.generic]]], Float]] = field(default_factory=list)
+    screens: list[Callable[[Float, dict[str, npt.NDArray[Any]]], Float]] = field(default_factory=list)
 
-    def screen(self, light: Float, truth: dict[str, npt.NDArray[np.generic]]) -> Float:
+    def screen(self, light: Float, truth: dict[str, npt.NDArray[Any]]) -> Float:
         """Put flat things before the face; the truth is changed in place."""
         for each in self.screens:
             light = each(light, truth)
@@ -46,15 +58,17 @@ def hair_colour(person: Person, skin: Skin) -> Float:
     """(3,) linear RGB of the person's hair."""
     colour = skin.hair if person.hair is None else person.hair
     grey = max(skin.grey, person.old) * 0.8 if person.old > 0.3 else 0.0
-    return np.asarray((1 - grey) * np.asarray(colour) + grey * np.array([0.38, 0.37, 0.36]), np.float32)
+    return np.asarray((1 - grey) * np.asarray(colour, np.float64) + grey * np.array([0.38, 0.37, 0.36]), np.float32)
 
 
-def card(item: Item, kind: str, moved: Float, label: int, **more: object) -> Mesh:
+def card(item: Item, kind: str, moved: Float, label: int, **more: Any) -> Mesh:
     """An item of the wardrobe as a mesh."""
     points = item.worn(moved)
     extra = np.zeros((len(points), 4), np.float32)
     extra[:, :2] = item.uv
-    return Mesh(kind, points, smooth_normals(points, item.triangles), item.triangles, extra, label, picture=item.name, **more)  # type: ignore[arg-type]
+    return Mesh(
+        kind, points, smooth_normals(points, item.triangles), item.triangles, extra, label, picture=item.name, **more
+    )
 
 
 def _pick(s: Stream, names: list[str]) -> str:
@@ -65,7 +79,10 @@ def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe
     """All that the person named ``seed`` has on and before the face.
 
     Args:
-        seed, person, skin, hair: who it is; hair is (3,) linear RGB.
+        seed: names the outfit.
+        person: who it is.
+        skin: theirs.
+        hair: (3,) linear RGB.
         wardrobe: what there is to wear.
         light_level: radiance of skin in the portrait's light, about.
     """
@@ -122,14 +139,16 @@ def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe) -> fl
     return None
 
 
-def _hair(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe, colour: tuple[float, ...], top: float | str | None) -> None:
+def _hair(
+    s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe, colour: tuple[float, ...], top: float | str | None
+) -> None:
     """Hair of the wardrobe, or fur on the scalp."""
     if s.chance(0.2) and top is None:
         head = the_head()
         value = np.clip(head.region("scalp") * 1.3 - 0.15, 0.0, 1.0)
         normals = np.asarray(vertex_normals(person.neutral, head.triangles.astype(np.int64)), np.float32)
         length = float(np.exp(s.one(np.log(0.003), np.log(0.025))))
-        look = {"colour": colour}
+        look: dict[str, object] = {"colour": colour}
         out.meshes += fur(person.neutral, normals, length, s.one(0.0, 0.4), labels.HAIR, value, look)
         return
     item = wardrobe.items["hair/" + _pick(s, list(HAIR))]
@@ -144,14 +163,16 @@ def _hair(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe, colour: tu
 
 def _beard(s: Stream, out: Outfit, person: Person, skin: Skin, colour: tuple[float, ...]) -> None:
     """A beard drawn on the skin, and for some longer ones fur; mostly on men."""
-    if not s.chance(0.5 if skin.male else 0.05):
+    if not s.chance(0.65 if skin.male else 0.05):
         return
     kind, length = s.one(), s.one(0.3, 3.0)
-    beard, moustache = (1.0, 1.0) if kind < 0.6 else (0.0, 1.0) if kind < 0.75 else (1.0, 0.0) if kind < 0.85 else (0.6, 0.9)
+    beard, moustache = (
+        (1.0, 1.0) if kind < 0.6 else (0.0, 1.0) if kind < 0.75 else (1.0, 0.0) if kind < 0.85 else (0.6, 0.9)
+    )
     dense = s.one(0.5, 1.1)
     out.beard = (beard * dense, moustache * dense, length, s.one(0.1, 0.45))
     if length > 2.0 and s.chance(0.7):
         normals = np.asarray(vertex_normals(person.vertices, the_head().triangles.astype(np.int64)), np.float32)
         reach = float(np.exp(s.one(np.log(0.003), np.log(0.018))))
-        look = {"colour": colour, "beard": out.beard}
+        look: dict[str, object] = {"colour": colour, "beard": out.beard}
         out.meshes += fur(person.vertices, normals, reach, s.one(0.2, 0.7), labels.BEARD, None, look)

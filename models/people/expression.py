@@ -31,10 +31,10 @@ FACES: dict[str, dict[str, float]] = {
 
 EYES = ("open", "open", "open", "open", "open", "open", "half", "closed", "wink")
 """States of the eyes; each entry is as likely as another."""
+MOST_MOUTH = 3.2
+"""Sum of the units of mouth and jaw beyond which they are weakened together: faces fold up otherwise."""
 SHUT = 0.97
 """Activation of eyeBlink from which an eye counts as closed: no iris shows."""
-GAZE_DEG = 30.0
-"""Angle of the line of sight at full activation of a unit eyeLook*, about."""
 
 
 def draw_expression(seed: int, names: tuple[str, ...]) -> tuple[Float, str]:
@@ -94,12 +94,12 @@ def _possible(units: dict[str, float]) -> None:
         units["eyeWide" + side] *= room if blink < 0.3 else 0.0
         units["eyeLookDown" + side] = min(units["eyeLookDown" + side], max(0.0, 1.0 - blink))
         units["eyeLookUp" + side] *= room
-    units["mouthClose"] = min(units["mouthClose"], units["jawOpen"])
     units["tongueOut"] = units["tongueOut"] if units["jawOpen"] > 0.25 else 0.0
     for one, other in (("jawLeft", "jawRight"), ("mouthLeft", "mouthRight")):
         units[one if units[one] < units[other] else other] = 0.0
     mouth = [n for n in units if n.startswith(("mouth", "jaw")) and n != "mouthClose"]
     total = sum(min(units[n], 1.0) for n in mouth)
-    if total > 3.2:
+    if total > MOST_MOUTH:
         for name in mouth:
-            units[name] *= 3.2 / total
+            units[name] *= MOST_MOUTH / total
+    units["mouthClose"] = min(units["mouthClose"], units["jawOpen"])

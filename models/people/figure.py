@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -60,13 +61,20 @@ def layouts() -> dict[str, Layout]:
     return result
 
 
-def part(name: str, kind: str, vertices: Float, normals: Float, label: int, **more: object) -> Mesh:
+def part(name: str, kind: str, vertices: Float, normals: Float, label: int, **more: Any) -> Mesh:
     """A part of the head as a mesh."""
     layout = layouts()[name]
     return Mesh(
-        kind, vertices[layout.source], normals[layout.source], layout.triangles, layout.extra, label,
-        chart=layout.chart, charted=True, **more,  # type: ignore[arg-type]
-    )  # fmt: skip
+        kind,
+        vertices[layout.source],
+        normals[layout.source],
+        layout.triangles,
+        layout.extra,
+        label,
+        chart=layout.chart,
+        charted=True,
+        **more,
+    )
 
 
 def smooth_normals(points: Float, triangles: npt.NDArray[np.int32]) -> Float:
@@ -92,36 +100,74 @@ def figure(person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, seed: in
     tone = (*(float(x) for x in person.tint), 0.0)
     colour = tuple(float(x) for x in hair)
     meshes = [
-        part("skin", "skin", vertices, normals, labels.SKIN, picture=f"skin{person.skin}",
-             uniforms={"tone": tone, "colour": colour, "gloss": (narrow, broad, mix, 0.7 * oil),
-                       "graininess": s.one(0.0, 1.5)})
-    ]  # fmt: skip
+        part(
+            "skin",
+            "skin",
+            vertices,
+            normals,
+            labels.SKIN,
+            picture=f"skin{person.skin}",
+            uniforms={
+                "tone": tone,
+                "colour": colour,
+                "gloss": (narrow, broad, mix, 0.7 * oil),
+                "graininess": s.one(0.0, 1.5),
+            },
+        )
+    ]
     look = (s.one(0.22, 0.6), s.one(0.0, 0.8) ** 2, s.one(0.75, 1.15), 0.0)
     for name in ("eye_left", "eye_right"):
-        meshes.append(part(name, "eye", vertices, normals, labels.SCLERA, shadows=False, uniforms={"eyeLook": look,
-                           "limbus": float(np.radians(LIMBUS_DEG))}))  # fmt: skip
-    meshes.append(part("tongue", "mouth", vertices, normals, labels.MOUTH, shadows=False, uniforms={"colour": (0.42, 0.15, 0.14)}))
+        meshes.append(
+            part(
+                name,
+                "eye",
+                vertices,
+                normals,
+                labels.SCLERA,
+                shadows=False,
+                uniforms={"eyeLook": look, "limbus": float(np.radians(LIMBUS_DEG))},
+            )
+        )
+    meshes.append(
+        part("tongue", "mouth", vertices, normals, labels.MOUTH, shadows=False, uniforms={"colour": (0.42, 0.15, 0.14)})
+    )
     teeth = wardrobe.items[wardrobe.names("teeth")[int(s.one() * len(wardrobe.names("teeth")))]]
     points = teeth.worn(person.vertices - wardrobe.fitted_head)
     white = s.one(0.6, 1.1)
     extra = np.zeros((len(points), 4), np.float32)
     extra[:, :2], extra[:, 2] = teeth.uv, 1.0
     meshes.append(
-        Mesh("mouth", points, smooth_normals(points, teeth.triangles), teeth.triangles, extra, labels.MOUTH,
-             picture=teeth.name, shadows=False, uniforms={"tone": (white, white * s.one(0.9, 1.0), white * s.one(0.7, 1.0), 0.0)})
-    )  # fmt: skip
+        Mesh(
+            "mouth",
+            points,
+            smooth_normals(points, teeth.triangles),
+            teeth.triangles,
+            extra,
+            labels.MOUTH,
+            picture=teeth.name,
+            shadows=False,
+            uniforms={"tone": (white, white * s.one(0.9, 1.0), white * s.one(0.7, 1.0), 0.0)},
+        )
+    )
     torso = wardrobe.items["torso/body"]
     points = torso.worn(person.neutral - wardrobe.fitted_head)
     meshes.append(
-        Mesh("plain", points, smooth_normals(points, torso.triangles), torso.triangles,
-             np.zeros((len(points), 4), np.float32), labels.SKIN, shadows=False,
-             uniforms={"colour": tuple(float(x) for x in neck_colour(skin, person)), "gloss": (narrow, broad, mix, 0.6)})
-    )  # fmt: skip
+        Mesh(
+            "plain",
+            points,
+            smooth_normals(points, torso.triangles),
+            torso.triangles,
+            np.zeros((len(points), 4), np.float32),
+            labels.SKIN,
+            shadows=False,
+            uniforms={"colour": tuple(float(x) for x in neck_colour(skin, person)), "gloss": (narrow, broad, mix, 0.6)},
+        )
+    )
     return meshes
 
 
 def recessed(person: Person) -> Float:
-    """(V, 3) vertices with the eyeballs of shut eyes drawn back a little, so that lids that do not quite meet show skin.
+    """(V, 3) vertices with the eyeballs of shut eyes drawn back, so that skin shows between lids that do not meet.
 
     The units close the lids of the average head over its eyeballs; those of others would let a line of iris through.
     """

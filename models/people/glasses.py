@@ -23,7 +23,9 @@ CLEARANCE_M = 0.0015
 """Least distance of the frame from the skin."""
 
 
-def tube(path: Array, radius: float, closed: bool, sides: int = 6, flat: float = 1.0) -> tuple[Float, npt.NDArray[np.int32]]:
+def tube(
+    path: Array, radius: float, closed: bool, sides: int = 6, flat: float = 1.0
+) -> tuple[Float, npt.NDArray[np.int32]]:
     """Vertices and triangles of a tube along (N, 3) points; ``flat`` stretches its section along the y axis."""
     ahead = np.roll(path, -1, 0) - np.roll(path, 1, 0)
     if not closed:
@@ -79,7 +81,10 @@ def glasses(seed: int, vertices: Float, light_level: float) -> list[Mesh]:
         light_level: radiance of skin in this light, about; a reflection brighter than half of it hides what is behind.
     """
     s, head = Stream(seed, "glasses"), the_head()
-    balls = [vertices[np.unique(head.triangles[head.triangle_part == head.part_names.index(n)])] for n in ("eye_left", "eye_right")]
+    balls = [
+        vertices[np.unique(head.triangles[head.triangle_part == head.part_names.index(n)])]
+        for n in ("eye_left", "eye_right")
+    ]
     eyes = np.array([0.5 * (b.min(0) + b.max(0)) for b in balls])
     front = max(float(b[:, 2].max()) for b in balls)
     middle, half = eyes.mean(0), 0.5 * float(eyes[0, 0] - eyes[1, 0])
@@ -117,8 +122,15 @@ def glasses(seed: int, vertices: Float, light_level: float) -> list[Mesh]:
     colour = np.array([0.01, 0.01, 0.01]) if s.chance(0.4) else s.uniform(0.01, 0.5, 3) ** 1.5
     if s.chance(0.3):
         colour = np.array([0.5, 0.42, 0.3]) * s.one(0.5, 1.2)
-    frame = Mesh("plain", points, smooth_normals(points, triangles), triangles, np.zeros((len(points), 4), np.float32),
-                 labels.GLASSES, uniforms={"colour": tuple(float(c) for c in colour), "gloss": (0.12, 0.3, 0.7, 1.5)})  # fmt: skip
+    frame = Mesh(
+        "plain",
+        points,
+        smooth_normals(points, triangles),
+        triangles,
+        np.zeros((len(points), 4), np.float32),
+        labels.GLASSES,
+        uniforms={"colour": tuple(float(c) for c in colour), "gloss": (0.12, 0.3, 0.7, 1.5)},
+    )
     return [frame, _lenses(s, rims, light_level)]
 
 
@@ -135,7 +147,9 @@ def _temple(vertices: Float, rim: Array, sign: float, height: float) -> Array:
     head = the_head()
     ear = vertices[head.region("ear_left" if sign > 0 else "ear_right") > 0.5]
     hinge = rim[np.argmax(sign * rim[:, 0])] + [sign * 0.002, 0.3 * height, -0.001]
-    over = np.array([sign * np.quantile(sign * ear[:, 0], 0.25), np.quantile(ear[:, 1], 0.85), np.quantile(ear[:, 2], 0.45)])
+    over = np.array(
+        [sign * np.quantile(sign * ear[:, 0], 0.25), np.quantile(ear[:, 1], 0.85), np.quantile(ear[:, 2], 0.45)]
+    )
     t = np.linspace(0.0, 1.0, 10)[:, None]
     path = hinge + (over - hinge) * t
     skin = vertices[layouts()["skin"].source]
@@ -144,7 +158,8 @@ def _temple(vertices: Float, rim: Array, sign: float, height: float) -> Array:
     wide = (sign * side[index, 0]).max(1) + 0.001
     ears = np.linspace(0, 1, 10) > 0.8  # there the temple runs between ear and head
     path[:, 0] = np.where(ears, path[:, 0], sign * np.maximum(sign * path[:, 0], wide))
-    return np.concatenate([path, [over + [0.0, -0.012, -0.018], over + [0.0, -0.03, -0.026]]])
+    down = np.array([[0.0, -0.012, -0.018], [0.0, -0.03, -0.026]])
+    return np.concatenate([path, over + down])
 
 
 def _lenses(s: Stream, rims: list[Array], light_level: float) -> Mesh:
@@ -156,7 +171,9 @@ def _lenses(s: Stream, rims: list[Array], light_level: float) -> Mesh:
         n = len(rim)
         i, k = np.meshgrid(np.arange(n), np.arange(len(steps) - 1), indexing="ij")
         a, b = k * n + i, k * n + (i + 1) % n
-        triangles = np.concatenate([np.stack([a, b, b + n], -1).reshape(-1, 3), np.stack([a, b + n, a + n], -1).reshape(-1, 3)])
+        triangles = np.concatenate(
+            [np.stack([a, b, b + n], -1).reshape(-1, 3), np.stack([a, b + n, a + n], -1).reshape(-1, 3)]
+        )
         across = points - middle
         normal = np.stack([curve * across[:, 0] + 2.0 * middle[0], curve * across[:, 1], np.ones(len(points))], 1)
         parts.append((points.astype(np.float32), triangles.astype(np.int32)))
@@ -167,7 +184,12 @@ def _lenses(s: Stream, rims: list[Array], light_level: float) -> Mesh:
     mirror = s.one(0.04, 0.09) if kind < 0.9 else s.one(0.15, 0.6)
     coat = tuple(float(x) for x in (np.ones(3) if s.chance(0.5) else s.uniform(0.4, 1.0, 3)))
     return Mesh(
-        "lens", points32, np.concatenate(normals).astype(np.float32), triangles32, np.zeros((len(points32), 4), np.float32),
-        labels.GLASSES, shadows=transmission < 0.3,
+        "lens",
+        points32,
+        np.concatenate(normals).astype(np.float32),
+        triangles32,
+        np.zeros((len(points32), 4), np.float32),
+        labels.GLASSES,
+        shadows=transmission < 0.3,
         uniforms={"transmission": transmission, "tone": (*coat, mirror), "glare": 0.5 * light_level},
-    )  # fmt: skip
+    )

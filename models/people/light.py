@@ -74,7 +74,9 @@ def draw_light(seed: int) -> Light:
     """The light named ``seed``."""
     s = Stream(seed, "light")
     found = illumination(sample_scene(seed))
-    lamps = sorted(found.lights, key=lambda lamp: -sum(lamp.intensity) / sum(c * c for c in lamp.position_m))[:MOST_LAMPS]
+    lamps = sorted(found.lights, key=lambda lamp: -sum(lamp.intensity) / sum(c * c for c in lamp.position_m))[
+        :MOST_LAMPS
+    ]
     kind = s.one()
     dim = 1.0 if kind < 0.5 else s.one(0.1, 0.6) if kind < 0.85 else s.one(0.02, 0.15)
     if kind > 0.75:

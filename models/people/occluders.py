@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,10 +17,17 @@ from models.people.figure import smooth_normals
 from models.people.wardrobe import Wardrobe
 
 Float = npt.NDArray[np.float32]
-Truth = dict[str, npt.NDArray[np.generic]]
+Truth = dict[str, npt.NDArray[Any]]
 
-TARGETS = ((0.0, -0.085, 0.035), (0.045, -0.05, 0.02), (0.03, 0.0, 0.02), (0.0, -0.06, 0.045), (0.0, 0.05, 0.035),
-           (0.06, -0.08, 0.0), (0.065, -0.01, -0.01))  # fmt: skip
+TARGETS = (
+    (0.0, -0.085, 0.035),
+    (0.045, -0.05, 0.02),
+    (0.03, 0.0, 0.02),
+    (0.0, -0.06, 0.045),
+    (0.0, 0.05, 0.035),
+    (0.06, -0.08, 0.0),
+    (0.065, -0.01, -0.01),
+)
 """Where hands go, head space (left side): chin, cheek, eye, mouth, forehead, jaw, temple."""
 
 
@@ -37,8 +45,14 @@ def hand(seed: int, wardrobe: Wardrobe, colour: Float) -> Mesh:
     radius = s.one(0.06, 0.25)  # bent about the face
     angle = np.clip(local[:, 0], 0.0, None) / radius
     reach = radius - local[:, 2]
-    bent = np.stack([np.where(local[:, 0] > 0, reach * np.sin(angle), local[:, 0]), local[:, 1],
-                     np.where(local[:, 0] > 0, radius - reach * np.cos(angle), local[:, 2])], 1)  # fmt: skip
+    bent = np.stack(
+        [
+            np.where(local[:, 0] > 0, reach * np.sin(angle), local[:, 0]),
+            local[:, 1],
+            np.where(local[:, 0] > 0, radius - reach * np.cos(angle), local[:, 2]),
+        ],
+        1,
+    )
     side = 1.0 if s.chance(0.5) else -1.0
     target = np.array(TARGETS[int(s.one() * len(TARGETS))]) + s.normal(0.0, 0.012, 3)
     outward = target - np.array([0.0, -0.03, -0.08])
@@ -55,8 +69,15 @@ def hand(seed: int, wardrobe: Wardrobe, colour: Float) -> Mesh:
     out = placed.astype(np.float32)
     gloved = s.chance(0.15)
     shown = tuple(float(c) for c in (s.uniform(0.02, 0.6, 3) if gloved else colour))
-    return Mesh("plain", out, smooth_normals(out, triangles), np.ascontiguousarray(triangles), np.zeros((len(out), 4), np.float32),
-                labels.OTHER, uniforms={"colour": shown, "gloss": (0.35, 0.5, 0.7, 0.6)})  # fmt: skip
+    return Mesh(
+        "plain",
+        out,
+        smooth_normals(out, triangles),
+        np.ascontiguousarray(triangles),
+        np.zeros((len(out), 4), np.float32),
+        labels.OTHER,
+        uniforms={"colour": shown, "gloss": (0.35, 0.5, 0.7, 0.6)},
+    )
 
 
 def _blob(s: Stream, size: int, soft: float) -> Float:
@@ -75,7 +96,9 @@ def _blob(s: Stream, size: int, soft: float) -> Float:
         cv2.ellipse(image, (int(at[0]), int(at[1])), (int(axes[0]), int(axes[1])), s.one(0, 180), 0, 360, 1.0, -1)
     elif kind < 0.8:
         end = s.uniform(-0.2, 1.2, 2) * size
-        cv2.line(image, (int(at[0]), int(at[1])), (int(end[0]), int(end[1])), 1.0, max(2, int(s.one(0.02, 0.14) * size)))
+        cv2.line(
+            image, (int(at[0]), int(at[1])), (int(end[0]), int(end[1])), 1.0, max(2, int(s.one(0.02, 0.14) * size))
+        )
     else:
         for _ in range(3 + int(s.one() * 25)):
             path = np.cumsum(s.normal(0.0, 0.06 * size, 12).reshape(6, 2), 0) + s.uniform(0, 1, 2) * size

@@ -20,7 +20,7 @@ FREEDOM = 5.0
 """Degrees of freedom of the t distribution of identity coefficients: tails heavier than the model's own."""
 WIDEST = 4.0
 """Bound of a coefficient, standard deviations."""
-FIELDS = ((0.045, 1.2e-3), (0.022, 0.9e-3), (0.012, 0.45e-3))
+FIELDS = ((0.045, 0.9e-3), (0.022, 0.6e-3), (0.012, 0.3e-3))
 """Length scale and standard deviation (metres) of smooth displacements that no component of the model has."""
 WAVES = 40
 OVERLAP_M = 0.0003

@@ -49,14 +49,17 @@ def draw_camera(seed: int, size: int, face: Float) -> Camera:
 def landmarks(head: HeadModel, vertices: npt.NDArray[np.floating]) -> Float:
     """(478, 3) landmark points: MediaPipe's 468 by the head's embedding, then the irises.
 
-    The subject's right iris comes first: centre, then the rim towards the image right of a frontal face, up, left, down.
+    The subject's right iris comes first: centre, then the rim to the right (as a picture from the front shows it), up,
+    left and down.
     """
     corners = vertices[head.triangles[head.landmark_triangle]].astype(np.float64)
     points = np.einsum("lk,lkc->lc", head.landmark_barycentric.astype(np.float64), corners)
     irises = []
     for name in ("eye_right", "eye_left"):
         first = int(head.triangles[head.triangle_part == head.part_names.index(name)].min())
-        ring = vertices[first + 1 + 6 * 24 : first + 1 + 7 * 24].astype(np.float64)  # the limbus, see models.head.settle
+        ring = vertices[first + 1 + 6 * 24 : first + 1 + 7 * 24].astype(
+            np.float64
+        )  # the limbus, see models.head.settle
         turned = ring if name == "eye_left" else ring[(12 - np.arange(24)) % 24]  # the right ball is a mirror image
         irises += [ring.mean(0), *turned[[0, 6, 12, 18]]]
     return np.concatenate([points, np.array(irises)])

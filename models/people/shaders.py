@@ -5,7 +5,9 @@ Positions, normals and light are in head space; ``toCamera`` maps to x right, y 
 
 from __future__ import annotations
 
-KINDS = {"skin": 0, "eye": 1, "mouth": 2, "hair": 3, "cloth": 4, "plain": 5, "lens": 6, "fur": 7, "brow": 8, "lash": 9}
+KINDS = {
+    "skin": 0, "eye": 1, "mouth": 2, "hair": 3, "cloth": 4, "plain": 5, "lens": 6, "fur": 7, "brow": 8, "lash": 9,
+}  # fmt: skip
 """Materials; the shaders branch on these numbers."""
 
 MOST_LAMPS = 3
@@ -15,13 +17,17 @@ VERTEX = """
 uniform mat4 toClip; uniform vec3 eye; uniform float lift;  // lift: metres towards the camera
 in vec3 position; in vec3 normal; in vec4 uv; in vec4 ambient; in vec2 chart;
 out vec3 p; out vec3 n; out vec4 t; out vec4 a; out vec2 q;
-void main() { p = position; n = normal; t = uv; a = ambient; q = chart; gl_Position = toClip * vec4(position + lift * normalize(eye - position), 1.0); }
+void main() {
+  p = position; n = normal; t = uv; a = ambient; q = chart;
+  gl_Position = toClip * vec4(position + lift * normalize(eye - position), 1.0);
+}
 """
 
 _COMMON = """
 #version 330
 in vec3 p; in vec3 n; in vec4 t; in vec4 a; in vec2 q;
 const int kind = KIND;
+const float BLUR = SOFTNESS;  // level of detail by which strands are evened out
 uniform sampler2D picture;   // sRGB albedo, or grey and alpha of cards
 uniform sampler2D layers;    // lips, brow, stubble, scalp
 uniform sampler2D strands;   // beard strands of four lengths
@@ -42,7 +48,7 @@ float bearded() {            // cover by strands at this point of the skin
   vec2 place = texture(places, t.xy).xy;
   float where = clamp(beard.x * place.x + beard.y * place.y, 0.0, 1.2);
   where = smoothstep(beard.w, beard.w + 0.35, where + 0.25 * (blob(t.xy * 90.0) - 0.5)) * step(0.001, where);
-  vec4 s = texture(strands, t.xy);
+  vec4 s = texture(strands, t.xy, BLUR);
   vec4 w = max(vec4(0.0), 1.0 - abs(vec4(0, 1, 2, 3) - beard.z));
   return where * min(1.0, dot(s, w) * max(beard.x, beard.y) * 1.3);
 }
@@ -78,7 +84,8 @@ uniform float graininess;
 out vec4 result;
 
 const float PI = 3.14159265;
-const vec2 disc[5] = vec2[5](vec2(0.1, -0.25), vec2(-0.55, 0.05), vec2(0.35, 0.6), vec2(0.75, -0.35), vec2(-0.45, -0.85));
+const vec2 disc[5] = vec2[5](
+  vec2(0.1, -0.25), vec2(-0.55, 0.05), vec2(0.35, 0.6), vec2(0.75, -0.35), vec2(-0.45, -0.85));
 vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
 vec3 seenSky(vec3 d, float lod) {
   vec2 at = vec2(atan(d.x, d.z) / (2.0 * PI) + 0.5, acos(clamp(d.y, -1.0, 1.0)) / PI);
@@ -99,7 +106,10 @@ float shadowOf(int i, vec3 at) {
   if (i == 0) open *= mix(1.0, texture(gobo, m.xy).r, goboShare);
   return open;
 }
-float ggx(float nh, float alpha) { float q = alpha * alpha; float d = nh * nh * (q - 1.0) + 1.0; return q / (PI * d * d); }
+float ggx(float nh, float alpha) {
+  float q = alpha * alpha, d = nh * nh * (q - 1.0) + 1.0;
+  return q / (PI * d * d);
+}
 float lobe(vec3 N, vec3 V, vec3 L, float alpha, float f0) {
   vec3 H = normalize(V + L);
   float k = alpha * 0.5, nl = max(dot(N, L), 0.0), nv = max(dot(N, V), 1e-3);
@@ -135,11 +145,11 @@ void main() {
     vec3 inner = linear(texture(iris, 0.5 + 0.5 * vec2(flat_.x, -flat_.y) / max(r, 1e-4) * stretched).rgb);
     inner *= smoothstep(pupil * 0.85, pupil * 1.05, r) * (1.0 - 0.55 * smoothstep(0.8, 1.0, r));
     vec3 white = vec3(0.72, 0.66, 0.61) * eyeLook.z;
-    white = mix(white, white * vec3(1.0, 0.55, 0.5), eyeLook.y * smoothstep(0.9, 2.3, r) * (0.5 + blob(d.xy * 25.0)));
+    float red = eyeLook.y * smoothstep(0.9, 2.3, r) * (0.5 + blob(d.xy * 25.0));
+    white = mix(white, white * vec3(1.0, 0.55, 0.5), red);
     albedo = mix(inner * 1.2, white, smoothstep(0.93, 1.05, r));
     wrap = vec3(0.15, 0.1, 0.1);
     shine = vec4(0.06, 0.12, 0.8, 1.0);
-    S = normalize(N + 0.0 * d);
   } else if (kind == 2) {
     albedo = t.z > 0.5 ? linear(texture(picture, t.xy).rgb) * tone.rgb : colour;
     wrap = vec3(0.2, 0.1, 0.08); shine = vec4(0.14, 0.3, 0.6, 1.0); wet = 0.7;
@@ -151,14 +161,19 @@ void main() {
     vec3 worn = linear(texture(picture, t.xy).rgb);
     albedo = mix(colour, worn, tone.w) * tone.rgb; shine = vec4(0.6, 0.8, 0.5, 0.3);
   } else if (kind == 7) {
-    albedo = colour * mix(0.45, 1.3, level) * (0.7 + 0.6 * blob(t.xy * 500.0)); wrap = vec3(0.25); shine = vec4(0.4, 0.6, 0.5, 0.4);
+    albedo = colour * mix(0.45, 1.3, level) * (0.7 + 0.6 * blob(t.xy * 500.0));
+    wrap = vec3(0.25); shine = vec4(0.4, 0.6, 0.5, 0.4);
   } else if (kind == 8 || kind == 9) { shine.w = 0.0; }
   vec3 light = a.rgb * albedo;
   float f0 = 0.04 * shine.w, nv = max(dot(S, V), 0.0);
   if (kind == 3 || kind == 7) f0 = 0.03;
   vec3 glints = vec3(0.0);
   vec3 T = vec3(0.0);
-  if (kind == 3) { T = dFdx(p) * dFdy(t.x) - dFdy(p) * dFdx(t.x); float size = length(T); T = size > 1e-12 ? T / size : vec3(0.0, 1.0, 0.0); }
+  if (kind == 3) {           // along the strands: where the picture's column stays the same
+    T = dFdx(p) * dFdy(t.x) - dFdy(p) * dFdx(t.x);
+    float size = length(T);
+    T = size > 1e-12 ? T / size : vec3(0.0, 1.0, 0.0);
+  }
   for (int i = 0; i < lamps; i++) {
     vec3 way = lampAt[i] - p; float far = dot(way, way); vec3 L = way * inversesqrt(far);
     float open = shadowOf(i, p + N * 0.0025);
@@ -167,7 +182,8 @@ void main() {
     light += e * soft * albedo / PI;
     if (kind == 3) {
       float along = dot(T, normalize(L + V));
-      glints += e * 0.10 * pow(max(0.0, 1.0 - along * along), 25.0) * (0.03 + colour) * max(0.0, dot(N, L) * 0.7 + 0.3);
+      float sheen = 0.10 * pow(max(0.0, 1.0 - along * along), 25.0) * max(0.0, dot(N, L) * 0.7 + 0.3);
+      glints += e * sheen * (0.03 + colour);
     } else if (shine.w > 0.0) {
       float s = shine.z * lobe(S, V, L, shine.x, f0) + (1.0 - shine.z) * lobe(S, V, L, shine.y, f0);
       glints += e * s;
@@ -176,17 +192,19 @@ void main() {
   if (shine.w > 0.0) {
     vec3 R = reflect(-V, S);
     float f = f0 + (max(1.0 - shine.y, f0) - f0) * pow(clamp(1.0 - nv, 0.0, 1.0), 5.0);
-    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * min(a.w * a.w * 1.2, 1.0) * (kind == 1 ? 1.0 : 0.22);
+    float open = min(a.w * a.w * 1.2, 1.0) * (kind == 1 ? 1.0 : 0.22);
+    glints += seenSky(R, clamp(6.0 * sqrt(shine.x), 0.0, 6.0)) * f * open;
   }
   light += glints * wet;
   float opaque = 1.0;
   if (kind == 6) {
     vec3 R = reflect(-V, N);
     float f = tone.w + (1.0 - tone.w) * pow(clamp(1.0 - dot(N, V), 0.0, 1.0), 5.0);
-    light = seenSky(R, 0.5) * f * tone.rgb + glints * 0.0;
+    light = seenSky(R, 0.5) * f * tone.rgb;
     for (int i = 0; i < lamps; i++) {
       vec3 L = normalize(lampAt[i] - p);
-      light += lampLight[i] / dot(lampAt[i] - p, lampAt[i] - p) * f * 4.0 * smoothstep(0.996, 0.9985, dot(R, L)) * tone.rgb;
+      vec3 e = lampLight[i] / dot(lampAt[i] - p, lampAt[i] - p);
+      light += e * f * 4.0 * smoothstep(0.996, 0.9985, dot(R, L)) * tone.rgb;
     }
     opaque = 1.0 - transmission * (1.0 - f);
   }
@@ -210,11 +228,11 @@ void main() {
   vec3 V = normalize(eye - p), N = normalize(n);
   int l = label; float c = charted;
   if (kind == 0) {
-    vec4 over = texture(layers, t.xy);
+    vec4 over = texture(layers, t.xy, BLUR);
     if (t.z > 0.5) l = t.w > 0.5 ? 5 : 1;
-    else if (max(bearded(), over.b) > 0.4) l = 3;
+    else if (max(bearded(), over.b) > 0.2) l = 3;
     else if (over.r > 0.5) l = 4;
-    else if (over.g > 0.35) l = 2;
+    else if (over.g > 0.25) l = 2;
     else if (over.a > 0.6 && t.z < 0.5) l = 8;
   } else if (kind == 1) {
     vec3 d = normalize(t.xyz);

@@ -26,11 +26,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from models.people.portrait import Portrait, portrait
+from models.people.develop import decoded
+from models.people.make import Portrait, portrait
 from service.errors import UnreadableInput
 from service.geometry.camera import Camera
 
@@ -52,9 +52,12 @@ def encode(portraits: list[Portrait]) -> Arrays:
         "seed": np.array([p.seed for p in portraits]),
         "jpeg": np.frombuffer(b"".join(p.jpeg for p in portraits), np.uint8),
         "jpeg_end": np.cumsum([len(p.jpeg) for p in portraits]),
-        "chart": coded.astype(np.uint16), "normal": np.round(127 * np.stack([p.normal for p in portraits])).astype(np.int8),
-        "depth": tenths.astype(np.uint16), "part": np.stack([p.part for p in portraits]),
-        "points": np.stack([p.points for p in portraits]), "seen": np.stack([p.seen for p in portraits]),
+        "chart": coded.astype(np.uint16),
+        "normal": np.round(127 * np.stack([p.normal for p in portraits])).astype(np.int8),
+        "depth": tenths.astype(np.uint16),
+        "part": np.stack([p.part for p in portraits]),
+        "points": np.stack([p.points for p in portraits]),
+        "seen": np.stack([p.seen for p in portraits]),
         "focal_px": np.array([p.camera.focal_px for p in portraits]),
         "principal_point": np.stack([p.camera.principal_point for p in portraits]),
         "rotation": np.stack([p.camera.rotation for p in portraits]),
@@ -64,27 +67,43 @@ def encode(portraits: list[Portrait]) -> Arrays:
         "vertices": np.clip(np.round(vertices), -32767, 32767).astype(np.int16),
         "eyes": np.array([EYE_STATES.index(p.eyes) for p in portraits], np.uint8),
         "lids_mm": np.stack([p.lids_mm for p in portraits]).astype(np.float16),
-    }  # fmt: skip
+    }
 
 
 def decode(arrays: Arrays) -> Iterator[Portrait]:
     """The portraits of a shard, as exactly as it holds them."""
     ends = arrays["jpeg_end"]
     for i, seed in enumerate(arrays["seed"].tolist()):
-        data = arrays["jpeg"][(ends[i - 1] if i else 0) : ends[i]]
-        image = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+        data = arrays["jpeg"][(ends[i - 1] if i else 0) : ends[i]].tobytes()
+        image = decoded(data)
         chart = arrays["chart"][i].astype(np.float32)
         depth = arrays["depth"][i].astype(np.float32)
         size = image.shape[0]
-        camera = Camera(size, size, float(arrays["focal_px"][i]), arrays["principal_point"][i], arrays["rotation"][i],
-                        arrays["translation"][i])  # fmt: skip
+        camera = Camera(
+            size,
+            size,
+            float(arrays["focal_px"][i]),
+            arrays["principal_point"][i],
+            arrays["rotation"][i],
+            arrays["translation"][i],
+        )
         yield Portrait(
-            seed, image, data.tobytes(), np.where(chart > 0, (chart - 1) / 65534, np.float32(np.nan)).astype(np.float32),
-            arrays["normal"][i].astype(np.float32) / 127, np.where(depth > 0, depth * DEPTH_UNIT_M, np.inf).astype(np.float32),
-            arrays["part"][i], arrays["points"][i], arrays["seen"][i], camera, arrays["identity"][i].astype(np.float32),
-            arrays["expression"][i].astype(np.float32), arrays["vertices"][i].astype(np.float32) * np.float32(VERTEX_UNIT_M),
-            EYE_STATES[int(arrays["eyes"][i])], arrays["lids_mm"][i].astype(np.float32),
-        )  # fmt: skip
+            seed,
+            image,
+            data,
+            np.where(chart > 0, (chart - 1) / 65534, np.float32(np.nan)).astype(np.float32),
+            arrays["normal"][i].astype(np.float32) / 127,
+            np.where(depth > 0, depth * DEPTH_UNIT_M, np.inf).astype(np.float32),
+            arrays["part"][i],
+            arrays["points"][i],
+            arrays["seen"][i],
+            camera,
+            arrays["identity"][i].astype(np.float32),
+            arrays["expression"][i].astype(np.float32),
+            arrays["vertices"][i].astype(np.float32) * np.float32(VERTEX_UNIT_M),
+            EYE_STATES[int(arrays["eyes"][i])],
+            arrays["lids_mm"][i].astype(np.float32),
+        )
 
 
 def save(arrays: Arrays, path: Path) -> None:

@@ -53,8 +53,10 @@ def shell(vertices: Float, value: Array, thickness: float, rounds: int, label: i
     extra = np.zeros((len(used), 4), np.float32)
     extra[:, :2] = out[:, :2] * 4.0
     extra[:, 2] = value[used]
-    local = local.reshape(-1, 3).astype(np.int32)
-    return Mesh("cloth", out, smooth_normals(out, local), local, extra, label, uniforms={"colour": (0.5, 0.5, 0.5), **look})
+    faces = np.asarray(local.reshape(-1, 3), np.int32)
+    return Mesh(
+        "cloth", out, smooth_normals(out, faces), faces, extra, label, uniforms={"colour": (0.5, 0.5, 0.5), **look}
+    )
 
 
 def _fabric(s: Stream, share: float) -> dict[str, object]:
@@ -69,7 +71,7 @@ def cap(s: Stream, vertices: Float) -> tuple[Mesh, float]:
     """A knitted cap, and the height of its rim at the forehead (metres): hair above is hidden."""
     p = the_head().mean.astype(np.float64)
     rim = s.one(0.035, 0.07)
-    value = p[:, 1] - rim + s.one(0.25, 0.6) * np.minimum(0.0, p[:, 2] - 0.02) * -1.0 - 0.0
+    value = p[:, 1] - rim + s.one(0.25, 0.6) * np.maximum(0.0, 0.02 - p[:, 2])  # lower behind
     return shell(vertices, value * 20.0, s.one(0.003, 0.009), 12, labels.HAT, _fabric(s, 0.0)), rim
 
 
@@ -102,19 +104,39 @@ def mask(s: Stream, vertices: Float) -> list[Mesh]:
         if not len(edge):
             continue
         behind = np.array([np.median(ear[:, 0]), 0.0, np.quantile(ear[:, 2], 0.4)])
-        for start, y in ((edge[edge[:, 1].argmax()], np.quantile(ear[:, 1], 0.8)), (edge[edge[:, 1].argmin()], np.quantile(ear[:, 1], 0.2))):
-            end = behind + [0.0, y, 0.0]
+        for start, y in (
+            (edge[edge[:, 1].argmax()], np.quantile(ear[:, 1], 0.8)),
+            (edge[edge[:, 1].argmin()], np.quantile(ear[:, 1], 0.2)),
+        ):
+            end = behind + np.array([0.0, y, 0.0])
             path = start + (end - start) * np.linspace(0, 1, 6)[:, None]
             path[1:-1, 0] += sign * 0.006
             points, triangles = tube(path, 0.0012, False, 4)
-            meshes.append(Mesh("plain", points, smooth_normals(points, triangles), triangles,
-                               np.zeros((len(points), 4), np.float32), labels.OTHER, shadows=False,
-                               uniforms={"colour": look["colour"]}))  # fmt: skip
+            meshes.append(
+                Mesh(
+                    "plain",
+                    points,
+                    smooth_normals(points, triangles),
+                    triangles,
+                    np.zeros((len(points), 4), np.float32),
+                    labels.OTHER,
+                    shadows=False,
+                    uniforms={"colour": look["colour"]},
+                )
+            )
     return meshes
 
 
-def fur(vertices: Float, normals: Float, length: float, droop: float, label: int, value: Array | None, look: dict[str, object]) -> list[Mesh]:
-    """Layers of strands over the beard (``value`` None) or where ``value`` (V,) in [0, 1] says; ``length`` in metres."""
+def fur(
+    vertices: Float,
+    normals: Float,
+    length: float,
+    droop: float,
+    label: int,
+    value: Array | None,
+    look: dict[str, object],
+) -> list[Mesh]:
+    """Layers of strands, ``length`` metres long, over the beard (``value`` None) or where ``value`` (V,) is above 0."""
     layout, head = layouts()["skin"], the_head()
     own = head.region("beard") if value is None else value.astype(np.float32)
     if value is None:
@@ -125,7 +147,7 @@ def fur(vertices: Float, normals: Float, length: float, droop: float, label: int
         chosen = own[layout.source] > 0.02
     kept = layout.triangles[chosen[layout.triangles].all(1)]
     used, local = np.unique(kept, return_inverse=True)
-    local = local.reshape(-1, 3).astype(np.int32)
+    faces = np.asarray(local.reshape(-1, 3), np.int32)
     source = layout.source[used]
     extra = np.zeros((len(used), 4), np.float32)
     extra[:, :2] = layout.chart[used]
@@ -135,6 +157,16 @@ def fur(vertices: Float, normals: Float, length: float, droop: float, label: int
         level = k / FUR_LAYERS
         way = normals[source] * (1 - droop * level) + np.array([0, -droop * level, 0.3 * droop * level], np.float32)
         points = vertices[source] + np.float32(length * level) * way
-        meshes.append(Mesh("fur", points.astype(np.float32), normals[source], local, extra, label, shadows=k == FUR_LAYERS - 2,
-                           uniforms={**look, "level": level}))  # fmt: skip
+        meshes.append(
+            Mesh(
+                "fur",
+                points.astype(np.float32),
+                normals[source],
+                faces,
+                extra,
+                label,
+                shadows=k == FUR_LAYERS - 2,
+                uniforms={**look, "level": level},
+            )
+        )
     return meshes

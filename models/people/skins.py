@@ -12,9 +12,15 @@ import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from models.lightstage.stage import Stage
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -24,6 +30,8 @@ WIDTH, HEIGHT = 1056, 704
 """Texels of the chart: two and a half per mm on the face."""
 FIRST = 500_000
 """Subject of the light stage that skin 0 looks for its tone from; training and tests of the networks use lower ones."""
+BEARDS = 4
+"""Strand pictures for beards: shadow, stubble of 1.5 mm, 4 mm and 8 mm."""
 BARE_BROWS = 6
 """Hairs in the brows of every fourth skin; these get brows of the wardrobe."""
 LAYERS = ("lips", "brow", "stubble", "scalp")
@@ -65,7 +73,13 @@ def load_skin(number: int, folder: Path) -> Skin:
         _store(path, _draw(number))
     with np.load(path, allow_pickle=False) as a:
         return Skin(
-            a["albedo"], a["layers"], a["hair"], float(a["grey"]), a["roughness"], float(a["angle_deg"]), bool(a["male"])
+            a["albedo"],
+            a["layers"],
+            a["hair"],
+            float(a["grey"]),
+            a["roughness"],
+            float(a["angle_deg"]),
+            bool(a["male"]),
         )
 
 
@@ -117,7 +131,7 @@ def _draw(number: int) -> dict[str, npt.NDArray[np.generic]]:
     window = ChartWindow.whole(WIDTH, HEIGHT)
     maps = drawn.maps(window)
     lips, hair, _, _, scalp = maps.regions
-    above = _template_height(stage) > -0.012
+    above = torch.from_numpy(_template_height(stage) > -0.012)
     layers = torch.stack([
         lips, hair * above * (1 - scalp), hair * ~above * (1 - scalp), scalp * subject.hair.scalp_cover
     ])  # fmt: skip
@@ -130,17 +144,11 @@ def _draw(number: int) -> dict[str, npt.NDArray[np.generic]]:
     }  # fmt: skip
 
 
-def _template_height(stage: object) -> object:
-    """(704, 1056) y (metres) of the mean head at each texel, as a tensor."""
-    import torch
-
-    from models.lightstage.stage import Stage
+def _template_height(stage: Stage) -> npt.NDArray[np.float32]:
+    """(704, 1056) y (metres) of the mean head at each texel."""
     from service.geometry.chart import Chart
 
-    if not isinstance(stage, Stage):
-        raise TypeError(f"a Stage is wanted, not {type(stage).__name__}")
-    height = Chart.build(stage.head, WIDTH, HEIGHT).interpolate(stage.head.mean[:, 1])[..., 0]
-    return torch.from_numpy(height)
+    return Chart.build(stage.head, WIDTH, HEIGHT).interpolate(stage.head.mean[:, 1])[..., 0]
 
 
 def _draw_beards() -> dict[str, npt.NDArray[np.generic]]:
@@ -169,10 +177,6 @@ def _draw_beards() -> dict[str, npt.NDArray[np.generic]]:
     return {"strands": _bytes(torch.stack(strands)), "places": _bytes(torch.stack(places))}
 
 
-def _bytes(values: object) -> Bytes:
-    """(C, h, w) tensor in [0, 1] -> (h, w, C) uint8."""
-    import torch
-
-    if not isinstance(values, torch.Tensor):
-        raise TypeError("a tensor is wanted")
+def _bytes(values: Tensor) -> Bytes:
+    """(C, h, w) in [0, 1] -> (h, w, C) uint8."""
     return np.asarray((values.float().clamp(0.0, 1.0) * 255.0).round().byte().permute(1, 2, 0).contiguous().numpy())

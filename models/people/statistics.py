@@ -6,10 +6,11 @@ import time
 from collections import Counter
 
 import numpy as np
+import numpy.typing as npt
 
 from models.people import labels
+from models.people.make import portrait
 from models.people.person import draw_person
-from models.people.portrait import portrait
 from models.people.shards import EYE_STATES
 from models.people.skins import default_folder, load_skin
 
@@ -29,17 +30,28 @@ def statistics(start: int, count: int, size: int) -> str:
     lines.append("eyes: " + ", ".join(f"{name} {states[name] / count:.2f}" for name in EYE_STATES))
     angles = np.abs([p.camera.yaw_pitch_roll_deg() for p in made])
     for name, column in zip(("yaw", "pitch", "roll"), angles.T, strict=True):
-        lines.append(f"|{name}| degrees: median {np.median(column):.0f}, 90 % below {np.quantile(column, 0.9):.0f}, most {column.max():.0f}")
-    distance = np.array([p.camera.translation[2] for p in made])
-    lines.append(f"distance m: {distance.min():.2f} to {distance.max():.2f}, median {np.median(distance):.2f}")
-    charted = np.mean([np.isfinite(p.chart[..., 0]).mean() for p in made])
-    lines.append(f"pixels with chart coordinates: {charted:.3f}; landmarks that nothing hides: {np.mean([p.seen.mean() for p in made]):.3f}")
+        lines.append(f"|{name}|, degrees: {_spread(column)}")
+    lines.append(f"distance, m: {_spread(np.array([p.camera.translation[2] for p in made]), 2)}")
+    charted = [np.isfinite(p.chart[..., 0]) for p in made]
+    lines.append(f"share of pixels with chart coordinates: {np.mean(charted):.3f}")
+    lines.append(f"share of landmarks that nothing hides: {np.mean([p.seen.mean() for p in made]):.3f}")
     identity = np.stack([p.identity for p in made])
-    lines.append(f"identity coefficients: rms {np.sqrt((identity**2).mean()):.2f}, beyond 2.5: {(np.abs(identity) > 2.5).mean():.4f}")
-    residual = np.concatenate([np.linalg.norm(draw_person(p.seed).residual, axis=1) for p in made[:20]])
+    wide = (np.abs(identity) > 2.5).mean()
+    lines.append(f"identity coefficients: rms {np.sqrt((identity**2).mean()):.2f}, beyond 2.5: {wide:.4f}")
+    people = [draw_person(p.seed) for p in made]
+    residual = np.concatenate([np.linalg.norm(person.residual, axis=1) for person in people])
     lines.append(f"beyond the model: {1e3 * np.sqrt((residual**2).mean()):.2f} mm rms")
-    tones = np.array([load_skin(draw_person(p.seed).skin, default_folder()).angle_deg for p in made])
-    lines.append(f"typology angle of the skins: {tones.min():.0f} to {tones.max():.0f} degrees, median {np.median(tones):.0f}")
-    level = np.array([p.image[np.isfinite(p.chart[..., 0])].mean() for p in made if np.isfinite(p.chart[..., 0]).any()])
-    lines.append(f"mean code of the face: median {np.median(level):.0f}, 10 % below {np.quantile(level, 0.1):.0f}, 10 % above {np.quantile(level, 0.9):.0f}")
+    tones = np.array([load_skin(person.skin, default_folder()).angle_deg for person in people])
+    lines.append(f"typology angle of the skins, degrees: {_spread(tones)}")
+    level = [p.image[where].mean() for p, where in zip(made, charted, strict=True) if where.any()]
+    lines.append(f"mean code of the face: {_spread(np.array(level))}")
     return "\n".join(lines) + "\n"
+
+
+def _spread(values: npt.NDArray[np.floating], digits: int = 0) -> str:
+    """Least, 10 %, median, 90 % and greatest value."""
+    least, low, median, high, most = np.quantile(values, [0.0, 0.1, 0.5, 0.9, 1.0])
+    return (
+        f"median {median:.{digits}f}, 80 % from {low:.{digits}f} to {high:.{digits}f}, "
+        f"all from {least:.{digits}f} to {most:.{digits}f}"
+    )

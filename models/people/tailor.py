@@ -1,8 +1,8 @@
 """Fit MakeHuman's assets to our head: ``python -m models.people.tailor --assets FOLDER``.
 
 The folder holds hair, brows, lashes, teeth, hats and clothes of makehumancommunity/makehuman-assets (CC0) with the
-``.mhclo`` files that bind them to the base mesh. The same base mesh is what our head is cut from, so the binding carries
-over: it places the asset on an average body, and from there on the asset follows the vertices of our head.
+``.mhclo`` files that bind them to the base mesh. The same base mesh is what our head is cut from, so the binding
+carries over: it places the asset on an average body, and from there on the asset follows the vertices of our head.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -68,7 +69,7 @@ class Tailor:
     def tight(self, binding: Binding, source: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int32], Float]:
         """What the binding itself names, where those vertices are in our head; the nearest else."""
         corners, weights = binding.corners[source], binding.weights[source]
-        known = np.array([[c in self.exact for c in row] for row in corners]).all(1)
+        known: npt.NDArray[np.bool_] = np.all(np.array([[c in self.exact for c in row] for row in corners]), axis=1)
         follow = np.array([[self.exact.get(int(c), 0) for c in row] for row in corners], np.int32)
         near, share = self.near(self.place(binding)[source], 3)
         return np.where(known[:, None], follow, near), np.where(known[:, None], weights, share)
@@ -122,7 +123,7 @@ def cut(
 
 def picture(path: Path, kind: str) -> npt.NDArray[np.uint8]:
     """A texture at the size and with the channels of its kind."""
-    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    raw: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise FileNotFoundError(path)
     if raw.shape[2] == 3:
@@ -132,7 +133,8 @@ def picture(path: Path, kind: str) -> npt.NDArray[np.uint8]:
     small = cv2.resize(weighted, (PICTURE, PICTURE), interpolation=cv2.INTER_AREA)
     alpha = small[..., 3:]
     spread = cv2.GaussianBlur(small, (0, 0), 6)  # colour beside the cut-out, so that filtering meets no black
-    colour = np.where(alpha > 8, small[..., :3] / np.maximum(alpha / 255.0, 1e-3), spread[..., :3] / np.maximum(spread[..., 3:] / 255.0, 1e-3))
+    own, around = (x[..., :3] / np.maximum(x[..., 3:] / 255.0, 1e-3) for x in (small, spread))
+    colour = np.where(alpha > 8, own, around)
     colour = np.clip(colour, 0, 255)[..., ::-1]
     if kind in ("brow", "lash"):
         out = alpha
@@ -147,7 +149,7 @@ def iris_items(folder: Path) -> list[Item]:
     """The iris pictures of the eyeballs, cut out: squares whose inscribed circle is the limbus."""
     items = []
     for path in sorted(folder.glob("*_eye.png")):
-        raw = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        raw: Any = cv2.imread(str(path), cv2.IMREAD_COLOR)
         half = 60 * raw.shape[1] // 512
         x, y = 307 * raw.shape[1] // 512, 146 * raw.shape[0] // 512
         square = cv2.resize(raw[y - half : y + half, x - half : x + half], (64, 64), interpolation=cv2.INTER_AREA)

@@ -101,7 +101,9 @@ def pack(items: list[Item], fitted_head: Float, path: Path) -> None:
         short = np.int16 if np.abs(i.rest).max() < 0.32 else np.int32
         arrays[f"{i.name}:rest"] = np.round(i.rest * 1e5).astype(short)
         arrays[f"{i.name}:follow"] = i.follow.astype(np.int16)
-        arrays[f"{i.name}:share"] = np.round(i.share * 1000).astype(np.int16 if np.abs(i.share).max() < 32 else np.int32)
+        arrays[f"{i.name}:share"] = np.round(i.share * 1000).astype(
+            np.int16 if np.abs(i.share).max() < 32 else np.int32
+        )
         arrays[f"{i.name}:uv"] = np.round((np.clip(i.uv, -2, 2) + 2.0) / 4.0 * 65535).astype(np.uint16)
         arrays[f"{i.name}:triangles"] = i.triangles.astype(np.uint16)
         arrays[f"{i.name}:picture"] = i.picture

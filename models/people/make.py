@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,8 +43,8 @@ class Portrait:
         identity, expression: coefficients of the head model.
         vertices: (V, 3) float32 metres in head space, with all that goes beyond the model.
         eyes: state of the eyes: "open", "half", "closed" or "wink".
-        lids_mm: (2,) float32 height of the opening of the lids in the middle, the subject's right eye first; negative where
-            they overlap.
+        lids_mm: (2,) float32 height of the opening of the lids in the middle, the subject's right eye first; negative
+            where they overlap.
     """
 
     seed: int
@@ -87,11 +88,22 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
     meshes = [*figure(person, skin, hair, wardrobe, seed), *outfit.meshes]
     _textures(r, seed, person.skin, folder, light.sky, light.gobo, meshes)
     shared = {
-        "eye": tuple(float(x) for x in camera.centre), "cutoff": 0.45, "faint": 1.0, "lift": 0.0, "level": 0.0,
-        "beard": outfit.beard, "limbus": 0.5, "tone": (1.0, 1.0, 1.0, 0.0), "gloss": (0.3, 0.5, 0.7, 1.0),
-        "colour": (0.5, 0.5, 0.5), "transmission": 0.0, "graininess": 0.0, "eyeLook": (0.35, 0.3, 1.0, 0.0),
-        "glare": 1e9, "scalp": tuple(float(x) for x in hair),
-    }  # fmt: skip
+        "eye": tuple(float(x) for x in camera.centre),
+        "cutoff": 0.45,
+        "faint": 1.0,
+        "lift": 0.0,
+        "level": 0.0,
+        "beard": outfit.beard,
+        "limbus": 0.5,
+        "tone": (1.0, 1.0, 1.0, 0.0),
+        "gloss": (0.3, 0.5, 0.7, 1.0),
+        "colour": (0.5, 0.5, 0.5),
+        "transmission": 0.0,
+        "graininess": 0.0,
+        "eyeLook": (0.35, 0.3, 1.0, 0.0),
+        "glare": 1e9,
+        "scalp": tuple(float(x) for x in hair),
+    }
     for mesh in meshes:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}
     loaded = r.load(meshes)
@@ -112,17 +124,42 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
     image, jpeg = develop(seed, colour, np.isin(truth["part"], labels.CHARTED))
     points, seen = _points(camera, vertices, truth)
     return Portrait(
-        seed, image, jpeg, truth["chart"], truth["normal"], truth["depth"], truth["part"], points, seen, camera,
-        person.identity, person.expression, vertices, person.eyes, lid_openings(vertices),
-    )  # fmt: skip
+        seed,
+        image,
+        jpeg,
+        truth["chart"],
+        truth["normal"],
+        truth["depth"],
+        truth["part"],
+        points,
+        seen,
+        camera,
+        person.identity,
+        person.expression,
+        vertices,
+        person.eyes,
+        lid_openings(vertices),
+    )
 
 
 _OWN = (
-    "tone", "gloss", "colour", "transmission", "graininess", "eyeLook", "cutoff", "lift", "level", "glare", "beard",
-)  # fmt: skip
+    "tone",
+    "gloss",
+    "colour",
+    "transmission",
+    "graininess",
+    "eyeLook",
+    "cutoff",
+    "lift",
+    "level",
+    "glare",
+    "beard",
+)
 
 
-def _textures(r: Renderer, seed: int, skin: int, folder: Path, sky: Float, gobo: npt.NDArray[np.uint8], meshes: list[Mesh]) -> None:
+def _textures(
+    r: Renderer, seed: int, skin: int, folder: Path, sky: Float, gobo: npt.NDArray[np.uint8], meshes: list[Mesh]
+) -> None:
     strands, places = load_beards(folder)
     loaded = load_skin(skin, folder)
     items = load_wardrobe().items
@@ -152,12 +189,14 @@ def _pick(s: Stream, names: list[str]) -> str:
     return names[int(s.one() * len(names))]
 
 
-def _truth(where: Float, facing: Float, part: Float, camera: Camera) -> dict[str, npt.NDArray[np.generic]]:
+def _truth(where: Float, facing: Float, part: Float, camera: Camera) -> dict[str, npt.NDArray[Any]]:
     parts = np.round(part[..., 0]).astype(np.uint8)
     there = parts != labels.BACKGROUND
     charted = there & (where[..., 3] > 0.5) & np.isin(parts, labels.CHARTED)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    rays = np.stack([x - camera.principal_point[0], y - camera.principal_point[1], np.full_like(x, camera.focal_px)], -1)
+    rays = np.stack(
+        [x - camera.principal_point[0], y - camera.principal_point[1], np.full_like(x, camera.focal_px)], -1
+    )
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     # Interpolated normals point away from the camera at some outlines; there the surface is seen edge-on.
     normal = facing[..., :3] - np.maximum((facing[..., :3] * rays).sum(-1, keepdims=True), 0.0) * rays
@@ -170,7 +209,7 @@ def _truth(where: Float, facing: Float, part: Float, camera: Camera) -> dict[str
     }
 
 
-def _points(camera: Camera, vertices: Float, truth: dict[str, npt.NDArray[np.generic]]) -> tuple[Float, npt.NDArray[np.bool_]]:
+def _points(camera: Camera, vertices: Float, truth: dict[str, npt.NDArray[Any]]) -> tuple[Float, npt.NDArray[np.bool_]]:
     head = the_head()
     points = landmarks(head, vertices)
     index, outline = contour(head, vertices, camera.yaw_pitch_roll_deg()[0])
