@@ -1,0 +1,90 @@
+"""Synthetic people on disk: ``python -m models.people --count N --start S --size 256 --out DIR``.
+
+Shards that are there already are kept, so an interrupted run goes on where it stopped. ``--sheet FILE`` draws a sheet
+of 48, ``--statistics N`` measures N portraits, ``--skins`` only draws the skins that all portraits share.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+SHEET = (8, 6)
+
+
+def sheet(path: Path, start: int, size: int) -> None:
+    """A JPEG of 48 portraits, eight in a row."""
+    import cv2
+    import numpy as np
+
+    from models.people.make import portrait
+
+    across, down = SHEET
+    images = [
+        cv2.resize(portrait(start + k).image, (size, size), interpolation=cv2.INTER_AREA) for k in range(across * down)
+    ]
+    rows = [np.hstack(images[k * across : (k + 1) * across]) for k in range(down)]
+    cv2.imwrite(str(path), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
+def make(start: int, count: int, size: int, out: Path, jobs: int) -> None:
+    """Write all shards, by several processes if asked for."""
+    from models.people.shards import plan, write
+    from models.people.skins import prepare
+
+    todo = plan(start, count, size, out)
+    missing = [t for t in todo if not t[0].is_file()]
+    sys.stderr.write(f"{len(todo)} shards, {len(todo) - len(missing)} of them there already\n")
+    if missing:
+        prepare()
+    if jobs == 1:
+        for path, seed, n in missing:
+            write(path, seed, n, size)
+            sys.stderr.write(f"{path}\n")
+        return
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa's software renderer, in the children
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = [(path, pool.submit(write, path, seed, n, size)) for path, seed, n in missing]
+        for path, future in futures:
+            future.result()
+            sys.stderr.write(f"{path}\n")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m models.people", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--count", type=int, default=64, help="portraits")
+    parser.add_argument("--start", type=int, default=0, help="first seed")
+    parser.add_argument("--size", type=int, default=256, help="side, pixels")
+    parser.add_argument("--out", type=Path, help="folder of the shards")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--sheet", type=Path, help="draw a sheet of 48 portraits to this JPEG file")
+    parser.add_argument("--statistics", type=int, metavar="N", help="measure N portraits and print a table")
+    parser.add_argument("--skins", action="store_true", help="only draw the skins")
+    chosen = parser.parse_args()
+    if chosen.count < 1 or chosen.start < 0 or chosen.size < 16 or chosen.jobs < 1:
+        parser.error("--count, --jobs from 1, --start from 0, --size from 16")
+    if chosen.skins:
+        from models.people.skins import prepare
+
+        prepare()
+    if chosen.sheet:
+        sheet(chosen.sheet, chosen.start, 192)
+    if chosen.statistics:
+        from models.people.statistics import statistics
+
+        sys.stdout.write(statistics(chosen.start, chosen.statistics, chosen.size))
+    if chosen.out:
+        make(chosen.start, chosen.count, chosen.size, chosen.out, chosen.jobs)
+    if not (chosen.skins or chosen.sheet or chosen.statistics or chosen.out):
+        parser.error("say what to do: --out, --sheet, --statistics or --skins")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""What somebody wears and grows, by seed: hair, brows, lashes, beard, hats, clothes, glasses, occluders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from models.lightstage.skin.streams import Stream
+from models.people import labels
+from models.people.draw import Mesh
+from models.people.figure import neck_colour, smooth_normals
+from models.people.glasses import glasses
+from models.people.occluders import hand, screen, shade
+from models.people.person import Person, the_head
+from models.people.shells import cap, fur, mask, scarf
+from models.people.skins import Skin
+from models.people.wardrobe import Item, Wardrobe
+from service.geometry.normals import vertex_normals
+
+Float = npt.NDArray[np.float32]
+
+NO_BEARD = (0.0, 0.0, 0.0, 0.3)
+HAIR = (
+    *("short01", "short02", "short03", "short04") * 3,
+    *("afro01", "ponytail01", "long01", "braid01") * 2,
+    "bob01",
+    "bob02",
+)
+"""Hair by how often it is worn; bobs hide half of the face."""
+
+
+@dataclass
+class Outfit:
+    """What somebody has on.
+
+    Attributes:
+        meshes: to be drawn with the head.
+        beard: density, density of the moustache, length from 0 to 3, edge; for the shaders.
+        screens: what is put on the picture.
+    """
+
+    meshes: list[Mesh] = field(default_factory=list)
+    beard: tuple[float, float, float, float] = NO_BEARD
+    screens: list[Callable[[Float, dict[str, npt.NDArray[Any]]], Float]] = field(default_factory=list)
+
+    def screen(self, light: Float, truth: dict[str, npt.NDArray[Any]]) -> Float:
+        """Put flat things before the face; the truth is changed in place."""
+        for each in self.screens:
+            light = each(light, truth)
+        return light
+
+
+def hair_colour(person: Person, skin: Skin) -> Float:
+    """(3,) linear RGB of the person's hair."""
+    colour = skin.hair if person.hair is None else person.hair
+    grey = max(skin.grey, person.old) * 0.8 if person.old > 0.3 else 0.0
+    return np.asarray((1 - grey) * np.asarray(colour, np.float64) + grey * np.array([0.38, 0.37, 0.36]), np.float32)
+
+
+def card(item: Item, kind: str, moved: Float, label: int, **more: Any) -> Mesh:
+    """An item of the wardrobe as a mesh."""
+    points = item.worn(moved)
+    extra = np.zeros((len(points), 4), np.float32)
+    extra[:, :2] = item.uv
+    return Mesh(
+        kind, points, smooth_normals(points, item.triangles), item.triangles, extra, label, picture=item.name, **more
+    )
+
+
+def _pick(s: Stream, names: list[str]) -> str:
+    return names[int(s.one() * len(names))]
+
+
+def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, light_level: float) -> Outfit:
+    """All that the person named ``seed`` has on and before the face.
+
+    Args:
+        seed: names the outfit.
+        person: who it is.
+        skin: theirs.
+        hair: (3,) linear RGB.
+        wardrobe: what there is to wear.
+        light_level: radiance of skin in the portrait's light, about.
+    """
+    s, out = Stream(seed, "dress"), Outfit()
+    still, moving = person.neutral - wardrobe.fitted_head, person.vertices - wardrobe.fitted_head
+    colour = tuple(float(x) for x in hair)
+    top = _head_wear(s, out, person, wardrobe)
+    if top != "all" and s.chance(0.72):
+        _hair(s, out, person, wardrobe, colour, top)
+    if person.skin % 4 == 0 and s.chance(0.95):  # the other skins have brows of their own
+        item = wardrobe.items[_pick(s, wardrobe.names("brow"))]
+        out.meshes.append(card(item, "brow", moving, labels.BROW, shadows=False, only_label=True,
+                               uniforms={"colour": colour, "lift": 0.002}))  # fmt: skip
+    if s.chance(0.8):
+        item = wardrobe.items[_pick(s, wardrobe.names("lash"))]
+        out.meshes.append(card(item, "lash", moving, labels.SKIN, shadows=False, true=False,
+                               uniforms={"colour": (0.01, 0.008, 0.007)}))  # fmt: skip
+    _beard(s, out, person, skin, colour)
+    if s.chance(0.85):
+        item = wardrobe.items[_pick(s, wardrobe.names("cloth"))]
+        tint = tuple(float(x) for x in np.exp(s.normal(0.0, 0.5, 3)))
+        plain = tuple(float(x) for x in s.uniform(0.02, 0.8, 3) ** 1.5)
+        out.meshes.append(card(item, "cloth", still, labels.CLOTH, shadows=False,
+                               uniforms={"tone": (*tint, float(s.chance(0.6))), "colour": plain}))  # fmt: skip
+    if s.chance(0.25):
+        out.meshes += glasses(seed, person.vertices, light_level)
+    if s.chance(0.08):
+        out.meshes += mask(s, person.vertices)
+    if s.chance(0.10):
+        out.meshes.append(hand(seed, wardrobe, neck_colour(skin, person)))
+    if s.chance(0.25):
+        out.screens.append(shade(seed))
+    if s.chance(0.2):
+        out.screens.append(screen(seed))
+    return out
+
+
+def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe) -> float | str | None:
+    """A hat, cap or scarf; what of the hair it hides: all, that above a height (metres), or nothing."""
+    kind = s.one()
+    if kind < 0.06:
+        item = wardrobe.items[_pick(s, wardrobe.names("hat"))]
+        tint = tuple(float(x) for x in np.exp(s.normal(-0.3, 0.5, 3)))
+        out.meshes.append(card(item, "cloth", person.neutral - wardrobe.fitted_head, labels.HAT,
+                               uniforms={"tone": (*tint, 1.0)}))  # fmt: skip
+        return float(np.quantile(out.meshes[-1].position[:, 1], 0.15))
+    if kind < 0.11:
+        mesh, rim = cap(s, person.neutral)
+        out.meshes.append(mesh)
+        return rim
+    if kind < 0.15:
+        out.meshes.append(scarf(s, person.neutral))
+        return "all"
+    return None
+
+
+def _hair(
+    s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe, colour: tuple[float, ...], top: float | str | None
+) -> None:
+    """Hair of the wardrobe, or fur on the scalp."""
+    if s.chance(0.2) and top is None:
+        head = the_head()
+        value = np.clip(head.region("scalp") * 1.3 - 0.15, 0.0, 1.0)
+        normals = np.asarray(vertex_normals(person.neutral, head.triangles.astype(np.int64)), np.float32)
+        length = float(np.exp(s.one(np.log(0.003), np.log(0.025))))
+        look: dict[str, object] = {"colour": colour}
+        out.meshes += fur(person.neutral, normals, length, s.one(0.0, 0.4), labels.HAIR, value, look)
+        return
+    item = wardrobe.items["hair/" + _pick(s, list(HAIR))]
+    mesh = card(item, "hair", person.neutral - wardrobe.fitted_head, labels.HAIR,
+                uniforms={"colour": colour, "cutoff": s.one(0.3, 0.6)})  # fmt: skip
+    if isinstance(top, float):
+        below = mesh.position[:, 1] < top
+        mesh.triangles = np.ascontiguousarray(mesh.triangles[below[mesh.triangles].all(1)])
+    if len(mesh.triangles):
+        out.meshes.append(mesh)
+
+
+def _beard(s: Stream, out: Outfit, person: Person, skin: Skin, colour: tuple[float, ...]) -> None:
+    """A beard drawn on the skin, and for some longer ones fur; mostly on men."""
+    if not s.chance(0.65 if skin.male else 0.05):
+        return
+    kind, length = s.one(), s.one(0.3, 3.0)
+    beard, moustache = (
+        (1.0, 1.0) if kind < 0.6 else (0.0, 1.0) if kind < 0.75 else (1.0, 0.0) if kind < 0.85 else (0.6, 0.9)
+    )
+    dense = s.one(0.5, 1.1)
+    out.beard = (beard * dense, moustache * dense, length, s.one(0.1, 0.45))
+    if length > 2.0 and s.chance(0.7):
+        normals = np.asarray(vertex_normals(person.vertices, the_head().triangles.astype(np.int64)), np.float32)
+        reach = float(np.exp(s.one(np.log(0.003), np.log(0.018))))
+        look: dict[str, object] = {"colour": colour, "beard": out.beard}
+        out.meshes += fur(person.vertices, normals, reach, s.one(0.2, 0.7), labels.BEARD, None, look)

@@ -1,0 +1,168 @@
+"""Who a portrait shows: the shape of the head, its expression, its skin and the colour of its hair, by seed."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from models.lightstage.skin.streams import Stream
+from models.people.expression import draw_expression
+from models.people.skins import COUNT
+from service.head.files import load_head
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+
+FREEDOM = 5.0
+"""Degrees of freedom of the t distribution of identity coefficients: tails heavier than the model's own."""
+WIDEST = 4.0
+"""Bound of a coefficient, standard deviations."""
+FIELDS = ((0.045, 0.9e-3), (0.022, 0.6e-3), (0.012, 0.3e-3))
+"""Length scale and standard deviation (metres) of smooth displacements that no component of the model has."""
+WAVES = 40
+OVERLAP_M = 0.0003
+"""By how much closed lids pass each other, so that nothing shows between them."""
+RIGID = ("eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue")
+"""Parts that the fields move as one piece."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody.
+
+    Attributes:
+        identity: (K,) float32 coefficients of the head model; residual: (V, 3) float32 metres on top.
+        expression: (E,) float32 activations; eyes: state of the eyes ("open", "half", "closed", "wink").
+        neutral, vertices: (V, 3) float32 metres, without and with the expression.
+        skin: number of the skin; tint: (3,) factors of its linear albedo.
+        hair: (3,) linear RGB, or None for what goes with the skin.
+        old: share of greying in [0, 1].
+    """
+
+    identity: Float
+    residual: Float
+    expression: Float
+    eyes: str
+    neutral: Float
+    vertices: Float
+    skin: int
+    tint: Float
+    hair: Float | None
+    old: float
+
+
+@functools.lru_cache(maxsize=1)
+def the_head() -> HeadModel:
+    """The head model in the box."""
+    return load_head()
+
+
+@functools.lru_cache(maxsize=1)
+def _places() -> npt.NDArray[np.float64]:
+    """(V, 3) where the fields are looked up: the vertex, or the middle of its rigid part."""
+    head = the_head()
+    points = head.mean.astype(np.float64)
+    for name in RIGID:
+        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
+        points[members] = 0.5 * (points[members].min(0) + points[members].max(0))
+    socket = head.region("eye_socket") > 0.5
+    for side in ("eye_left", "eye_right"):  # lids and sockets go with their eyeball, whatever the field does there
+        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(side)])
+        centre = points[members[0]]
+        near = np.exp(-((np.linalg.norm(head.mean - centre, axis=1) / 0.020) ** 4))[:, None]
+        near[socket & (np.sign(head.mean[:, 0]) == np.sign(centre[0]))] = 1.0
+        points = points + near * (centre - points)
+    return np.asarray(points)
+
+
+@functools.lru_cache(maxsize=1)
+def lid_rims() -> tuple[tuple[int, int], ...]:
+    """Vertices in the middle of the upper and the lower rim of the lids, of the subject's right eye and of the left."""
+    head = the_head()
+    socket = head.region("eye_socket") > 0.5
+    skin = head.triangles[head.triangle_part == 0]
+    across = skin[socket[skin].any(1) & ~socket[skin].all(1)]
+    rim = np.setdiff1d(np.unique(across), np.flatnonzero(socket))
+    pairs = []
+    for name in ("eye_right", "eye_left"):
+        ball = head.mean[np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])]
+        centre = 0.5 * (ball.min(0) + ball.max(0))
+        near = rim[(np.abs(head.mean[rim, 0] - centre[0]) < 0.02) & (head.mean[rim, 2] > centre[2])]
+        aside = np.abs(head.mean[near, 0] - centre[0])
+        upper = head.mean[near, 1] > np.median(head.mean[near, 1])
+        pairs.append(tuple(int(near[k][np.argmin(aside[k])]) for k in (upper, ~upper)))
+    return tuple((a, b) for a, b in pairs)
+
+
+def lid_openings(vertices: Float) -> Float:
+    """(2,) float32 mm between the lids of (V, 3) vertices in metres; negative where they overlap."""
+    return np.asarray([1e3 * (vertices[a, 1] - vertices[b, 1]) for a, b in lid_rims()], np.float32)
+
+
+def lids_as_meant(vertices: Float, expression: Float) -> Float:
+    """(E,) the expression with eyeBlink such that the lids close by the share that it says, whatever the shape.
+
+    At full activation the unit closes the average eye too far and wide eyes not quite.
+    """
+    head, out = the_head(), expression.copy()
+    names = ("eyeBlinkRight", "eyeBlinkLeft")
+    units = [head.expression_names.index(name) for name in names]
+    open_ = vertices - np.tensordot(expression[units], head.expression[units], 1)
+    for unit, (upper, lower), before in zip(units, lid_rims(), lid_openings(open_) * 1e-3, strict=True):
+        closing = float(head.expression[unit, lower, 1] - head.expression[unit, upper, 1])
+        share = float(expression[unit])
+        wanted = (1.0 - share) * before - share * OVERLAP_M
+        out[unit] = np.clip((before - wanted) / max(closing, 1e-4), 0.0, 1.0)
+    return out
+
+
+def _residual(s: Stream) -> Float:
+    """(V, 3) float32 metres: random Fourier features (Rahimi and Recht 2007), more alike left and right than not."""
+    points, size = _places(), s.log_normal(0.8, 0.5)[0]
+    mirrored = points * [-1.0, 1.0, 1.0]
+    total = np.zeros_like(points)
+    for length, sigma in FIELDS:
+        frequency = s.normal(size=3 * WAVES).reshape(3, WAVES) / length
+        phase = s.uniform(0.0, 2 * np.pi, WAVES)
+        gain = s.normal(size=3 * WAVES).reshape(WAVES, 3) * sigma * size * np.sqrt(2.0 / WAVES)
+        direct = np.cos(points @ frequency + phase) @ gain
+        other = (np.cos(mirrored @ frequency + phase) @ gain) * [-1.0, 1.0, 1.0]
+        total += 0.80 * direct + 0.60 * other
+    return np.asarray(total, np.float32)
+
+
+def _identity(s: Stream, count: int) -> Float:
+    """(K,) a t distribution, for some people flatter and for some wider."""
+    chi = -2.0 * np.log(s.uniform(size=count)) - 2.0 * np.log(s.uniform(size=count)) + s.normal(size=count) ** 2
+    wide = float(np.clip(s.log_normal(1.0, 0.3)[0], 0.4, 1.8))
+    values = wide * s.normal(size=count) / np.sqrt(chi / FREEDOM) * np.sqrt((FREEDOM - 2) / FREEDOM)
+    return np.asarray(np.clip(values, -WIDEST, WIDEST), np.float32)
+
+
+def _hair(s: Stream) -> Float | None:
+    """A dyed or unusual colour for one in seven, else what goes with the skin."""
+    if not s.chance(0.15):
+        return None
+    choices = ([0.25, 0.15, 0.07], [0.30, 0.05, 0.02], [0.02, 0.012, 0.009], [0.35, 0.33, 0.30], [0.10, 0.02, 0.16],
+               [0.02, 0.06, 0.20], [0.40, 0.10, 0.18])  # fmt: skip
+    return np.asarray(choices[int(s.one() * len(choices))], np.float32) * s.one(0.7, 1.3)
+
+
+def draw_person(seed: int) -> Person:
+    """The person named ``seed``."""
+    head, s = the_head(), Stream(seed, "somebody")
+    identity = _identity(Stream(seed, "shape"), len(head.identity))
+    residual = _residual(Stream(seed, "residual"))
+    expression, eyes = draw_expression(seed, head.expression_names)
+    weights = np.asarray(expression, np.float32)
+    neutral = head.shape(identity) + residual
+    weights = lids_as_meant(neutral + np.tensordot(weights, head.expression, 1), weights)
+    vertices = neutral + np.tensordot(weights, head.expression, 1)
+    tint = np.exp(s.normal(0.0, 0.12)[0] + s.normal(0.0, 0.03, 3))
+    return Person(
+        identity, residual, weights, eyes, neutral, np.asarray(vertices, np.float32), int(s.one() * COUNT),
+        np.asarray(tint, np.float32), _hair(s), float(np.clip(s.one(-0.6, 1.0), 0.0, 1.0)),
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""Synthetic people: what a portrait's truth says is what its pixels show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
+
+from models.people import labels, shards
+from models.people.draw import renderer
+from models.people.expression import draw_expression
+from models.people.make import Portrait, portrait
+from models.people.person import draw_person, lid_openings, the_head
+from models.people.skins import BEARDS, HEIGHT, WIDTH, Skin
+from models.people.wardrobe import load_wardrobe
+from service.errors import ModelFault
+from service.geometry.chart import Chart
+
+pytestmark = pytest.mark.train
+
+SEEDS = range(12)
+SIZE = 128
+Arrays = npt.NDArray[np.floating]
+
+
+def plainly(patch: pytest.MonkeyPatch) -> None:
+    """Portraits in one plain skin: drawing those of the light stage would take minutes."""
+    grey = np.full((HEIGHT, WIDTH, 3), 170, np.uint8)
+    layers, roughness = np.zeros((HEIGHT, WIDTH, 4), np.uint8), np.array([0.25, 0.5, 0.7])
+    skin = Skin(grey, layers, np.full(3, 0.02), 0.0, roughness, 30.0, True)
+    beards = np.zeros((HEIGHT, WIDTH, BEARDS), np.uint8), np.zeros((HEIGHT, WIDTH, 2), np.uint8)
+    patch.setattr("models.people.make.load_skin", lambda number, folder: skin)
+    patch.setattr("models.people.make.load_beards", lambda folder: beards)
+
+
+@pytest.fixture(scope="module")
+def portraits() -> list[Portrait]:
+    """A dozen portraits, and one of them again."""
+    try:
+        renderer()
+    except ModelFault as fault:
+        pytest.skip(str(fault))
+    with pytest.MonkeyPatch.context() as patch:
+        plainly(patch)
+        return [*(portrait(seed, SIZE) for seed in SEEDS), portrait(SEEDS[3], SIZE)]
+
+
+@pytest.fixture(scope="module")
+def chart() -> Chart:
+    return Chart.build(the_head(), 3072, 2048)
+
+
+def surface(p: Portrait, chart: Chart) -> tuple[Arrays, npt.NDArray[np.bool_]]:
+    """(H, W, 3) points of the head at the chart coordinates of each pixel, and where there are any.
+
+    The chart is looked up at its nearest texel, and from there to the pixel's own (u, v) along the triangle's plane.
+    """
+    head = the_head()
+    there = np.isfinite(p.chart[..., 0])
+    u, v = np.nan_to_num(p.chart[..., 0]), np.nan_to_num(p.chart[..., 1])
+    column = np.clip((u * chart.width).astype(int), 0, chart.width - 1)
+    row = np.clip(((1 - v) * chart.height).astype(int), 0, chart.height - 1)
+    triangle = chart.triangle[row, column]
+    there &= triangle >= 0
+    a, b, c = (head.uv[head.triangle_uv[triangle][..., k]].astype(float) for k in range(3))
+    q = np.stack([u, v], -1).astype(float)
+
+    def cross(x: Arrays, y: Arrays) -> Arrays:
+        return np.asarray(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0])
+
+    area = cross(b - a, c - a)
+    second, third = cross(q - a, c - a) / area, cross(b - a, q - a) / area
+    corners = p.vertices[head.triangles[triangle]].astype(float)
+    weights = np.stack([1 - second - third, second, third], -1)
+    # A texel beside an edge of the chart may belong to a neighbour, where the plane says little.
+    there &= (weights > -0.5).all(-1)
+    return np.einsum("hwk,hwkc->hwc", weights, corners), there
+
+
+def test_the_charts_point_projects_to_its_pixel(portraits: list[Portrait], chart: Chart) -> None:
+    for p in portraits:
+        points, there = surface(p, chart)
+        at = p.camera.project(points[there])
+        row, column = np.nonzero(there)
+        off = np.hypot(at[:, 0] - column - 0.5, at[:, 1] - row - 0.5)
+        assert there.sum() > 0.01 * SIZE * SIZE
+        assert np.quantile(off, 0.999) < 0.5, p.seed
+        assert there.sum() > 0.98 * np.isfinite(p.chart[..., 0]).sum()
+        depth = p.camera.to_camera(points[there])[:, 2]
+        np.testing.assert_allclose(np.quantile(np.abs(depth - p.depth[there]), 0.999), 0.0, atol=1e-3)
+
+
+def test_normals_are_unit_and_face_the_camera(portraits: list[Portrait]) -> None:
+    y, x = np.mgrid[:SIZE, :SIZE] + 0.5
+    for p in portraits:
+        there = p.part != labels.BACKGROUND
+        np.testing.assert_allclose(np.linalg.norm(p.normal[there], axis=1), 1.0, atol=1e-3)
+        rays = np.stack(
+            [x - p.camera.principal_point[0], y - p.camera.principal_point[1], np.full_like(x, p.camera.focal_px)], -1
+        )
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        solid = there & (p.part != labels.OTHER)  # flat things before the picture face its plane
+        assert ((p.normal * rays).sum(-1)[solid] < 1e-3).all()
+
+
+def test_every_pixel_has_a_part_and_what_hides_the_face_has_no_chart(portraits: list[Portrait]) -> None:
+    for p in portraits:
+        assert p.part.max() < len(labels.PARTS)
+        charted = np.isfinite(p.chart[..., 0])
+        assert np.isin(p.part[charted], labels.CHARTED).all()
+        for part in (labels.IRIS, labels.SCLERA, labels.LIP):
+            assert charted[p.part == part].all()
+        assert (np.isinf(p.depth) == (p.part == labels.BACKGROUND)).all()
+        assert ((p.chart[charted] >= 0) & (p.chart[charted] <= 1)).all()
+    seen = {int(part) for p in portraits for part in np.unique(p.part)}
+    assert {labels.BACKGROUND, labels.SKIN, labels.IRIS, labels.SCLERA, labels.HAIR, labels.CLOTH} <= seen
+
+
+def test_the_same_seed_gives_the_same_bytes(portraits: list[Portrait]) -> None:
+    first, again = portraits[3], portraits[-1]
+    assert first.seed == again.seed
+    assert first.jpeg == again.jpeg
+    for name in ("image", "chart", "normal", "depth", "part", "points", "vertices"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    assert portraits[3].jpeg != portraits[4].jpeg
+
+
+def test_pictures_are_pictures(portraits: list[Portrait]) -> None:
+    for p in portraits:
+        assert p.image.shape == (SIZE, SIZE, 3)
+        assert p.image.std() > 5.0, f"portrait {p.seed} is nearly one colour"
+
+
+def test_landmarks_that_nothing_hides_lie_on_charted_pixels(portraits: list[Portrait]) -> None:
+    shown = 0
+    for p in portraits:
+        assert p.points.shape == (478, 2)
+        row, column = np.floor(p.points[p.seen][:, ::-1]).astype(int).T
+        assert np.isfinite(p.chart[row, column, 0]).all()
+        shown += int(p.seen.sum())
+    assert shown > 0.3 * 478 * len(portraits)
+
+
+def test_closed_eyes_show_no_iris() -> None:
+    """Of many people; by geometry: the lids meet, or the eyeball stands behind them."""
+    names = the_head().expression_names
+    closed = [seed for seed in range(200) if draw_expression(seed, names)[1] == "closed"]
+    assert len(closed) > 5
+    for seed in closed:
+        assert lid_openings(draw_person(seed).vertices).max() < 1.0
+
+
+def test_portraits_with_closed_eyes_have_no_iris_pixels(
+    portraits: list[Portrait], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = the_head().expression_names
+    closed = [seed for seed in range(100) if draw_expression(seed, names)[1] == "closed"][:6]
+    plainly(monkeypatch)
+    for seed in closed:
+        assert not np.isin(portrait(seed, SIZE).part, (labels.IRIS, labels.SCLERA)).any(), seed
+
+
+def test_expressions_are_possible_and_lids_open_by_state() -> None:
+    names = the_head().expression_names
+    openings: dict[str, list[float]] = {state: [] for state in shards.EYE_STATES}
+    for seed in range(60):
+        values, state = draw_expression(seed, names)
+        assert ((values >= 0) & (values <= 1)).all()
+        units = dict(zip(names, values, strict=True))
+        assert units["mouthClose"] <= units["jawOpen"] + 1e-9
+        openings[state].append(float(lid_openings(draw_person(seed).vertices).mean()))
+    assert np.mean(openings["closed"]) < np.mean(openings["half"]) < np.mean(openings["open"])
+
+
+def test_what_people_wear_follows_their_head() -> None:
+    wardrobe = load_wardrobe()
+    shift = np.array([0.01, -0.02, 0.03], np.float32)
+    for name in ("hair/short01", "brow/eyebrow001", "teeth/teeth_base", "torso/body"):
+        item = wardrobe.items[name]
+        moved = item.worn(np.broadcast_to(shift, wardrobe.fitted_head.shape))
+        np.testing.assert_allclose(moved - item.rest, np.broadcast_to(shift, moved.shape), atol=2e-4)
+        assert item.triangles.max() < len(item.rest)
+
+
+def test_a_shard_holds_what_was_put_in(portraits: list[Portrait], tmp_path: Path) -> None:
+    path = tmp_path / "shard.npz"
+    shards.save(shards.encode(portraits[:3]), path)
+    for p, q in zip(portraits, shards.decode(shards.load(path)), strict=False):
+        np.testing.assert_array_equal(p.image, q.image)
+        np.testing.assert_array_equal(p.part, q.part)
+        np.testing.assert_array_equal(np.isfinite(p.chart), np.isfinite(q.chart))
+        np.testing.assert_allclose(np.nan_to_num(p.chart), np.nan_to_num(q.chart), atol=1e-5)
+        np.testing.assert_allclose(p.normal, q.normal, atol=5e-3)
+        near = np.isfinite(p.depth)
+        np.testing.assert_allclose(p.depth[near], q.depth[near], atol=1e-4)
+        np.testing.assert_allclose(p.vertices, q.vertices, atol=1e-5)
+        assert (p.seed, p.eyes) == (q.seed, q.eyes)
+
+
+def test_a_run_goes_on_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, portraits: list[Portrait]
+) -> None:
+    whole = shards.plan(10, 200, SIZE, tmp_path)
+    assert [seed for _, seed, _ in whole] == [10, 64, 128, 192]
+    assert sum(n for _, _, n in whole) == 200
+    made: list[int] = []
+
+    def fake(seed: int, size: int, folder: Path | None) -> Portrait:
+        made.append(seed)
+        return portraits[0]
+
+    monkeypatch.setattr("models.people.shards.portrait", fake)
+    path = tmp_path / "people.npz"
+    assert shards.write(path, 5, 2, SIZE)
+    assert not shards.write(path, 5, 2, SIZE)
+    assert made == [5, 6]
+    assert not list(tmp_path.glob("*.part"))
