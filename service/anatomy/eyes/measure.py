@@ -80,7 +80,9 @@ def _iris(colour: Float32, distance: Float32, radius: float, skin: Float32) -> F
         return None
     ring = ring[np.argsort(luma(ring), kind="stable")]
     sharpness = _resolved(radius)
-    low, high = (int((blur + sharpness * (sharp - blur)) * len(ring)) for sharp, blur in zip(SHARP, BLURRED, strict=True))
+    low, high = (
+        int((blur + sharpness * (sharp - blur)) * len(ring)) for sharp, blur in zip(SHARP, BLURRED, strict=True)
+    )
     shown = np.asarray(ring[low : max(high, low + 1)].mean(0), np.float32)
     if len(skin) >= LEAST_SAMPLES and _is_lid(shown, np.median(srgb_to_linear(skin), axis=0)):
         return None
