@@ -26,7 +26,7 @@ ORDER = {
         "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api", "client",
         "batch", "cli", "__main__",
     ),
-    "models": ("colour", "tables", "networks", "lightstage", "training", "head"),
+    "models": ("colour", "tables", "networks", "lightstage", "head", "people", "training"),
     "export": ("faces", "networks", "light"),
 }  # fmt: skip
 """The rooms of each package, lower ones first: a room imports itself and those before it, never one behind it.

@@ -1,7 +1,7 @@
-"""An opening of the face, brought to the rim that the photo shows: between lids, or between lips.
+"""Fit an opening of the face, between lids or between lips, to the rim that the photo shows.
 
-Expression units move the edges of a mesh's opening. Here they are solved for so that the edges, as the camera sees
-them, end where the landmark network found the rim.
+Expression units move the edges of the mesh's opening. Their activations are solved for by least squares so that the
+edges, as the camera sees them, lie on the rim that the landmark network found.
 """
 
 from __future__ import annotations
@@ -9,48 +9,51 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from service.anatomy.opening_edges import Index, OpeningEdges
+from service.anatomy.opening_edges import OpeningEdges
+from service.arrays import AnyFloat, Float64, Int64
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 
-Array = npt.NDArray[np.float64]
-
 RIM_SIGMA_M, UNIT_SIGMA = 0.0005, 0.5
-"""Standard deviations of the rim, and of a unit's activation about what was asked for before."""
+"""Standard deviations of the least squares: of the rim in metres, and of a unit's activation about its prior, the value
+before."""
+
 LEAST_FACING = 0.35
-"""Cosine between the line of sight of the head and the view below which a rim is too foreshortened to be read."""
+"""Cosine of the angle between the head's forward axis and the view below which a rim is too foreshortened to fit."""
+
 ROUNDS = 3
-"""Steps; which row of vertices bounds the opening, and where along the rim it lies, may change in each."""
+"""Least-squares steps: which row of vertices bounds the opening, and its place along the rim, may change in each."""
 
 
 @dataclass(frozen=True)
 class Rim:
-    """A detected rim in a frame of its own: place from its first corner (0) to the second (1), height in pixels.
+    """A detected rim in its own frame: place from its first corner (0) to the second (1), and height in pixels.
 
     Attributes:
         corner: (2,) photo pixels of the first corner.
-        along: (2,) one over pixels: a place by a difference of pixels.
-        across: (2,) unit vector upwards on the head.
-        upper: (K, 2) place and height along the upper edge, by place.
+        along: (2,) in 1/pixel: its product with an offset from the corner is the place.
+        across: (2,) unit vector in photo pixels, upwards on the head: its product with that offset is the height.
+        upper: (K, 2) places and heights of the upper edge, sorted by place.
         lower: the same of the lower edge.
-        used: places between which the edges are to end at it.
+        used: places between which edges are fitted to it.
     """
 
-    corner: Array
-    along: Array
-    across: Array
-    upper: Array
-    lower: Array
+    corner: Float64
+    along: Float64
+    across: Float64
+    upper: Float64
+    lower: Float64
     used: tuple[float, float]
 
     @classmethod
-    def of(cls, points: Array, up: Array, used: tuple[float, float]) -> Rim | None:
-        """Of (2 K, 2) photo pixels: a corner, along the lower edge, the other corner, back along the upper edge.
+    def of(cls, points: Float64, up: Float64, used: tuple[float, float]) -> Rim | None:
+        """From detected points, or None where they are not finite or the corners coincide.
 
-        ``up`` (2,) is where the head's crown is: of closed eyes the rim does not tell. None where the points have no
-        length or are not finite.
+        Args:
+            points: (2 K, 2) photo pixels: a corner, along the lower edge, the other corner, back along the upper edge.
+            up: (2,) direction towards the head's crown: the rim of closed eyes alone does not tell it.
+            used: see the attribute.
         """
         half = len(points) // 2
         first, last = points[0], points[half]
@@ -69,15 +72,15 @@ class Rim:
 
     @property
     def length(self) -> float:
-        """Pixels from corner to corner."""
+        """Distance between the corners in pixels."""
         return 1.0 / float(np.linalg.norm(self.along))
 
     def lower_above(self, share: float) -> Rim:
-        """With the upper edge lower by a share of the length."""
+        """The rim with its upper edge lowered by a share of the length."""
         return replace(self, upper=self.upper - [0.0, share * self.length])
 
     def narrower(self, height: float) -> Rim:
-        """With edges closer together by a height in pixels, until they meet."""
+        """The rim with its edges moved towards each other by ``height`` pixels in all, at most until they meet."""
         places = self.upper[:, 0]
         lower = np.interp(places, self.lower[:, 0], self.lower[:, 1])
         middle, half = (self.upper[:, 1] + lower) / 2, np.maximum(self.upper[:, 1] - lower - height, 0.0) / 2
@@ -86,20 +89,27 @@ class Rim:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of an edge as the camera sees it: vertices, places, heights in pixels, and pixels a metre, (N,) each."""
+    """A row of vertices of an edge as the camera sees it, (N,) each.
 
-    own: Index
-    place: Array
-    height: Array
-    scale: Array
+    Attributes:
+        vertices: their indices.
+        place: in the frame of the rim.
+        height: pixels, in the frame of the rim.
+        scale: photo pixels per metre at their depth.
+    """
+
+    vertices: Int64
+    place: Float64
+    height: Float64
+    scale: Float64
 
     @classmethod
-    def of(cls, own: Index, points: Array, camera: Camera, rim: Rim) -> Row | None:
-        """The part of it that is used; None where that is not in front of the camera.
+    def of(cls, vertices: Int64, points: Float64, camera: Camera, rim: Rim) -> Row | None:
+        """The vertices within ``rim.used``; None where fewer than 3 are, or one lies behind the camera.
 
         Args:
-            own: (N,) vertices.
-            points: (N, 3) metres in head space.
+            vertices: (N,) indices.
+            points: (N, 3) their positions in metres, head space.
             camera: of the fit.
             rim: the detected one.
         """
@@ -111,27 +121,27 @@ class Row:
         used = (place > rim.used[0]) & (place < rim.used[1])
         if used.sum() < 3:
             return None
-        return cls(own[used], place[used], offset[used] @ rim.across, camera.focal_px / depth[used])
+        return cls(vertices[used], place[used], offset[used] @ rim.across, camera.focal_px / depth[used])
 
 
-def brought_to(
+def fit_to_rim(
     rim: Rim,
     edges: OpeningEdges,
     names: set[str],
     head: HeadModel,
-    neutral: npt.NDArray[np.floating],
-    expression: Array,
+    neutral: AnyFloat,
+    expression: Float64,
     camera: Camera,
-) -> Array:
-    """(E,) expression whose opening ends at a rim, all in [0, 1].
+) -> Float64:
+    """(E,) expression, all in [0, 1], whose opening ends at a rim.
 
     Args:
         rim: where the edges should be seen.
         edges: of the opening.
-        names: of the units that may change; those that the head lacks do not.
+        names: of the units that may change; names that the head lacks are ignored.
         head: the model.
         neutral: (V, 3) metres, the fitted head without expression.
-        expression: (E,) activations before.
+        expression: (E,) activations to start from.
         camera: of the fit.
     """
     out = np.array(expression, np.float64)
@@ -146,14 +156,14 @@ def brought_to(
 
 def _step(
     head: HeadModel,
-    neutral: npt.NDArray[np.floating],
-    expression: Array,
+    neutral: AnyFloat,
+    expression: Float64,
     units: list[int],
-    before: Array,
+    before: Float64,
     camera: Camera,
     rim: Rim,
     edges: OpeningEdges,
-) -> Array:
+) -> Float64:
     """Activations of the units after one linear least-squares step within [0, 1]."""
     from scipy.optimize import lsq_linear
 
@@ -161,19 +171,19 @@ def _step(
     matrix, target = [np.eye(len(units)) / UNIT_SIGMA], [(before - start) / UNIT_SIGMA]
     for rows, curve, outwards in ((edges.upper, rim.upper, 1.0), (edges.lower, rim.lower, -1.0)):
         seen = []
-        for own in rows:
-            moved = np.tensordot(expression, head.expression[:, own].astype(np.float64), 1)
-            row = Row.of(own, np.asarray(neutral, np.float64)[own] + moved, camera, rim)
+        for vertices in rows:
+            moved = np.tensordot(expression, head.expression[:, vertices].astype(np.float64), 1)
+            row = Row.of(vertices, np.asarray(neutral, np.float64)[vertices] + moved, camera, rim)
             seen += [] if row is None else [row]
         if not seen:
             return start
-        # What bounds the opening: the row of the upper edge that is lowest, of the lower one that is highest.
+        # The row that bounds the opening: the lowest of the upper edge, the highest of the lower edge.
         edge = min(seen, key=lambda one: outwards * float(one.height.mean()))
         wanted = np.interp(edge.place, curve[:, 0], curve[:, 1])
         upwards = edge.scale[:, None] * (rim.across @ camera.rotation[:2])
-        each = np.einsum("nk,unk->nu", upwards, head.expression[units][:, edge.own].astype(np.float64))
-        weight = 1.0 / (np.sqrt(len(edge.own)) * RIM_SIGMA_M * edge.scale)
-        matrix.append(each * weight[:, None])
+        jacobian = np.einsum("nk,unk->nu", upwards, head.expression[units][:, edge.vertices].astype(np.float64))
+        weight = 1.0 / (np.sqrt(len(edge.vertices)) * RIM_SIGMA_M * edge.scale)
+        matrix.append(jacobian * weight[:, None])
         target.append((wanted - edge.height) * weight)
     solved = lsq_linear(np.vstack(matrix), np.concatenate(target), (-start - 1e-9, 1.0 - start + 1e-9))
     return np.asarray(np.clip(start + solved.x, 0.0, 1.0))

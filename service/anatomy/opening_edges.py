@@ -1,36 +1,34 @@
-"""The edges of eyelids and lips: rows of vertices over their thickness."""
+"""The edges of eyelids and lips: rows of vertices across their thickness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Int32, Int64
 from service.head.model import HeadModel
 
-Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-
 ROWS = 5
-"""Rows over the thickness of a lid or a lip."""
+"""Rows across the thickness of a lid or a lip."""
+
 JAW_SHARE = 0.25
-"""Share of the largest drop with the jaw from which on a lip is the lower one."""
+"""A vertex of the lips is of the lower lip if ``jawOpen`` lowers it by over this share of its largest drop."""
 
 
 @dataclass(frozen=True)
 class OpeningEdges:
-    """Rows of vertices along both edges of an opening, from inside outwards.
+    """Rows of vertex indices along both edges of an opening, from inside outwards.
 
-    Lids and lips are thick, and which row of an edge bounds the opening depends on where it is seen from.
+    Lids and lips are thick: which row of an edge bounds the opening depends on the direction of view.
     """
 
-    upper: tuple[Index, ...]
-    lower: tuple[Index, ...]
+    upper: tuple[Int64, ...]
+    lower: tuple[Int64, ...]
 
 
 def lid_edges(head: HeadModel, side: str) -> OpeningEdges | None:
-    """Of the lids of the left or right eye; None where the head does not name lids and sockets, or one has no edge."""
+    """Edges of the left or right eye's lids; None where the head names no lids or sockets, or a lid has no edge."""
     needed = ("eye_socket", f"eyelid_upper_{side}", f"eyelid_lower_{side}")
     if any(name not in head.region_names for name in needed):
         return None
@@ -39,7 +37,7 @@ def lid_edges(head: HeadModel, side: str) -> OpeningEdges | None:
 
 
 def lip_edges(head: HeadModel) -> OpeningEdges | None:
-    """Of the lips; None where the head names no lips or lining, or cannot open its jaw."""
+    """Edges of the lips; None where the head names no lips or lining, or cannot open its jaw."""
     if "lips" not in head.region_names or "mouth_inner" not in head.region_names:
         return None
     if "jawOpen" not in head.expression_names:
@@ -49,22 +47,29 @@ def lip_edges(head: HeadModel) -> OpeningEdges | None:
     return _edges(head, head.region("mouth_inner") > 0.5, lips & ~lower, lips & lower)
 
 
-def _edges(head: HeadModel, inside: Mask, upper: Mask, lower: Mask) -> OpeningEdges | None:
+def _edges(head: HeadModel, inside: Bool, upper: Bool, lower: Bool) -> OpeningEdges | None:
+    """From (V,) masks of the vertices inside the opening and on either edge; None where an edge has no row."""
     corners = head.triangles[head.triangle_part == head.part_names.index("skin")]
     found = OpeningEdges(_rows(corners, inside, upper), _rows(corners, inside, lower))
     return found if found.upper and found.lower else None
 
 
-def _rows(corners: npt.NDArray[np.int32], inside: Mask, own: Mask) -> tuple[Index, ...]:
-    """Up to ``ROWS`` rows of vertices of one's own, each next to the one before, the first next to the inside."""
-    rows: list[Index] = []
+def _rows(corners: Int32, inside: Bool, allowed: Bool) -> tuple[Int64, ...]:
+    """Up to ``ROWS`` rows of allowed vertices, each adjacent to the one before, the first adjacent to the inside.
+
+    Args:
+        corners: (T, 3) vertices of the skin's triangles.
+        inside: (V,) vertices inside the opening.
+        allowed: (V,) vertices of this edge.
+    """
+    rows: list[Int64] = []
     taken = inside.copy()
     while len(rows) < ROWS:
         reached = np.unique(corners[taken[corners].any(1)])
-        row = reached[own[reached] & ~taken[reached]].astype(np.int64)
+        row = reached[allowed[reached] & ~taken[reached]].astype(np.int64)
         if not len(row):
             break
         rows.append(row)
-        # What was reached beyond the corner belongs to the other edge's rows.
+        # All that was reached is taken, also beyond the corner, where it belongs to the other edge.
         taken[reached] = True
     return tuple(rows)

@@ -1,12 +1,12 @@
-"""The texels of a map that one part of the head has, and where on the mean head they lie."""
+"""Texels of one part of the head on a map, and their positions on the mean head."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float64
 from service.geometry.chart import chart_points
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
@@ -17,16 +17,16 @@ class PartTexels:
     """One part's island on a map.
 
     Attributes:
-        box: rows and columns of the map that hold it.
-        inside: (h, w) bool of the box.
+        box: its bounding box, slices of the map's rows and columns.
+        inside: (h, w) bool, texels of the box that belong to it.
         points: (N, 3) float64 metres on the mean head, of the texels inside.
-        vertices: (M, 3) float64 metres, the part's own.
+        vertices: (M, 3) float64 metres, the part's vertices on the mean head.
     """
 
     box: tuple[slice, slice]
-    inside: npt.NDArray[np.bool_]
-    points: npt.NDArray[np.float64]
-    vertices: npt.NDArray[np.float64]
+    inside: Bool
+    points: Float64
+    vertices: Float64
 
     @classmethod
     def of(cls, head: HeadModel, name: str, size: tuple[int, int]) -> PartTexels | None:

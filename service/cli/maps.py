@@ -44,11 +44,11 @@ def maps(
     image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
     with progress_bar() as progress:
         from service.archive.pack import write_archive
-        from service.external.make import default_maps, make_own
+        from service.external.make import default_maps, make_external
         from service.options import Options
 
         chosen = Options(**{"maps": default_maps(), **options})
-        avatar = make_own(image, model, chosen, progress, chosen_head)
+        avatar = make_external(image, model, chosen, progress, chosen_head)
         write_archive(avatar, sys.stdout.buffer if output == PIPE else Path(output))
     for code in avatar.all_warnings():
         typer.echo(f"avatarme: warning: {code}", err=True)

@@ -1,11 +1,11 @@
-"""Reflectance for a head of one's own: texture and mesh in, the same stages and the same archive out.
+"""Reflectance for an external head: its texture and mesh in, the same stages and the same archive out.
 
 ::
 
     texture --gate--> T --(zeta)--> delta --> ...  as in service.reflectance.make
     mesh --check--> vertices --> geometry channels
 
-No photo is looked at and nothing is fitted; the manifest says so.
+There is no photo and nothing is fitted; the manifest says so.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.avatar import Avatar, Given
 from service.archive.cards import model_cards
 from service.archive.read_obj import read_obj
+from service.arrays import Float32, UInt8
 from service.diagnosis import peak_rss_mb
 from service.errors import BadAspect, NumericFault, UsageError
 from service.external.mesh import vertices_of
@@ -42,25 +42,26 @@ from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
 LIMITS = Limits(max_bytes=200_000_000, max_aspect=2.0, cpu_seconds=60, wall_seconds=120.0)
-"""Textures are larger than photos, and nearly 3:2."""
+"""Limits of texture files, which are larger than photos and have an aspect of 3:2."""
 
 WIDEST = 6144
+"""Width in pixels to which wider textures are reduced."""
 
 NOT_MADE = ("confidence",)
-"""Maps that speak of a photo."""
+"""Maps that only a photo gives."""
 
 _OPTIONS = ("maps", "quality", "size", "bits", "normals", "runtime", "detail", "seed")
 
 
 def default_maps() -> tuple[str, ...]:
-    """Every map that a texture and a mesh can give."""
+    """Every map that can be made from a texture and a mesh with the installed networks."""
     return tuple(
         name for name in MAP_NAMES
         if name not in NOT_MADE and installed(Plan.of([name], super_resolution=False).networks)
     )  # fmt: skip
 
 
-def make_own(
+def make_external(
     texture: bytes,
     mesh: bytes,
     options: Options,
@@ -70,21 +71,22 @@ def make_own(
     """Make the maps of a head from its texture and mesh.
 
     Args:
-        texture: a JPEG, PNG or WebP file on the head's chart, 3:2, light baked in.
+        texture: a JPEG, PNG or WebP file on the head's chart, 3:2, with light baked in.
         mesh: an OBJ file with the head model's topology and chart.
-        options: what to make; those that speak of a photo are not looked at.
-        progress: told when a stage begins.
-        head_file: head model that the mesh belongs to; None for the one in the box.
+        options: what to make; those that concern a photo are ignored.
+        progress: called with its name and the share done when a stage begins.
+        head_file: head model that the mesh belongs to; None for the shipped one.
 
     Raises:
-        UsageError: a map is asked for that only a photo gives.
+        UsageError: a map is requested that only a photo gives.
         BadMesh: the mesh is not on the model's topology and chart.
-        UnreadableInput: the texture cannot be decoded, or is not 3:2.
-        AvatarError: whatever a stage finds wrong.
+        UnreadableInput: the texture cannot be decoded.
+        BadAspect: the texture is not 3:2.
+        AvatarError: a stage fails.
     """
     refused = [name for name in options.maps if name in NOT_MADE]
     if refused:
-        raise UsageError(f"maps has {refused[0]!r}, which speaks of a photo; without one there is none", field="maps")
+        raise UsageError(f"maps has {refused[0]!r}, which can only be made from a photo; leave it out", field="maps")
     timings: dict[str, float] = {}
     begin = time.perf_counter()
     progress("mesh", 0.0)
@@ -98,10 +100,10 @@ def make_own(
     progress("texture", 0.06)
     fine = image.size[0] > TEXTURE_SIZE[0]
     subject = Subject.of(head, vertices)
-    source = _filled(subject, _fitting(image.pixels, (min(image.size[0], WIDEST), 0) if fine else TEXTURE_SIZE))
+    source = _padded(subject, _resized(image.pixels, (min(image.size[0], WIDEST), 0) if fine else TEXTURE_SIZE))
     made = _texture(source, head, vertices, options.texture_size)
     timings["texture"] = time.perf_counter() - begin
-    # What is finer than zeta's input keeps its own detail.
+    # A texture finer than the input of super-resolution keeps its own detail.
     plain = Plan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)
     plan = plain if fine else options.plan()
     reflectance = None
@@ -129,18 +131,20 @@ def make_own(
     )
 
 
-def unfitted(head: HeadModel, vertices: npt.NDArray[np.float32]) -> Fit:
-    """The shape alone, at rest; camera, light and errors of this fit mean nothing and are written nowhere."""
+def unfitted(head: HeadModel, vertices: Float32) -> Fit:
+    """A fit that holds the shape alone, without expression; its camera, light and errors are placeholders, never
+    written.
+    """
     camera = Camera(1, 1, 1.0, np.zeros(2), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.2]))
     still = np.zeros(len(head.expression_names))
     return Fit(camera, np.zeros(0), still, vertices, vertices, None, 0.0, 0.0)
 
 
 def check_aspect(width: int, height: int) -> None:
-    """Refuse a texture that is not 3:2, to the pixel.
+    """Check that a texture is 3:2, to the pixel.
 
     Raises:
-        BadAspect: states the size and the nearest one that is right.
+        BadAspect: it is not; states the size and the nearest valid one.
     """
     if abs(2 * width - 3 * height) > 3:
         raise BadAspect(
@@ -150,12 +154,12 @@ def check_aspect(width: int, height: int) -> None:
 
 
 def _warnings(image: Photo) -> tuple[str, ...]:
-    """What the gate noticed, but for what matters to photos only."""
+    """Warnings of the gate, without those that concern photos only."""
     return tuple(code for code in image.warnings if code != "focal-ignored")
 
 
-def _fitting(pixels: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    """(H, W, 3) of a width and two thirds of it, by area where that is smaller."""
+def _resized(pixels: UInt8, size: tuple[int, int]) -> UInt8:
+    """(H, W, 3) resized to the width of ``size``, as a multiple of 3, and 2/3 of it: by area down, linearly up."""
     import cv2
 
     width = size[0] // 3 * 3
@@ -166,16 +170,16 @@ def _fitting(pixels: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArra
     return np.asarray(cv2.resize(pixels, wanted, interpolation=way), np.uint8)
 
 
-def _filled(subject: Subject, pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """The same with the colour of the nearest texel of the head outside its islands, whatever was painted there."""
+def _padded(subject: Subject, pixels: UInt8) -> UInt8:
+    """(H, W, 3) with texels outside the head's islands replaced by the nearest one inside."""
     inside = subject.islands((pixels.shape[1], pixels.shape[0])) != NO_PART
     return np.asarray(pixels.reshape(-1, 3)[nearest_inside(inside)])
 
 
 def _texture(
-    source: npt.NDArray[np.uint8], head: HeadModel, vertices: npt.NDArray[np.float32], size: tuple[int, int]
+    source: UInt8, head: HeadModel, vertices: Float32, size: tuple[int, int]
 ) -> Texture:
-    """The maps of a texture stage that need no photo, at a size."""
+    """Result of the texture stage at a size (width, height), without what needs a photo."""
     chart = Chart.build(head, *size)
     exact, tangent = shape_normals(chart, vertices)
     for name, values in (("normals", exact), ("tangent normals", tangent)):
@@ -183,4 +187,4 @@ def _texture(
             raise NumericFault(f"{name} of the mesh are not finite")
     everywhere = np.full(size[::-1], 255, np.uint8)
     depth = depth_map(chart, vertices)
-    return Texture(_fitting(source, size), everywhere, everywhere, exact, tangent, depth, chart.mask, 1.0)
+    return Texture(_resized(source, size), everywhere, everywhere, exact, tangent, depth, chart.mask, 1.0)

@@ -1,30 +1,30 @@
-"""A mesh of one's own on the head model's topology and chart."""
+"""Checks that an external mesh has the head model's topology and chart."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.archive.read_obj import ObjMesh
+from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64
 from service.errors import BadMesh
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 
 CHART_TOLERANCE = 2e-3
-"""Difference of texture coordinates that exporters make by rounding; a texel of 576 is 1.7e-3 wide."""
+"""Largest difference of texture coordinates, which exporters round; a texel of a chart 576 texels wide is 1.7e-3."""
 
 SMALLEST_M, LARGEST_M = 0.1, 1.0
-"""Height of a head with its neck in metres; a wrong unit is ten times off at least."""
+"""Height of a head with its neck; a mesh in another unit is off by a factor of ten or more."""
 
 
-def vertices_of(mesh: ObjMesh, head: HeadModel) -> npt.NDArray[np.float32]:
+def vertices_of(mesh: ObjMesh, head: HeadModel) -> Float32:
     """(V, 3) float32 vertices of a mesh in the order of the head model.
 
     Faces may come in any order, begin at any corner and be split into triangles; vertices have to be in the model's
     order, as in ``mesh/head.obj`` of every archive.
 
     Raises:
-        BadMesh: another number of vertices, other faces, another chart, or not in metres; says how it differs.
+        BadMesh: number of vertices, faces or chart differ, or it is not in metres; says how.
     """
     if len(mesh.vertices) != len(head.mean):
         raise BadMesh(
@@ -44,26 +44,34 @@ def vertices_of(mesh: ObjMesh, head: HeadModel) -> npt.NDArray[np.float32]:
 
 
 def _check_faces(mesh: ObjMesh, head: HeadModel) -> None:
-    """Every edge of the model's faces is there, and as many triangles; quads may have been split."""
+    """Check that the mesh has all edges of the model's faces and as many triangles; quads may be split.
+
+    Raises:
+        BadMesh: it has not.
+    """
     wanted = _edges(head.polygons)
-    lost = len(wanted) - int(np.isin(wanted, _edges(mesh.polygons)).sum())
+    missing = len(wanted) - int(np.isin(wanted, _edges(mesh.polygons)).sum())
     triangles = len(split_polygons(mesh.polygons))
-    if lost or triangles != len(head.triangles):
+    if missing or triangles != len(head.triangles):
         raise BadMesh(
-            f"the mesh has other faces than the head model {head.name}: {lost} of its {len(wanted)} edges are missing, "
-            f"{triangles} triangles instead of {len(head.triangles)}; start from mesh/head.obj of an archive and keep "
-            "its topology",
-            edges_missing=lost,
+            f"the mesh has other faces than the head model {head.name}: {missing} of its {len(wanted)} edges are "
+            f"missing, {triangles} triangles instead of {len(head.triangles)}; start from mesh/head.obj of an archive "
+            "and keep its topology",
+            edges_missing=missing,
         )
 
 
-def _edges(polygons: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Sorted, distinct directed edges of polygons, each as one number."""
+def _edges(polygons: AnyInt) -> Int64:
+    """Sorted, distinct directed edges of polygons (P, 4), each as one integer."""
     return _by_edge(polygons, np.zeros_like(polygons), np.zeros((1, 2)))[0]
 
 
 def _check_chart(mesh: ObjMesh, head: HeadModel) -> None:
-    """Every corner has the model's chart coordinates; a vertex on a cut has several, one for each of its faces."""
+    """Check that every corner has the model's chart coordinates; a vertex on a seam has several, by face.
+
+    Raises:
+        BadMesh: a corner has none or others.
+    """
     if (mesh.polygon_uv[:, :3] < 0).any():
         raise BadMesh("the mesh has faces without texture coordinates (vt); export it with those of mesh/head.obj")
     wanted, found = (_by_edge(polygons, chart, uv) for polygons, chart, uv in (
@@ -83,9 +91,15 @@ def _check_chart(mesh: ObjMesh, head: HeadModel) -> None:
 
 
 def _by_edge(
-    polygons: npt.NDArray[np.integer], chart: npt.NDArray[np.integer], uv: npt.NDArray[np.floating]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Sorted directed edges, and (E, 2) chart coordinates of the corner at which each begins."""
+    polygons: AnyInt, chart: AnyInt, uv: AnyFloat
+) -> tuple[Int64, Float64]:
+    """(E,) sorted directed edges as integers, and (E, 2) chart coordinates of the corner at which each begins.
+
+    Args:
+        polygons: (P, 4) vertices; the fourth is -1 in triangles.
+        chart: (P, 4) rows of ``uv``.
+        uv: (U, 2) chart coordinates.
+    """
     corners, at = np.asarray(polygons, np.int64), np.asarray(chart, np.int64)
     quad = corners[:, 3] >= 0
     last = np.where(quad, corners[:, 3], corners[:, 2])

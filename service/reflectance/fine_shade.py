@@ -1,7 +1,7 @@
-"""The grey skin that rho and sigma read: texture without the light that the context told, its fine shade left in.
+"""Shaded grey, an input of rho and sigma: the grey texture divided by the smooth light, with its fine shading kept.
 
-A crease is seen by its shade. delta takes that away, as it should; the albedo tells of relief by colour alone. So the
-networks of the normals get the texture divided by the smooth light of the whole chart, which they were trained on
+A crease is visible by its shading. delta removes that, as it should, and the albedo then shows relief by colour alone.
+So the networks of the normals read the texture divided by the smooth light of the whole chart, as in their training
 (``models.training.normals.shaded``).
 """
 
@@ -13,33 +13,38 @@ from service.colour import FULL_CODE, LUMA, Codes
 from service.reflectance.planes import Planes
 
 NAME = "shaded_grey"
-"""Channel of it."""
+"""Channel that holds it."""
+
 LIGHT = ("context_0", "context_1", "context_2")
-"""Channels of the log light of red, green and blue, which delta reads too."""
+"""Channels of the logarithm of the light in red, green and blue, which delta reads, too."""
+
 READERS = frozenset({"specular_normal", "diffuse_normal"})
 """Stages that read it."""
+
 GAMMA = 2.2
-"""Of sRGB, nearly: what a smooth light is off by then is smooth, and only detail is looked at."""
+"""Power law instead of the exact sRGB curve: its error is as smooth as the light, and only detail matters."""
+
 MOST_LIGHT = 4.0
-"""Natural logarithm of the strongest light that is divided by, and of what the darkest is."""
+"""Largest magnitude of the natural logarithm of the light that is divided by."""
+
 STRIP = 256
 """Rows of the full map at a time."""
 
 
 def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
-    """(H, W) codes of the grey texture, sRGB-coded, without its smooth light.
+    """(H, W) codes of the grey texture, sRGB-coded, divided by its smooth light.
 
     Args:
         planes: with ``texture_grey`` and ``LIGHT``.
-        albedo: (H, W, 3) codes; its luma is the result where no channel tells of the light.
+        albedo: (H, W, 3) codes; its luma is the result where the channels ``LIGHT`` do not exist.
     """
     width, height = planes.size
     result = np.zeros((height, width), np.uint16)
-    told = all(name in planes.channels for name in LIGHT)
-    read, columns = planes.read(["texture_grey", *LIGHT] if told else []), np.arange(width)
+    light_known = all(name in planes.channels for name in LIGHT)
+    read, columns = planes.read(["texture_grey", *LIGHT] if light_known else []), np.arange(width)
     for top in range(0, height, STRIP):
         rows = np.arange(top, min(top + STRIP, height))
-        if told:
+        if light_known:
             grey, *logs = read(rows, columns)
             strength = sum(share * one for share, one in zip(LUMA, logs, strict=True))
             strength = np.nan_to_num(np.clip(strength, -MOST_LIGHT, MOST_LIGHT))

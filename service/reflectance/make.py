@@ -36,7 +36,7 @@ from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tange
 from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
-from service.reflectance.relief.displacement import MOST_MM, Steps, continue_beyond, displacement, encode
+from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.specular_albedo import specular_albedo
@@ -222,5 +222,5 @@ def _displaced(
     texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
-    continue_beyond(height, surface, islands == NO_PART)
+    pad_heights(height, surface, islands == NO_PART)
     return encode(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction

@@ -1,21 +1,20 @@
-"""rho and sigma: normals for mirrored and for diffused light, in tangent space (AvatarMe, section 4.3)."""
+"""rho and sigma: normals for specular and for diffuse reflection, in tangent space (AvatarMe, section 4.3)."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.ledger import Correction
 from service.reflectance.result import NORMAL_ONE
 from service.reflectance.subject import COVERED
 from service.reflectance.translate import MapInputs, translate
 
-Float = npt.NDArray[np.float32]
-
 SPECULAR, DIFFUSE = "rho", "sigma"
 
 UNDER_COVER = 0.25
-"""Share of the relief that is left under brows, hair and glasses: strands and frames are dark lines, as creases are,
+"""Share of the relief that is kept under brows, hair and glasses: their strands and frames are dark lines like creases,
 and the skin under them is not seen."""
 
 COVERED_RELIEF = Correction(
@@ -26,15 +25,16 @@ COVERED_RELIEF = Correction(
 )
 
 STEEPEST_Z = 0.17
-"""Normals tilt by 80 degrees at most: beyond, a slope means nothing, and 8 bits cannot tell it from the horizon."""
+"""Smallest z of a unit normal, a tilt of 80 degrees: steeper slopes are not meaningful, and 8 bits do not resolve
+them."""
 
 
 def tangent_normals(name: str, job: MapInputs, flatter: bool = True) -> npt.NDArray[np.int16]:
-    """(H, W, 2) int16 codes of x and y from network ``name``; flat where there is no skin, flatter where it is covered.
+    """(H, W, 2) int16 codes of x and y from network ``name``; flat off the skin, flattened where skin is covered.
 
     Args:
         name: ``SPECULAR`` or ``DIFFUSE``.
-        job: what the network is given.
+        job: inputs of the network.
         flatter: whether ``COVERED_RELIEF`` runs.
 
     Raises:
@@ -43,7 +43,7 @@ def tangent_normals(name: str, job: MapInputs, flatter: bool = True) -> npt.NDAr
     result = np.zeros((*job.skin.shape, 2), np.int16)
     covered = job.planes.read([COVERED]) if flatter and COVERED in job.planes.channels else None
 
-    def keep(place: tuple[slice, slice], values: Float, skin: Float) -> None:
+    def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
         if covered is not None:
             rows, columns = (np.arange(s.start, s.stop) for s in place)
             skin = skin * (1 - np.float32(1 - UNDER_COVER) * covered(rows, columns)[0])
@@ -53,10 +53,10 @@ def tangent_normals(name: str, job: MapInputs, flatter: bool = True) -> npt.NDAr
     return result
 
 
-def pack_normals(x: Float, y: Float, z: Float) -> npt.NDArray[np.int16]:
-    """(..., 2) int16 codes of vectors of any length.
+def pack_normals(x: Float32, y: Float32, z: Float32) -> npt.NDArray[np.int16]:
+    """(..., 2) int16 codes of x and y of vectors of any length, normalised.
 
-    Those without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are raised to it.
+    Vectors without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are limited to it.
     """
     z = np.maximum(z, 0)
     length = np.sqrt(x * x + y * y + z * z)

@@ -1,8 +1,9 @@
-"""The albedo beyond the islands of the chart.
+"""Padding of the albedo outside the islands of the chart.
 
-A network speaks there too, of texels that it has never been asked about; another network would read the step at an
-island's border as a crease. So the skin goes on from inside, as in the texture. What is drawn on eyes and teeth goes on
-too: a renderer that filters the map mixes texels beside an island into it, and a pale line would part the teeth.
+delta's result there is arbitrary, as it was never trained on these texels, and the networks that read the albedo would
+take the step at an island's border for a crease. So skin is padded from inside, as in the texture. So is what is drawn
+on eyes and teeth: a renderer that filters the map mixes in texels beside an island, and a pale line would divide the
+teeth.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ STRIP = 256
 
 
 def pad_skin(albedo: Codes, subject: Subject) -> Codes:
-    """The albedo, changed in place: texels outside all islands that lie next to skin have the colour of that skin.
+    """The albedo, changed in place: texels outside all islands, where the nearest island is skin, take its colour.
 
     Args:
         albedo: (H, W, 3) codes.
-        subject: whose chart it is; without a cell of skin the albedo stays as it is.
+        subject: whose chart it is; the albedo stays as it is where that shows no skin.
     """
     import cv2
 
@@ -35,8 +36,8 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
         return albedo
     small = np.asarray(cv2.resize(albedo, (chart.width, chart.height), interpolation=cv2.INTER_AREA), np.float32)
     colour = small.reshape(-1, 3)[nearest_inside(np.asarray(inside)).ravel()].reshape(small.shape)
-    next_to = chart.part.ravel()[nearest_inside(chart.mask)] == skin
-    planes = np.concatenate([np.moveaxis(colour, 2, 0), next_to.reshape(1, *inside.shape).astype(np.float32)])
+    beside_skin = chart.part.ravel()[nearest_inside(chart.mask)] == skin
+    planes = np.concatenate([np.moveaxis(colour, 2, 0), beside_skin.reshape(1, *inside.shape).astype(np.float32)])
     outside = subject.islands((width, height)) == NO_PART
     columns = np.arange(width)
     for top in range(0, height, STRIP):
@@ -51,7 +52,7 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
 
 
 def pad_parts(albedo: Codes, subject: Subject) -> Codes:
-    """The albedo, changed in place: texels beside the islands of eyes and teeth have the colour of the nearest inside.
+    """The albedo, changed in place: texels beside the islands of eyes and teeth take the colour of the nearest inside.
 
     Args:
         albedo: (H, W, 3) codes.

@@ -1,4 +1,4 @@
-"""Which stages the asked-for maps need, and nothing else."""
+"""Which stages the requested maps need."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STAGES = (
 """In the order in which they run."""
 
 ROLES = STAGES[1:]
-"""Maps of reflectance that can be asked for."""
+"""Reflectance maps that can be requested."""
 
 NEEDS: dict[str, tuple[str, ...]] = {
     "super_resolution": (),
@@ -21,7 +21,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "diffuse_normal": ("diffuse_albedo",),
     "displacement": ("specular_normal",),
 }
-"""What a stage takes from other stages (AvatarMe, figure 3)."""
+"""Stages whose results a stage reads (AvatarMe, figure 3)."""
 
 NETWORKS: dict[str, tuple[str, ...]] = {
     "super_resolution": ("zeta_body", "zeta_tail"),
@@ -31,13 +31,13 @@ NETWORKS: dict[str, tuple[str, ...]] = {
     "diffuse_normal": ("sigma",),
     "displacement": (),
 }
-"""Models that a stage loads."""
+"""Networks that a stage loads."""
 
 COST: dict[str, float] = {
     "super_resolution": 4.0, "diffuse_albedo": 8.0, "specular_albedo": 4.0, "specular_normal": 8.0,
     "diffuse_normal": 4.0, "displacement": 8.0,
 }  # fmt: skip
-"""Rough share of each stage in the time of all, for progress only."""
+"""Approximate time of each stage relative to the others, for reports of progress only."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,8 @@ class Plan:
     """What will run.
 
     Attributes:
-        stages: in order.
-        keep_cliffs: whether displacement may break where the surface folds over itself,
-            ``service.reflectance.relief.cliffs``.
+        stages: in the order in which they run.
+        keep_cliffs: whether displacement keeps depth discontinuities, ``service.reflectance.relief.cliffs``.
     """
 
     stages: tuple[str, ...]
@@ -55,7 +54,7 @@ class Plan:
 
     @classmethod
     def of(cls, roles: Collection[str], *, super_resolution: bool = True, keep_cliffs: bool = False) -> Plan:
-        """Stages for maps ``roles``; names of other maps are ignored."""
+        """Stages that the maps ``roles`` need; names of other maps are ignored."""
         wanted = {role for role in roles if role in ROLES}
         waiting = list(wanted)
         while waiting:
@@ -68,10 +67,10 @@ class Plan:
 
     @property
     def networks(self) -> tuple[str, ...]:
-        """Models that will be loaded, in order."""
+        """Networks that will be loaded, in order."""
         return tuple(name for stage in self.stages for name in NETWORKS[stage])
 
     def shares(self) -> dict[str, float]:
-        """Share of the whole time that each stage takes, about."""
+        """Approximate share of the total time that each stage takes."""
         total = sum(COST[stage] for stage in self.stages)
         return {stage: COST[stage] / total for stage in self.stages}

@@ -1,7 +1,7 @@
-"""Channels by name: the inputs of the networks, wherever they are kept.
+"""Input channels of the networks, by name, however they are stored.
 
-A channel is a full-size map of codes, a full-size float array, or a coarse field that is interpolated. Every kind gives
-the value at a texel from that texel's place on the whole chart alone, so it does not matter in which tile it is read.
+A channel is a full-size map of codes, a full-size float array, or a coarse field that is interpolated. Its value at a
+texel depends on the texel's position on the whole chart only, and not on the tile in which it is read.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, LUMA, Codes, decode_in_place, from_codes
 from service.errors import ModelFault
 from service.reflectance.texels import interpolate, pick
 from service.runtime.tiles import Indices
 
-Float = npt.NDArray[np.float32]
-Read = Callable[[Indices, Indices, Float], None]
-"""Rows (h,), columns (w,) and the (h, w) float32 plane to fill with the values there."""
+Read = Callable[[Indices, Indices, Float32], None]
+"""Function of rows (h,), columns (w,) and the (h, w) float32 plane that it fills with their values."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One plane.
+    """One input plane of a network.
 
     Attributes:
-        read: values at texels of the map.
-        shrunk: (width, height) -> (height, width) float32, averaged over each texel's area where that is larger.
+        read: fills a plane with values at texels of the map.
+        shrunk: function (width, height) -> (height, width) float32: the channel resized, by area where that is smaller.
     """
 
     read: Read
-    shrunk: Callable[[tuple[int, int]], Float]
+    shrunk: Callable[[tuple[int, int]], Float32]
 
 
 @dataclass
@@ -49,7 +49,7 @@ class Planes:
     channels: dict[str, Channel] = field(default_factory=dict)
 
     def add_codes(self, name: str, codes: Codes) -> None:
-        """Channels ``name_r``, ``name_g``, ``name_b`` in [-1, 1] of (H, W, 3) codes, and ``name_grey``, their luma."""
+        """Add ``name_r``, ``name_g``, ``name_b`` in [-1, 1] from (H, W, 3) codes, and ``name_grey``, their luma."""
         planes = [codes[..., index] for index in range(3)]
         for letter, plane in zip("rgb", planes, strict=True):
             self.channels[f"{name}_{letter}"] = Channel(
@@ -62,22 +62,22 @@ class Planes:
         )
 
     def add_grey(self, name: str, codes: Codes) -> None:
-        """One channel in [-1, 1] of (H, W) codes."""
+        """Add one channel in [-1, 1] from (H, W) codes."""
         self.channels[name] = Channel(
             lambda rows, columns, into: _read_codes(codes, rows, columns, into),
             lambda size: from_codes(_resized(codes, size)),
         )
 
-    def add_full(self, names: Sequence[str], values: npt.NDArray[np.floating]) -> None:
-        """Channels of a (C, H, W) array as they are."""
+    def add_full(self, names: Sequence[str], values: AnyFloat) -> None:
+        """Add the channels of a (C, H, W) array, unchanged but for float32."""
         for name, plane in zip(names, np.asarray(values, np.float32), strict=True):
             self.channels[name] = Channel(
                 lambda rows, columns, into, plane=plane: pick(plane, rows, columns, into),  # type: ignore[misc]
                 lambda size, plane=plane: _resized(plane, size),  # type: ignore[misc]
             )
 
-    def add_coarse(self, names: Sequence[str], values: Float) -> None:
-        """Channels of a (C, h, w) array that covers the same chart, interpolated between its texels' centres."""
+    def add_coarse(self, names: Sequence[str], values: Float32) -> None:
+        """Add the channels of a coarser (C, h, w) array on the same chart, interpolated between its texels' centres."""
         for name, plane in zip(names, values, strict=True):
             self.channels[name] = Channel(
                 lambda rows, columns, into, plane=plane: interpolate(plane, self.size, rows, columns, into),  # type: ignore[misc]
@@ -85,19 +85,19 @@ class Planes:
             )
 
     def drop(self, name: str) -> None:
-        """Forget the channels of :meth:`add_codes`, so that their memory can go."""
+        """Remove the channels of :meth:`add_codes`, so that their memory can be freed."""
         for suffix in ("r", "g", "b", "grey"):
             self.channels.pop(f"{name}_{suffix}", None)
 
-    def read(self, names: Sequence[str]) -> Callable[[Indices, Indices], Float]:
-        """Reader of several channels -> (C, h, w).
+    def read(self, names: Sequence[str]) -> Callable[[Indices, Indices], Float32]:
+        """Function of rows (h,) and columns (w,) that gives the (C, h, w) float32 values of several channels.
 
         Raises:
-            ModelFault: a channel is not there; the message lists those that are.
+            ModelFault: a channel does not exist; the message lists those that do.
         """
         chosen = self._chosen(names)
 
-        def read(rows: Indices, columns: Indices) -> Float:
+        def read(rows: Indices, columns: Indices) -> Float32:
             planes = np.zeros((len(chosen), len(rows), len(columns)), np.float32)
             for channel, plane in zip(chosen, planes, strict=True):
                 channel.read(rows, columns, plane)
@@ -105,23 +105,24 @@ class Planes:
 
         return read
 
-    def shrunk(self, names: Sequence[str], size: tuple[int, int]) -> Float:
-        """(C, height, width) of channels averaged over the area of each texel of a map of ``size`` (width, height)."""
+    def shrunk(self, names: Sequence[str], size: tuple[int, int]) -> Float32:
+        """(C, height, width) float32 channels resized to ``size`` (width, height), by area where that is smaller."""
         return np.stack([channel.shrunk(size) for channel in self._chosen(names)])
 
     def _chosen(self, names: Sequence[str]) -> list[Channel]:
         missing = [name for name in names if name not in self.channels]
         if missing:
-            raise ModelFault(f"no channel {missing[0]!r} for a network; there are {', '.join(sorted(self.channels))}")
+            there = ", ".join(sorted(self.channels))
+            raise ModelFault(f"no channel {missing[0]!r}, which a network reads; there are {there}")
         return [self.channels[name] for name in names]
 
 
-def _read_codes(plane: Codes, rows: Indices, columns: Indices, into: Float) -> None:
+def _read_codes(plane: Codes, rows: Indices, columns: Indices, into: Float32) -> None:
     pick(plane, rows, columns, into)
     decode_in_place(into)
 
 
-def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: Float) -> None:
+def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: Float32) -> None:
     into[...] = -1
     one = np.zeros_like(into)
     for plane, share in zip(planes, LUMA, strict=True):

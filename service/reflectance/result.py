@@ -1,4 +1,4 @@
-"""What the reflectance stages hand on."""
+"""Result of the reflectance stages."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32, UInt16
 from service.ledger import Applied
 
 NORMAL_ONE = 32767
@@ -16,19 +17,19 @@ NORMAL_ONE = 32767
 
 MID = 32768
 SCALE_MM = 5e-5
-"""Displacement: height in mm = (code - MID) * SCALE_MM: 50 nm a step, +-1.6 mm in all, of which +-1 mm occurs."""
+"""Of displacement: height in mm = (code - MID) * SCALE_MM, in steps of 50 nm over +-1.6 mm, of which +-1 mm is used."""
 
 
 @dataclass(frozen=True)
 class Integration:
-    """How heights were found from normals.
+    """How the integration of normals to heights went.
 
     Attributes:
         iterations: of the solver.
-        residual: norm of what is left of the equations, as a share of the right-hand side's.
+        residual: norm of the residual relative to that of the right-hand side.
         ignored_fraction: share of the texels whose normals were not usable.
-        cut_fraction: share of the equations between neighbours that were given up for cliffs; None: plain least
-            squares, which gives up none.
+        cut_fraction: share of the equations between neighbours that were given up at cliffs; None: plain least squares
+            was used, which gives up none.
     """
 
     iterations: int
@@ -39,7 +40,8 @@ class Integration:
 
 @dataclass(frozen=True)
 class Reflectance:
-    """Maps on the head's chart, (H, W) texels, row 0 = top (v = 1), filled also outside the islands; None: not made.
+    """Maps on the head's chart, (H, W) texels, row 0 = top (v = 1), filled also outside the islands; None: not
+    requested.
 
     Attributes:
         size: (width, height).
@@ -47,28 +49,28 @@ class Reflectance:
         specular_albedo: (H, W) uint16, linear, 65535 = 1: F0 = 0.04 times it.
         specular_normal: (H, W, 2) int16, x and y of unit normals times ``NORMAL_ONE``, z > 0; tangent space, +Y up.
         diffuse_normal: the same for diffuse light.
-        displacement: (H, W) uint16 along the normal, see ``MID`` and ``SCALE_MM``; goes on for nine texels beyond the
-            islands, then 0.
+        displacement: (H, W) uint16, height along the normal, see ``MID`` and ``SCALE_MM``; padded by nine texels
+            beyond the islands, then 0.
         runtime, precision: what most networks ran on.
         engines: runtime and precision of each network that ran, in words, for example "openvino bf16".
         tile: inner side of the tiles, in texels.
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
-        fallbacks: codes of what ran otherwise than it could: "bf16-needs-openvino" where the processor could compute
-            faster if OpenVINO were installed, "texture-resampled" without super-resolution,
-            "light-from-skin-alone" where neither the white of an eye nor teeth were seen, which tell dark skin from dim
-            light, "blue-from-red-and-green" where the photo's warm light has left no blue on some of the skin.
+        fallbacks: codes of what could not run as intended: "bf16-needs-openvino" where the processor would compute
+            faster with OpenVINO installed, "texture-resampled" without super-resolution, "light-from-skin-alone" where
+            neither sclera nor teeth, which tell dark skin from dim light, were seen, "blue-from-red-and-green" where
+            the photo's warm light left no blue on some of the skin.
         models: names of the networks that ran.
         integration: of the displacement.
-        corrections: those that ran, in order, and what they changed.
+        corrections: those that ran, in order, with the number of texels that each changed.
         timings_s: seconds of each stage.
     """
 
     size: tuple[int, int]
-    diffuse_albedo: npt.NDArray[np.uint16] | None = None
-    specular_albedo: npt.NDArray[np.uint16] | None = None
+    diffuse_albedo: UInt16 | None = None
+    specular_albedo: UInt16 | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
-    displacement: npt.NDArray[np.uint16] | None = None
+    displacement: UInt16 | None = None
     runtime: Literal["onnxruntime", "openvino"] = "onnxruntime"
     precision: Literal["fp32", "bf16"] = "fp32"
     tile: int = 0
@@ -81,7 +83,7 @@ class Reflectance:
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 
-def unpack_normals(codes: npt.NDArray[np.int16] | npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """(..., 3) float32 unit normals of (..., 2) codes, or of means of codes."""
+def unpack_normals(codes: npt.NDArray[np.int16] | Float32) -> Float32:
+    """(..., 3) float32 unit normals from (..., 2) codes of x and y, or from means of codes."""
     x, y = (codes[..., axis] * np.float32(1 / NORMAL_ONE) for axis in (0, 1))
     return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)

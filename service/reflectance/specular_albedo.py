@@ -1,10 +1,10 @@
-"""psi: how much of the light the surface mirrors (AvatarMe, section 4.3)."""
+"""psi: specular albedo (AvatarMe, section 4.3)."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import Codes, to_codes
 from service.reflectance.translate import MapInputs, translate
 
@@ -15,7 +15,7 @@ ELSEWHERE = 0.65
 
 
 def specular_albedo(job: MapInputs) -> Codes:
-    """(H, W) codes, linear; ``ELSEWHERE`` where there is no skin. The job's planes hold ``albedo_*``.
+    """(H, W) codes, linear; ``ELSEWHERE`` off the skin. The job's planes hold ``albedo_*``.
 
     Raises:
         ModelFault: the network is missing, changed, or does not fit.
@@ -23,7 +23,7 @@ def specular_albedo(job: MapInputs) -> Codes:
     result = np.zeros(job.skin.shape, np.uint16)
     elsewhere = np.float32(2 * ELSEWHERE - 1)
 
-    def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
+    def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
         result[place] = to_codes(elsewhere + skin * (np.clip(values[0], -1, 1) - elsewhere))
 
     translate(NAME, job, 1, keep)

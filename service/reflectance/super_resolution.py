@@ -1,7 +1,7 @@
-"""zeta: the texture of 576 x 384, eight times as large (AvatarMe, section 4.2; RCAN, Zhang et al. 2018).
+"""zeta: super-resolution of the texture of 576 x 384 by a factor of 8 (AvatarMe, section 4.2; RCAN, Zhang et al. 2018).
 
-Channel attention looks at the whole map, so the body of the network sees it whole; the enlarging tail looks at a few
-texels only and runs in tiles.
+Channel attention averages over the whole map, so the body of the network runs on the map at once; the upsampling tail
+has a receptive field of a few texels and runs in tiles.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import Codes, to_codes
 from service.errors import ModelFault
 from service.reflectance.planes import Planes
@@ -21,31 +21,35 @@ from service.runtime.tiles import Tile, run_tiles, run_whole
 
 BODY, TAIL = "zeta_body", "zeta_tail"
 NOISE = "noise_"
+"""Prefix of channels that are noise."""
+
 BODY_SHARE = 0.5
+"""Share of the body in the time of both networks, for reports of progress."""
 
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class Grain:
-    """Noise that detail is made of: its seed, and its standard deviation in [0, 1]."""
+    """Noise that the networks turn into synthetic detail: its seed, and its standard deviation in [0, 1]."""
 
     seed: int = 0
     strength: float = 1.0
 
 
 def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: Progress = lambda done: None) -> Codes:
-    """(8 H, 8 W, 3) codes of a texture of (H, W) texels; the factor is the network's.
+    """(8 H, 8 W, 3) codes of a texture of (H, W) texels; the factor 8 is the network's.
 
-    A texel of the texture covers dozens of pores that it does not show. A network that asks for channels ``noise_*``
-    makes some up of them: normal numbers, the same for the same seed; of strength 0 they ask for the likeliest texture.
+    A texel of the texture covers dozens of pores that it does not show. A network with channels ``noise_*`` synthesises
+    them from that noise: normally distributed, the same for the same seed. With strength 0 the result is the network's
+    smooth, most likely texture.
 
     Args:
         planes: ``texture_*`` and geometry, of the size that the networks were made for.
-        grain: the noise.
+        grain: seed and strength of the noise.
         engine: what to run on.
         tile: inner side of tiles in texels of the result.
-        progress: told the share that is done.
+        progress: called with the share that is done.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit the texture.
@@ -64,7 +68,7 @@ def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: P
         add_noise(planes, tail.description.channels, grain)
         result = np.zeros((height * scale, width * scale, 3), np.uint16)
 
-        def write(one: Tile, values: npt.NDArray[np.float32]) -> None:
+        def write(one: Tile, values: Float32) -> None:
             result[one.scaled(scale)] = np.moveaxis(to_codes(values), 0, 2)
 
         def told(done: float) -> None:
@@ -76,17 +80,17 @@ def enlarge(planes: Planes, grain: Grain, engine: Engine, tile: int, progress: P
 
 
 def add_noise(planes: Planes, channels: tuple[str, ...], grain: Grain) -> None:
-    """Add those of ``channels`` that are noise and not there yet: normal numbers that the seed decides."""
+    """Add those of ``channels`` that are noise and do not exist yet: normally distributed numbers from the seed."""
     names = [name for name in channels if name.startswith(NOISE) and name not in planes.channels]
     for name in names:
-        # Keyed by the channel, so that its numbers do not depend on which others there are.
+        # Keyed by name, so that a channel's numbers do not depend on which other channels exist.
         generator = np.random.Generator(np.random.Philox(key=[grain.seed, zlib.crc32(name.encode())]))
         width, height = planes.size
         planes.add_full([name], generator.standard_normal((1, height, width), np.float32) * np.float32(grain.strength))
 
 
 def resample(texture: Codes, size: tuple[int, int]) -> Codes:
-    """(height, width, 3) codes of a texture brought to ``size`` (width, height): by area down, cubic up."""
+    """(height, width, 3) codes of a texture resized to ``size`` (width, height): by area down, bicubically up."""
     import cv2
 
     if texture.shape[1::-1] == size:

@@ -1,4 +1,4 @@
-"""Values at texels of a map: picked from planes of its size, interpolated from coarser ones of the same chart."""
+"""Values at texels of a map: picked from planes of its size, or interpolated from coarser planes of the same chart."""
 
 from __future__ import annotations
 
@@ -7,20 +7,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.runtime.tiles import Indices
 
-Float = npt.NDArray[np.float32]
 
+def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
+    """(len(rows), len(columns)) float32, bilinear values of a coarse (h, w) plane at texels of a map of ``size``.
 
-def interpolated(plane: Float, size: tuple[int, int], rows: Indices, columns: Indices) -> Float:
-    """(len(rows), len(columns)) values of a coarse (h, w) plane at texels of the same chart at ``size``."""
+    Args:
+        plane: (h, w), on the same chart as the map.
+        size: (width, height) of the map.
+        rows: of the map.
+        columns: of the map.
+    """
     result = np.zeros((len(rows), len(columns)), np.float32)
     interpolate(plane, size, rows, columns, result)
     return result
 
 
-def interpolate(plane: Float, size: tuple[int, int], rows: Indices, columns: Indices, into: Float) -> None:
-    """:func:`interpolated` into a plane that is there."""
+def interpolate(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
+    """The same as :func:`interpolated`, written into an existing plane."""
     tall, wide = size[1] / plane.shape[0], size[0] / plane.shape[1]
     if not (tall.is_integer() and wide.is_integer()) or not into.size:
         into[...] = _interpolated_anywhere(plane, size, rows, columns)
@@ -29,10 +35,11 @@ def interpolate(plane: Float, size: tuple[int, int], rows: Indices, columns: Ind
     pick(block, rows - first_row, columns - first_column, into)
 
 
-def _enlarged_block(plane: Float, tall: int, wide: int, rows: Indices, columns: Indices) -> tuple[Float, int, int]:
-    """The part of the plane around some texels, enlarged by whole factors, and the texel of its corner.
+def _enlarged_block(plane: Float32, tall: int, wide: int, rows: Indices, columns: Indices) -> tuple[Float32, int, int]:
+    """Part of the plane around some texels, enlarged by integer factors, and row and column of its first texel.
 
-    OpenCV is several times as fast as indexing; a coarse texel more at each side keeps its border out of the result.
+    OpenCV is several times as fast as indexing. One more coarse texel on each side keeps its border handling out of the
+    result.
     """
     import cv2
 
@@ -43,40 +50,40 @@ def _enlarged_block(plane: Float, tall: int, wide: int, rows: Indices, columns: 
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)), top * tall, left * wide
 
 
-def _interpolated_anywhere(plane: Float, size: tuple[int, int], rows: Indices, columns: Indices) -> Float:
-    """The same for any ratio of sizes."""
+def _interpolated_anywhere(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:
+    """As :func:`interpolated`, for any ratio of sizes."""
     above, below, down = _between(plane.shape[0], size[1], rows)
     left, right, across = _between(plane.shape[1], size[0], columns)
     lines = plane[:, left] * (1 - across) + plane[:, right] * across
-    result: Float = lines[above] * (1 - down[:, None])
+    result: Float32 = lines[above] * (1 - down[:, None])
     result += lines[below] * down[:, None]
     return result
 
 
-def _between(coarse: int, fine: int, index: Indices) -> tuple[Indices, Indices, Float]:
-    """The two coarse texels around the centre of each fine one, and the weight of the second."""
+def _between(coarse: int, fine: int, index: Indices) -> tuple[Indices, Indices, Float32]:
+    """The two coarse texels on either side of the centre of each fine one, and the weight of the second."""
     position = np.clip((index + 0.5) * (coarse / fine) - 0.5, 0, coarse - 1)
     low = np.floor(position).astype(np.int64)
     return low, np.minimum(low + 1, coarse - 1), (position - low).astype(np.float32)
 
 
-def pick(plane: npt.NDArray[Any], rows: Indices, columns: Indices, into: Float) -> None:
-    """Fill (h, w) with rows and columns of a plane, stretch by stretch: far faster than index by index."""
-    across = _stretches(columns)
-    for rows_into, rows_from in _stretches(rows):
+def pick(plane: npt.NDArray[Any], rows: Indices, columns: Indices, into: Float32) -> None:
+    """Fill (h, w) with rows and columns of a plane, by slices of consecutive indices: far faster than by index."""
+    across = _runs(columns)
+    for rows_into, rows_from in _runs(rows):
         for columns_into, columns_from in across:
             into[rows_into, columns_into] = plane[rows_from, columns_from]
 
 
-def _stretches(index: Indices) -> list[tuple[slice, slice]]:
-    """Cut indices where they stop going up, or down, by one: where each part stands, and what it takes."""
-    stretches, start = [], 0
+def _runs(index: Indices) -> list[tuple[slice, slice]]:
+    """Divide indices into runs that rise or fall by one: slices of each run's positions and of its values."""
+    runs, start = [], 0
     steps = np.diff(index)
     while start < len(index):
         step = int(steps[start]) if start < len(steps) and abs(steps[start]) == 1 else 1
         turns = np.flatnonzero(steps[start:] != step)
         stop = start + int(turns[0]) + 1 if len(turns) else len(index)
         first, beyond = int(index[start]), int(index[stop - 1]) + step
-        stretches.append((slice(start, stop), slice(first, beyond if beyond >= 0 else None, step)))
+        runs.append((slice(start, stop), slice(first, beyond if beyond >= 0 else None, step)))
         start = stop
-    return stretches
+    return runs

@@ -1,4 +1,4 @@
-"""One network over the whole map, its result kept where it learnt to speak and replaced elsewhere."""
+"""Run one image-to-image network over the whole map, in tiles; its result counts on skin only."""
 
 from __future__ import annotations
 
@@ -6,46 +6,43 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, UInt8
 from service.errors import ModelFault
 from service.reflectance.planes import Planes
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import DEFAULT_TILE, Tile, run_tiles
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.uint8]
-
 
 @dataclass(frozen=True)
 class MapInputs:
-    """What every translator is given.
+    """Inputs that all networks of the reflectance stages share.
 
     Attributes:
         planes: channels to read.
-        skin: (H, W) uint8, 255 where the networks' word counts, 0 where it does not.
+        skin: (H, W) uint8 weight of the networks' results, 255 where they count, 0 where they do not.
         engine: what to run on.
         tile: inner side of tiles in texels.
-        progress: told the share of the stage that is done.
+        progress: called with the share of the stage that is done.
     """
 
     planes: Planes
-    skin: Mask
+    skin: UInt8
     engine: Engine
     tile: int = DEFAULT_TILE
     progress: Callable[[float], None] = lambda done: None
 
 
-Keep = Callable[[tuple[slice, slice], Float, Float], None]
-"""Rows and columns, the result (K, h, w), and how far it counts (h, w) in [0, 1]."""
+Keep = Callable[[tuple[slice, slice], Float32, Float32], None]
+"""Function of slices of rows and columns, the result (K, h, w) there, and its weight (h, w) in [0, 1]."""
 
 
 def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
-    """Run network ``name`` in tiles and hand each result to ``keep``.
+    """Run network ``name`` in tiles and pass each result to ``keep``.
 
     Raises:
-        ModelFault: the network has another number of outputs than ``outputs``, wants a channel that is not there, or
-            cannot be loaded.
+        ModelFault: the network does not have ``outputs`` planes at the size of its input, reads a channel that does not
+            exist, or cannot be loaded.
     """
     with open_network(name, job.engine) as network:
         what = network.description
@@ -55,7 +52,7 @@ def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
                 f"it has to give {outputs} at the same size"
             )
 
-        def write(one: Tile, values: Float) -> None:
+        def write(one: Tile, values: Float32) -> None:
             place = one.scaled(1)
             keep(place, values, job.skin[place] * np.float32(1 / 255))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32, Float64
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.face.fit.result import Fit
@@ -25,39 +25,38 @@ from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 
-Float = npt.NDArray[np.float32]
-
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
-"""SkinModel of a photo that shows none, sRGB."""
+"""Skin colour for a photo that shows no skin, sRGB."""
 
 LEAST_SCALP_TEXELS = 60
+"""Fewest texels of the scalp from which its colour is measured."""
+
 LITTLE_SEEN = 0.25
+"""Visible fraction of the face below which a warning is given."""
 
 
-def make_texture(
-    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = ()
-) -> Texture:
-    """Unwrap the photo on the fitted head and fill in the rest.
+def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = ()) -> Texture:
+    """Unwrap the photo on the fitted head and inpaint the rest.
 
     Args:
         photo: the upright photo that was fitted.
-        head: the model, the one that ``chart`` was built from.
+        head: the model that ``chart`` was built from.
         fit: camera and vertices.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
         without: names of corrections that do not run.
 
     Raises:
-        NumericFault: vertices or camera are not finite, or a map would not be.
+        NumericFault: vertices, camera or a map are not finite.
     """
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
     ledger = Ledger(without)
-    rims = np.zeros(len(unwrapped.weight), bool)
+    glasses = np.zeros(len(unwrapped.weight), bool)
     if ledger.runs(GLASSES):
-        rims = frames(chart, unwrapped, zones)
-        ledger.count(GLASSES, int(rims.sum()), rims.size)
-    bare = np.where(rims, np.float32(0), np.float32(1))
+        glasses = frames(chart, unwrapped, zones)
+        ledger.count(GLASSES, int(glasses.sum()), glasses.size)
+    bare = np.where(glasses, np.float32(0), np.float32(1))
     trust, seen, skin = segment(chart, unwrapped, zones, ledger)
     trust, seen = trust * bare, seen * bare
     lit = lit_skin(chart, unwrapped, zones, skin) * bare
@@ -65,9 +64,7 @@ def make_texture(
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
     person = fallback if fit.cheek is None else fit.cheek
-    parts = paint_parts(
-        photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger
-    )
+    parts = paint_parts(photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(parts.colour))
@@ -77,19 +74,21 @@ def make_texture(
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
     fraction = visible_fraction(chart, fit, unwrapped, zones)
     code = chart.fill_outside(chart.spread(parts.code[:, None])[..., 0]).astype(np.uint8)
-    own, reflected, lit_map = np.moveaxis(chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1)), 2, 0)
-    shown = np.rint(255 * np.clip(own * lit_map + reflected * lit_map[:, ::-1], 0, 1))
+    maps = chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1))
+    direct, reflected, lit_map = np.moveaxis(maps, 2, 0)
+    shown = np.rint(255 * np.clip(direct * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
     worn = None if skin is None else worn_mask(chart, parts.colour, unwrapped.normal, skin)
-    told = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": rims.any(), "face-covered": worn is not None}
-    warnings = tuple(code for code, true in told.items() if true)
+    found = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": glasses.any(), "face-covered": worn is not None}
+    warnings = tuple(name for name, true in found.items() if true)
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, worn,
-        to_bytes(parts.albedo), parts.iris,        ledger.applied,
-    )
+        to_bytes(parts.albedo), parts.iris, ledger.applied,
+    )  # fmt: skip
 
 
 def _require_finite(fit: Fit) -> None:
+    """Raise NumericFault where a number of the fit is not finite."""
     camera = fit.camera
     numbers = {
         "vertices": fit.vertices,
@@ -100,11 +99,13 @@ def _require_finite(fit: Fit) -> None:
     }
     for name, values in numbers.items():
         if not np.isfinite(values).all():
-            raise NumericFault(f"the fit's {name} is not finite: {int((~np.isfinite(values)).sum())} bad values")
+            raise NumericFault(f"the fit's {name} has {int((~np.isfinite(values)).sum())} values that are not finite")
 
 
-def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
-    """(3,) sRGB median of the scalp where the photo shows it, well behind the hairline if it shows that."""
+def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float32 | None:
+    """(3,) sRGB median of the scalp, well behind the hairline where the photo shows that; None where it shows no
+    scalp.
+    """
     for inside in (0.95, 0.7):
         chosen = (zones.scalp > inside) & zones.skin & (unwrapped.weight > 0.08)
         if chosen.sum() >= LEAST_SCALP_TEXELS:
@@ -112,8 +113,8 @@ def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float | None:
     return None
 
 
-def _confidence(completed: Completed) -> Float:
-    """(N,) code of each texel, see ``service.texture.result``."""
+def _confidence(completed: Completed) -> Float32:
+    """(N,) confidence code of each texel, see ``service.texture.result``."""
     seen = np.rint(SEEN + (255 - SEEN) * completed.seen)
     reflected = np.rint(MIRRORED + (SEEN - 1 - MIRRORED) * completed.from_mirror)
     inpainted = 1 - completed.seen - completed.from_mirror
@@ -122,14 +123,14 @@ def _confidence(completed: Completed) -> Float:
 
 
 def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:
-    """Share of the face region's area that the photo shows, facing the camera and not hidden, in [0, 1]."""
+    """Share of the face region's area, in [0, 1], that faces the camera and is not occluded."""
     area = chart.gather(triangle_area(chart, fit.vertices)).ravel()[chart.texels] * zones.face * zones.skin
     total = float(area.sum())
     return float(area[unwrapped.visible].sum() / total) if total > 0 else 0.0
 
 
-def triangle_area(chart: Chart, vertices: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """(T,) m^2 of surface per texel of chart; 0 for triangles without area on the chart."""
+def triangle_area(chart: Chart, vertices: AnyFloat) -> Float64:
+    """(T,) square metres of surface per texel of the chart; 0 for triangles without area on the chart."""
     space = face_normals(vertices, chart.head.triangles)
     texels = np.abs(signed_area(chart_points(chart.head, chart.width, chart.height), chart.head.triangle_uv))
     area = np.sqrt((space * space).sum(1))

@@ -1,11 +1,10 @@
-"""Eyes, teeth, tongue and lashes: their albedo by what the photo shows of them, and how they look in its light."""
+"""Eyes, teeth, tongue and lashes: albedo measured in the photo, and their colour in the photo's light."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes import colours as eye
 from service.anatomy.eyes.measure import measure_eyes
@@ -16,6 +15,7 @@ from service.anatomy.mouth.paint import paint_lining, paint_tongue
 from service.anatomy.teeth.colours import TOOTH
 from service.anatomy.teeth.measure import toothlike
 from service.anatomy.teeth.paint import TOOTH_HUE, Teeth, no_bluer
+from service.arrays import Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart, nearest_inside
@@ -26,38 +26,39 @@ from service.texture.result import SEEN
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
-Float = npt.NDArray[np.float32]
-
 DARKEST = 1e-3
-"""Linear value of the darkest sclera: albedo is divided by its light."""
+"""Smallest linear value of the sclera, as albedos are divided by its light."""
+
 BETWEEN_LIDS = 0.7
-"""What the lids leave of the light on the flesh between them and the eyeball, on sRGB values."""
+"""Factor on sRGB values by which the lids shade the conjunctiva between them and the eyeball."""
+
 COLOURFUL = 0.06
-"""Range of the skin's sRGB channels from which a photo counts as coloured; of a grey one all parts are grey."""
+"""Range of the skin's sRGB channels from which on a photo counts as coloured; in a grey one all parts are grey."""
+
 KNOWN = 0.05
-"""Share of a texel that is no skin from which it has an albedo of its own."""
+"""Share of a texel that has to be another part than skin for it to have an albedo."""
 
 
 @dataclass(frozen=True)
 class PartLight:
-    """The light between the lids and lips.
+    """Light of the photo on eyes, teeth and tongue.
 
     Attributes:
-        white: (3,) float32 linear RGB, positive, of a white diffuse surface in it.
-        colourfulness: of the photo, in [0, 1].
+        white: (3,) float32 linear RGB, positive, that a white diffuse surface would have in it.
+        colourfulness: of the photo, in [0, 1]; 0 for a grey one.
     """
 
-    white: Float
+    white: Float32
     colourfulness: float
 
     @classmethod
-    def of(cls, sclera: Float | None, skin: Float | None, face: Float) -> PartLight:
-        """By the sclera where it was seen, else by the bright end of the face.
+    def of(cls, sclera: Float32 | None, skin: Float32 | None, face: Float32) -> PartLight:
+        """From the sclera where it was seen, else from the brightest texels of the face.
 
         Args:
-            sclera: (3,) sRGB or None.
-            skin: (3,) sRGB median skin or None.
-            face: (N, 3) sRGB texels of the face, may be empty.
+            sclera: (3,) sRGB as the photo shows it, or None.
+            skin: (3,) sRGB median of the skin, or None.
+            face: (N, 3) sRGB texels of the face; N may be 0.
         """
         if sclera is None:
             bright = np.percentile(luma(face), 95) / 0.8 if len(face) else 1.0
@@ -67,42 +68,44 @@ class PartLight:
         grey = luma(white)
         return cls(np.asarray(grey + np.float32(colourful) * (white - grey), np.float32), colourful)
 
-    def of_photo(self, albedo: Float) -> Float:
-        """(..., 3) sRGB-coded albedo, as grey as the photo is."""
+    def of_photo(self, albedo: Float32) -> Float32:
+        """(..., 3) sRGB-coded albedo, as desaturated as the photo."""
         grey = luma(albedo)[..., None]
         return np.asarray(grey + np.float32(self.colourfulness) * (albedo - grey), np.float32)
 
-    def on(self, albedo: Float) -> Float:
-        """(..., 3) sRGB that the photo shows of an sRGB-coded albedo."""
+    def on(self, albedo: Float32) -> Float32:
+        """(..., 3) sRGB colour of an sRGB-coded albedo (..., 3) in this light."""
         return linear_to_srgb(srgb_to_linear(albedo) * self.white)
 
-    def off(self, colour: Float) -> Float:
-        """(..., 3) sRGB-coded albedo of what the photo shows, at most ``BRIGHTEST``; the inverse of :meth:`on`."""
+    def off(self, colour: Float32) -> Float32:
+        """(..., 3) sRGB-coded albedo, at most ``BRIGHTEST``, of an sRGB colour in this light; the inverse of
+        :meth:`on`.
+        """
         return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(eye.BRIGHTEST)))
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What lies between lids and lips, at the inner texels (N,).
+    """Skin and all other parts, at the inner texels (N,).
 
     Attributes:
-        colour: (N, 3) sRGB in the photo's light, on top of the skin's.
+        colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
         code: (N,) confidence, see ``service.texture.result``.
-        albedo: (H, W, 3) sRGB-coded albedo of all that is no skin, continued over the chart.
-        iris: (3,) linear albedo of the irises, the usual one where none was seen.
+        albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
+        iris: (3,) linear albedo of the irises, the default where none was seen.
     """
 
-    colour: Float
-    code: Float
-    albedo: Float
-    iris: Float
+    colour: Float32
+    code: Float32
+    albedo: Float32
+    iris: Float32
 
 
 def paint_parts(
-    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, colour: Float, code: Float, skin: Float,
-    ledger: Ledger,
+    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, colour: Float32, code: Float32,
+    skin: Float32, ledger: Ledger,
 ) -> Parts:  # fmt: skip
-    """Eyes, teeth, tongue, lashes, sockets and the mouth's lining on top of the skin.
+    """Paint eyes, teeth, tongue, lashes, sockets and the lining of the mouth over the skin.
 
     Args:
         photo: that was fitted.
@@ -111,9 +114,9 @@ def paint_parts(
         unwrapped: the photo on the chart.
         zones: of the same texels.
         colour: (N, 3) sRGB of the completed skin.
-        code: (N,) its confidence.
+        code: (N,) confidence of that skin.
         skin: (3,) sRGB of the person's skin.
-        ledger: which corrections run.
+        ledger: says which corrections run, and records what they change.
     """
     irises = () if fit.gaze is None else fit.gaze.irises
     tone = measure_eyes(photo.pixels, irises)
@@ -131,37 +134,37 @@ def paint_parts(
         ledger.count(LASH_LINE, int((lashes > SEEN_CHANGE).sum()), len(lashes))
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
-    # Eyes without a visible iris point elsewhere than in the photo, which shows lids or glass in their place.
+    # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
     eyes_seen = seen * float(fit.gaze is None or tone.iris is not None)
     for index, name in enumerate(chart.head.part_names):
-        own = np.flatnonzero(chart.inner_part == index)
-        if name == "skin" or name.startswith("teeth") or not len(own):
+        texels = np.flatnonzero(chart.inner_part == index)
+        if name == "skin" or name.startswith("teeth") or not len(texels):
             continue
         if name.startswith("eye"):
             ball, points = on_eyeball(chart, index)
             painted = _eye(ball.limbus_deg, ball.pupil_deg, sight_angle(ball, points), iris)
             shown = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
-            share = eyes_seen[own] * (alike(unwrapped.colour[own], shown) if irises else 1.0)
-            work.part(own, painted, shown, share, unwrapped.colour)
+            share = eyes_seen[texels] * (alike(unwrapped.colour[texels], shown) if irises else 1.0)
+            work.part(texels, painted, shown, share, unwrapped.colour)
         else:
-            painted = paint_tongue(chart, index, own) if name == "tongue" else linear_to_srgb(LASHES)[None]
-            work.part(own, painted, None, np.zeros(len(own), np.float32), unwrapped.colour)
+            painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASHES)[None]
+            work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
     teeth = Teeth(chart)
     if len(teeth.own):
         _paint_teeth(work, teeth, fit, unwrapped, seen, skin, ledger)
     return Parts(work.colour, work.code, work.everywhere(), iris)
 
 
-def _eye(limbus: float, pupil: float, angle: Float, iris: Float) -> Float:
-    """(n, 3) sRGB-coded albedo of an eye's texels."""
+def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
+    """(n, 3) sRGB-coded albedo of an eye at angles (n,) from its line of sight; all angles in degrees."""
     sclera, coded, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.likely_iris(iris), eye.SOCKET))
     return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 
 def _paint_teeth(
-    work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float, skin: Float, ledger: Ledger
+    work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32, skin: Float32, ledger: Ledger
 ) -> None:
-    """Teeth in the measured colour, and as the photo shows them where it shows teeth."""
+    """Teeth in the measured colour, blended with the photo where it shows teeth."""
     light, shown = work.light, unwrapped.colour[teeth.own]
     tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
     share = seen[teeth.own] * toothlike(shown, skin) * teeth.shows(shown, light.on(tooth))
@@ -180,38 +183,46 @@ class _Work:
 
     chart: Chart
     light: PartLight
-    colour: Float
-    code: Float
-    albedo: Float
-    known: Float
+    colour: Float32
+    code: Float32
+    albedo: Float32
+    known: Float32
 
-    def over_skin(self, share: Float, albedo: Float, lit: np.float32) -> None:
-        """Lay an sRGB-coded albedo over the skin by a share (N,); ``lit`` is a factor on sRGB values of the texture."""
-        own = self.light.of_photo(albedo)
-        self.colour += share[:, None] * (self.light.on(own) * lit - self.colour)
-        self.albedo += share[:, None] * (own - self.albedo)
+    def over_skin(self, share: Float32, albedo: Float32, lit: np.float32) -> None:
+        """Blend an sRGB-coded albedo over the skin by a share (N,); ``lit`` is a factor on sRGB values of the
+        texture.
+        """
+        albedo = self.light.of_photo(albedo)
+        self.colour += share[:, None] * (self.light.on(albedo) * lit - self.colour)
+        self.albedo += share[:, None] * (albedo - self.albedo)
         self.known = np.maximum(self.known, share)
 
-    def part(
-        self, own: npt.NDArray[np.int64], albedo: Float, shown: Float | None, share: Float, photo: Float
-    ) -> None:
-        """Write a part's texels: its albedo (n, 3), and the texture with a share (n,) of the photo (N, 3)."""
+    def part(self, texels: Int64, albedo: Float32, shown: Float32 | None, share: Float32, photo: Float32) -> None:
+        """Write the texels of a part.
+
+        Args:
+            texels: (n,) indices among the inner texels.
+            albedo: (n, 3) or (1, 3), sRGB-coded.
+            shown: (n, 3) sRGB of that albedo in the photo's light; None: computed.
+            share: (n,) opacity of the photo in the texture.
+            photo: (N, 3) sRGB at all inner texels.
+        """
         albedo = self.light.of_photo(albedo)
         painted = self.light.on(albedo) if shown is None else shown
-        self.albedo[own], self.known[own] = albedo, 1
-        self.colour[own] = painted + share[:, None] * (photo[own] - painted)
-        self.code[own] = _code(share)
+        self.albedo[texels], self.known[texels] = albedo, 1
+        self.colour[texels] = painted + share[:, None] * (photo[texels] - painted)
+        self.code[texels] = _code(share)
 
-    def everywhere(self) -> Float:
-        """(H, W, 3) the albedo; on skin and outside the islands that of the nearest texel that has one."""
+    def everywhere(self) -> Float32:
+        """(H, W, 3) albedo of the parts; on skin and outside the islands that of the nearest texel that has one."""
         chart = self.chart
         known = chart.spread(self.known[:, None])[..., 0] > KNOWN
-        # Of a texel that is partly skin the share of the part counts alone.
+        # In a texel that is partly skin, the albedo is that of the part alone.
         whole = self.albedo / np.maximum(self.known, np.float32(KNOWN))[:, None]
         planes = chart.spread(np.clip(whole, 0, 1).astype(np.float32))
         return planes.reshape(-1, 3)[nearest_inside(known)] if known.any() else planes
 
 
-def _code(share: Float) -> Float:
-    """(n,) confidence of texels with a share (n,) of the photo."""
+def _code(share: Float32) -> Float32:
+    """(n,) confidence code of texels with a share (n,) of the photo."""
     return np.asarray(np.where(share > 0.05, np.rint(SEEN + (255 - SEEN) * share), 0), np.float32)

@@ -1,12 +1,12 @@
-"""From photo to chart: what colour each texel shows and how far that is to be trusted."""
+"""Unwrap the photo onto the chart: the colour of each texel, and a weight that says how far to trust it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int64
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.result import Fit
 from service.geometry.camera import NEAREST_M, Camera
@@ -16,29 +16,26 @@ from service.geometry.raster import rasterise
 from service.geometry.sampling import Pyramid, sample_area
 from service.photo.photo import Photo
 
-Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-
 BUFFER_SIDE = 512
-"""Longer side of the head in the z-buffer, in cells (about 0.6 mm); does not depend on the photo's resolution."""
+"""Longer side of the head in the z-buffer, in cells of about 0.6 mm, whatever the photo's resolution."""
 
 BIAS_M = 0.0015
-"""A texel this far behind what the z-buffer saw still counts as seen; slant adds to it."""
+"""Depth bias: a texel at most this far behind the z-buffer counts as visible; slant adds to it."""
 
 STEP_M = 0.006
-"""A jump in depth that makes an edge behind which the photo shows something else than the head's surface."""
+"""Difference in depth between neighbouring cells of the z-buffer that makes an occlusion edge."""
 
 OUTLINE_MARGIN_M = (0.003, 0.010)
-"""Next to the background: worth nothing up to the first distance, everything from the second on.
+"""Distance from the head's outline: the weight is 0 up to the first, and not reduced from the second on.
 
-The fitted outline is wrong by a millimetre or two, and hair, collar or wall on a cheek is worse than a cheek made up.
+The fitted outline is off by a millimetre or two, and hair, collar or wall on a cheek is worse than an inpainted cheek.
 """
 
 INNER_MARGIN_M = (0.0005, 0.003)
-"""The same behind and on edges within the head (nose before cheek, lip before teeth): skin beside skin hurts less."""
+"""The same from occlusion edges within the head (nose before cheek, lip before teeth): less, as both sides are skin."""
 
 GRAZING = (0.12, 0.35)
-"""Cosine of the viewing angle below which a texel is worthless, and from which on only its square counts."""
+"""Cosine of the viewing angle below which the weight is 0, and from which on it is the cosine's square."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +44,17 @@ class Unwrapped:
 
     Attributes:
         colour: (N, 3) float32 sRGB in [0, 1]; 0 where ``weight`` is 0.
-        weight: (N,) float32 in [0, 1]: squared cosine of the viewing angle, less near outlines and behind edges.
-        visible: (N,) bool, in the photo, facing the camera, and nothing of the head before it.
+        weight: (N,) float32 in [0, 1]: squared cosine of the viewing angle, less near outlines and occlusion edges.
+        visible: (N,) bool: in the photo, facing the camera and not occluded by the head.
         normal: (N, 3) float32 unit normals in head space.
         position: (N, 3) float32 metres, head space.
     """
 
-    colour: Float
-    weight: Float
-    visible: npt.NDArray[np.bool_]
-    normal: Float
-    position: Float
+    colour: Float32
+    weight: Float32
+    visible: Bool
+    normal: Float32
+    position: Float32
 
 
 def unwrap(photo: Photo, fit: Fit, chart: Chart) -> Unwrapped:
@@ -85,7 +82,7 @@ def unwrap(photo: Photo, fit: Fit, chart: Chart) -> Unwrapped:
     return Unwrapped(colour, weight, visible, normal, position)
 
 
-def _read(photo: Photo, fit: Fit, chart: Chart, pixel: Array, chosen: npt.NDArray[np.int64]) -> Float:
+def _read(photo: Photo, fit: Fit, chart: Chart, pixel: Float64, chosen: Int64) -> Float32:
     """Colours (n, 3) sRGB at photo pixels (n, 2), averaged in linear light over each texel's area in the photo."""
     if not len(chosen):
         return np.zeros((0, 3), np.float32)
@@ -101,30 +98,31 @@ def _read(photo: Photo, fit: Fit, chart: Chart, pixel: Array, chosen: npt.NDArra
 
 @dataclass(frozen=True)
 class _Buffer:
-    """Z-buffer of the head around its own projection.
+    """Z-buffer of the head within the bounding box of its projection.
 
     Attributes:
         origin: (2,) photo pixels of the buffer's corner.
         scale: cells per photo pixel.
-        metres: (per unit depth) size of a cell.
+        metres: size of a cell at a depth of one metre.
         depth: (h, w) float32 metres, inf where there is no head.
-        margin: (h, w) float32 in [0, 1], 0 on edges, 1 far from them.
+        margin: (h, w) float32 in [0, 1], 0 at outlines and occlusion edges, 1 far from them.
     """
 
-    origin: Array
+    origin: Float64
     scale: float
     metres: float
-    depth: Float
-    margin: Float
+    depth: Float32
+    margin: Float32
 
     @classmethod
     def draw(cls, camera: Camera, fit: Fit, chart: Chart) -> _Buffer:
+        """Rasterise the fitted head; empty where it lies behind the camera."""
         points = camera.project(fit.vertices)
         z = camera.to_camera(fit.vertices)[:, 2]
         before = z >= NEAREST_M
         if not before.any():
             return cls(np.zeros(2), 1.0, 1.0, np.full((1, 1), np.inf, np.float32), np.zeros((1, 1), np.float32))
-        # A head that reaches past the camera projects to wild places: only what may fall into the photo is drawn.
+        # Vertices close to the camera plane project arbitrarily far out: draw only what may fall into the photo.
         size = np.array([camera.width, camera.height], float)
         low = np.maximum(points[before].min(0), -size) - 2
         high = np.minimum(points[before].max(0), 2 * size) + 2
@@ -136,8 +134,14 @@ class _Buffer:
         cell = metres * float(np.median(z[before]))
         return cls(low, scale, metres, raster.depth, _margins(raster.depth, cell))
 
-    def look_up(self, pixel: Array, depth: Array, facing: Float) -> tuple[npt.NDArray[np.bool_], Array]:
-        """Whether points are the nearest ones (N,), and their margin (N,)."""
+    def look_up(self, pixel: Float64, depth: Float64, facing: Float32) -> tuple[Bool, Float64]:
+        """(N,) bool, whether points are not occluded, and (N,) their margin.
+
+        Args:
+            pixel: (N, 2) photo pixels.
+            depth: (N,) metres.
+            facing: (N,) cosine of the viewing angle.
+        """
         cell = np.clip((pixel - self.origin) * self.scale, 0, [self.depth.shape[1] - 1, self.depth.shape[0] - 1])
         column, row = cell.astype(int).T
         cosine = np.clip(facing, 0.15, 1.0)
@@ -146,8 +150,8 @@ class _Buffer:
         return depth <= self.depth[row, column] + bias, self.margin[row, column].astype(np.float64)
 
 
-def _margins(depth: Float, cell: float) -> Float:
-    """How far (0 to 1) each cell is from outlines and from inner edges; ``cell`` is its side in metres."""
+def _margins(depth: Float32, cell: float) -> Float32:
+    """(h, w) in [0, 1], how far each cell is from outlines and inner edges; ``cell`` is its side in metres."""
     import cv2
 
     far = np.where(np.isfinite(depth), depth, np.float32(1e3))

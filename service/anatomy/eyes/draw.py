@@ -1,8 +1,8 @@
-"""Eyes in the detail of the map.
+"""Eyes drawn at the full resolution of the map.
 
-An iris is six texels wide in the photo's texture, and no network here has learnt to enlarge it. Its colours are
-measured in the photo, though, and how an eye is made is known: pupil, fibres that run outwards from it, a darker rim, a
-sclera with vessels. So eyes are drawn on the map, in the measured colour.
+An iris is six texels wide in the photo's texture, and no network here has learnt to enlarge it. But its colour is
+measured in the photo, and the structure of an eye is known: pupil, radial fibres, a darker limbus, a sclera with blood
+vessels. So eyes are drawn on the map in the measured colour.
 """
 
 from __future__ import annotations
@@ -10,29 +10,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.colours import BRIGHTEST, IRIS, SCLERA, SOCKET, likely_iris
 from service.anatomy.eyes.eyeball import Eyeball
-from service.anatomy.eyes.paint import paint_eye
+from service.anatomy.eyes.paint import paint_eye, smoothstep
 from service.anatomy.part_texels import PartTexels
+from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
-
 RING = (0.5, 0.85)
-"""Where an albedo tells the iris's colour, in radii of the iris."""
-FEW = 12
-"""Fewest texels of that ring from which the colour is told."""
+"""Inner and outer radius of the ring in which the iris's colour is read off an albedo, in iris radii."""
+
+LEAST_TEXELS = 12
+"""Fewest texels of that ring from which the colour is read."""
+
 FIBRES, FIBRE_DEPTH = 28, 0.16
-"""Cosines round the iris that make up its fibres, and their standard deviation, as a share of the colour."""
-MOST_FIBRES = 70.0
-"""Of the finest of them round the iris; less where a texel does not resolve that."""
+"""Number of cosines round the iris whose sum makes its fibres, and the amplitude of the sum in natural logarithms."""
+
+MOST_PERIODS = 70.0
+"""Most periods of a cosine round the iris; fewer where a texel does not resolve them."""
+
 COLLARETTE, COLLARETTE_WIDTH, COLLARETTE_LIGHT = 0.52, 0.07, 0.12
-"""The frill between the iris's inner and outer zone: radius, width, and by how much it is lighter."""
+"""The collarette, the border between the iris's inner and outer zone: radius and width in iris radii, and how much
+lighter it is in natural logarithms."""
+
 VESSELS, VESSEL_WIDTH = 0.16, 0.09
-"""Share of green and blue that vessels take from the white at most, and their width as a share of noise."""
+"""Largest share of green and blue that blood vessels take from the sclera, and the noise value at which that has
+fallen to 1/e: vessels follow the zeros of the noise."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +46,25 @@ class DrawnEye:
 
     Attributes:
         place: its texels.
-        radius: (N,) float32 angle from the line of sight over that of the iris's rim, of the texels inside.
-        turn: (N,) float32 radians round the line of sight.
-        direction: (N, 3) float32 from the middle of the eye.
-        limbus: degrees from the line of sight to the iris's rim.
-        pupil: degrees to that of the pupil.
-        texel: size of a texel near the iris in radii of the iris.
+        radius: (N,) float32 angle from the line of sight over that of the limbus, of the texels inside.
+        azimuth: (N,) float32 radians round the line of sight.
+        direction: (N, 3) float32 unit vectors from the eyeball's centre.
+        limbus: degrees from the line of sight to the limbus, the iris's rim.
+        pupil: degrees from the line of sight to the pupil's rim.
+        texel: side of a texel near the iris in iris radii.
     """
 
     place: PartTexels
-    radius: Float
-    turn: Float
-    direction: Float
+    radius: Float32
+    azimuth: Float32
+    direction: Float32
     limbus: float
     pupil: float
     texel: float
 
     @classmethod
     def of(cls, place: PartTexels) -> DrawnEye | None:
-        """None where no texel of its iris is on the map."""
+        """None where the map has no texel of its iris."""
         ball = Eyeball.of(place.vertices)
         ray = ball.rays(place.points)
         limbus = np.radians(ball.limbus_deg)
@@ -67,35 +72,35 @@ class DrawnEye:
         within = int((radius < 1).sum())
         if not within:
             return None
-        turn, texel = np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32), float(np.sqrt(np.pi / within))
-        return cls(place, radius, turn, ray.astype(np.float32), ball.limbus_deg, ball.pupil_deg, texel)
+        azimuth, texel = np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32), float(np.sqrt(np.pi / within))
+        return cls(place, radius, azimuth, ray.astype(np.float32), ball.limbus_deg, ball.pupil_deg, texel)
 
 
 def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[DrawnEye]:
-    """The eyes of a head on its chart of a size (width, height); of imported heads there may be none."""
+    """The eyes of a head on its chart at a size (width, height); an imported head may have none."""
     places = (PartTexels.of(head, name, size) for name in head.part_names if name.startswith("eye"))
     found = (DrawnEye.of(place) for place in places if place is not None)
     return [eye for eye in found if eye is not None]
 
 
 def draw_eyes(
-    albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: npt.NDArray[np.floating] | None = None
+    albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: AnyFloat | None = None
 ) -> Codes:
-    """The albedo, changed in place: eyes in the detail of the map.
+    """The albedo, changed in place: eyes drawn at its full resolution.
 
     Args:
         albedo: (H, W, 3) codes of sRGB.
-        head: whose chart it is; stays as it is where it has no eyes, or too few texels of them.
-        detail: strength of fibres and vessels, which are made up, in [0, 1]. The iris's colour is their seed.
-        iris_albedo: (3,) linear; None: as on the map.
+        head: whose chart it is; without eyes, or with too few texels of them, the albedo stays as it is.
+        detail: strength in [0, 1] of fibres and vessels, which are synthetic and seeded by the iris's colour.
+        iris_albedo: (3,) linear; None: read off the albedo.
     """
     eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]))
-    if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < FEW:
+    if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < LEAST_TEXELS:
         return albedo
-    iris = likely_iris(_shown(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
+    iris = likely_iris(_iris_on_map(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
     sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
     for eye in eyes:
-        # The same on both eyes but for the turn: a person's eyes are alike.
+        # The same seed for both: a person's eyes are alike.
         random = np.random.default_rng(np.rint(coded * 255).astype(int))
         painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, coded, socket)
         linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
@@ -105,42 +110,36 @@ def draw_eyes(
     return albedo
 
 
-def _shown(albedo: Codes, eyes: list[DrawnEye]) -> Float:
-    """(3,) linear median colour of the irises on a map; the usual iris where they have too few texels."""
+def _iris_on_map(albedo: Codes, eyes: list[DrawnEye]) -> Float32:
+    """(3,) linear median colour of the irises on a map; ``IRIS`` where they have too few texels."""
     chosen = [albedo[e.place.box][e.place.inside][(e.radius > RING[0]) & (e.radius < RING[1])] for e in eyes]
     codes = np.concatenate(chosen)
-    return srgb_to_linear(np.median(codes, 0) / FULL_CODE) if len(codes) >= FEW else IRIS
+    return srgb_to_linear(np.median(codes, 0) / FULL_CODE) if len(codes) >= LEAST_TEXELS else IRIS
 
 
-def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float:
-    """(N,) factor of the iris's colour: fibres, and the frill round its inner zone; 1 on pupil and sclera."""
-    finest = min(MOST_FIBRES, np.pi * RING[0] / max(eye.texel, 1e-6))
-    often = np.rint(np.exp(random.uniform(np.log(3), np.log(max(finest, 4)), FIBRES)))
-    start, bend = random.uniform(0, 2 * np.pi, FIBRES), random.normal(0, 1.5, FIBRES)
-    fade = random.uniform(0, 2 * np.pi, FIBRES)
+def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:
+    """(N,) factor on the iris's colour: fibres and collarette; 1 on pupil and sclera."""
+    finest = min(MOST_PERIODS, np.pi * RING[0] / max(eye.texel, 1e-6))
+    periods = np.rint(np.exp(random.uniform(np.log(3), np.log(max(finest, 4)), FIBRES)))
+    phases, bends = random.uniform(0, 2 * np.pi, FIBRES), random.normal(0, 1.5, FIBRES)
+    fades = random.uniform(0, 2 * np.pi, FIBRES)
     r, noise = eye.radius, np.zeros(len(eye.radius), np.float32)
     near = r < 1.2
-    for n, phase, slant, along in zip(often, start, bend, fade, strict=True):
-        wave = np.cos(n * eye.turn[near] + phase + slant * r[near]) * (1 + 0.6 * np.cos(6 * r[near] + along))
+    for n, phase, bend, fade in zip(periods, phases, bends, fades, strict=True):
+        wave = np.cos(n * eye.azimuth[near] + phase + bend * r[near]) * (1 + 0.6 * np.cos(6 * r[near] + fade))
         noise[near] += wave.astype(np.float32)
-    wavy = COLLARETTE + 0.03 * np.cos(5 * eye.turn + start[0]) + 0.02 * np.cos(11 * eye.turn + start[1])
-    frill = COLLARETTE_LIGHT * np.exp(-(((r - wavy) / COLLARETTE_WIDTH) ** 2))
-    rim = _rise(r, 1.05, 0.9) * _rise(r, 0.95, 1.15, eye.pupil / eye.limbus)
-    factor = np.exp(FIBRE_DEPTH * np.sqrt(2 / FIBRES) * noise + frill)
+    wavy = COLLARETTE + 0.03 * np.cos(5 * eye.azimuth + phases[0]) + 0.02 * np.cos(11 * eye.azimuth + phases[1])
+    collarette = COLLARETTE_LIGHT * np.exp(-(((r - wavy) / COLLARETTE_WIDTH) ** 2))
+    rim = smoothstep(r, 1.05, 0.9) * smoothstep(r / (eye.pupil / eye.limbus), 0.95, 1.15)
+    factor = np.exp(FIBRE_DEPTH * np.sqrt(2 / FIBRES) * noise + collarette)
     return np.asarray(1 + rim * (factor - 1), np.float32)
 
 
-def _vessels(eye: DrawnEye, random: np.random.Generator) -> Float:
-    """(N,) share of green and blue that is taken by vessels: ridges of a noise, denser towards the corners."""
+def _vessels(eye: DrawnEye, random: np.random.Generator) -> Float32:
+    """(N,) share of green and blue that vessels take: zeros of a noise, stronger towards the corners of the lids."""
     noise = np.zeros(len(eye.radius), np.float32)
     for scale in (5.0, 9.0, 16.0, 30.0):
         axes = random.normal(0, scale, (6, 3)).astype(np.float32)
         noise += np.cos(eye.direction @ axes.T + random.uniform(0, 2 * np.pi, 6)).sum(1).astype(np.float32) / 6
     ridge = np.exp(-((noise / VESSEL_WIDTH) ** 2))
-    return np.asarray(VESSELS * ridge * _rise(eye.radius, 1.2, 2.6), np.float32)
-
-
-def _rise(value: Float, start: float, end: float, unit: float = 1.0) -> Float:
-    """Smoothstep from 0 at ``start`` to 1 at ``end``, in units of ``unit``."""
-    t = np.clip((value / unit - start) / (end - start), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
+    return np.asarray(VESSELS * ridge * smoothstep(eye.radius, 1.2, 2.6), np.float32)

@@ -1,7 +1,7 @@
-"""Where the eyes look: the direction in which both irises together are likeliest, and eyes that are turned to it.
+"""Gaze: the direction in which both irises together are likeliest, and the expression that turns the eyes there.
 
-One eye alone errs by the shade of a lid, a lamp it mirrors, a strand of hair. Both look nearly the same way, and what
-misleads one is elsewhere in the other.
+In one eye alone, a lid's shade, a mirrored lamp or a strand of hair can be mistaken for the iris. Both eyes look in
+nearly the same direction, and such a mistake would lie elsewhere in the other eye.
 """
 
 from __future__ import annotations
@@ -9,30 +9,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball
 from service.anatomy.eyes.iris import Iris, Search, search
+from service.arrays import AnyFloat, Float64, UInt8
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-
-Array = npt.NDArray[np.float64]
 
 RIMS = {
     "left": (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466),
     "right": (33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246),
 }
-"""Landmarks round the opening between the lids, of the subject's left and right eye."""
-LIDS = ("eyeBlink", "eyeSquint", "eyeWide")
-"""Units that give the lids back what the units of the gaze take from them."""
+"""Landmarks round the lid opening of the subject's left and right eye: from the outer corner, lower lid first."""
 
-APART = 0.5
-"""Radii of the iris by which one may lie beside where the common direction has it: eyes converge, fits err."""
+LID_UNITS = ("eyeBlink", "eyeSquint", "eyeWide")
+"""Expression units of the lids. They undo what the units ``eyeLook*`` do to the lids."""
+
+MOST_OFFSET = 0.5
+"""Largest distance, in iris radii, of an iris from its place in the common direction: eyes converge, fits err."""
+
 STEP_DEG = 2.0
-"""Of the directions that are tried."""
-WIDEST = np.array([38.0, 28.0])
-"""Degrees beyond which no one looks without turning the head."""
+"""Step between the directions that are tried, degrees."""
+
+MOST_ANGLE_DEG = np.array([38.0, 28.0])
+"""Largest yaw and pitch of the eyes, degrees; to look further people turn the head."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Gaze:
     Attributes:
         yaw_deg: > 0 to the subject's left.
         pitch_deg: > 0 upwards.
-        irises: those it was read from, 0 to 2; with none the direction is straight ahead and assumed.
+        irises: those it was measured on, 0 to 2; with none the gaze is assumed to be straight ahead.
     """
 
     yaw_deg: float
@@ -51,19 +52,19 @@ class Gaze:
 
 
 def find_gaze(
-    pixels: npt.NDArray[np.uint8],
-    landmarks: npt.NDArray[np.floating],
+    pixels: UInt8,
+    landmarks: AnyFloat,
     head: HeadModel,
-    neutral: npt.NDArray[np.floating],
+    neutral: AnyFloat,
     camera: Camera,
 ) -> Gaze | None:
     """Gaze of a fitted head.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        landmarks: (468, >= 2) photo pixels; eyes with one that is not finite are left out.
+        landmarks: (468, >= 2) photo pixels; an eye with one that is not finite is left out.
         head: the head model.
-        neutral: (V, 3) metres, the head with its eyes straight ahead.
+        neutral: (V, 3) metres, the head looking straight ahead.
         camera: of the fit.
 
     Returns:
@@ -81,13 +82,13 @@ def find_gaze(
     if not eyes:
         return Gaze(0.0, 0.0)
     direction = _common_direction(eyes, camera)
-    seen: list[tuple[Iris, Array]] = []
+    seen: list[tuple[Iris, Float64]] = []
     for found, ball in eyes:
-        iris = found.best(camera.project((ball.centre + ball.radius * direction)[None])[0], APART)
+        iris = found.best(camera.project((ball.centre + ball.radius * direction)[None])[0], MOST_OFFSET)
         if iris is None:
             continue
         angles = _angles(camera, ball, iris.centre)
-        if (np.abs(angles) < WIDEST).all():
+        if (np.abs(angles) < MOST_ANGLE_DEG).all():
             seen.append((iris, angles))
     if not seen:
         return Gaze(0.0, 0.0)
@@ -96,43 +97,44 @@ def find_gaze(
     return Gaze(float(yaw), float(pitch), tuple(iris for iris, _ in seen))
 
 
-def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Array:
-    """(3,) unit vector in the head's frame along which the eyes together look likeliest."""
+def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Float64:
+    """(3,) unit vector in the head's frame with the largest merit, summed over the eyes."""
     import cv2
 
-    yaw, pitch = (np.radians(np.arange(-most, most + 1e-6, STEP_DEG)) for most in WIDEST)
+    yaw, pitch = (np.radians(np.arange(-most, most + 1e-6, STEP_DEG)) for most in MOST_ANGLE_DEG)
     x, y = (part.ravel() for part in np.meshgrid(yaw, pitch))
     directions = np.stack([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)], 1)
     total = np.zeros(len(directions))
     for found, ball in eyes:
         at = found.to_patch(camera.project(ball.centre + ball.radius * directions)).astype(np.float32)
-        likely = found.spread(APART)
+        likely = found.spread(MOST_OFFSET)
         total += cv2.remap(likely, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[:, 0]
     return np.asarray(directions[int(np.argmax(total))])
 
 
-def _iris_px(camera: Camera, centre: Array) -> float:
+def _iris_px(camera: Camera, centre: Float64) -> float:
+    """Radius of an iris in photo pixels; 0 behind the camera."""
     depth = float(camera.to_camera(centre[None])[0, 2])
     return IRIS_RADIUS_M * camera.focal_px / depth if depth > 0 else 0.0
 
 
-def _angles(camera: Camera, ball: Eyeball, pixel: Array) -> Array:
-    """(2,) yaw and pitch in degrees of the eye whose iris is seen at a pixel: where its ray meets the eyeball."""
+def _angles(camera: Camera, ball: Eyeball, pixel: Float64) -> Float64:
+    """(2,) yaw and pitch in degrees of an eye whose iris is seen at a pixel, whose ray is cut with the eyeball."""
     middle = camera.to_camera(ball.centre[None])[0]
     ray = np.append((pixel - camera.principal_point) / camera.focal_px, 1.0)
     ray /= np.linalg.norm(ray)
     along = float(ray @ middle)
-    # A ray that passes beside the ball counts as touching its rim.
-    inside = max(ball.radius**2 - (float(middle @ middle) - along**2), 0.0)
-    x, y, z = ((along - np.sqrt(inside)) * ray - middle) @ camera.rotation
+    # A ray that misses the eyeball counts as a tangent.
+    half_chord_squared = max(ball.radius**2 - (float(middle @ middle) - along**2), 0.0)
+    x, y, z = ((along - np.sqrt(half_chord_squared)) * ray - middle) @ camera.rotation
     return np.asarray(np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))]))
 
 
-def with_gaze(head: HeadModel, neutral: npt.NDArray[np.floating], expression: Array, gaze: Gaze) -> Array:
-    """(E,) expression whose eyes look along a gaze and whose lids stay where they were, all in [0, 1].
+def with_gaze(head: HeadModel, neutral: AnyFloat, expression: Float64, gaze: Gaze) -> Float64:
+    """(E,) expression, all in [0, 1], whose eyes look along a gaze while the lids stay where they were.
 
     Args:
-        head: the model; sides without the units ``eyeLook*`` keep theirs.
+        head: the model; an eye without eyeball or without the units ``eyeLook*`` keeps its activations.
         neutral: (V, 3) metres.
         expression: (E,) activations.
         gaze: direction wanted.
@@ -146,8 +148,8 @@ def with_gaze(head: HeadModel, neutral: npt.NDArray[np.floating], expression: Ar
             continue
         inward, outward, up, down = (index[name] for name in names)
         out[[inward, outward, up, down]] = 0.0
-        own = part_vertices(head, f"eye_{side}")
-        pole = int(own[np.argmax(head.mean[own, 2])])
+        eye = part_vertices(head, f"eye_{side}")
+        pole = int(eye[np.argmax(head.mean[eye, 2])])
         yaw, pitch = np.radians([gaze.yaw_deg, gaze.pitch_deg])
         leftward = outward if side == "left" else inward
         rightward = inward if side == "left" else outward
@@ -162,12 +164,13 @@ def with_gaze(head: HeadModel, neutral: npt.NDArray[np.floating], expression: Ar
     return out
 
 
-def _keep_lids(head: HeadModel, side: str, before: Array, after: Array) -> None:
-    """Change the lid units of ``after`` in place so that the lids move as little as they can."""
+def _keep_lids(head: HeadModel, side: str, before: Float64, after: Float64) -> None:
+    """Change the lid units of ``after`` in place so that the lids move least, by bounded least squares."""
     from scipy.optimize import lsq_linear
 
     region = f"eyelid_{side}"
-    units = [k for k, name in enumerate(head.expression_names) if name in {f"{u}{side.capitalize()}" for u in LIDS}]
+    names = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}
+    units = [k for k, name in enumerate(head.expression_names) if name in names]
     if region not in head.region_names or not units:
         return
     lids = np.flatnonzero(head.region(region) > 0.5)

@@ -1,8 +1,8 @@
-"""The iris between the lids: how much each place in an eye looks like one.
+"""Search for the iris between the lids.
 
 The landmark network gives the rim of the lids only. Inside it the iris is the disc of known size (11.7 mm in every
-adult) that is darkest against its surroundings in red, where blue irises are as dark as brown ones and lids as bright
-as sclera.
+adult) that is darkest against its surroundings in the red channel, where blue irises are as dark as brown ones and lids
+as bright as sclera.
 """
 
 from __future__ import annotations
@@ -10,28 +10,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.float32]
+from service.arrays import Float32, Float64, UInt8
 
 RADIUS_PX = 12
-"""Radius of the iris in the patch in which it is sought; REACH is the patch's half side in radii."""
-REACH = 4
-HALF = RADIUS_PX * REACH
-LEAST_RADIUS_PX = 2.0
-"""Irises smaller than this in the photo are not to be told from lashes."""
-RING = (1.1, 1.6)
-LEAST_DISC, LEAST_RING = 0.35, 0.06
-"""Share of disc and ring that has to lie between the lids."""
-LEAST_CONTRAST = 0.22
-"""Of ring and disc, as a share of the range of values between the lids."""
-OFF_CENTRE = (0.02, 0.60)
-"""Contrast that one radius away from the middle of the opening has to be worth, from corner to corner and across: lids
-hide the iris above and below and shade it, so its height is known less well; and they move with it."""
+"""Radius of the iris in the resampled patch in which it is sought, pixels."""
 
-ASIDE = 0.1
-"""Contrast that one radius away from where the other eye looks has to be worth."""
+HALF = 4 * RADIUS_PX
+"""Half the side of that patch, pixels."""
+
+LEAST_RADIUS_PX = 2.0
+"""Radius in photo pixels below which an iris cannot be told from lashes."""
+
+RING = (1.1, 1.6)
+"""Inner and outer radius of the ring that the disc is compared with, in iris radii."""
+
+LEAST_DISC, LEAST_RING = 0.35, 0.06
+"""Share of the disc and of the ring that has to lie between the lids."""
+
+LEAST_CONTRAST = 0.22
+"""Smallest difference between ring and disc, as a share of the range of red between the lids."""
+
+CENTRE_COST = (0.02, 0.60)
+"""Cost, in contrast, of lying one radius off the middle of the opening, growing with the square: along the line through
+the corners, and across it. Across it is larger: lids hide and shade the iris above and below, so its height is known
+less well, and they move with it."""
+
+EXPECTED_COST = 0.1
+"""Cost, in contrast, of lying one radius off the expected place, growing with the square."""
 
 
 @dataclass(frozen=True)
@@ -42,48 +48,50 @@ class Iris:
         centre: (2,) photo pixels.
         radius: photo pixels.
         rim: (16, 2) photo pixels round the opening between the lids, in order.
-        contrast: how much darker it is than what surrounds it, in [0, 1].
+        contrast: how much darker it is than its surroundings, in [0, 1].
     """
 
-    centre: Array
+    centre: Float64
     radius: float
-    rim: Array
+    rim: Float64
     contrast: float
 
 
 @dataclass(frozen=True)
 class Search:
-    """One eye, searched.
+    """What the search found in one eye.
 
     Attributes:
-        contrast: (n, n) in [-1, 1] with the iris centred at each pixel of a patch about the opening; -1 where too
-            little of it would be seen.
-        merit: the same less what being off the middle costs; minus infinity outside the opening.
+        contrast: (n, n) float32 in [-1, 1] of an iris centred at each pixel of a patch about the opening; -1 where too
+            little of it would lie between the lids.
+        merit: (n, n) float32 contrast less the cost of lying off the middle; minus infinity outside the opening.
         middle: (2,) photo pixels of the patch's centre.
         radius: of the iris, photo pixels.
         rim: (16, 2) photo pixels.
     """
 
-    contrast: Image
-    merit: Image
-    middle: Array
+    contrast: Float32
+    merit: Float32
+    middle: Float64
     radius: float
-    rim: Array
+    rim: Float64
 
-    def to_patch(self, pixels: Array) -> Array:
-        """Columns and rows of the patch (N, 2) of photo pixels (N, 2)."""
+    def to_patch(self, pixels: Float64) -> Float64:
+        """(N, 2) columns and rows in the patch of photo pixels (N, 2)."""
         return np.asarray((pixels - self.middle) * (RADIUS_PX / self.radius) + HALF)
 
-    def best(self, near: Array | None = None, within: float = np.inf) -> Iris | None:
-        """The likeliest iris; of those within so many radii of a photo pixel (2,), nearer ones before others.
+    def best(self, near: Float64 | None = None, within: float = np.inf) -> Iris | None:
+        """The iris of the largest merit, or None where its contrast is not above ``LEAST_CONTRAST``.
 
-        None where nothing has ``LEAST_CONTRAST``.
+        Args:
+            near: (2,) photo pixel where it is expected; distance from it costs merit. None: anywhere.
+            within: largest distance from ``near``, in iris radii.
         """
         merit = self.merit
         if near is not None:
             y, x = np.indices(merit.shape, np.float32)
             away = np.hypot(*(np.stack([x, y], 2) - self.to_patch(near[None])[0]).transpose(2, 0, 1)) / RADIUS_PX
-            merit = np.where(away <= within, merit - np.float32(ASIDE) * away.astype(np.float32) ** 2, -np.inf)
+            merit = np.where(away <= within, merit - np.float32(EXPECTED_COST) * away.astype(np.float32) ** 2, -np.inf)
         row, column = np.unravel_index(int(np.argmax(merit)), merit.shape)
         found = float(self.contrast[row, column])
         if not (np.isfinite(merit[row, column]) and found > LEAST_CONTRAST):
@@ -91,27 +99,27 @@ class Search:
         centre = self.middle + (np.array([column, row]) - HALF) * (self.radius / RADIUS_PX)
         return Iris(centre, self.radius, self.rim, min(found, 1.0))
 
-    def spread(self, within: float) -> Image:
-        """(n, n) >= 0: merit of the best place within so many radii of each pixel, nearer ones before others."""
+    def spread(self, within: float) -> Float32:
+        """(n, n) >= 0: largest merit within so many iris radii of each pixel, less the cost of the distance."""
         from scipy.ndimage import grey_dilation
 
         reach = int(within * RADIUS_PX)
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / RADIUS_PX
         away = np.hypot(x, y)
-        cost = np.where(away <= within, -ASIDE * away**2, -9.0)
+        cost = np.where(away <= within, -EXPECTED_COST * away**2, -9.0)
         return np.asarray(grey_dilation(np.maximum(self.merit, 0), structure=cost, mode="constant"), np.float32)
 
 
-def search(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Search | None:
+def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
     """Look for an iris of known size inside the lids.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
         rim: (N, 2) pixels round the opening between the lids, in order, from one corner.
-        radius_px: of the iris.
+        radius_px: of the iris, photo pixels.
 
     Returns:
-        None where the iris would be too small, the eye is closed or lies at the border, or has no contrast.
+        None where the iris would be too small, or the eye is closed, lies at the photo's border or has no contrast.
     """
     import cv2
 
@@ -125,7 +133,7 @@ def search(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Searc
     corner = np.floor(middle - reach).astype(int)
     end = np.ceil(middle + reach).astype(int)
     near = cv2.GaussianBlur(pixels[corner[1] : end[1], corner[0] : end[0]], (0, 0), max(0.15 * radius_px, 0.3))
-    # Pixel centres are at one half in the photo and at whole numbers in OpenCV and in the patch.
+    # Pixel centres lie at halves in photo coordinates, at integers in OpenCV's and in the patch.
     at = middle - corner - 0.5
     matrix = np.array([[scale, 0, HALF - scale * at[0]], [0, scale, HALF - scale * at[1]]])
     size = (2 * HALF + 1, 2 * HALF + 1)
@@ -145,12 +153,12 @@ def search(pixels: npt.NDArray[np.uint8], rim: Array, radius_px: float) -> Searc
     y, x = np.indices(score.shape, np.float32)
     along = (rim[len(rim) // 2] - rim[0]) / max(float(np.linalg.norm(rim[len(rim) // 2] - rim[0])), 1e-9)
     aside, above = ((x - HALF) * along[0] + (y - HALF) * along[1], (y - HALF) * along[0] - (x - HALF) * along[1])
-    off = (aside**2 * OFF_CENTRE[0] + above**2 * OFF_CENTRE[1]) / RADIUS_PX**2
+    off = (aside**2 * CENTRE_COST[0] + above**2 * CENTRE_COST[1]) / RADIUS_PX**2
     return Search(score, np.where(inside, score - off, -np.inf).astype(np.float32), middle, float(radius_px), rim)
 
 
-def _contrast(value: Image, inside: Image) -> Image:
-    """Mean of the ring less mean of the disc about each pixel, counting what is inside; -1 where that is too little."""
+def _contrast(value: Float32, inside: Float32) -> Float32:
+    """Mean of the ring less mean of the disc about each pixel, over pixels inside; -1 where there are too few."""
     import cv2
 
     reach = int(np.ceil(RING[1] * RADIUS_PX))

@@ -1,4 +1,4 @@
-"""Colours of iris and white as the photo shows them between the lids."""
+"""Colours of iris and sclera, measured in the photo between the lids."""
 
 from __future__ import annotations
 
@@ -6,68 +6,72 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import BELOW, inside_rim
+from service.anatomy.eyes.sclera import BELOW, MARGIN, inside_rim
+from service.arrays import Float32, UInt8
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 
-Float = npt.NDArray[np.float32]
-
 LEAST_SAMPLES = 12
-RIM = 0.12
-"""Radii of the iris by which pixels have to lie inside the rim of the lids."""
-RING, WHITE, PUPIL = (0.5, 0.88), 1.2, 0.28
-"""Radii of the iris between which it is measured, in the dark with wide pupils too, from which on the white is, and up
-to which the pupil is."""
-USUAL, BLURRED = (0.4, 0.8), (0.2, 0.55)
-"""Quantiles of an iris's luma that count: what is darker lies in the lid's shadow, what is brighter mirrors lamps. Of
-one that the photo does not resolve more is brighter, as the white and the lamp run into it."""
+"""Fewest pixels from which a colour is measured."""
+
+RING, SCLERA_FROM, PUPIL_TO = (0.5, 0.88), 1.2, 0.28
+"""In iris radii: the ring in which the iris is measured, outside wide pupils too; the distance from which on pixels are
+sclera; and that up to which they are pupil."""
+
+SHARP, BLURRED = (0.4, 0.8), (0.2, 0.55)
+"""Quantiles of an iris's luma between which pixels are averaged, where the photo resolves it and where it does not.
+Darker pixels lie in the lid's shadow, brighter ones mirror lamps; blur mixes sclera and lamps into more of the bright
+ones."""
+
 RESOLVED = (6.0, 10.0)
-"""Radius of an iris, in pixels, from which on its pupil begins to be told from it, and is."""
+"""Radius of an iris in pixels from which on the photo begins to resolve its pupil, and resolves it fully."""
+
 MOST_MIRRORED = 0.7
-"""Share of an iris's light that the cornea may mirror: of the darkest something has to be left."""
+"""Largest share of an iris's light that counts as mirrored by the cornea, so that the darkest iris keeps a colour."""
+
 LIKE_SKIN = 0.35
-"""Luminance beside the skin below the eye, times the square of red over blue beside its, from which on an iris is a
-lid. Irises of photos have 0.01 to 0.2, blue ones beside dark skin too; lids 0.45 and more."""
+"""What is measured as an iris is a lid from this likeness to the skin below the eye on: its luminance over the skin's,
+times the square of its red over blue over the skin's. Irises of photos have 0.01 to 0.2, blue ones beside dark skin
+too; lids 0.45 and more."""
 
 
 @dataclass(frozen=True)
 class EyeTone:
-    """Colours measured on both eyes: (3,) sRGB each, None where too little of it was seen.
+    """Mean colours of both eyes: (3,) sRGB each, None where too little was seen.
 
-    The iris's is less what the cornea mirrors.
+    Light that the cornea mirrors is subtracted from the iris's.
     """
 
-    sclera: Float | None
-    iris: Float | None
+    sclera: Float32 | None
+    iris: Float32 | None
 
 
-def measure_eyes(pixels: npt.NDArray[np.uint8], irises: Sequence[Iris]) -> EyeTone:
-    """Iris and pale sclera of what (H, W, 3) uint8 sRGB shows between the lids."""
-    white, dark = [np.zeros((0, 3), np.float32)], []
+def measure_eyes(pixels: UInt8, irises: Sequence[Iris]) -> EyeTone:
+    """Colours of the irises, and of the sclera round them, in a photo (H, W, 3) uint8 sRGB."""
+    scleras, found_irises = [np.zeros((0, 3), np.float32)], []
     for iris in irises:
-        colour, at = inside_rim(pixels, iris.rim, RIM * iris.radius)
+        colour, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
         distance = np.linalg.norm(at - iris.centre, axis=1) / iris.radius
-        white.append(colour[distance > WHITE])
+        scleras.append(colour[distance > SCLERA_FROM])
         found = _iris(colour, distance, iris.radius, _skin_below(pixels, iris))
-        dark += [] if found is None else [found]
-    own = None if not dark else linear_to_srgb(np.mean(dark, 0))
-    return EyeTone(_pale(np.concatenate(white)), own)
+        found_irises += [] if found is None else [found]
+    mean = None if not found_irises else linear_to_srgb(np.mean(found_irises, 0))
+    return EyeTone(_sclera(np.concatenate(scleras)), mean)
 
 
-def _skin_below(pixels: npt.NDArray[np.uint8], iris: Iris) -> Float:
+def _skin_below(pixels: UInt8, iris: Iris) -> Float32:
     """(n, 3) sRGB below the eye."""
     down = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
     return inside_rim(pixels, iris.rim + down, 0.0)[0]
 
 
-def _iris(colour: Float, distance: Float, radius: float, skin: Float) -> Float | None:
-    """(3,) linear colour of one iris; None where too little is seen, or a lid.
+def _iris(colour: Float32, distance: Float32, radius: float, skin: Float32) -> Float32 | None:
+    """(3,) linear colour of one iris; None where too little of it is seen, or a lid instead.
 
     Args:
         colour: (n, 3) sRGB between the lids.
-        distance: (n,) from the iris's middle, in its radii.
+        distance: (n,) from the iris's centre, in its radii.
         radius: of the iris in pixels.
         skin: (m, 3) sRGB below the eye.
     """
@@ -75,29 +79,29 @@ def _iris(colour: Float, distance: Float, radius: float, skin: Float) -> Float |
     if len(ring) < LEAST_SAMPLES:
         return None
     ring = ring[np.argsort(luma(ring), kind="stable")]
-    told = _resolved(radius)
+    sharpness = _resolved(radius)
     low, high = (
-        int((blurred + told * (usual - blurred)) * len(ring)) for usual, blurred in zip(USUAL, BLURRED, strict=True)
+        int((blur + sharpness * (sharp - blur)) * len(ring)) for sharp, blur in zip(SHARP, BLURRED, strict=True)
     )
     shown = np.asarray(ring[low : max(high, low + 1)].mean(0), np.float32)
-    if len(skin) >= LEAST_SAMPLES and _lid(shown, np.median(srgb_to_linear(skin), axis=0)):
+    if len(skin) >= LEAST_SAMPLES and _is_lid(shown, np.median(srgb_to_linear(skin), axis=0)):
         return None
-    mirrored = np.float32(_mirrored(colour[distance < PUPIL], radius))
+    mirrored = np.float32(_mirrored(colour[distance < PUPIL_TO], radius))
     return np.asarray(shown - np.minimum(mirrored, np.float32(MOST_MIRRORED) * shown), np.float32)
 
 
-def _lid(shown: Float, skin: Float) -> bool:
-    """Whether a linear colour (3,) is too like that of the skin below the eye."""
+def _is_lid(shown: Float32, skin: Float32) -> bool:
+    """Whether a linear colour (3,) is too similar to that of the skin (3,) below the eye to be an iris."""
     brightness = float(luma(shown)) / max(float(luma(skin)), 1e-6)
     redness = [float(c[0] + 1e-4) / float(c[2] + 1e-4) for c in (shown, skin)]
     return brightness * (redness[0] / redness[1]) ** 2 > LIKE_SKIN
 
 
-def _mirrored(pupil: Float, radius: float) -> float:
-    """Linear light that the cornea mirrors everywhere, taken for grey: the pupil has none of its own.
+def _mirrored(pupil: Float32, radius: float) -> float:
+    """Linear grey light that the cornea mirrors all over the iris: what is seen of the pupil, which is black.
 
-    Of the darker half of its pixels, as lamps are mirrored in few places, and of the channel that has least, as flashes
-    colour pupils; less where the photo does not resolve it.
+    It is the mean of the darker half of the pupil's pixels (n, 3) sRGB, as lamps are mirrored in few places, in the
+    darkest channel, as flashes colour pupils; and less where the photo does not resolve the pupil.
     """
     if not len(pupil):
         return 0.0
@@ -111,8 +115,11 @@ def _resolved(radius: float) -> float:
     return float(np.clip((radius - RESOLVED[0]) / (RESOLVED[1] - RESOLVED[0]), 0, 1))
 
 
-def _pale(colours: Float) -> Float | None:
-    """Mean of what is bluest but for its top: neither lids, lashes and shadow nor mirrored lamps; None if not pale."""
+def _sclera(colours: Float32) -> Float32 | None:
+    """(3,) sRGB of the sclera among colours (n, 3) beside the iris; None where the result is dark or colourful.
+
+    The mean from the 70th to the 95th percentile of blue: lids, lashes and shadow have less, mirrored lamps more.
+    """
     if len(colours) < LEAST_SAMPLES:
         return None
     order = np.argsort(colours[:, 2], kind="stable")

@@ -1,89 +1,101 @@
-"""What the white of an eye tells of the light.
+"""Light of the photo, measured on the sclera.
 
-The white of the eye is much the same in everybody (reflectance 0.55 to 0.7, nearly grey), so its colour in the photo is
-the colour and strength of the light there, but for the shade of the lids.
+The sclera is much the same in everybody (reflectance 0.55 to 0.7, nearly grey), so its colour in the photo gives the
+colour and strength of the light there, apart from the shade of the lids.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.iris import Iris
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import luma, srgb_to_linear
 
-Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-
 BETWEEN_LIDS = 0.67
-"""Share of the light on the lids that is left between them, on the whole of the white."""
+"""Light on the sclera, averaged over all that is seen of it, as a share of the light on the lids."""
+
 BEYOND = 1.15
-"""Radii of the iris at which the white begins for certain; the limbus is soft."""
+"""Distance from the iris's centre, in iris radii, from which on pixels are surely sclera: the limbus is soft."""
+
 LEAST_RADIUS, LEAST_PIXELS = 3.0, 12
-"""Pixels; whites of smaller irises, or with fewer pixels, are blurred into lids and lashes."""
+"""Smallest radius of an iris in pixels, and fewest pixels of sclera: with less, blur mixes in lids and lashes."""
+
 LIT = (0.8, 0.97)
-"""Quantiles of blue between which pixels are taken. Whatever else is seen between the lids (their rims, lashes, shade,
-the iris) has less blue than the white has, and the brightest are glints."""
-IN_THE_OPEN = 0.92
-"""Share of the light on the lids that this best lit part of the white stands in; ``benchmarks.eye_whites``."""
-PALER, CLEARLY = 1.3, 1.5
-"""Times by which the white is less red than the skin below the eye, under whatever light; else it is taken for skin or
-shade. By their reflectances it is 1.4 beside the fairest skin, 2 and more beside dark. Rendered heads: 1.5 to 2.5."""
-PALER_AND_BRIGHTER = (1.15, 1.2)
-"""As much less red, and as much brighter than the skin below, it is a white too: that skin may lie in other light."""
-LIKELY = 0.85
-"""Largest linear reflectance of the skin below that a white gives that is not ``CLEARLY`` less red."""
+"""Quantiles of blue between which pixels of the sclera are averaged. Whatever else is seen between the lids (their
+rims, lashes, shade, the iris) has less blue, and the brightest pixels are glints."""
+
+BEST_LIT = 0.92
+"""Light on that best lit part of the sclera, as a share of the light on the lids: ``benchmarks.eye_whites``."""
+
+LEAST_BLUE, CLEARLY_BLUE = 1.3, 1.5
+"""Blue over red of the sclera, divided by that of the skin below the eye, which cancels the colour of the light: below
+the first it is taken for skin or shade, from the second on it is surely sclera. By their reflectances it is 1.4 beside
+the fairest skin and 2 or more beside dark skin; on rendered heads 1.5 to 2.5."""
+
+LEAST_BLUE_OF_BRIGHT, BRIGHT = 1.15, 1.2
+"""The lower limit instead of ``LEAST_BLUE`` where the sclera's luminance is at least ``BRIGHT`` times that of the skin
+below: that skin may lie in other light."""
+
+LIKELY_SKIN = 0.85
+"""Largest linear reflectance of the skin below the eye that the light of a sclera may imply which is less than
+``CLEARLY_BLUE``."""
+
 BELOW = 1.2
-"""Heights of the opening by which the skin below lies below."""
+"""Distance from the lid opening to the skin below it, in opening heights."""
+
 FAIREST = 1.1
-"""Largest linear reflectance of the skin below: the fairest has 0.65 in red, and the white tells the light up to
-a factor of 1.6. A white that makes skin paler than that lies in deeper shade, and counts as so much brighter."""
-TOO_DEEP = 1.6
-"""Times by which it may; where more is missing, no white is seen but lashes and shadow."""
+"""Largest linear reflectance of the skin below the eye that the light may imply: the fairest has 0.65 in red, and the
+sclera gives the light up to a factor of 1.6. A sclera that implies more lies in deeper shade; its light is raised."""
+
+MOST_RAISED = 1.6
+"""Largest factor by which it is raised; where more is missing, lashes and shadow are seen instead of the sclera."""
+
 MARGIN = 0.12
-"""Radii of the iris by which pixels have to lie inside the rim."""
+"""Distance in iris radii that pixels keep from the rim of the lids."""
+
 CLIPPED = 250
-"""Codes from which a pixel may be overexposed."""
+"""8-bit code from which on a pixel may be overexposed."""
 
 
-def sclera_light(pixels: npt.NDArray[np.uint8], iris: Iris) -> Array | None:
-    """Light on the white of one eye, from the photo.
+def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
+    """Light on the sclera of one eye.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        iris: with the rim of the opening round it.
+        iris: with the rim of the lid opening.
 
     Returns:
         (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in place of the sclera,
-        on its mean: its best lit part tells the light best, and stands in more of it. None where none is seen well:
-        the eye is closed, small or overexposed.
+        averaged over it; it is measured on the best lit part and scaled to the mean. None where the sclera is not seen
+        well: the eye is closed, small or overexposed.
     """
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
-    beside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
-    colours = colours[beside & (colours < CLIPPED / 255).all(1)]
+    outside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
+    colours = colours[outside & (colours < CLIPPED / 255).all(1)]
     below = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
     skin, _ = inside_rim(pixels, iris.rim + below, 0.0)
     if iris.radius < LEAST_RADIUS or len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
         return None
     linear = srgb_to_linear(colours).astype(np.float64)
     low, high = np.quantile(linear[:, 2], LIT)
-    white = linear[(linear[:, 2] >= low) & (linear[:, 2] <= high)].mean(0)
-    usual = np.median(srgb_to_linear(skin), axis=0)
-    if not (white > 0).all():
+    sclera = linear[(linear[:, 2] >= low) & (linear[:, 2] <= high)].mean(0)
+    typical = np.median(srgb_to_linear(skin), axis=0)
+    if not (sclera > 0).all():
         return None
-    light = np.asarray(white / SCLERA.astype(np.float64))
-    paler = _blue_over_red(white[None])[0] / _blue_over_red(usual[None])[0]
-    implied = float((usual * IN_THE_OPEN / light).max())
-    brighter = float(luma(white) / max(float(luma(usual)), 1e-6))
-    least = PALER_AND_BRIGHTER[0] if brighter >= PALER_AND_BRIGHTER[1] else PALER
-    if paler < least or (paler < CLEARLY and implied > LIKELY) or implied > FAIREST * TOO_DEEP:
+    light = np.asarray(sclera / SCLERA.astype(np.float64))
+    blue = _blue_over_red(sclera[None])[0] / _blue_over_red(typical[None])[0]
+    implied = float((typical * BEST_LIT / light).max())
+    brightness = float(luma(sclera) / max(float(luma(typical)), 1e-6))
+    least = LEAST_BLUE_OF_BRIGHT if brightness >= BRIGHT else LEAST_BLUE
+    if blue < least or (blue < CLEARLY_BLUE and implied > LIKELY_SKIN) or implied > FAIREST * MOST_RAISED:
         return None
-    return light * (max(1.0, implied / FAIREST) * BETWEEN_LIDS / IN_THE_OPEN)
+    return light * (max(1.0, implied / FAIREST) * BETWEEN_LIDS / BEST_LIT)
 
 
-def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], margin: float) -> tuple[Float, Array]:
-    """Colours (n, 3) in [0, 1] and centres (n, 2) of the pixels inside a rim (N, 2), ``margin`` pixels away from it."""
+def inside_rim(pixels: UInt8, rim: AnyFloat, margin: float) -> tuple[Float32, Float64]:
+    """Colours (n, 3) sRGB and centres (n, 2) of the pixels inside a rim (N, 2) and over ``margin`` pixels from it."""
     import cv2
 
     size = np.array(pixels.shape[1::-1])
@@ -99,6 +111,6 @@ def inside_rim(pixels: npt.NDArray[np.uint8], rim: npt.NDArray[np.floating], mar
     return colour, np.stack([columns, rows], 1) + low + 0.5
 
 
-def _blue_over_red(linear: npt.NDArray[np.floating]) -> Array:
-    """(N,) of linear (N, 3)."""
+def _blue_over_red(linear: AnyFloat) -> Float64:
+    """(N,) blue over red of linear RGB (N, 3)."""
     return np.asarray((linear[:, 2] + 1e-4) / (linear[:, 0] + 1e-4), np.float64)

@@ -1,6 +1,7 @@
-"""Strips of lashes: without a cut-out they are drawn nowhere, but not every tool knows opacity.
+"""Albedo of the lash cards, the strips of mesh that carry the lashes.
 
-Such a tool draws them whole. Dark ones look like a mask then; in the colour of the lids they hardly show.
+Opacity should cut the lashes out of their card, but a tool without support for opacity draws the whole card. A dark
+card would look like a mask; in the colour of the lids it hardly shows.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ PART = "lashes"
 
 
 def colour_cards(albedo: Codes, chart: Chart, border: int) -> Codes:
-    """The albedo, changed in place: the island of the lashes has the median colour of the lids.
+    """The albedo, changed in place: the island of the lash cards has the median colour of the lids.
 
     Args:
         albedo: (H, W, 3) codes.
         chart: of the head, at any size; the albedo stays as it is where the head has no lashes or lids.
-        border: texels of the map by which the island grows.
+        border: texels of the map by which the island is dilated.
     """
     import cv2
 
@@ -33,7 +34,7 @@ def colour_cards(albedo: Codes, chart: Chart, border: int) -> Codes:
     colour = np.median(albedo[places[0], places[1]], axis=0)
     part, index = islands(head, (width, height)), head.part_names.index(PART)
     inside = part == index
-    # Only where the strips are: the whole map is large, and they are a small corner of it.
+    # Within their bounding box only: it is a small corner of a large map.
     box = tuple(
         slice(max(int(found[0]) - border, 0), int(found[-1]) + border + 1)
         for found in (np.flatnonzero(inside.any(axis)) for axis in (1, 0))

@@ -1,48 +1,53 @@
-"""The upper teeth as low as the photo shows them.
+"""Lower the upper teeth to where the photo shows the edge of the incisors.
 
-How much tooth a smile shows differs by some millimetres from person to person, and no landmark tells of it. A row that
+How much of the teeth a smile shows differs between people by some millimetres, and no landmark measures it. A row that
 is too high leaves a black band between it and the lower lip.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.opening import LEAST_FACING, Rim
 from service.anatomy.teeth.measure import LEAST_LUMA, toothlike
+from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import luma
 from service.geometry.camera import Camera
 
-Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-
 ROW = "teeth_upper"
+"""Part of the head that is moved."""
+
 PLACES = np.linspace(0.36, 0.64, 13)
-"""Where the edge is sought, on the way from one corner of the mouth to the other: at the incisors."""
+"""Places of the incisors, from one corner of the mouth (0) to the other (1), at which the edge is sought."""
+
 LEAST_PX = 3.0
-"""Pixels that teeth have to be seen high: fewer are a blur between the lips."""
+"""Smallest height of a tooth in pixels: less is blur between the lips."""
+
 GAP_M, LEAST_TOOTH_M = 0.0006, 0.002
-"""Height of a gap (a glint, noise) that does not end a tooth, and of the lowest thing that is one."""
+"""Largest height of a gap (a glint, noise) that does not end a tooth, and smallest height of a tooth."""
+
 TALLEST_M = 0.012
-"""Of an upper incisor that is seen to the gum: what is taller is two rows of teeth that meet."""
+"""Height of an upper incisor that is seen up to the gum: what is taller is both rows of teeth meeting."""
+
 LEAST_PLACES = 6
+"""Fewest places at which the edge has to be found."""
+
 MOST_DROP_M = 0.004
-"""Beyond, the row would bite into the lower lip of a closed mouth."""
+"""Largest drop: with more the row would penetrate the lower lip of a closed mouth."""
 
 
 def teeth_drop(
-    pixels: npt.NDArray[np.uint8],
-    teeth: npt.NDArray[np.floating],
+    pixels: UInt8,
+    teeth: AnyFloat,
     camera: Camera,
-    rim_points: npt.NDArray[np.floating],
-    skin: Float,
+    rim_points: AnyFloat,
+    skin: Float32,
 ) -> float:
-    """Metres, in [0, ``MOST_DROP_M``], by which the upper teeth end lower in the photo than those of the head.
+    """Metres, in [0, ``MOST_DROP_M``], by which the upper teeth of the photo end below those of the head.
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        teeth: (N, 3) metres, head space, the upper row as posed; 0 without one.
+        teeth: (N, 3) metres, head space, vertices of the upper row with expression; N is 0 without one.
         camera: of the fit.
         rim_points: (20, 2) photo pixels of the opening between the lips, in the order of
             ``service.anatomy.mouth.lips.MOUTH_RIM``.
@@ -60,7 +65,7 @@ def teeth_drop(
     place, height = offset @ rim.along, offset @ rim.across
     drops = []
     for one in PLACES:
-        # The row's edge there: the lowest vertex as near as a tooth is wide.
+        # The model's edge there: the lowest vertex within about the width of a tooth, 6 mm.
         near = np.abs(place - one) * rim.length < 0.006 * scale
         seen = _edge(pixels, rim, one, scale, skin)
         if near.any() and seen is not None:
@@ -70,8 +75,8 @@ def teeth_drop(
     return float(np.clip(np.median(drops), 0.0, MOST_DROP_M))
 
 
-def _edge(pixels: npt.NDArray[np.uint8], rim: Rim, place: float, scale: float, skin: Float) -> float | None:
-    """Height in the rim's frame at which the upper tooth ends at a place; None where no single one is seen."""
+def _edge(pixels: UInt8, rim: Rim, place: float, scale: float, skin: Float32) -> float | None:
+    """Height in the rim's frame at which the upper tooth at a place ends; None where no single tooth is seen."""
     import cv2
 
     top, bottom = (float(np.interp(place, *curve.T)) for curve in (rim.upper, rim.lower))
@@ -85,7 +90,7 @@ def _edge(pixels: npt.NDArray[np.uint8], rim: Rim, place: float, scale: float, s
     tooth = (toothlike(shown, skin) > 0.5) & (luma(shown) > LEAST_LUMA * float(luma(skin)))
     if not tooth.any():
         return None
-    # Down from the first texel of tooth to the first gap that is one.
+    # Down from the first sample of tooth to the first gap that is tall enough.
     first = int(np.argmax(tooth))
     run = np.flatnonzero(tooth[first:])
     breaks = np.flatnonzero(np.diff(run) * 0.5 > GAP_M * scale)

@@ -1,13 +1,13 @@
-"""Integration that keeps cliffs: where the surface is torn or folds over itself, as at a nostril or between the lips.
+"""Robust integration of slopes, which keeps cliffs: depth discontinuities, as at a nostril or between the lips.
 
-There the slopes of neighbouring texels belong to no common surface. Least squares spreads the contradiction over a
-region as wide as the cliff is long. Here each equation between neighbours is weighted by how well it can be met
-(Geman-McClure, iteratively reweighted least squares: Agrawal, Raskar, Chellappa 2006, section 5; Queau, Durou, Aujol
-2018, section 4), so that a few equations on the cliff give way and all others are met. The weights of bilateral normal
-integration (Cao et al. 2022), which compare the equations at both sides of a texel, do nothing at this scale: a cliff
-of a millimetre is a few texels high, and both sides are off alike.
+The slopes of neighbouring texels across a cliff belong to no common surface, and least squares spreads the
+contradiction over a region as wide as the cliff is long. Here each equation between neighbours is weighted by its
+residual (Geman-McClure, iteratively reweighted least squares: Agrawal, Raskar, Chellappa 2006, section 5; Queau, Durou,
+Aujol 2018, section 4), so that a few equations on the cliff are given up and all others are met. The weights of
+bilateral normal integration (Cao et al. 2022), which compare the residuals at both sides of a texel, do not help at
+this scale: a cliff of a millimetre spans a few texels, and the residuals at both sides are alike.
 
-That is done on a map at most ``WIDTH`` texels wide; what it changes is added to the full map's least squares.
+This is done on a map at most ``WIDTH`` texels wide; its difference to least squares is added to the full map.
 """
 
 from __future__ import annotations
@@ -15,52 +15,61 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from service.reflectance.relief.integrate import Edges, Float, Mask, differences, integrate, joined, wanted
+from service.arrays import Bool, Float32
+from service.reflectance.relief.integrate import Edges, differences, integrate, joined, wanted
 
 WIDTH = 1536
+"""Largest width of the map on which cliffs are sought, texels."""
 
 ROUNDS = 24
+"""Most rounds of reweighting."""
+
 SETTLED_MM = 2e-4
-"""Stop when no height changes by more in a round."""
+"""Rounds end when no height changes by more than this."""
 
 LEAST_SCALE = 0.05
-"""Slope that an equation may be off without losing weight; or ``NOISE`` times what they are usually off, if more."""
+"""Smallest scale of the residuals, as a slope, beyond which equations lose weight."""
 
 NOISE = 3.5
+"""That scale relative to the residuals' robust standard deviation."""
+
 LEAST_WEIGHT = 1e-3
+"""Smallest weight of an equation, so that none is dropped altogether."""
+
 CUT = 0.25
-"""An equation with less weight counts as given up."""
+"""An equation of less weight counts as given up."""
 
 _NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal variable."""
 
 
 @dataclass(frozen=True)
 class Robust:
-    """Heights (H, W) float32 in mm of mean 0 over the mask, rounds taken, and the share of equations given up."""
+    """Heights (H, W) float32 in mm, of mean 0 over the mask; rounds taken; and the share of equations given up."""
 
-    height: Float
+    height: Float32
     rounds: int
     cut: float
 
 
-def integrate_robustly(right: Float, down: Float, mask: Mask, texel_mm: Float, start: Float) -> Robust:
-    """Heights from slopes with few equations between neighbours given up.
+def integrate_robustly(right: Float32, down: Float32, mask: Bool, texel_mm: Float32, start: Float32) -> Robust:
+    """Heights from slopes by robust least squares, which gives up the few equations that cannot be met.
 
     Args:
         right: (H, W) float32 change of height in mm per texel to the right.
         down: the same per texel down.
-        mask: (H, W) bool, texels that take part.
+        mask: (H, W) bool, texels of the surface.
         texel_mm: (H, W) side of a texel on the surface, > 0 within the mask.
-        start: (H, W) the solution of least squares.
+        start: (H, W) heights in mm by least squares.
     """
     height = start
-    # The scale stays: with each round those that are kept are met better, and a scale that followed would cut noise.
-    scale = _scale(_off(height, right, down, texel_mm), mask)
+    # A fixed scale: residuals of the equations that are kept shrink with each round, and a scale that followed them
+    # would end up cutting noise.
+    scale = _scale(_residuals(height, right, down, texel_mm), mask)
     done = 0
     while done < ROUNDS:
-        edges = _weights(_off(height, right, down, texel_mm), scale)
+        edges = _weights(_residuals(height, right, down, texel_mm), scale)
         solved = integrate(right, down, mask, edges=edges, start=height).height
         change = float(np.abs(solved - height).max(initial=0.0))
         height = solved
@@ -72,13 +81,13 @@ def integrate_robustly(right: Float, down: Float, mask: Mask, texel_mm: Float, s
     return Robust(height, done, cut / asked if asked else 0.0)
 
 
-def cliff_part(right: Float, down: Float, mask: Mask, texel_mm: Float) -> tuple[Float, float]:
-    """What keeping cliffs changes about the heights (H, W) in mm of least squares, and the share of equations given up.
+def cliff_part(right: Float32, down: Float32, mask: Bool, texel_mm: Float32) -> tuple[Float32, float]:
+    """Difference (H, W) in mm of robust to plain least-squares heights, and the share of equations given up.
 
     Args:
         right: (H, W) float32 change of height in mm per texel to the right.
         down: the same per texel down.
-        mask: (H, W) bool, texels that take part.
+        mask: (H, W) bool, texels of the surface.
         texel_mm: (h, w) side of a texel of the (H, W) map, on the same chart at any size.
     """
     import cv2
@@ -96,14 +105,14 @@ def cliff_part(right: Float, down: Float, mask: Mask, texel_mm: Float) -> tuple[
     )
     plain = integrate(coarse_right, coarse_down, known).height
     found = integrate_robustly(coarse_right, coarse_down, known, mm, plain)
-    gained = found.height - plain
-    _continue(gained, known)
-    full = gained if size == (wide, tall) else cv2.resize(gained, (wide, tall), interpolation=cv2.INTER_LINEAR)
+    difference = found.height - plain
+    _pad(difference, known)
+    full = difference if size == (wide, tall) else cv2.resize(difference, (wide, tall), interpolation=cv2.INTER_LINEAR)
     return np.asarray(full * mask, np.float32), found.cut
 
 
-def _off(height: Float, right: Float, down: Float, texel_mm: Float) -> tuple[Float, Float]:
-    """How far each equation's two heights are from what it asks for, as a slope: to the right, and down."""
+def _residuals(height: Float32, right: Float32, down: Float32, texel_mm: Float32) -> tuple[Float32, Float32]:
+    """Absolute residuals, as slopes, of the equations between neighbours to the right, and of those down."""
     found = []
     for slope, axis in ((right, 1), (down, 0)):
         mm = np.maximum(wanted(texel_mm, axis), np.float32(1e-6))
@@ -111,21 +120,23 @@ def _off(height: Float, right: Float, down: Float, texel_mm: Float) -> tuple[Flo
     return found[0], found[1]
 
 
-def _scale(off: tuple[Float, Float], mask: Mask) -> np.float32:
-    """What an equation may be off without losing weight."""
-    asked = np.concatenate([part[joined(mask, axis)] for part, axis in zip(off, (1, 0), strict=True)])
-    usual = float(np.median(asked)) / _NORMAL_MEDIAN if len(asked) else 0.0
-    return np.float32(max(NOISE * usual, LEAST_SCALE))
+def _scale(residuals: tuple[Float32, Float32], mask: Bool) -> np.float32:
+    """Residual, as a slope, beyond which an equation loses weight."""
+    inside = np.concatenate([part[joined(mask, axis)] for part, axis in zip(residuals, (1, 0), strict=True)])
+    sigma = float(np.median(inside)) / _NORMAL_MEDIAN if len(inside) else 0.0
+    return np.float32(max(NOISE * sigma, LEAST_SCALE))
 
 
-def _weights(off: tuple[Float, Float], scale: np.float32) -> Edges:
-    """Weight of each equation."""
-    # Beyond 1e6 times the scale the square would overflow; the weight is at its least long before.
-    parts = (np.maximum(1 / np.square(1 + np.square(np.minimum(part / scale, 1e6))), LEAST_WEIGHT) for part in off)
+def _weights(residuals: tuple[Float32, Float32], scale: np.float32) -> Edges:
+    """Geman-McClure weight of each equation."""
+    # Clipped, as the square would overflow; the weight is at its minimum long before.
+    ratios = (np.minimum(part / scale, 1e6) for part in residuals)
+    parts = (np.maximum(1 / np.square(1 + np.square(ratio)), LEAST_WEIGHT) for ratio in ratios)
     return Edges(*(np.asarray(part, np.float32) for part in parts))
 
 
-def _shrunk(values: Float, size: tuple[int, int]) -> Float:
+def _shrunk(values: Float32, size: tuple[int, int]) -> Float32:
+    """(h, w) values at a size (width, height), by area where that is smaller, else linearly."""
     import cv2
 
     if values.shape[::-1] == size:
@@ -134,11 +145,11 @@ def _shrunk(values: Float, size: tuple[int, int]) -> Float:
     return np.asarray(cv2.resize(np.asarray(values, np.float32), size, interpolation=way))
 
 
-def _continue(values: Float, known: Mask) -> None:
-    """Give texels next to known ones the mean of those, in place, so that interpolation meets no edge."""
+def _pad(values: Float32, known: Bool) -> None:
+    """Set texels adjacent to known ones to the mean of those, in place, so that interpolation meets no edge."""
     import cv2
 
-    def around(plane: Float) -> npt.NDArray[np.float32]:
+    def around(plane: Float32) -> Float32:
         return np.asarray(cv2.boxFilter(plane, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
     count = around(known.astype(np.float32))

@@ -1,8 +1,8 @@
 """Displacement: specular normals integrated to heights in millimetres.
 
-A tangent-space normal (x, y, z) tilts against the surface by -x/z per mm along u and -y/z per mm across; the chart's
-metric turns that into a change per texel. Only relief finer than ``COARSEST_MM`` is kept: coarser shape is the mesh's,
-and errors of integration are coarse.
+A tangent-space normal (x, y, z) has slopes -x/z along u and -y/z across it; the chart's metric turns these into changes
+of height per texel. Only relief finer than ``COARSEST_MM`` is kept: coarser shape belongs to the mesh, and errors of
+the integration are coarse.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import AnyFloat, Bool, Float32, UInt16
 from service.geometry.chart import Chart
 from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.relief.cliffs import cliff_part
@@ -20,37 +21,44 @@ from service.reflectance.relief.integrate import MOST_STEPS, TOLERANCE, divergen
 from service.reflectance.result import MID, SCALE_MM, Integration, unpack_normals
 from service.reflectance.texels import interpolated
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-
 COARSEST_MM = 6.0
+"""Standard deviation, on the surface, of the Gaussian that separates coarse shape from relief."""
+
 MOST_MM = 1.0
+"""Largest height, above or below the mesh."""
 
 LENGTH_SLACK = 0.2
-"""A normal whose length is off 1 by more is not believed."""
+"""Largest difference from 1 of the length of a usable normal."""
 
 _BAND = 256
+"""Rows of the full map at a time."""
+
 _COARSE_WIDTH = 768
+"""Width of the map on which coarse shape is computed, texels."""
+
 _RIDGE = 1e-3
-"""Added to the variance of places (1 where there is no border), so that a strip one texel wide has a slope of 0."""
+"""Added to the variance of positions (1 away from borders), so that a plane in a strip one texel wide has slope 0."""
+
 _SIGMAS = (1.0, 1.5, 2.25, 3.4, 5.0, 7.6, 11.4, 17.0, 26.0)
+"""Standard deviations, in texels, of the Gaussians between which is interpolated."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """How far a texel reaches on the surface, (h, w) float32 mm per texel of the whole map of ``width`` texels.
+    """Extent of a texel on the surface, (h, w) float32 mm per texel of a map of ``width`` texels.
 
-    With t the unit tangent along u and b across it: a step right is ``along`` t, one up is ``lean`` t + ``across`` b.
+    With the unit tangent t along u and b across it in the surface, one texel to the right is ``along`` t and one up is
+    ``lean`` t + ``across`` b: the columns of the chart's Jacobian.
     """
 
-    along: Float
-    lean: Float
-    across: Float
+    along: Float32
+    lean: Float32
+    across: Float32
     width: int
 
     @classmethod
-    def of(cls, chart: Chart, vertices: npt.NDArray[np.floating]) -> Steps:
-        """Steps of a head (V, 3) metres; 0 where the chart or the surface has no area."""
+    def of(cls, chart: Chart, vertices: AnyFloat) -> Steps:
+        """From the vertices (V, 3) of a head in metres; 0 where the chart or the surface has no area."""
         e, f, g = np.moveaxis(chart.metric(vertices), 2, 0)
         along = np.sqrt(np.maximum(e, 0))
         sound = along > 1e-6
@@ -59,44 +67,44 @@ class Steps:
         along, lean, across = (chart.fill_outside(np.asarray(part, np.float32)) for part in (along, lean, across))
         return cls(along, lean, across, chart.width)
 
-    def texel_mm(self) -> Float:
-        """(h, w) side of a square of a texel's area."""
+    def texel_mm(self) -> Float32:
+        """(h, w) mm, side of a square with a texel's area."""
         return np.asarray(np.sqrt(self.along * self.across), np.float32)
 
 
 def displacement(
     normals: npt.NDArray[np.int16],
     steps: Steps,
-    mask: Mask,
+    mask: Bool,
     *,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
     keep_cliffs: bool = False,
-) -> tuple[Float, Integration]:
+) -> tuple[Float32, Integration]:
     """Heights (H, W) float32 in mm, positive outwards, of relief finer than ``COARSEST_MM``, within +-``MOST_MM``.
 
     Args:
         normals: (H, W, 2) int16 codes of x and y, +Y up.
-        steps: of the same chart, any size.
-        mask: (H, W) bool, texels that belong to the surface; heights elsewhere are 0.
-        tolerance: of the solver.
+        steps: of the same chart, at any size.
+        mask: (H, W) bool, texels of the surface; heights elsewhere are 0.
+        tolerance: relative residual at which the solver stops.
         most_steps: of the solver.
-        keep_cliffs: whether equations on cliffs may be given up, see ``service.reflectance.relief.cliffs``.
+        keep_cliffs: whether equations across cliffs may be given up, see ``service.reflectance.relief.cliffs``.
     """
     right, down, usable = _differences(normals, steps, mask)
-    asked = int(mask.sum())
-    ignored = 1 - int(usable.sum()) / asked if asked else 0.0
+    texels = int(mask.sum())
+    ignored = 1 - int(usable.sum()) / texels if texels else 0.0
     sources = divergence(right, down, usable)
     if not keep_cliffs:
-        right = down = sources  # a map of 6144 x 4096 takes 100 MB
+        right = down = sources  # frees the slopes: 100 MB each for a map of 6144 x 4096
     solved = solve(sources, usable, tolerance=tolerance, most_steps=most_steps)
     del sources
     height, cut = solved.height, None
     if keep_cliffs:
         texel_mm = steps.texel_mm() * np.float32(steps.width / mask.shape[1])
-        gained, cut = cliff_part(right, down, usable, texel_mm)
-        height += gained
-        del gained
+        difference, cut = cliff_part(right, down, usable, texel_mm)
+        height += difference
+        del difference
     del right, down
     height -= coarse_part(height, usable, steps)
     _fill_holes(height, usable, mask)
@@ -105,11 +113,11 @@ def displacement(
     return height, Integration(solved.steps, solved.residual, ignored, cut)
 
 
-def slopes(normals: Float) -> tuple[Float, Float, Mask]:
-    """Slope along t and along b (h, w) float32 of normals (h, w, 3), and which of them are to be believed.
+def slopes(normals: Float32) -> tuple[Float32, Float32, Bool]:
+    """Slopes (h, w) float32 of normals (h, w, 3) along x and y, and (h, w) bool, which normals are usable.
 
-    Normals steeper than 80 degrees count as 80. Those that are not finite, of length 0, or of a length off 1 by more
-    than ``LENGTH_SLACK`` are taken as flat and not believed.
+    Slopes are limited to 80 degrees. Normals that are not finite, or whose length differs from 1 by more than
+    ``LENGTH_SLACK``, are not usable and count as flat.
     """
     clean = np.where(np.isfinite(normals), normals, 0).astype(np.float32)
     length = np.sqrt(np.einsum("yxi,yxi->yx", clean, clean))
@@ -123,12 +131,12 @@ def slopes(normals: Float) -> tuple[Float, Float, Mask]:
     return along, across, usable
 
 
-def coarse_part(height: Float, mask: Mask, steps: Steps) -> Float:
-    """(H, W) heights smoothed by a Gaussian of ``COARSEST_MM`` on the surface, within the mask.
+def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
+    """(H, W) mm, heights smoothed by a Gaussian of ``COARSEST_MM`` on the surface, within the mask.
 
-    The value is that of a plane fitted with the Gaussian as weight, not of the mean: at a border a mean comes from one
-    side only, and any slope would leave a rim. The width of the Gaussian in texels differs over the chart; it is
-    interpolated between a few fixed ones.
+    At each texel a plane is fitted with the Gaussian as weight. A weighted mean would not do: at a border it averages
+    one side only, so that any slope would leave a rim. The Gaussian's width in texels varies over the chart; the result
+    is interpolated between a few fixed widths.
     """
     import cv2
 
@@ -148,15 +156,15 @@ def coarse_part(height: Float, mask: Mask, steps: Steps) -> Float:
     return np.asarray(result * mask, np.float32)
 
 
-def _local_planes(total: Float, weight: Float, sigma: float) -> Float:
-    """(h, w) value at each texel of the plane that fits the heights around it.
+def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
+    """(h, w) value at each texel of the plane fitted to the heights around it by weighted least squares.
 
-    All moments are about that texel: about the map's corner they would be differences of large numbers.
+    Moments are taken about that texel: about the map's corner, large numbers would cancel.
 
     Args:
         total: (h, w) height times weight.
         weight: (h, w) >= 0.
-        sigma: of the Gaussian that the weights are multiplied with, in texels.
+        sigma: standard deviation in texels of the Gaussian that multiplies the weights.
     """
     import cv2
 
@@ -164,8 +172,8 @@ def _local_planes(total: Float, weight: Float, sigma: float) -> Float:
     gauss = np.exp(-0.5 * place * place)
     kernels = [(gauss / gauss.sum() * place**power).astype(np.float32) for power in range(3)]
 
-    def around(values: Float, x: int, y: int) -> Float:
-        """Sum over the neighbourhood of values times x and y to some power."""
+    def around(values: Float32, x: int, y: int) -> Float32:
+        """Gaussian-weighted sum over the neighbourhood of values times dx^x dy^y."""
         return np.asarray(cv2.sepFilter2D(values, -1, kernels[x], kernels[y], borderType=cv2.BORDER_CONSTANT))
 
     mass = np.maximum(around(weight, 0, 0), 1e-9)
@@ -179,18 +187,18 @@ def _local_planes(total: Float, weight: Float, sigma: float) -> Float:
     return np.asarray(mh - along * mx - down * my, np.float32)
 
 
-def encode(height: Float) -> npt.NDArray[np.uint16]:
+def encode(height: Float32) -> UInt16:
     """(H, W) uint16 codes of heights in mm; see ``MID`` and ``SCALE_MM``."""
     return np.asarray(np.clip(np.rint(height * np.float32(1 / SCALE_MM)) + MID, 0, 65535), np.uint16)
 
 
-def decode(codes: npt.NDArray[np.uint16]) -> Float:
-    """Heights in mm of codes, to 25 nm."""
+def decode(codes: UInt16) -> Float32:
+    """(H, W) float32 mm, heights of codes; rounding errors are at most 25 nm."""
     return (codes.astype(np.float32) - MID) * np.float32(SCALE_MM)
 
 
-def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Mask) -> tuple[Float, Float, Mask]:
-    """Change of height in mm per texel to the right and per texel down, and the texels where it is known."""
+def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tuple[Float32, Float32, Bool]:
+    """(H, W) change of height in mm per texel to the right and per texel down, and (H, W) bool, where it is known."""
     height, width = mask.shape
     right, down, usable = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32), mask.copy()
     columns = np.arange(width)
@@ -203,27 +211,28 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Mask) -> tu
             interpolated(part, (width, height), rows, columns) * to_texel
             for part in (steps.along, steps.lean, steps.across)
         )
-        s, t, believed = slopes(unpack_normals(normals[band]))
-        right[band] = s * along
-        down[band] = -(s * lean + t * across)
-        usable[band] &= believed & (along > 0) & (across > 0)
+        slope_x, slope_y, sound = slopes(unpack_normals(normals[band]))
+        right[band] = slope_x * along
+        down[band] = -(slope_x * lean + slope_y * across)
+        usable[band] &= sound & (along > 0) & (across > 0)
 
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(fill, range(0, height, _BAND)))
     return right, down, usable
 
 
-def continue_beyond(height: Float, surface: Mask, outside: Mask, rounds: int = 3) -> None:
-    """Let heights go on for three texels a round where ``outside`` is True, so that filtering meets no edge there."""
+def pad_heights(height: Float32, surface: Bool, outside: Bool, rounds: int = 3) -> None:
+    """Extend heights by three texels a round, in place, where ``outside`` is True, so that filters meet no edge."""
     known = surface
     for _ in range(rounds):
         known = _fill_holes(height, known, known | outside)
 
 
-def _fill_holes(height: Float, known: Mask, mask: Mask) -> Mask:
-    """Give texels of the mask without a height the mean of those within three texels; which have one then.
+def _fill_holes(height: Float32, known: Bool, mask: Bool) -> Bool:
+    """Set unknown texels of the mask to the mean of known ones within three texels, in place; the known ones after
+    that.
 
-    Others stay 0. ``height`` is changed in place.
+    Texels without a known one so close stay 0.
     """
     import cv2
 

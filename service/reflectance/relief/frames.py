@@ -1,4 +1,4 @@
-"""Tangent-space normals of a map turned into the head's own axes."""
+"""Normals of a map, from tangent space to head space."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from service.reflectance.subject import Subject
 from service.reflectance.texels import interpolated
 
 _BAND = 256
+"""Rows of the full map at a time."""
 
 
 def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.int16]:
-    """(H, W, 3) int16 codes of unit normals in head space, of (H, W, 2) codes in tangent space.
+    """(H, W, 3) int16 codes of unit normals in head space, from (H, W, 2) codes of x and y in tangent space.
 
-    The tangent frame is that of the mesh (``Chart.frame``), interpolated between the texels of a coarse chart.
+    The tangent frame is that of the mesh (``Chart.frame``), interpolated from the subject's coarse chart.
     """
     height, width = codes.shape[:2]
     frame = subject.chart.frame(subject.vertices)
@@ -30,7 +31,7 @@ def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.
             for component in range(3):
                 plane = interpolated(axis[..., component], (width, height), rows, columns)
                 turned[..., component] += local[..., along] * plane
-        # Interpolated axes are a little short; where opposite ones cancel, the surface has no direction: forward.
+        # Interpolated axes are shorter than 1; where opposite ones cancel, the normal is set to forward, +Z.
         length = np.sqrt(np.einsum("yxi,yxi->yx", turned, turned))[..., None]
         forward = np.array([0, 0, 1], np.float32)
         unit = np.where(length > 1e-3, turned / np.maximum(length, 1e-3), forward)

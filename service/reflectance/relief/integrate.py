@@ -1,9 +1,9 @@
-"""Heights from their slopes: (weighted) least squares on a masked grid.
+"""Heights from slopes by (weighted) least squares on a masked grid.
 
-The heights whose differences between neighbouring texels come nearest to the wanted ones solve a Poisson equation. At
-the border of the mask nothing is asked (natural Neumann conditions). Conjugate gradients solve it, preconditioned with
-the exact solution on the full rectangle, which two cosine transforms give (Simchony, Chellappa, Shao 1990). A Fourier
-transform instead would take the map for periodic and turn any overall slope into waves.
+The heights whose differences between neighbouring texels best match the slopes solve a Poisson equation, with natural
+(Neumann) conditions at the border of the mask. It is solved by conjugate gradients, preconditioned with the exact
+solution on the full rectangle by two cosine transforms (Simchony, Chellappa, Shao 1990). A Fourier transform would
+treat the map as periodic and turn any overall slope into waves.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from service.arrays import Bool, Float32
 
 TOLERANCE = 3e-3
-"""Share of the first residual, in the energy norm, at which the solver stops: a thousandth of the relief or less."""
+"""Relative residual, in the norm of the preconditioner, at which the solver stops: errors are at most a thousandth of
+the relief."""
 
 MOST_STEPS = 12
+"""Most steps of conjugate gradients."""
 
 
 @dataclass(frozen=True)
 class Heights:
-    """Solution (H, W) float32, 0 outside the mask, of mean 0 over it; steps taken and residual left (relative)."""
+    """Heights (H, W) float32, 0 outside the mask, of mean 0 over it; steps taken; and the relative residual."""
 
-    height: Float
+    height: Float32
     steps: int
     residual: float
 
@@ -35,31 +35,31 @@ class Heights:
 class Edges:
     """Weights >= 0 of the equations between neighbours: ``right`` (H, W - 1) and ``down`` (H - 1, W), float32."""
 
-    right: Float
-    down: Float
+    right: Float32
+    down: Float32
 
 
 def integrate(
-    right: Float,
-    down: Float,
-    mask: Mask,
+    right: Float32,
+    down: Float32,
+    mask: Bool,
     *,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
     edges: Edges | None = None,
-    start: Float | None = None,
+    start: Float32 | None = None,
 ) -> Heights:
-    """Heights on a grid from their slopes.
+    """Heights on a grid from slopes.
 
     Args:
         right: (H, W) float32 change of height per texel to the right, finite; only read where ``mask`` is True.
         down: the same per texel down.
-        mask: (H, W) bool; a texel that is False takes part in no equation. Regions that do not touch are independent,
-            and each keeps an unknown constant, which is set so that the mean over all is 0.
+        mask: (H, W) bool; a texel that is False is in no equation. Regions that do not touch are independent, and the
+            constant of each is undetermined; the mean over all is set to 0.
         tolerance: relative residual to stop at.
-        most_steps: to take at most.
+        most_steps: of conjugate gradients.
         edges: weights of the equations; None: all 1.
-        start: (H, W) heights, 0 outside the mask, to begin with; None: all 0.
+        start: (H, W) initial heights, 0 outside the mask; None: all 0.
 
     Raises:
         ValueError: the shapes differ.
@@ -69,17 +69,23 @@ def integrate(
 
 
 def solve(
-    rest: Float,
-    mask: Mask,
+    rest: Float32,
+    mask: Bool,
     *,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
     edges: Edges | None = None,
-    start: Float | None = None,
+    start: Float32 | None = None,
 ) -> Heights:
-    """Heights from what :func:`divergence` made of slopes, which is overwritten: callers of large maps need no slopes.
+    """Heights from the result of :func:`divergence`, so that callers of large maps can free the slopes first.
 
-    The other arguments are those of :func:`integrate`.
+    Args:
+        rest: (H, W) float32 right-hand side; overwritten.
+        mask: as of :func:`integrate`, like the arguments that follow.
+        tolerance: see there.
+        most_steps: see there.
+        edges: see there.
+        start: see there.
     """
     height = np.zeros(mask.shape, np.float32)
     first = _dot(rest, rest)
@@ -119,26 +125,26 @@ def solve(
     return Heights(height, taken, float(np.sqrt(max(energy, 0.0) / whole)))
 
 
-def differences(height: Float, axis: int) -> Float:
-    """Height of the next texel along ``axis`` (1: right, 0: down) minus that of each that has one."""
+def differences(height: Float32, axis: int) -> Float32:
+    """Differences of neighbouring heights along ``axis`` (1: to the right, 0: down), one fewer than texels."""
     near, far = _halves(axis)
     return np.asarray(height[far] - height[near], np.float32)
 
 
-def wanted(slope: Float, axis: int) -> Float:
-    """Differences that slopes ask for, averaged to the middle of the edge: one-sided, they shift by half a texel."""
+def wanted(slope: Float32, axis: int) -> Float32:
+    """Differences of neighbours by their slopes' mean: the slope of one of them would shift heights by half a texel."""
     near, far = _halves(axis)
     return np.asarray(0.5 * (slope[near] + slope[far]), np.float32)
 
 
-def joined(mask: Mask, axis: int) -> Mask:
-    """Which texels and their next ones along ``axis`` are both in the mask."""
+def joined(mask: Bool, axis: int) -> Bool:
+    """Whether neighbours along ``axis`` are both in the mask."""
     near, far = _halves(axis)
     return np.asarray(mask[near] & mask[far])
 
 
-def divergence(right: Float, down: Float, mask: Mask, edges: Edges | None = None) -> Float:
-    """(H, W) for each texel: wanted differences of the edges that come in, minus those that go out.
+def divergence(right: Float32, down: Float32, mask: Bool, edges: Edges | None = None) -> Float32:
+    """(H, W) right-hand side: for each texel, wanted differences of its incoming edges minus those of outgoing ones.
 
     Raises:
         ValueError: the shapes differ.
@@ -148,13 +154,13 @@ def divergence(right: Float, down: Float, mask: Mask, edges: Edges | None = None
     result = np.zeros(mask.shape, np.float32)
     for slope, axis in ((right, 1), (down, 0)):
         edge = wanted(slope, axis)
-        edge[~joined(mask, axis)] = 0  # not a product: outside the mask a slope may be anything
+        edge[~joined(mask, axis)] = 0  # assigned, as slopes outside the mask may be NaN
         _add_edges(result, edge, edges, axis)
     return result
 
 
-def _laplacian(height: Float, mask: Mask, edges: Edges | None) -> Float:
-    """(H, W) for each texel of the mask: sum over its neighbours in the mask of its height minus theirs."""
+def _laplacian(height: Float32, mask: Bool, edges: Edges | None) -> Float32:
+    """(H, W) for each texel of the mask: its height minus that of each neighbour in the mask, weighted and summed."""
     result = np.zeros_like(height)
     for axis in (1, 0):
         edge = differences(height, axis)
@@ -163,8 +169,8 @@ def _laplacian(height: Float, mask: Mask, edges: Edges | None) -> Float:
     return result
 
 
-def _add_edges(result: Float, edge: Float, edges: Edges | None, axis: int) -> None:
-    """Add a quantity of each edge, times its weight, to the texel that it leads to; take it from the other one."""
+def _add_edges(result: Float32, edge: Float32, edges: Edges | None, axis: int) -> None:
+    """Add a value of each edge, times the edge's weight, to its end texel, and subtract it from its start texel."""
     near, far = _halves(axis)
     if edges is not None:
         edge *= edges.right if axis == 1 else edges.down
@@ -173,30 +179,30 @@ def _add_edges(result: Float, edge: Float, edges: Edges | None, axis: int) -> No
 
 
 def _halves(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Slices of the texels that have a next one along ``axis``, and of those next ones."""
+    """Slices of the texels that have a next neighbour along ``axis``, and of those neighbours."""
     near, far = [slice(None)] * 2, [slice(None)] * 2
     near[axis], far[axis] = slice(None, -1), slice(1, None)
     return tuple(near), tuple(far)
 
 
 class _Rectangle:
-    """Solves the equation on the whole rectangle, for right-hand sides that are 0 outside the mask."""
+    """Preconditioner: solves the unweighted equation on the mask's bounding box by cosine transforms."""
 
-    def __init__(self, mask: Mask) -> None:
+    def __init__(self, mask: Bool) -> None:
         self._mask = mask
         self._box = (_span(np.asarray(mask.any(1))), _span(np.asarray(mask.any(0))))
         tall, wide = (part.stop - part.start for part in self._box)
         self._down = (2 - 2 * np.cos(np.pi * np.arange(tall) / tall)).astype(np.float32)
         self._across = (2 - 2 * np.cos(np.pi * np.arange(wide) / wide)).astype(np.float32)
 
-    def __call__(self, rest: Float) -> Float:
+    def __call__(self, rest: Float32) -> Float32:
         from scipy.fft import dctn, idctn
 
         waves = dctn(rest[self._box], norm="ortho", workers=2)
         for index, row in enumerate(self._down):
             frequency = self._across + row
             if index == 0:
-                frequency[0] = np.inf  # the mean has no equation
+                frequency[0] = np.inf  # the mean is undetermined: leave it 0
             waves[index] /= frequency
         waves = idctn(waves, norm="ortho", workers=2, overwrite_x=True)
         if waves.shape == rest.shape:
@@ -208,11 +214,12 @@ class _Rectangle:
         return result
 
 
-def _span(occupied: npt.NDArray[np.bool_]) -> slice:
+def _span(occupied: Bool) -> slice:
+    """From the first to the last True."""
     where = np.flatnonzero(occupied)
     return slice(int(where[0]), int(where[-1]) + 1)
 
 
-def _dot(a: Float, b: Float) -> float:
-    """Sum of products; each row in float32, rows in float64."""
+def _dot(a: Float32, b: Float32) -> float:
+    """Dot product of maps: in float32 along rows, in float64 over rows."""
     return float(np.einsum("yx,yx->y", a, b).sum(dtype=np.float64))

@@ -1,7 +1,7 @@
-"""Where the chart is cut, the surface is not: both sides of a cut are brought to the same height.
+"""Equal heights at both sides of the chart's seams, where the chart is cut but the surface is not.
 
-Each island is integrated on its own, so at a cut the two sides differ by what was lost in coarse shape. Half of the
-difference is taken from each side, fading out over ``REACH_MM``.
+Islands are integrated independently, so that heights at both sides of a seam differ. Each side is moved by half of the
+difference, fading out over ``REACH_MM``.
 """
 
 from __future__ import annotations
@@ -9,33 +9,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Float64, Int64
 from service.geometry.chart import chart_points
 from service.head.model import HeadModel
 
-Float = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-
 REACH_MM = 3.0
+"""Distance from a seam, on the surface, over which the correction fades out."""
 
 INSET = 0.75
-"""Texels from the cut towards the inside at which a side's height is read."""
+"""Distance from the seam to the texel at which a side's height is read, texels."""
 
 
 @dataclass(frozen=True)
 class Seams:
-    """Pairs of texels (N,), as flat indices of a map, that show the same place at either side of a cut."""
+    """Pairs of texels (N,), as flat indices of a map, at the same point on either side of a seam."""
 
-    one: Ints
-    other: Ints
+    one: Int64
+    other: Int64
 
     @classmethod
-    def of(cls, head: HeadModel, part: int, mask: Mask) -> Seams:
-        """Pairs along all cuts of a part, a texel apart or less; both texels are within ``mask``."""
+    def of(cls, head: HeadModel, part: int, mask: Bool) -> Seams:
+        """Pairs along all seams of part ``part``, at most a texel apart; both texels are within ``mask``."""
         tall, wide = mask.shape
-        ends, inner = _cut_edges(head, part, chart_points(head, wide, tall))
+        ends, inner = _seam_edges(head, part, chart_points(head, wide, tall))
         length = np.sqrt(((ends[:, :, 1] - ends[:, :, 0]) ** 2).sum(2)).max(1)
         count = np.ceil(length).astype(np.int64) + 1
         edge = np.repeat(np.arange(len(count)), count)
@@ -52,13 +49,13 @@ class Seams:
         return cls(flat[good, 0], flat[good, 1])
 
 
-def join(height: Float, seams: Seams, mask: Mask, texel_mm: Float) -> Float:
-    """Heights (H, W) mm whose two sides meet at the cuts; texels further than ``REACH_MM`` from one are unchanged.
+def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> Float32:
+    """Heights (H, W) mm, equal at both sides of seams; texels further than ``REACH_MM`` from one are unchanged.
 
     Args:
         height: (H, W) float32 mm.
         seams: pairs of texels of that map.
-        mask: (H, W) bool; only texels in the same connected region of it as their side of the cut are changed.
+        mask: (H, W) bool; only texels in the same connected component of it as their side of the seam are changed.
         texel_mm: (h, w) side of a texel of the (H, W) map, on the same chart at any size.
     """
     import cv2
@@ -78,7 +75,7 @@ def join(height: Float, seams: Seams, mask: Mask, texel_mm: Float) -> Float:
     owner = np.zeros(int(label.max()) + 1, np.int64)
     owner[label[seeds]] = np.arange(len(seeds))
     near = np.flatnonzero(mask.ravel() & (distance < REACH_MM / max(float(texel_mm.min()), 1e-3)))
-    distance, source = distance[near], owner[label[near]]  # what is not near takes 100 MB a plane
+    distance, source = distance[near], owner[label[near]]  # frees the full planes, 100 MB each
     del found, label
     region = np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[1]).ravel()
     same = region[near] == region[seeds[source]]
@@ -92,14 +89,14 @@ def join(height: Float, seams: Seams, mask: Mask, texel_mm: Float) -> Float:
     return result
 
 
-def _cut_edges(
-    head: HeadModel, part: int, points: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Edges whose two triangles lie apart on the chart.
+def _seam_edges(
+    head: HeadModel, part: int, points: Float64
+) -> tuple[Float64, Float64]:
+    """Edges whose two triangles are separate on the chart.
 
     Returns:
-        (N, 2, 2, 2) texel positions by side, end and axis, ends in the same order at both sides; and (N, 2, 2) of the
-        third corner of each side's triangle.
+        (N, 2, 2, 2) positions in texels by side, end and axis, with ends in the same order at both sides; and
+        (N, 2, 2) those of the third corner of each side's triangle.
     """
     chosen = head.triangle_part == part
     vertices, places = head.triangles[chosen].astype(np.int64), head.triangle_uv[chosen].astype(np.int64)

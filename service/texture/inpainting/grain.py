@@ -1,35 +1,34 @@
-"""Grain for skin that was made up: noise in space, so that no stretch of the chart draws it out into streaks."""
+"""Grain for inpainted skin: noise in 3-D space, so that the chart's stretch does not draw it out into streaks."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, Float64
 from service.geometry.chart import Chart
-
-Float = npt.NDArray[np.float32]
 
 BAND = (0.8, 2.5)
 """Standard deviations of the two Gaussians whose difference is the band, in cells of the noise."""
 
 SIDE = 64
-"""Cells along each side of the block of noise, which repeats."""
+"""Cells along each side of the cube of noise, which repeats."""
 
 FINEST_M = 0.0007
 """Smallest cell, metres on the mean head: a texel of AvatarMe's texture on the face."""
 
 OCTAVES = 4
+"""Cell sizes, each twice the one before."""
 
 
-def grain(chart: Chart, seed: int) -> Float:
-    """(N, 1) mirror-symmetric band of noise at the inner texels, of mean magnitude 1.
+def grain(chart: Chart, seed: int) -> Float32:
+    """(N, 1) float32 mirror-symmetric band-limited noise at the inner texels, of mean magnitude 1.
 
-    Its cells are as large as the longer side of the texel. The face gets the finest, the neck, whose texels are long
-    and narrow, coarser ones.
+    Its cells are as large as the longer side of the texel: finest on the face, coarser on the neck, whose texels are
+    long and narrow.
 
     Args:
         chart: of the head; positions are those of the mean head, so that grain does not move with expressions.
-        seed: of the noise.
+        seed: of the random generator.
     """
     position = chart.interpolate(chart.head.mean)
     place = position.reshape(-1, 3)[chart.texels].astype(np.float64)
@@ -40,14 +39,14 @@ def grain(chart: Chart, seed: int) -> Float:
     for index in range(OCTAVES):
         share = np.clip(1 - np.abs(octave - index), 0, 1)
         chosen = np.flatnonzero(share > 0)
-        # Square roots, as independent noises add by their squares.
+        # Square roots of the shares: variances of independent noises add.
         cells = place[chosen] / (FINEST_M * 2**index) + 17.3 * index
         total[chosen] += np.sqrt(share[chosen]) * _sample(block, cells)
     return np.asarray(total[:, None] / max(float(np.abs(total).mean()), 1e-9), np.float32)
 
 
-def _texel(chart: Chart, position: Float) -> Float:
-    """(N,) metres along the longer side of each inner texel, the median of its surroundings."""
+def _texel(chart: Chart, position: Float32) -> Float32:
+    """(N,) metres, longer side of each inner texel, median-filtered over 5 x 5 texels."""
     import cv2
 
     filled = chart.fill_outside(position)
@@ -56,8 +55,8 @@ def _texel(chart: Chart, position: Float) -> Float:
     return np.asarray(cv2.medianBlur(longer, 5), np.float32).ravel()[chart.texels]
 
 
-def _block(seed: int) -> npt.NDArray[np.float64]:
-    """(SIDE, SIDE, SIDE) band of noise with unit variance that repeats without a seam."""
+def _block(seed: int) -> Float64:
+    """(SIDE, SIDE, SIDE) float64 band-limited noise of unit variance that repeats without a seam."""
     noise = np.random.default_rng(seed).standard_normal((SIDE,) * 3)
     axis = 2 * np.pi * np.fft.fftfreq(SIDE)
     square = axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + axis[None, None, : SIDE // 2 + 1] ** 2
@@ -66,8 +65,8 @@ def _block(seed: int) -> npt.NDArray[np.float64]:
     return np.asarray(result / result.std(), np.float64)
 
 
-def _sample(block: npt.NDArray[np.float64], cells: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(N,) trilinear values of a repeating block at points (N, 3) in cells."""
+def _sample(block: Float64, cells: Float64) -> Float64:
+    """(N,) trilinearly interpolated values of a repeating cube of noise at points (N, 3) in cells."""
     low = np.floor(cells)
     part = cells - low
     corner = low.astype(np.int64)

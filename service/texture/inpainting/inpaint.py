@@ -1,9 +1,10 @@
-"""Filling in the skin that the photo does not show.
+"""Inpainting of the skin that the photo does not show.
 
-A smooth base colour is solved for on the mesh: it follows what was seen, takes the mirrored side where only that was
-seen (after matching its light), and ends in the person's own skin or hair colour. What the photo has beyond the base
-(brows, lips, wrinkles, spots) is added where it was seen, then mirrored; elsewhere a faint grain of the same strength.
-The base meets the photo by construction, so whatever is added can fade out at any border without a seam.
+A smooth base colour is solved for on the mesh. It follows the photo where skin is seen, the mirrored side where only
+that is seen (after matching its light), and tends to the person's mean skin or hair colour far from both. The photo's
+detail above the base (brows, lips, wrinkles, spots) is added where it is seen, and mirrored to where only the other
+side is seen; elsewhere a faint grain of similar strength is added. As the base agrees with the photo at its borders,
+detail can fade out there without a seam.
 """
 
 from __future__ import annotations
@@ -11,80 +12,86 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import AnyFloat, Float32, Float64
 from service.colour import luma
 from service.geometry.chart import Chart, mirrored
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
 from service.texture.inpainting.grain import grain
 
-Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-
 OPAQUE = (0.03, 0.25)
-"""Weight from which the photo begins to show, and from which on it shows alone."""
+"""Weight at which the photo begins to show, and from which on it shows alone."""
 
 SMOOTHNESS = 0.25
-"""Of the base colour, against a texel's trust of 1; the photo's detail comes back on top."""
+"""Weight of the base colour's smoothness relative to a fully trusted texel; the photo's detail is added on top."""
 
 LIGHT_SMOOTHNESS = 0.3
 LIGHT_PRIOR = 0.0005
-"""Colour difference of the halves: smooth, and fading within some twenty vertices where only one half is known."""
+"""Weights of smoothness and of the prior 0 for the colour difference between the head's halves: where only one half is
+known it fades within some twenty vertices."""
 
 MIRROR_TRUST = 0.4
+"""Weight of the mirrored colour relative to a seen one of the same trust."""
+
 PRIOR_TRUST = 0.02
+"""Weight of the prior, the mean colour of skin or hair."""
+
 GRAIN = 0.6
-"""Strength of made-up grain over that of the photo's own detail nearby."""
+"""Strength of synthetic grain relative to the photo's fine detail nearby."""
 
 MOST_GRAIN = 0.02
+"""Largest strength of fine detail, sRGB."""
 
 LIP = (0.35, 0.55)
-"""Of the region's soft mask, from which on a texel begins to be lip, and is: the mask fades out over skin, and a little
-where the lips turn in."""
+"""Values of the region's soft mask at which a texel begins to be lip, and from which on it is lip: the mask fades out
+over skin, and slightly where the lips turn in."""
+
 LIPS_ALIKE = 10 / 576
-"""Reach of the lips' own colour into lips that no photo shows, over the chart's width."""
+"""Standard deviation of the Gaussian that carries the seen lips' colour to unseen ones, as a share of the chart's
+width."""
+
 LEAST_LIP = 1e-3
-"""Weight of the mean of all seen lips beside that of those nearby."""
+"""Weight of the mean of all seen lips, relative to lips nearby of weight 1."""
 
 
 @dataclass(frozen=True)
 class Completed:
-    """SkinModel colours at the inner texels (N,), whatever their part.
+    """Skin colours at the inner texels (N,), including those of other parts.
 
     Attributes:
         colour: (N, 3) float32 sRGB.
-        seen: (N,) float32 share of the photo in it, in [0, 1]; ``from_mirror`` the mirrored side's share.
-        from_mirror: (N,) float32, ``seen + from_mirror <= 1``.
+        seen: (N,) float32 share of the photo in it, in [0, 1].
+        from_mirror: (N,) float32 share of the mirrored side; ``seen + from_mirror <= 1``, the rest is inpainted.
     """
 
-    colour: Float
-    seen: Float
-    from_mirror: Float
+    colour: Float32
+    seen: Float32
+    from_mirror: Float32
 
 
-def opacity(weight: npt.NDArray[np.floating]) -> Float:
-    """How much of a texel (N,) the photo alone decides, in [0, 1], of its weight."""
+def opacity(weight: AnyFloat) -> Float32:
+    """(N,) opacity of the photo in [0, 1], from its weight (N,)."""
     t = np.clip((np.asarray(weight, np.float32) - OPAQUE[0]) / (OPAQUE[1] - OPAQUE[0]), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
 def complete_skin(
-    chart: Chart, colour: Float, seen: Float, trust: Float, skin: Float, scalp: Float | None, seed: int = 0
+    chart: Chart, colour: Float32, seen: Float32, trust: Float32, skin: Float32, scalp: Float32 | None, seed: int = 0
 ) -> Completed:
-    """Base, detail, mirror image and grain in one.
+    """Colour of all skin: base, detail, mirrored detail and grain.
 
     Args:
         chart: of the head.
         colour: (N, 3) sRGB of the photo, read where ``seen`` > 0.
         seen: (N,) opacity of the photo.
-        trust: (N,) <= ``seen``: how far colours may be continued and mirrored from here.
-        skin: (3,) sRGB, the person's skin, for what is far from everything seen.
-        scalp: (3,) sRGB of the hair (or bald head), or None where the photo does not show it.
+        trust: (N,) <= ``seen``: weight with which colours are continued and mirrored from a texel.
+        skin: (3,) sRGB of the person's skin, the prior far from everything seen.
+        scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
         seed: of the grain.
     """
-    own = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
-    seen, trust = seen * own, np.minimum(trust, seen) * own
+    on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
+    seen, trust = seen * on_skin, np.minimum(trust, seen) * on_skin
     field = chart.inside(_base(chart, np.c_[colour, _fine(chart, colour, seen)], trust, skin, scalp))
     base = field[:, :3]
     detail = np.where(seen[:, None] > 0, colour - base, 0.0).astype(np.float32)
@@ -94,13 +101,13 @@ def complete_skin(
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
     inpainted = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]
-    result += inpainted * _redder(chart, colour, base, seen)
+    result += inpainted * _lip_difference(chart, colour, base, seen)
     result += inpainted * np.clip(field[:, 3:], 0, MOST_GRAIN) * GRAIN * grain(chart, seed)
     return Completed(np.clip(result, 0, 1).astype(np.float32), seen, reflected)
 
 
-def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float | None) -> Array:
-    """(V, 4) smooth sRGB and strength of fine detail over the whole mesh, from values (N, 4) of the texels."""
+def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: Float32 | None) -> Float64:
+    """(V, 4) smooth sRGB and strength of fine detail on the whole mesh, from values (N, 4) at the texels."""
     head = chart.head
     count = len(head.mean)
     hair = vertex_mask(head, "scalp").astype(np.float64)
@@ -122,8 +129,8 @@ def _base(chart: Chart, values: Float, trust: Float, skin: Float, scalp: Float |
     return np.clip(smooth_fit(edges, known, total, SMOOTHNESS, far, PRIOR_TRUST), 0, 1)
 
 
-def _fine(chart: Chart, colour: Float, seen: Float) -> Float:
-    """(N,) strength of the photo's fine detail: departure of the luma from its surroundings, at most ``MOST_GRAIN``."""
+def _fine(chart: Chart, colour: Float32, seen: Float32) -> Float32:
+    """(N,) strength of the photo's fine detail: distance of the luma from its local mean, at most ``MOST_GRAIN``."""
     import cv2
 
     both = chart.spread(np.stack([luma(colour) * seen, seen], 1))
@@ -132,14 +139,14 @@ def _fine(chart: Chart, colour: Float, seen: Float) -> Float:
     return np.asarray(np.minimum(np.abs(luma(colour) - middle), MOST_GRAIN), np.float32)
 
 
-def _redder(chart: Chart, colour: Float, base: Float, seen: Float) -> Float:
-    """(N, 3) by how much lips that are not seen differ from the base colour, which is skin there; 0 on all else.
+def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32) -> Float32:
+    """(N, 3) colour of unseen lips minus the base colour, which is skin there; 0 elsewhere.
 
     Args:
-        chart: of the head; without a region "lips" all is 0.
+        chart: of the head; all is 0 without a region "lips".
         colour: (N, 3) sRGB of the photo, read where ``seen`` (N,) > 0.
         base: (N, 3) sRGB.
-        seen: opacity of the photo.
+        seen: (N,) opacity of the photo.
     """
     import cv2
 
@@ -152,18 +159,18 @@ def _redder(chart: Chart, colour: Float, base: Float, seen: Float) -> Float:
     spread = chart.spread(np.concatenate([shown, weight], 1).astype(np.float32))
     near = np.asarray(cv2.GaussianBlur(spread, (0, 0), chart.width * LIPS_ALIKE)).reshape(-1, 4)[chart.texels]
     mean = shown.sum(0) / weight.sum()
-    own = (near[:, :3] + LEAST_LIP * mean) / (near[:, 3:] + LEAST_LIP)
-    return np.asarray(lips[:, None] * (own - base), np.float32)
+    lip = (near[:, :3] + LEAST_LIP * mean) / (near[:, 3:] + LEAST_LIP)
+    return np.asarray(lips[:, None] * (lip - base), np.float32)
 
 
-def _flip(chart: Chart, values: Float) -> Float:
-    """Values (N, C) of the texels on the other side; border texels without a partner read the nearest one."""
+def _flip(chart: Chart, values: Float32) -> Float32:
+    """(N, C) values at the mirrored texels; border texels without a mirror image read the nearest one."""
     flipped = mirrored(chart.fill_outside(chart.spread(values))).reshape(-1, values.shape[1])
     return flipped[chart.texels]
 
 
-def _feather(chart: Chart, share: Float) -> Float:
-    """(N,) shares eroded and blurred by some texels, so that borders inside the seen area fade instead of ending."""
+def _feather(chart: Chart, share: Float32) -> Float32:
+    """(N,) shares, eroded and blurred by some texels, so that the seen area fades out towards its borders."""
     import cv2
 
     image = chart.fill_outside(chart.spread(share[:, None])[..., 0])

@@ -1,55 +1,62 @@
-"""Frames of glasses: thin dark lines round the eyes that hang together over the root of the nose.
+"""Frames of glasses: thin dark lines round the eyes that are connected across the bridge of the nose.
 
-Painted on the skin they would be tattoos in the albedo and scars in the normals. A mesh of a head has no glasses, so
-the skin under them is made up from what lies beside.
+In the maps they would look like tattoos in the albedo and scars in the normals. The head's mesh has no glasses, so the
+skin under them is inpainted.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32, Int64, UInt8
 from service.colour import luma, srgb_to_linear
 from service.geometry.chart import Chart
 from service.ledger import Correction
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-
 WIDEST_M = 0.008
-"""What is darker than both of its sides and no wider than this is a line."""
-DARK, CLEARLY, SURELY = 0.3, 0.45, 0.6
-"""Logarithms by which a line is darker than its sides: as part of a frame, in the median of a piece that stands alone,
-and over the nose. There bare skin has 0.1 to 0.4 in hard light and soft (48 photos), two frames had 1.6 and 2.1."""
+"""Largest width of a line, which is darker than what lies on both sides of it."""
+
+DARK, CLEARLY_DARK, BRIDGE_DARK = 0.3, 0.45, 0.6
+"""Contrasts, in natural logarithms of luma, of a line with its sides: smallest of any part of a frame, of the median of
+a piece that is not connected to the bridge, and of the bridge. On the nose, bare skin has 0.1 to 0.4 in hard and soft
+light (48 photos), two frames had 1.6 and 2.1."""
+
 BLACK = 0.004
-"""Linear luma from which down darkness is not told."""
+"""Linear luma added before the logarithm, so that differences between darker values do not count."""
+
 BRIDGE_M = (0.006, 0.014, -0.006, 0.010)
-"""The bridge lies over the middle of the nose, goes this far to both sides, and lies between these heights above the
-eyes: brows that grow together lie above, the shadow of the nose below."""
+"""Of the bridge: half width of the strip in the middle of the nose that it crosses, distance that it reaches to both
+sides, and its lowest and highest height above the eyes. Joined brows lie higher, the shadow of the nose lower."""
+
 LENS_M = (-0.028, 0.024, 0.044)
-"""Frames lie between these heights above the eyes, and no further from them sideways; temples go on beyond."""
+"""Of the rims of the lenses: lowest and highest height above the eyes, and largest horizontal distance from an eye."""
+
 TEMPLE_M = 0.014
-"""Heights above and below the eyes between which temples run."""
+"""Largest height above or below the eyes of the temples, the arms of the glasses."""
+
 HALO_M = 0.0016
-"""Blur and sharpening of the photo by which a frame is wider than its dark line."""
+"""Radius by which the found lines are dilated: the photo's blur and sharpening widen a frame."""
+
 GAP_M = 0.002
-"""Glints that a line may have."""
+"""Largest gap in a line, for example a glint."""
+
 LEAST_EXTENT_M, BELOW_M = 0.012, 0.004
-"""What does not hang together with the bridge is at least as long, ``CLEARLY`` dark, and a rim below that
-height above the eyes, or a temple: level, and beside the eyes. Anything else may be a brow."""
+"""A piece that is not connected to the bridge is part of the frame only if it has at least this extent, is
+``CLEARLY_DARK``, and either lies below this height above the eyes (a rim) or is a temple; else it may be a brow."""
+
 LEVEL, BESIDE_M = 0.35, 0.015
-"""A temple's extent in height over that in all; how far outside of the eyes its middle lies."""
+"""Of a temple: largest share of the height in its extent, and smallest distance of its median outside the eyes."""
 
 
-def frames(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Mask:
-    """(N,) bool: texels where the photo shows the frame of glasses instead of skin; none where no bridge is seen.
+def frames(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Bool:
+    """(N,) bool: texels where the photo shows the frame of glasses instead of skin; all False where no bridge is found.
 
     Args:
         chart: of the head; one without two eyes has no glasses.
         unwrapped: the photo on the chart's inner texels.
-        zones: of the same texels. Lids, brows and lips are never taken for frames: lashes and brows are dark lines too.
+        zones: of the same texels. Lids, brows and lips never count as frames: lashes and brows are dark lines, too.
     """
     import cv2
 
@@ -59,42 +66,48 @@ def frames(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Mask:
     if eyes is None or not shown.any():
         return none
     middle, level, apart = eyes
-    texel = _texel_m(chart, zones)
+    texel_m = _texel_m(chart, zones)
     place = chart.inside(chart.head.mean) - np.array([middle, level, 0], np.float32)
     aside, above = np.abs(place[:, 0]), place[:, 1]
     lens = (above > LENS_M[0]) & (above < LENS_M[1]) & (np.abs(aside - apart) < LENS_M[2]) & (zones.face > 0.5)
     temple = (np.abs(above) < TEMPLE_M) & (aside > apart)
     near = shown & (zones.features < 0.5) & (zones.scalp < 0.5) & (lens | temple)
-    line = np.where(near, _lines(chart, unwrapped.colour, shown, WIDEST_M / texel), np.float32(0))
+    line = np.where(near, _lines(chart, unwrapped.colour, shown, WIDEST_M / texel_m), np.float32(0))
 
-    count, patch = _hang_together(chart, line > DARK, GAP_M / texel)
-    own = [np.flatnonzero((patch == index) & (line > DARK)) for index in range(count)]
-    bridges = [index for index in range(1, count) if _is_bridge(place[own[index]], line[own[index]])]
+    count, patch = _connected(chart, line > DARK, GAP_M / texel_m)
+    texels = [np.flatnonzero((patch == index) & (line > DARK)) for index in range(count)]
+    bridges = [index for index in range(1, count) if _is_bridge(place[texels[index]], line[texels[index]])]
     if not bridges:
         return none
-    rest = [i for i in range(1, count) if i not in bridges and _is_piece(place[own[i]], line[own[i]], apart)]
+    rest = [i for i in range(1, count) if i not in bridges and _is_piece(place[texels[i]], line[texels[i]], apart)]
     found = np.zeros((len(none), 1), np.float32)
-    found[np.concatenate([own[index] for index in bridges + rest])] = 1
-    wide = np.asarray(cv2.dilate(chart.spread(found)[..., 0], _disk(2 * HALO_M / texel))).ravel()[chart.texels] > 0
+    found[np.concatenate([texels[index] for index in bridges + rest])] = 1
+    wide = np.asarray(cv2.dilate(chart.spread(found)[..., 0], _disk(2 * HALO_M / texel_m))).ravel()[chart.texels] > 0
     return np.asarray(wide & shown & (zones.features < 0.5))
 
 
-def _is_bridge(place: Float, line: Float) -> bool:
-    """Whether a patch of lines goes over the middle of the nose.
+def _is_bridge(place: Float32, line: Float32) -> bool:
+    """Whether a connected patch of lines crosses the middle of the nose.
 
     Args:
-        place: (n, 3) metres aside of and above the middle of the eyes, and to the front.
-        line: (n,) logarithms.
+        place: (n, 3) metres: to the subject's left of the middle between the eyes, above it, and to the front.
+        line: (n,) contrasts in natural logarithms.
     """
     half, reach, low, high = BRIDGE_M
-    sure = place[line > SURELY]
+    sure = place[line > BRIDGE_DARK]
     over = (np.abs(sure[:, 0]) < half) & (sure[:, 1] > low) & (sure[:, 1] < high)
     return bool(over.any() and sure[:, 0].min() < -reach and sure[:, 0].max() > reach)
 
 
-def _is_piece(place: Float, line: Float, apart: float) -> bool:
-    """Whether a patch of lines that does not hang together with the bridge is a rim or a temple, and no brow."""
-    if not len(line) or np.median(line) <= CLEARLY:
+def _is_piece(place: Float32, line: Float32, apart: float) -> bool:
+    """Whether a patch of lines that is not connected to the bridge is a rim or a temple, and not a brow.
+
+    Args:
+        place: (n, 3) metres, as of :func:`_is_bridge`.
+        line: (n,) contrasts.
+        apart: metres from the middle between the eyes to each.
+    """
+    if not len(line) or np.median(line) <= CLEARLY_DARK:
         return False
     extent = np.ptp(place, axis=0)
     length = float(np.linalg.norm(extent))
@@ -104,7 +117,9 @@ def _is_piece(place: Float, line: Float, apart: float) -> bool:
 
 
 def _eyes(chart: Chart) -> tuple[float, float, float] | None:
-    """Middle of both eyes of the mean head, x and y in metres, and how far each lies beside it; None without eyes."""
+    """Middle between the mean head's eyes, x and y in metres, and each eye's distance from it; None without two
+    eyes.
+    """
     head = chart.head
     centres = []
     for index, name in enumerate(head.part_names):
@@ -118,26 +133,29 @@ def _eyes(chart: Chart) -> tuple[float, float, float] | None:
 
 
 def _texel_m(chart: Chart, zones: Zones) -> float:
-    """Side of a texel of the face, metres."""
+    """Median side of a texel of the face, metres."""
     metric = chart.metric(chart.head.mean).reshape(-1, 3)[chart.texels]
     area = np.sqrt(np.maximum(metric[:, 0] * metric[:, 2] - metric[:, 1] ** 2, 0))
     face = (zones.face > 0.5) & zones.skin & (area > 0)
     return float(np.sqrt(np.median(area[face]))) * 1e-3 if face.any() else 1e-3
 
 
-def _lines(chart: Chart, colour: Float, shown: Mask, widest: float) -> Float:
-    """(N,) logarithm by which texels are darker than what lies on both sides within ``widest`` texels, from 0 up."""
+def _lines(chart: Chart, colour: Float32, shown: Bool, widest: float) -> Float32:
+    """(N,) >= 0: logarithm by which texels are darker than both sides of a line up to ``widest`` texels wide."""
     import cv2
 
-    level = np.log(np.maximum(luma(srgb_to_linear(colour)), 0) + np.float32(BLACK))
-    usual = np.float32(np.median(level[shown]))
-    plane = chart.spread(np.where(shown, level, usual)[:, None], float(usual))[..., 0]
+    log_luma = np.log(np.maximum(luma(srgb_to_linear(colour)), 0) + np.float32(BLACK))
+    typical = np.float32(np.median(log_luma[shown]))
+    plane = chart.spread(np.where(shown, log_luma, typical)[:, None], float(typical))[..., 0]
     deeper = np.asarray(cv2.morphologyEx(plane, cv2.MORPH_CLOSE, _disk(widest))) - plane
     return np.asarray(np.where(shown, deeper.ravel()[chart.texels], 0), np.float32)
 
 
-def _hang_together(chart: Chart, chosen: Mask, gap: float) -> tuple[int, npt.NDArray[np.int64]]:
-    """Number of patches with the background's, 0; and the patch of each texel (N,). Gaps as wide as ``gap`` join."""
+def _connected(chart: Chart, chosen: Bool, gap: float) -> tuple[int, Int64]:
+    """Connected patches, across gaps of up to ``gap`` texels: their number with the background, and each texel's (N,).
+
+    The background is patch 0.
+    """
     import cv2
 
     plane = chart.spread(chosen.astype(np.float32)[:, None])[..., 0]
@@ -145,8 +163,8 @@ def _hang_together(chart: Chart, chosen: Mask, gap: float) -> tuple[int, npt.NDA
     return count, np.asarray(label, np.int64).ravel()[chart.texels]
 
 
-def _disk(diameter: float) -> npt.NDArray[np.uint8]:
-    """Structuring element of an odd number of texels, 3 at least."""
+def _disk(diameter: float) -> UInt8:
+    """Elliptic structuring element, of an odd number of texels, at least 3."""
     import cv2
 
     side = 2 * max(round(diameter / 2), 1) + 1

@@ -1,10 +1,10 @@
-"""What the photo shows on each texel: skin, hair, or something in front of the face; and whose light can be told."""
+"""Skin segmentation: how far each texel shows skin, and may be kept, continued or used to measure the light."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32, UInt8
 from service.geometry.chart import Chart
 from service.ledger import Ledger
 from service.texture.inpainting.inpaint import opacity
@@ -13,44 +13,49 @@ from service.texture.segmentation.small_components import SMALL_COMPONENTS, smal
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
-Float = npt.NDArray[np.float32]
-
-SQUARELY = 0.3
-"""Weight from which the photo's word on a face texel is taken even where it does not look like skin."""
+FRONTAL = 0.3
+"""Weight from which on the photo is kept on the face even where it does not look like skin."""
 
 
-def segment(chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger) -> tuple[Float, Float, SkinModel | None]:
-    """Trust (N,) for continuing colours, opacity (N,) of the photo, and the skin model behind both."""
-    seen: Float = opacity(unwrapped.weight) * (1 - zones.hidden)
+def segment(
+    chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger
+) -> tuple[Float32, Float32, SkinModel | None]:
+    """Where the photo is kept, and where it may be continued.
+
+    Returns:
+        (N,) float32 trust in [0, 1] with which a texel's colour may be continued and mirrored; (N,) float32 opacity of
+        the photo in [0, 1]; and the skin model that both are based on, None where too little skin is seen.
+    """
+    seen: Float32 = opacity(unwrapped.weight) * (1 - zones.hidden)
     skin = fit_skin_model(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
     if skin is None:
         return seen, seen, None
     likely = np.ones_like(seen)
-    own = np.flatnonzero(seen > 0)
-    likely[own] = skin_likelihood(skin, unwrapped.colour[own], unwrapped.normal[own])
-    if skin.cover is not None:  # a cap goes on as skin does, and is the same on both sides
-        cover = skin_likelihood(skin.cover, unwrapped.colour[own], unwrapped.normal[own])
-        likely[own] = np.maximum(likely[own], cover)
-    likely = _calm(chart, likely, seen)
-    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: no judgement there.
-    excused = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
-    likely = excused + (1 - excused) * likely
-    # A fringe or make-up on the face belongs to the likeness; at its rim the same colours are background.
-    squarely = opacity(unwrapped.weight - SQUARELY)
-    kept = np.maximum(np.maximum(zones.face * squarely, zones.scalp), zones.features)
-    shown = seen * (kept + (1 - kept) * likely)
+    shown = np.flatnonzero(seen > 0)
+    likely[shown] = skin_likelihood(skin, unwrapped.colour[shown], unwrapped.normal[shown])
+    if skin.cover is not None:  # a cap may be continued and mirrored as skin is
+        cover = skin_likelihood(skin.cover, unwrapped.colour[shown], unwrapped.normal[shown])
+        likely[shown] = np.maximum(likely[shown], cover)
+    likely = _despeckled(chart, likely, seen)
+    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: they count as likely.
+    exempt = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
+    likely = exempt + (1 - exempt) * likely
+    # A fringe or make-up on the face belongs to the likeness; at the face's outline the same colours are background.
+    frontal = opacity(unwrapped.weight - FRONTAL)
+    kept = np.maximum(np.maximum(zones.face * frontal, zones.scalp), zones.features)
+    visible = seen * (kept + (1 - kept) * likely)
     whole = np.ones(len(seen), bool)
     if ledger.runs(SMALL_COMPONENTS):
-        whole = ~small_components(chart, shown, zones)
+        whole = ~small_components(chart, visible, zones)
         ledger.count(SMALL_COMPONENTS, int((~whole).sum()), whole.size)
-    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * shown, np.float32), skin
+    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * visible, np.float32), skin
 
 
-def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: SkinModel | None) -> Float:
-    """(N,) in [0, 1], 0 where what the photo shows is no skin, though it may have skin's place.
+def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: SkinModel | None) -> Float32:
+    """(N,) in [0, 1], 1 where the photo shows skin whose light can be measured, 0 where it shows anything else.
 
-    In the face itself dark may be shade and bright a highlight; where hair is to be expected, dark is hair. Lips, lids
-    and brows count as skin. Without a model of the skin everything does.
+    On the face, dark texels may be skin in shade and bright ones highlights; where hair is expected, dark ones are
+    hair. Lips, lids and brows of the face count as skin. Without a skin model all is 1.
     """
     likely = np.ones(len(unwrapped.weight), np.float32)
     if skin is None:
@@ -58,18 +63,18 @@ def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: SkinModel |
     shown = np.flatnonzero(unwrapped.weight > 0)
     face = (zones.face * (1 - zones.scalp))[shown]
     likely[shown] = skin_likelihood(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
-    calm = _calm(chart, likely, opacity(unwrapped.weight))
-    return np.asarray(np.maximum(zones.features * zones.face, calm), np.float32)
+    smooth = _despeckled(chart, likely, opacity(unwrapped.weight))
+    return np.asarray(np.maximum(zones.features * zones.face, smooth), np.float32)
 
 
-def worn_mask(chart: Chart, colour: Float, normal: Float, skin: SkinModel) -> npt.NDArray[np.uint8] | None:
-    """(H, W) uint8, 255 where a texture has the colour of what is worn over the face; None where nothing is.
+def worn_mask(chart: Chart, colour: Float32, normal: Float32, skin: SkinModel) -> UInt8 | None:
+    """(H, W) uint8, 255 where a texture has the colour of a cap or mask worn over the face; None where none is.
 
     Args:
         chart: of the head.
-        colour: (N, 3) sRGB, seen or made up.
+        colour: (N, 3) sRGB, seen or inpainted.
         normal: (N, 3) unit.
-        skin: the person's, and what is worn.
+        skin: model of the person's skin and of the cap or mask.
     """
     if skin.cover is None:
         return None
@@ -78,8 +83,10 @@ def worn_mask(chart: Chart, colour: Float, normal: Float, skin: SkinModel) -> np
     return np.rint(255 * np.clip(chart.fill_outside(chart.spread(share[:, None])[..., 0]), 0, 1)).astype(np.uint8)
 
 
-def _calm(chart: Chart, likely: Float, seen: Float) -> Float:
-    """Plausibility (N,) without specks: moles and pores do not count, and what is judged foreign grows a little."""
+def _despeckled(chart: Chart, likely: Float32, seen: Float32) -> Float32:
+    """(N,) likelihood, blurred and thresholded softly: moles and pores count as skin, what is not skin grows
+    slightly.
+    """
     import cv2
 
     sigma = max(chart.width / 576 * 2.5, 0.5)

@@ -1,45 +1,43 @@
-"""Which texels are treated how: the head's soft region masks brought to the chart."""
+"""The head's soft region masks on the chart."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Bool, Float32
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
-
-Float = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Masks at the inner texels (N,) in the order of ``chart.texels``; the soft ones are float32 in [0, 1].
+    """Masks at the inner texels (N,), in the order of ``chart.texels``: float32 in [0, 1] except ``skin``.
 
     Attributes:
         skin: bool, texel of the part "skin".
         face: the face proper, where hair and make-up are part of the likeness.
         middle: cheeks and nose, which hats, fringes and beards leave free.
-        features: lips and lids, which are not skin-coloured by right.
+        features: lips, brows and lids, which need not be skin-coloured.
         scalp: where hair is expected.
         neck: below the jaw.
         mouth: the inside of the mouth.
         hidden: inside of the mouth and of the eye sockets.
     """
 
-    skin: npt.NDArray[np.bool_]
-    face: Float
-    middle: Float
-    features: Float
-    scalp: Float
-    neck: Float
-    mouth: Float
-    hidden: Float
+    skin: Bool
+    face: Float32
+    middle: Float32
+    features: Float32
+    scalp: Float32
+    neck: Float32
+    mouth: Float32
+    hidden: Float32
 
     @classmethod
     def of(cls, chart: Chart) -> Zones:
-        """Bring the head's regions to the chart."""
+        """Interpolate the head's region masks to the texels of the chart."""
         head = chart.head
         lids = vertex_mask(head, "eyelid_left", "eyelid_right")
         brows = vertex_mask(head, "brow_left", "brow_right")

@@ -20,7 +20,7 @@ from service.archive.pack import archive_members
 from service.archive.read_obj import ObjMesh, read_obj
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
-from service.external.make import check_aspect, default_maps, make_own
+from service.external.make import check_aspect, default_maps, make_external
 from service.external.mesh import vertices_of
 from service.head.files import save_head
 from service.options import Options
@@ -103,7 +103,7 @@ def test_textures_of_another_shape_are_refused(width: int, height: int) -> None:
 
 def test_the_archive_says_that_there_was_no_photo(head_file: Path) -> None:
     maps = ("texture", "shape_normal")
-    avatar = make_own(TEXTURE, MESH, Options(maps=maps, quality="draft", size=(96, 64)), head_file=head_file)
+    avatar = make_external(TEXTURE, MESH, Options(maps=maps, quality="draft", size=(96, 64)), head_file=head_file)
     members = archive_members(avatar)
     manifest = json.loads(members["manifest.json"])
     jsonschema.validate(manifest, json_schema())
@@ -117,13 +117,13 @@ def test_the_archive_says_that_there_was_no_photo(head_file: Path) -> None:
     assert from_json(members["manifest.json"]).given is not None
     np.testing.assert_allclose(read_obj(members["mesh/head.obj"]).vertices, HEAD.mean, atol=1e-6)
     assert archive_members(
-        make_own(TEXTURE, MESH, Options(maps=maps, quality="draft", size=(96, 64)), head_file=head_file)
+        make_external(TEXTURE, MESH, Options(maps=maps, quality="draft", size=(96, 64)), head_file=head_file)
     ) == members  # fmt: skip
 
 
 def test_the_networks_run_as_for_a_photo(head_file: Path) -> None:
     options = Options(maps=("diffuse_albedo", "specular_albedo"), quality="draft", size=(96, 64))
-    made = make_own(TEXTURE, MESH, options, head_file=head_file).reflectance
+    made = make_external(TEXTURE, MESH, options, head_file=head_file).reflectance
     assert made is not None and made.diffuse_albedo is not None and made.specular_albedo is not None
     assert made.diffuse_albedo.shape == (64, 96, 3)
     assert np.ptp(made.diffuse_albedo.astype(int)) > 1000
@@ -144,7 +144,7 @@ def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.M
     monkeypatch.setattr("service.external.make.make_reflectance", reflectance)
     options = Options(maps=("diffuse_albedo",), quality="standard")
     for width, picture in ((1200, stripes), (576, stripes[:384, :576])):
-        make_own(encode_png(picture, srgb=True), MESH, options, head_file=head_file)
+        make_external(encode_png(picture, srgb=True), MESH, options, head_file=head_file)
         stages, contrast = seen[width]
         assert ("super_resolution" in stages) == (width == 576)
         assert contrast > 80
@@ -153,13 +153,13 @@ def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.M
 def test_what_only_a_photo_gives_cannot_be_asked_for(head_file: Path) -> None:
     assert "confidence" not in default_maps()
     with pytest.raises(UsageError, match="confidence"):
-        make_own(TEXTURE, MESH, Options(maps=("confidence",)), head_file=head_file)
+        make_external(TEXTURE, MESH, Options(maps=("confidence",)), head_file=head_file)
 
 
 @pytest.mark.parametrize("texture", [b"", b"nonsense", TEXTURE[:200]])
 def test_textures_go_through_the_gate(texture: bytes, head_file: Path) -> None:
     with pytest.raises(UnreadableInput):
-        make_own(texture, MESH, Options(maps=("texture",)), head_file=head_file)
+        make_external(texture, MESH, Options(maps=("texture",)), head_file=head_file)
 
 
 def test_the_command(tmp_path: Path, head_file: Path) -> None:

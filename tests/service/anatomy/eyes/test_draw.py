@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.anatomy.eyes.colours import SCLERA
-from service.anatomy.eyes.draw import FEW, RING, draw_eyes, eyeballs
+from service.anatomy.eyes.draw import LEAST_TEXELS, RING, draw_eyes, eyeballs
 from service.colour import FULL_CODE, linear_to_srgb
 from service.head.files import load_head
 
@@ -56,7 +56,7 @@ def test_an_iris_is_round_and_of_its_size_on_the_eye() -> None:
 def test_what_tells_no_colours_stays_as_it_is() -> None:
     """Medians of nothing: a map with an eye of few texels, a head without eyes."""
     small = blurred_eyes((96, 64), BROWN)
-    assert sum(int((e.radius < 1).sum()) for e in eyeballs(HEAD, (96, 64))) < FEW
+    assert sum(int((e.radius < 1).sum()) for e in eyeballs(HEAD, (96, 64))) < LEAST_TEXELS
     assert np.array_equal(draw_eyes(small.copy(), HEAD), small)
     blind = replace(HEAD, part_names=tuple(f"other_{i}" for i, _ in enumerate(HEAD.part_names)))
     plain = np.full((64, 96, 3), 30000, np.uint16)

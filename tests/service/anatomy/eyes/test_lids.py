@@ -7,7 +7,7 @@ import pytest
 
 from service.anatomy.eyes.eyeball import SIDES
 from service.anatomy.eyes.gaze import RIMS
-from service.anatomy.eyes.lids import BEFORE_LASHES, lids_on_rims
+from service.anatomy.eyes.lids import LASH_ROOTS, lids_on_rims
 from service.anatomy.opening_edges import ROWS, lid_edges
 from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
@@ -67,7 +67,7 @@ def shown(head: HeadModel, vertices: np.ndarray, view: Camera) -> np.ndarray:
         rim = np.zeros((16, 2))
         rim[0], rim[8] = outer, inner
         rim[LOWER] = np.stack([place, lower], 1)
-        rim[UPPER] = np.stack([place, upper - BEFORE_LASHES * np.linalg.norm(inner - outer)], 1)[::-1]
+        rim[UPPER] = np.stack([place, upper - LASH_ROOTS * np.linalg.norm(inner - outer)], 1)[::-1]
         landmarks[list(RIMS[side])] = rim
     return landmarks
 

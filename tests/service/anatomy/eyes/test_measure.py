@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes.colours import LEAST_IRIS, LIGHTEST_IRIS, MOST_IRIS, likely_iris
+from service.anatomy.eyes.colours import DARKEST_IRIS, MOST_IRIS_CHANNEL, MOST_IRIS_LUMA, likely_iris
 from service.anatomy.eyes.iris import Iris
 from service.anatomy.eyes.measure import EyeTone, measure_eyes
 from service.colour import linear_to_srgb, luma, srgb_to_linear
@@ -82,8 +82,8 @@ def test_no_iris_glows_and_none_is_black() -> None:
     """Divided by a white in deep shade anything is bright; a black one would have no pupil."""
     for linear in ([9.0, 3.0, 1.0], [0.9, 0.9, 0.9], [0.0, 0.0, 0.0], [0.1, 0.05, 0.02]):
         found = likely_iris(np.array(linear, np.float32))
-        assert luma(found) <= LIGHTEST_IRIS * 1.001 and found.max() <= MOST_IRIS * 1.001
-        assert (found >= LEAST_IRIS * 0.999).all()
+        assert luma(found) <= MOST_IRIS_LUMA * 1.001 and found.max() <= MOST_IRIS_CHANNEL * 1.001
+        assert (found >= DARKEST_IRIS * 0.999).all()
     assert np.allclose(found, [0.1, 0.05, 0.02], atol=1e-5), "the last is a plain brown"
 
 
@@ -91,7 +91,7 @@ def test_no_iris_is_purple_and_blue_ones_stay() -> None:
     """The sky in a brown one adds blue; warm light taken off a dark one does."""
     for red, green, blue in ([0.05, 0.03, 0.06], [0.15, 0.12, 0.12], [0.02, 0.0, 0.05]):
         found = likely_iris(np.array([red, green, blue], np.float32))
-        assert np.isfinite(found).all() and found[2] <= max(1.001 * found[1], LEAST_IRIS[2]) <= 1.01 * found[0]
+        assert np.isfinite(found).all() and found[2] <= max(1.001 * found[1], DARKEST_IRIS[2]) <= 1.01 * found[0]
     for plain in ([0.12, 0.17, 0.23], [0.10, 0.12, 0.06], [0.15, 0.15, 0.15]):
         assert np.allclose(likely_iris(np.array(plain, np.float32)), plain, atol=1e-4)
 

@@ -9,11 +9,11 @@ import pytest
 from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import BETWEEN_LIDS, FAIREST, IN_THE_OPEN, TOO_DEEP, sclera_light
+from service.anatomy.eyes.sclera import BEST_LIT, BETWEEN_LIDS, FAIREST, MOST_RAISED, sclera_light
 from service.colour import linear_to_srgb, to_bytes
 
 SKIN = np.array([0.12, 0.055, 0.035])
-MEAN = BETWEEN_LIDS / IN_THE_OPEN
+MEAN = BETWEEN_LIDS / BEST_LIT
 """Light on the whole of the white over that on its best lit part, which is what is seen here."""
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
 
@@ -80,8 +80,8 @@ def test_nothing_seen_is_none() -> None:
 def test_a_white_in_deep_shade_counts_as_brighter(skin: list[float]) -> None:
     """Lashes and the lid's shadow over the white: the skin below would come out paler than skin can be."""
     light = np.array([0.6, 0.5, 0.4])
-    deep = IN_THE_OPEN * max(skin) / FAIREST
-    for share in (0.67, deep / 1.3, deep / (1.3 * TOO_DEEP)):
+    deep = BEST_LIT * max(skin) / FAIREST
+    for share in (0.67, deep / 1.3, deep / (1.3 * MOST_RAISED)):
         pixels, gaze = photo_of(light * share, 14.0)
         rim = gaze.irises[0].rim
         below = np.zeros(pixels.shape[:2], np.uint8)

@@ -14,10 +14,10 @@ from service.reflectance.relief.displacement import (
     MOST_MM,
     Steps,
     coarse_part,
-    continue_beyond,
     decode,
     displacement,
     encode,
+    pad_heights,
     slopes,
 )
 from service.reflectance.result import MID, NORMAL_ONE, unpack_normals
@@ -215,7 +215,7 @@ def test_heights_go_on_beyond_the_border_but_not_into_other_parts() -> None:
     surface[:, :100], outside[:, 100:] = True, True
     outside[50:60, 100:] = False
     height[surface] = 0.4
-    continue_beyond(height, surface, outside)
+    pad_heights(height, surface, outside)
     np.testing.assert_allclose(height[:40, :109], 0.4, rtol=1e-5)
     assert not height[:, 109:].any() and not height[50:60, 100:].any()
 
