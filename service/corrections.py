@@ -6,15 +6,11 @@
 from __future__ import annotations
 
 from service.anatomy.lashes.line import LASH_LINE
-from service.anatomy.teeth.paint import TOOTH_HUE
 from service.ledger import Correction
 from service.reflectance.chart_light import EVERYWHERE, ON_LIT_SKIN
-from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE
-from service.reflectance.corrections.hair_hue import HAIR_HUE
 from service.reflectance.corrections.highlights import HIGHLIGHTS
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH
-from service.reflectance.corrections.smile_folds import SMILE_FOLDS
 from service.reflectance.normals import COVERED_RELIEF
 from service.texture.segmentation.glasses import GLASSES
 from service.texture.segmentation.small_components import SMALL_COMPONENTS
@@ -23,14 +19,10 @@ REGISTRY: tuple[Correction, ...] = (
     GLASSES,
     SMALL_COMPONENTS,
     LASH_LINE,
-    TOOTH_HUE,
     SCLERA_DEPTH,
     *ON_LIT_SKIN,
     *EVERYWHERE,
-    CLIPPED_BLUE,
-    HAIR_HUE,
     HIGHLIGHTS,
-    SMILE_FOLDS,
     PHOTO_NOISE,
     COVERED_RELIEF,
 )

@@ -99,7 +99,7 @@ class Options(Checked):
         fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
         identity_components: identity components to fit, >= 0; more than the head has means all.
         iterations: least-squares steps of the landmark stage, >= 1.
-        without: names of corrections that do not run, out of ``service.corrections.NAMES``; for experts and trials.
+        without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 
     Raises:
         UsageError: a value is out of range; the message has the value and what would be right.

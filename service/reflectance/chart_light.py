@@ -10,16 +10,12 @@ import numpy.typing as npt
 from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.colour import srgb_to_linear
 from service.ledger import Ledger
-from service.reflectance.corrections.albedo_ceiling import ALBEDO_CEILING
-from service.reflectance.corrections.brows import BROW_LIGHT
-from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE, usual_blue
 from service.reflectance.corrections.exposure import EXPOSURE, mean_light
-from service.reflectance.corrections.grading import GRADING
 from service.reflectance.corrections.on_light import ChartLight, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
-from service.reflectance.corrections.unseen_light import CHART_SEAM, INPAINTED_SKIN, SHADE_FLOOR, UNSEEN_LIGHT
+from service.reflectance.corrections.unseen_light import CHART_SEAM, INPAINTED_SKIN, UNSEEN_LIGHT
 from service.reflectance.planes import Planes
-from service.reflectance.subject import BROWS, EYES, INPAINTED, LIDS, LIT
+from service.reflectance.subject import EYES, INPAINTED, LIDS, LIT
 from service.runtime.networks import Network
 from service.runtime.tiles import run_whole
 
@@ -27,10 +23,10 @@ Float = npt.NDArray[np.float32]
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 
-ON_LIT_SKIN = (EXPOSURE, GRADING, SKIN_HUE, ALBEDO_CEILING)
+ON_LIT_SKIN = (EXPOSURE, SKIN_HUE)
 """Corrections of the light where the photo shows skin in it, in order."""
 
-EVERYWHERE = (UNSEEN_LIGHT, SHADE_FLOOR, INPAINTED_SKIN, BROW_LIGHT, CHART_SEAM)
+EVERYWHERE = (UNSEEN_LIGHT, INPAINTED_SKIN, CHART_SEAM)
 """Corrections of the light that is continued from there to the whole chart, in order."""
 
 
@@ -41,12 +37,10 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
-        blue: blue over red and green of the skin (``service.reflectance.corrections.clipped_blue``); None: not known.
     """
 
     light: Float
     between: Float
-    blue: float | None
 
 
 def light_between_lids(light: Float, lit: Float) -> Float:
@@ -62,8 +56,8 @@ def light_between_lids(light: Float, lit: Float) -> Float:
 def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> Found:
     """Ask the context network about the planes of a whole chart.
 
-    Of the planes of ``service.reflectance.subject.CLUES`` any may be missing: then all of it is lit, nothing made up,
-    and there are no brows and lids.
+    Planes of ``service.reflectance.subject.CLUES`` may be missing: then all skin is lit, none is
+    inpainted, and there are no lids.
     """
     ledger = ledger or Ledger()
     what = network.description
@@ -80,11 +74,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
-    start = ChartLight(
-        light, light, linear.T.reshape(3, *lit.shape), lit, inside, lids, inpainted, clue(BROWS, 0.0), white_seen
-    )
+    start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, white_seen)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
-    albedo = linear * np.exp(-np.clip(np.moveaxis(on_skin.light, 0, 2).reshape(-1, 3), -6, 6))
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    blue = usual_blue(albedo, coded, on_skin.weight.ravel()) if ledger.runs(CLIPPED_BLUE) else None
-    return Found(whole.light, light_between_lids(on_skin.light, lit), blue)
+    return Found(whole.light, light_between_lids(on_skin.light, lit))

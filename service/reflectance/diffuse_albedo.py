@@ -10,12 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.colours import BRIGHTEST
-from service.colour import FULL_CODE, Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
-from service.ledger import SEEN_CHANGE, Correction, Ledger
+from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.ledger import Ledger
 from service.reflectance.chart_light import Found, found_by
-from service.reflectance.corrections.clipped_blue import CLIPPED_BLUE, missing, with_blue
-from service.reflectance.corrections.hair_hue import HAIR_HUE, like_hair
-from service.reflectance.subject import BROWS, HAIR
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.networks import Engine, describe, open_network
 
@@ -59,15 +56,10 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
     parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None
-    hairy = job.planes.read([BROWS, HAIR]) if {BROWS, HAIR} <= set(job.planes.channels) else None
 
     def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
         albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
-        if found is not None and found.blue is not None:
-            albedo = _counted(CLIPPED_BLUE, albedo, _blue_again(albedo, texture[place], found.blue), ledger)
         rows, columns = (np.arange(s.start, s.stop) for s in place)
-        if hairy is not None and ledger.runs(HAIR_HUE):
-            albedo = _counted(HAIR_HUE, albedo, like_hair(albedo, *hairy(rows, columns)), ledger)
         if skin.min() < 1:
             if parts is not None:
                 kept = np.moveaxis(parts(rows, columns), 0, 2)
@@ -79,20 +71,3 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
 
     translate(NAME, job, 3, keep)
     return result
-
-
-def _counted(correction: Correction, before: Float, after: Float, ledger: Ledger) -> Float:
-    """``after``; the ledger is told how many texels (h, w, 3) in [-1, 1] differ."""
-    changed = 0 if after is before else int((np.abs(after - before).max(-1) > 2 * SEEN_CHANGE).sum())
-    ledger.count(correction, changed, before.shape[0] * before.shape[1])
-    return after
-
-
-def _blue_again(albedo: Float, texture: Codes, blue: float) -> Float:
-    """(h, w, 3) albedo in [-1, 1] with its blue where the texture's codes have lost it."""
-    lost = missing(texture * np.float32(1 / FULL_CODE))
-    chosen = lost > 0
-    if chosen.any():
-        albedo = np.ascontiguousarray(albedo)
-        albedo[chosen] = with_blue(albedo[chosen] * np.float32(0.5) + np.float32(0.5), lost[chosen], blue) * 2 - 1
-    return albedo

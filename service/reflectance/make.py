@@ -25,11 +25,9 @@ from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.ledger import Applied, Ledger
-from service.reflectance.corrections.clipped_blue import lacks_blue
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
-from service.reflectance.corrections.smile_folds import SMILE_FOLDS, without_folds
-from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo, needs_context
+from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
 from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tangent_normals
@@ -119,8 +117,6 @@ def make_reflectance(
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
-            if ledger.runs(SMILE_FOLDS):
-                plain = without_folds(plain, subject, ledger)
             if grey is not None and ledger.runs(PHOTO_NOISE):
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
             plain = colour_cards(pad_skin(plain, subject), subject.chart, margin(size[0]))
@@ -168,7 +164,6 @@ def _fallbacks(plan: Plan, engine: Engine, subject: Subject, texture: npt.NDArra
     told = {
         "texture-resampled": "super_resolution" not in plan.stages,
         "light-from-skin-alone": delighted and subject.eye_light is None,
-        "blue-from-red-and-green": delighted and lacks_blue(texture, subject.lit) and needs_context(engine),
         "bf16-needs-openvino": engine.precision == "fp32" and lacks_openvino(),
     }
     return tuple(code for code, so in told.items() if so)

@@ -45,19 +45,13 @@ LIT = "lit_skin"
 INPAINTED = "inpainted_skin"
 """Channel that is 1 on inpainted skin."""
 
-BROWS = "brows"
-"""Channel that is 1 where brows may lie."""
-
 COVERED = "covered_skin"
 """Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
-
-HAIR = "hair"
-"""Channel that is 1 on the scalp and on covered skin outside caps and masks, where hair is the rule; 0 on lips."""
 
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
 
-CLUES = (LIT, INPAINTED, *EYES, BROWS, COVERED, HAIR, LIDS)
+CLUES = (LIT, INPAINTED, *EYES, COVERED, LIDS)
 """Channels of :attr:`Subject.clues`: where light and relief can be read from the texture."""
 
 BROW_SOFT = 5.0
@@ -178,7 +172,7 @@ class Subject:
 
     @property
     def clues(self) -> Float:
-        """(10, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        """(8, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
         def whole(plane: Float | None, usual: float) -> Float:
@@ -198,9 +192,7 @@ class Subject:
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
         lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
         covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
-        lips = self.chart.interpolate(vertex_mask(self.head, "lips"))[..., 0]
-        hair = (1 - bare) * (1 - whole(self.worn, 0.0)) * np.clip(1 - 3 * lips, 0, 1)
-        return np.concatenate([lit, inpainted, eyes, brows, covered, hair, self.lids[None]])
+        return np.concatenate([lit, inpainted, eyes, covered, self.lids[None]])
 
     @property
     def own_skin(self) -> Float:

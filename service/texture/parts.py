@@ -14,7 +14,7 @@ from service.anatomy.lashes.line import LASH_LINE, lash_line
 from service.anatomy.mouth.paint import paint_lining, paint_tongue
 from service.anatomy.teeth.colours import TOOTH
 from service.anatomy.teeth.measure import toothlike
-from service.anatomy.teeth.paint import TOOTH_HUE, Teeth, no_bluer
+from service.anatomy.teeth.paint import Teeth, no_bluer
 from service.arrays import Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
@@ -151,7 +151,7 @@ def paint_parts(
             work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
     teeth = Teeth(chart)
     if len(teeth.own):
-        _paint_teeth(work, teeth, fit, unwrapped, seen, skin, ledger)
+        _paint_teeth(work, teeth, fit, unwrapped, seen, skin)
     return Parts(work.colour, work.code, work.everywhere(), iris)
 
 
@@ -161,19 +161,14 @@ def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
     return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 
-def _paint_teeth(
-    work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32, skin: Float32, ledger: Ledger
-) -> None:
+def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32, skin: Float32) -> None:
     """Teeth in the measured colour, blended with the photo where it shows teeth."""
     light, shown = work.light, unwrapped.colour[teeth.own]
     tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
     share = seen[teeth.own] * toothlike(shown, skin) * teeth.shows(shown, light.on(tooth))
     painted = teeth.paint(tooth)
     painted += share[:, None] * (light.off(shown) - painted)
-    if ledger.runs(TOOTH_HUE):
-        before, painted = painted, no_bluer(painted)
-        ledger.count(TOOTH_HUE, int((np.abs(painted - before).max(1) > SEEN_CHANGE).sum()), len(work.colour))
-    work.part(teeth.own, painted, None, np.zeros_like(share), unwrapped.colour)
+    work.part(teeth.own, no_bluer(painted), None, np.zeros_like(share), unwrapped.colour)
     work.code[teeth.own] = _code(share)
 
 

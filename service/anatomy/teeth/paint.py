@@ -9,7 +9,6 @@ from service.anatomy.teeth.colours import GUMS, WHITEST
 from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.geometry.chart import Chart
-from service.ledger import Correction
 
 HALF_DEPTH_M = 0.028
 """Metres behind the front tooth at which a tooth's sRGB values have halved."""
@@ -93,10 +92,3 @@ def no_bluer(albedo: Float32) -> Float32:
     linear = srgb_to_linear(albedo)
     linear[:, 1:] = np.minimum(linear[:, 1:], linear[:, :1] * np.array(WHITEST, np.float32))
     return linear_to_srgb(linear)
-
-
-TOOTH_HUE = Correction(
-    name="tooth-hue",
-    mends="By the light of the eyes, overexposed teeth come out cyan.",
-    source="texture",
-)

@@ -24,9 +24,7 @@ class ChartLight:
         texture: (3, h, w) float32 linear RGB, the photo's light in it.
         lit: (h, w) in [0, 1], skin in the photo's light.
         inside: (h, w) in [0, 1], islands of the chart.
-        lids: (h, w) in [0, 1], skin round the eyes.
         inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
-        brows: (h, w) in [0, 1], where brows may lie.
         white_seen: whether the photo shows a sclera or teeth, which tell how strong the light is.
     """
 
@@ -35,9 +33,7 @@ class ChartLight:
     texture: Float
     lit: Float
     inside: Float
-    lids: Float
     inpainted: Float
-    brows: Float
     white_seen: bool
 
     @property

@@ -126,15 +126,7 @@ UNSEEN_LIGHT = LightCorrection(
     mends="The network takes colour that was inpainted, and hair, for lit or shaded skin.",
     source="light",
     cases=("soft", "hard", "beard"),
-    apply=lambda at: continued(at.light, at.lit),
-)
-
-SHADE_FLOOR = LightCorrection(
-    name="shade-floor",
-    mends="The shade under the brim of a cap or a fringe goes on over the cap or the hair.",
-    source="light",
-    cases=("cap",),
-    apply=lambda at: with_shade_floor(at.light, at.found, at.weight),
+    apply=lambda at: with_shade_floor(continued(at.light, at.lit), at.found, at.weight),
 )
 
 INPAINTED_SKIN = LightCorrection(
