@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
-from service.ledger import Correction
+from service.ledger import Constant, Correction
 from service.reflectance.result import NORMAL_ONE
 from service.reflectance.subject import COVERED
 from service.reflectance.translate import MapInputs, translate
@@ -21,6 +21,7 @@ COVERED_RELIEF = Correction(
     name="covered-relief",
     mends="Strands of hair and frames of glasses come out as creases of the skin under them.",
     source="relief",
+    constants={"kept": Constant(UNDER_COVER, "share of the relief", "chosen by eye")},
     cases=("brows", "beard"),
 )
 

@@ -11,7 +11,7 @@ import numpy as np
 from service.anatomy.opening_edges import lid_edges
 from service.arrays import Float32
 from service.geometry.chart import Chart
-from service.ledger import Correction
+from service.ledger import Constant, Correction
 
 COLOUR = np.array([0.0143, 0.0092, 0.0077], np.float32)
 """Diffuse albedo of lashes, linear RGB."""
@@ -37,4 +37,8 @@ LASH_LINE = Correction(
     name="lash-line",
     mends="The texture loses the line of the lashes on the underside of the lid, and eyes look bare.",
     source="texture",
+    constants={
+        "upper": Constant(UPPER, "opacity by row of vertices from the socket outwards", "chosen by eye"),
+        "lower": Constant(LOWER, "opacity by row of vertices from the socket outwards", "chosen by eye"),
+    },
 )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
-from service.ledger import Correction, Ledger, changed_texels
+from service.ledger import Constant, Correction, Ledger, changed_texels
 from service.levels import TEXTURE_SIZE
 from service.reflectance.texels import interpolated
 from service.runtime.tiles import Indices
@@ -171,5 +171,10 @@ HIGHLIGHTS = Correction(
     name="highlights",
     mends="Highlights of oily skin and flash stay in the albedo as pale spots.",
     source="albedo",
+    constants={
+        "brighter": Constant(BRIGHTER, "times the albedo around: begins, is one", "rendered oily skin"),
+        "shone": Constant(SHONE, "times the photo around: begins, is one", "rendered oily skin"),
+        "grey": Constant(GREY, "share of grey in red: begins, is one", "dichromatic model, Shafer 1985"),
+    },
     cases=("oily",),
 )

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import FULL_CODE, Codes
-from service.ledger import SEEN_CHANGE, Correction, Ledger
+from service.ledger import SEEN_CHANGE, Constant, Correction, Ledger
 from service.reflectance.planes import Planes
 from service.reflectance.subject import COVERED, GEOMETRY_SIZE, LIT
 from service.reflectance.texels import interpolated
@@ -91,5 +91,9 @@ PHOTO_NOISE = Correction(
     name="photo-noise",
     mends="Compression blocks of a small photo come out as relief.",
     source="relief",
+    constants={
+        "pixel": Constant((FINE_MM, COARSE_MM), "mm on the face: none, all of it", "width of the finest wrinkles"),
+        "noise": Constant(NOISE, "times the usual detail", "photos with JPEG blocks"),
+    },
     cases=("small",),
 )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.colour import LUMA
-from service.ledger import Correction
+from service.ledger import Constant, Correction
 from service.light.skin_light import BAND_GAIN, sh_basis
 from service.light.sphere import spread_directions
 
@@ -76,5 +76,10 @@ SCLERA_DEPTH = Correction(
     name="sclera-depth",
     mends="Light from above reaches the sclera less than the lids, so that skin is taken for fairer than it is.",
     source="light",
+    constants={
+        "usual": Constant(USUAL, "log radiance on the sclera over that on the lids", "models.lightstage.light.whites"),
+        "slope": Constant(SLOPE, "log over log", "benchmarks.eye_whites"),
+        "most": Constant(MOST, "log radiance", "largest correction"),
+    },
     cases=("soft", "hard"),
 )

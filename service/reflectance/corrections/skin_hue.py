@@ -8,12 +8,11 @@ has more. What a network finds beyond that is the light's or the camera's.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import LUMA
+from service.ledger import Constant
 from service.reflectance.corrections.on_light import LightCorrection
-
-Float = npt.NDArray[np.float32]
 
 FAIR, DARK = float(np.log(0.25)), float(np.log(0.11))
 """Log luminance of the albedo from which on skin counts as fair, and down to which as dark; between them, between."""
@@ -28,10 +27,10 @@ BEYOND = 0.2
 """What is left of an excess: redder findings stay redder than others."""
 
 FEW = 50
-"""Texels below which skin is not judged."""
+"""Fewest texels of lit skin by whose median the hue is told."""
 
 
-def within_skin(light: Float, linear: Float, lit: Float) -> Float:
+def within_skin(light: Float32, linear: Float32, lit: Float32) -> Float32:
     """(3, h, w) log light with another tint, so that the skin is no redder or yellower than skin can be.
 
     Half of what the skin's luminance would lose with its red comes back: red that is in excess makes skin too bright,
@@ -64,6 +63,11 @@ SKIN_HUE = LightCorrection(
     name="skin-hue",
     mends="Warm light or a saturated photo leaves skin redder or yellower than skin is.",
     source="light",
+    constants={
+        "reddest": Constant(REDDEST, "log red over green, fair and dark skin", "spectrophotometry: a* 17, 19"),
+        "yellowest": Constant(YELLOWEST, "log green over blue, fair and dark skin", "spectrophotometry: b* 22, 25"),
+        "beyond": Constant(BEYOND, "share of an excess that stays", "chosen by eye"),
+    },
     cases=("warm", "graded"),
     apply=lambda at: within_skin(at.light, at.texture, at.weight),
 )

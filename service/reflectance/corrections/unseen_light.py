@@ -1,40 +1,38 @@
-"""Light in places that no photo showed, whose colour was made up.
+"""Light where the photo shows no skin: under hair and hats, and where the texture was inpainted.
 
-A network that has seen lit skin only would take made-up colour for a brightly lit or shaded surface. So its light is
-not asked for there: it goes on from where skin was seen, and made-up skin gets the light that makes its albedo that of
-the seen skin around it.
+The network has seen lit skin only, and would take other colours for brightly lit or shaded skin. There its light is
+replaced: by the light continued from lit skin; on inpainted skin by the light under which the albedo is that of the
+seen skin around.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
+from service.ledger import Constant
 from service.reflectance.corrections.on_light import LightCorrection
 
-Float = npt.NDArray[np.float32]
-
 WIDEST = 64
-"""Standard deviation of the widest blur that carries light into made-up parts, texels of the context."""
+"""Standard deviation of the widest blur that continues light, texels of the context."""
 
 SEAM = 0.12
-"""Share of the chart's width and height over which the two sides of the seam go over into each other."""
+"""Share of the chart's width and height over which the two sides of the seam are blended."""
 
 GRAIN = 3.0
-"""Standard deviation of the blur below which made-up skin keeps its own detail, texels of the context."""
+"""Standard deviation of the blur below which inpainted skin keeps its own detail, texels of the context."""
 
 SHADED = 0.3
-"""Share of the lit skin that is in deeper shade than anything that its light is continued to."""
+"""Quantile of the light on lit skin below which no continued light falls."""
 
 DARKEST = 1e-3
 """Linear albedo at which logarithms stop."""
 
 
-def continued(light: Float, lit: Float) -> Float:
-    """(C, h, w) light that goes on smoothly from lit skin to all else; unchanged where nothing or all is lit skin.
+def continued(light: Float32, lit: Float32) -> Float32:
+    """(C, h, w) light continued smoothly from lit skin to all else; unchanged where nothing or all is lit skin.
 
-    Colour that was made up was continued from the photo's and carries the light of its source, not that of its place.
-    A network that has seen lit skin only would take it for a brightly lit or shaded surface, and dark hair for shade.
+    Inpainted colour carries the light of the place that it came from, not that of its own place.
 
     Args:
         light: what the context network found.
@@ -48,7 +46,7 @@ def continued(light: Float, lit: Float) -> Float:
         return light
     planes = np.ascontiguousarray(np.moveaxis(light, 0, 2), np.float32)
     weighted = planes * weight[..., None]
-    filled: Float = np.broadcast_to(weighted.sum((0, 1)) / np.float32(total), planes.shape).astype(np.float32)
+    filled: Float32 = np.broadcast_to(weighted.sum((0, 1)) / np.float32(total), planes.shape).astype(np.float32)
     sigma = WIDEST
     while sigma >= 2:
         near = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)[..., None]
@@ -60,11 +58,11 @@ def continued(light: Float, lit: Float) -> Float:
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
-def seamless(light: Float) -> Float:
-    """(C, h, w) light that is the same on both sides of the head's seam, which runs along three borders of the chart.
+def seamless(light: Float32) -> Float32:
+    """(C, h, w) light that is equal on both sides of the head's seam, which runs along three borders of the chart.
 
-    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides go over into
-    their mean; light from the left would else end at the middle of the crown.
+    The chart is symmetric: a point of the seam lies at (x, y) and at (w - x, y). Towards it both sides approach their
+    mean; light from the left would else end in a step at the middle of the crown.
     """
     _, height, width = light.shape
     x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
@@ -74,10 +72,10 @@ def seamless(light: Float) -> Float:
     return np.asarray(light + share * (light[..., ::-1] - light), np.float32)
 
 
-def with_shade_floor(everywhere: Float, light: Float, lit: Float) -> Float:
-    """(C, h, w) light that went on from lit skin, less deep than the shaded part of the face where that ends.
+def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float32:
+    """(C, h, w) continued light, raised to the ``SHADED`` quantile of the lit skin where it is below.
 
-    The shade under the brim of a cap, or of a fringe, is not that of the cap or of the hair above it.
+    The shade under the brim of a cap, or of a fringe, is not the light on the cap or on the hair above it.
 
     Args:
         everywhere: light of :func:`continued`.
@@ -92,18 +90,18 @@ def with_shade_floor(everywhere: Float, light: Float, lit: Float) -> Float:
     return np.asarray(everywhere + more, np.float32)
 
 
-def as_seen_skin(light: Float, texture: Float, found: Float, lit: Float, inpainted: Float) -> Float:
-    """(3, h, w) light under which made-up skin has the albedo of seen skin around it, but for its own fine grain.
+def as_seen_skin(light: Float32, texture: Float32, found: Float32, lit: Float32, inpainted: Float32) -> Float32:
+    """(3, h, w) light under which inpainted skin has the albedo of the seen skin around it, but for its own grain.
 
-    The colour of made-up skin is continued from the photo's, with the shade of a jaw or a fringe in it, and ends in the
-    median colour of a face lit as it may be. No light that goes on smoothly takes both off.
+    Inpainted colour is continued from the photo's, with the shade of a jaw or a fringe in it, and ends in the median
+    colour of the lit face. No smooth light takes both off.
 
     Args:
-        light: log light that goes on from lit skin (:func:`continued`).
+        light: log light continued from lit skin (:func:`continued`).
         texture: (3, h, w) linear.
         found: (3, h, w) log light as the network found it, to be believed where lit.
         lit: (h, w) in [0, 1]; without any lit skin the light is returned as it is.
-        inpainted: (h, w) in [0, 1], skin that no photo showed.
+        inpainted: (h, w) in [0, 1], inpainted skin.
     """
     if float(lit.sum()) < 1 or not inpainted.any():
         return light
@@ -114,7 +112,7 @@ def as_seen_skin(light: Float, texture: Float, found: Float, lit: Float, inpaint
     return np.asarray(light + share * (plain - wanted - light), np.float32)
 
 
-def _blurred(planes: Float, sigma: float) -> Float:
+def _blurred(planes: Float32, sigma: float) -> Float32:
     """(C, h, w) Gaussian blur of each plane."""
     import cv2
 
@@ -123,9 +121,13 @@ def _blurred(planes: Float, sigma: float) -> Float:
 
 UNSEEN_LIGHT = LightCorrection(
     name="unseen-light",
-    mends="The network takes colour that was inpainted, and hair, for lit or shaded skin.",
+    mends="The network takes inpainted colour, hair and caps for lit or shaded skin.",
     source="light",
-    cases=("soft", "hard", "beard"),
+    constants={
+        "widest": Constant(WIDEST, "texels of the context, standard deviation", "a third of the chart's width"),
+        "floor": Constant(SHADED, "quantile of the light on lit skin", "chosen on photos with caps and fringes"),
+    },
+    cases=("cap", "beard"),
     apply=lambda at: with_shade_floor(continued(at.light, at.lit), at.found, at.weight),
 )
 
@@ -133,6 +135,7 @@ INPAINTED_SKIN = LightCorrection(
     name="inpainted-skin",
     mends="Inpainted skin keeps the shade of the photo's skin that it was continued from.",
     source="light",
+    constants={"grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold")},
     cases=("hard",),
     apply=lambda at: as_seen_skin(at.light, at.texture, at.found, at.lit, at.inpainted)
     if at.inpainted.any()
@@ -143,6 +146,7 @@ CHART_SEAM = LightCorrection(
     name="chart-seam",
     mends="Light from one side ends in a step along the chart's seam at the back of the head.",
     source="light",
+    constants={"blend": Constant(SEAM, "share of the chart's sides", "as wide as the back of the head")},
     cases=("hard",),
     apply=lambda at: seamless(at.light),
 )

@@ -11,7 +11,7 @@ import numpy as np
 from service.arrays import Bool, Float32, Int64, UInt8
 from service.colour import luma, srgb_to_linear
 from service.geometry.chart import Chart
-from service.ledger import Correction
+from service.ledger import Constant, Correction
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
@@ -175,5 +175,9 @@ GLASSES = Correction(
     name="glasses",
     mends="Frames of glasses are painted on the skin.",
     source="texture",
+    constants={
+        "bridge contrast": Constant(BRIDGE_DARK, "log luma", "48 photos without: 0.4 at most; two frames: 1.6, 2.1"),
+        "line width": Constant(WIDEST_M, "m", "frames of the same photos"),
+    },
     cases=("glasses",),
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32
 from service.geometry.chart import Chart
-from service.ledger import Correction
+from service.ledger import Constant, Correction
 from service.texture.segmentation.zones import Zones
 
 OF_NECK = 0.3
@@ -54,5 +54,8 @@ SMALL_COMPONENTS = Correction(
     name="small-components",
     mends="Small components of collar and background between jaw and clothes are taken for skin of the neck.",
     source="texture",
+    constants={
+        "smallest share": Constant(LEAST_SHARE, "share of the neck", "sixteen photos: collars 0.10 at most, necks 0.15"),
+    },
     cases=("soft",),
 )
