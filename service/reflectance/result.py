@@ -57,8 +57,7 @@ class Reflectance:
         super_resolution: whether the texture was enlarged by a network; else it was resampled.
         fallbacks: codes of what could not run as intended: "bf16-needs-openvino" where the processor would compute
             faster with OpenVINO installed, "texture-resampled" without super-resolution, "light-from-skin-alone" where
-            neither sclera nor teeth, which tell dark skin from dim light, were seen, "blue-from-red-and-green" where
-            the photo's warm light left no blue on some of the skin.
+            neither sclera nor teeth, which tell dark skin from dim light, were seen.
         models: names of the networks that ran.
         integration: of the displacement.
         corrections: those that ran, in order, with the number of texels that each changed.

@@ -55,7 +55,7 @@ SMALL_COMPONENTS = Correction(
     mends="Small components of collar and background between jaw and clothes are taken for skin of the neck.",
     source="texture",
     constants={
-        "smallest share": Constant(LEAST_SHARE, "share of the neck", "sixteen photos: collars 0.10 at most, necks 0.15"),
+        "smallest share": Constant(LEAST_SHARE, "share of the neck", "16 photos: collars 0.10 at most, necks 0.15"),
     },
     cases=("soft",),
 )
