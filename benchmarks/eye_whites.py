@@ -8,7 +8,7 @@ light that ``service.light.white_reference`` reads off the first photo is set be
 second.
 DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 
-Beside their ratio stands the one that ``models.lightstage.light.whites`` computes from head and light. Slope, shift and
+Beside their ratio stands the one that ``models.lightstage.light.sclera`` computes from head and light. Slope, shift and
 spread of what is left are ``FAITH``, ``LESS`` and ``ERROR`` of ``models.training.eyes``. Heads are of ICT-FaceKit, or
 with ``--stage`` held-out subjects of the light stage, whose eyes lie deeper.
 """
@@ -31,7 +31,7 @@ from benchmarks.heads import IctHeads, TexturedHead
 from benchmarks.render import LAMPS, LIGHTS, Shot, environment, eyeball, lamps_of, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import stage_head
-from models.lightstage.light.whites import CAMERA_M, Whites, eye_in, reached
+from models.lightstage.light.sclera import CAMERA_M, Whites, eye_in, reached
 from models.lightstage.split import HELD_OUT
 from models.training.factory import seeds_of
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M

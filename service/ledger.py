@@ -6,11 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import linear_to_srgb
-
-Float = npt.NDArray[np.float32]
 
 SEEN_CHANGE = 1 / 255
 """Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
@@ -88,7 +86,7 @@ class Ledger:
         return tuple(Applied(name, *counts) for name, counts in self._counts.items())
 
 
-def changed_texels(before: Float, after: Float) -> tuple[int, int]:
+def changed_texels(before: Float32, after: Float32) -> tuple[int, int]:
     """Texels of linear RGB maps (..., 3) that differ by more than ``SEEN_CHANGE`` as sRGB; and how many there are."""
     coded = np.abs(linear_to_srgb(after) - linear_to_srgb(before)).max(-1)
     return int((coded > SEEN_CHANGE).sum()), coded.size

@@ -16,8 +16,8 @@ from models.lightstage.light.bake import bake
 from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
 from models.lightstage.light.prior import sample_scene
+from models.lightstage.light.sclera import Whites
 from models.lightstage.light.survey import survey
-from models.lightstage.light.whites import Whites
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.synthesis import Skin, SkinMaps
 from models.lightstage.skin.window import CHART_WIDTH, ChartWindow

@@ -11,7 +11,7 @@ KNOWN = 0.85
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""
 
 FAITH, LESS = 0.95, -0.6
-"""How the light that the program reads off the whites goes with the computed one (``models.lightstage.light.whites``),
+"""How the light that the program reads off the whites goes with the computed one (``models.lightstage.light.sclera``),
 in logarithms, both beside the light on the lids: slope and shift. ``benchmarks.eye_whites`` has 0.93 and -0.57 for
 heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed."""
 
@@ -40,7 +40,7 @@ def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, gener
     Args:
         light: (N, 3, h, w) log light of the skin.
         zones: of :func:`lid_zones`.
-        whites: (N, 2, 3) log light on the whites less that on the lids (``models.lightstage.light.whites``); NaN for a
+        whites: (N, 2, 3) log light on the whites less that on the lids (``models.lightstage.light.sclera``); NaN for a
             closed eye.
         known: (N,) 1 where the whites are seen if they are open; the light is 0 elsewhere.
         generator: which eye is seen, and errors.

@@ -21,7 +21,7 @@ class Wholes:
 
     Each item has ``albedo`` (3, h, w) uint8 sRGB, ``texture`` (L, 3, h, w) uint8 sRGB and ``geometry`` (11, h, w)
     float16; texels outside the islands have the value of the nearest inside. ``whites`` is (L, 2, 3) float32, the light
-    on the whites of the eyes (``models.lightstage.light.whites``).
+    on the whites of the eyes (``models.lightstage.light.sclera``).
     """
 
     folder: Path

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float64
 from service.errors import NumericFault
 
 if TYPE_CHECKING:  # scipy.sparse takes 0.1 s to import, and is not needed before a photo is decoded
     from scipy.sparse import csc_array
 
-Array = npt.NDArray[np.float64]
 
 LARGE_JUMP = 0.15
 """Difference of similarity over which an edge's weight falls to 1 / e."""
@@ -58,7 +58,7 @@ def smooth_fit(
     smoothness: float,
     prior: npt.NDArray[np.floating],
     prior_trust: float,
-) -> Array:
+) -> Float64:
     """Smooth field x (V, C) near what is known.
 
     Minimises sum trust |x - values|^2 + prior_trust |x - prior|^2 + smoothness sum w |x_i - x_j|^2.
@@ -101,7 +101,7 @@ def splat(
     values: npt.NDArray[np.floating],
     weight: npt.NDArray[np.floating],
     count: int,
-) -> tuple[Array, Array]:
+) -> tuple[Float64, Float64]:
     """Weighted means of texel values around each vertex.
 
     Args:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.arrays import Float32
 from service.colour import srgb_to_linear
 from service.ledger import Ledger
 from service.reflectance.corrections.exposure import EXPOSURE, mean_light
@@ -18,8 +18,6 @@ from service.reflectance.planes import Planes
 from service.reflectance.subject import EYES, INPAINTED, LIDS, LIT
 from service.runtime.networks import Network
 from service.runtime.tiles import run_whole
-
-Float = npt.NDArray[np.float32]
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 
@@ -39,11 +37,11 @@ class Found:
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
     """
 
-    light: Float
-    between: Float
+    light: Float32
+    between: Float32
 
 
-def light_between_lids(light: Float, lit: Float) -> Float:
+def light_between_lids(light: Float32, lit: Float32) -> Float32:
     """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
 
     Args:
@@ -64,7 +62,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     size = what.whole or planes.size
     light = run_whole(network, planes.shrunk(what.channels, size))
 
-    def clue(name: str, usual: float) -> Float:
+    def clue(name: str, usual: float) -> Float32:
         shown = planes.shrunk([name], size)[0] if name in planes.channels else np.full(light.shape[1:], usual)
         return np.asarray(shown, np.float32)
 

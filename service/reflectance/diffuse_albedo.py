@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.colours import BRIGHTEST
+from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.ledger import Ledger
 from service.reflectance.chart_light import Found, found_by
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.networks import Engine, describe, open_network
-
-Float = npt.NDArray[np.float32]
 
 NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
@@ -28,7 +27,7 @@ def needs_context(engine: Engine) -> bool:
     return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
 
 
-def without(light: Float, coded: Float) -> Float:
+def without(light: Float32, coded: Float32) -> Float32:
     """(h, w, 3) texture in [-1, 1] without a (3,) log light, at most ``BRIGHTEST``."""
     linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)

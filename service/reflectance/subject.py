@@ -12,6 +12,7 @@ import numpy.typing as npt
 from service.anatomy.brows import brow_plane
 from service.anatomy.eyes.lids import lid_skin
 from service.anatomy.lashes.line import lash_line
+from service.arrays import Float32
 from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
@@ -20,8 +21,6 @@ from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
-
-Float = npt.NDArray[np.float32]
 
 GEOMETRY_SIZE = (768, 512)
 """Chart on which geometry is drawn once; larger maps interpolate it, as the meshes have no finer detail."""
@@ -89,11 +88,11 @@ class Subject:
     head: HeadModel
     vertices: npt.NDArray[np.floating]
     chart: Chart
-    lit: Float | None = None
+    lit: Float32 | None = None
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
-    inpainted: Float | None = None
-    worn: Float | None = None
+    inpainted: Float32 | None = None
+    worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     pixel_mm: float | None = None
     corrections: tuple[Applied, ...] = ()
@@ -143,14 +142,14 @@ class Subject:
         )
 
     @property
-    def eyes(self) -> Float:
+    def eyes(self) -> Float32:
         """(4, 1, 1) float32 channels ``EYES``, the same at all texels; all 0 where the light is not known."""
         known = self.eye_light is not None and bool((np.asarray(self.eye_light) > 0).all())
         logs = np.log(np.asarray(self.eye_light, np.float64)) if known else np.zeros(3)
         return np.append(logs, float(known))[:, None, None].astype(np.float32)
 
     @cached_property
-    def geometry(self) -> Float:
+    def geometry(self) -> Float32:
         """(11, h, w) float32 at ``GEOMETRY_SIZE``, named by ``GEOMETRY``, continued beyond the islands.
 
         Depth is z of the head in units of 128 mm; normals are unit vectors in object space and in the tangent space
@@ -166,16 +165,16 @@ class Subject:
         return np.stack([np.asarray(plane, np.float32) for plane in planes])
 
     @property
-    def lids(self) -> Float:
+    def lids(self) -> Float32:
         """(h, w) float32 >= 0 at ``GEOMETRY_SIZE``: weight of the skin round the eyes; 0 if the head names none."""
         return lid_skin(self.chart)
 
     @property
-    def clues(self) -> Float:
+    def clues(self) -> Float32:
         """(8, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
-        def whole(plane: Float | None, usual: float) -> Float:
+        def whole(plane: Float32 | None, usual: float) -> Float32:
             drawn = np.full((1, 1), usual, np.float32) if plane is None else plane
             return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
 
@@ -195,11 +194,11 @@ class Subject:
         return np.concatenate([lit, inpainted, eyes, covered, self.lids[None]])
 
     @property
-    def own_skin(self) -> Float:
+    def own_skin(self) -> Float32:
         """(h, w) float32 at ``GEOMETRY_SIZE``: 1 on the part "skin", 0 on eyes, teeth and outside the islands."""
         return np.asarray(self.chart.part == self.head.part_names.index("skin"), np.float32)
 
-    def bare(self, size: tuple[int, int]) -> Float:
+    def bare(self, size: tuple[int, int]) -> Float32:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
         import cv2
 

@@ -19,15 +19,14 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.errors import ModelFault, OutOfMemory, UsageError
 from service.runtime.describe import KEY, Description
 from service.runtime.memory import lacked_memory, release
 from service.runtime.openvino_library import has_openvino, openvino_library
 from service.runtime.sessions import MODELS, checked_bytes, native_session, require_finite
 
-Float = npt.NDArray[np.float32]
 RuntimeName = Literal["onnxruntime", "openvino"]
 Precision = Literal["fp32", "bf16"]
 
@@ -43,7 +42,7 @@ _BF16 = frozenset({"amx_bf16", "avx512_bf16"})
 
 
 class _Compiled(Protocol):
-    def __call__(self, maps: Float, /) -> Float: ...
+    def __call__(self, maps: Float32, /) -> Float32: ...
 
 
 Loaded = tuple[Description, _Compiled]
@@ -103,7 +102,7 @@ class Network:
     engine: Engine
     _compiled: _Compiled
 
-    def run(self, maps: Float) -> Float:
+    def run(self, maps: Float32) -> Float32:
         """(K, scale H, scale W) float32 of (C, H, W) float32, H and W multiples of the stride.
 
         Raises:
@@ -268,7 +267,7 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
             raise OutOfMemory(f"the network {name} got no memory to be loaded") from error
         raise ModelFault(f"{engine.folder / name}: OpenVINO cannot load this model ({error})") from error
 
-    def compute(maps: Float) -> Float:
+    def compute(maps: Float32) -> Float32:
         return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
 
     return _parse(name, text), compute

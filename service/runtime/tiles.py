@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.errors import ModelFault
 from service.runtime.describe import Description
 from service.runtime.memory import prompt_release
 from service.runtime.networks import Network
 
-Float = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
-Read = Callable[[Indices, Indices], Float]
+Read = Callable[[Indices, Indices], Float32]
 """Rows (h,) and columns (w,) of the map, each within it but in any order -> (C, h, w) float32."""
 
 DEFAULT_TILE = 1024
@@ -46,7 +46,7 @@ class Tile:
         return slice(self.top * scale, self.bottom * scale), slice(self.left * scale, self.right * scale)
 
 
-Write = Callable[[Tile, Float], None]
+Write = Callable[[Tile, Float32], None]
 """Takes a tile and its result (K, scale h, scale w)."""
 
 
@@ -96,14 +96,14 @@ def run_tiles(
             written.result()
 
 
-def _inside(result: Float, one: Tile, what: Description) -> Float:
+def _inside(result: Float32, one: Tile, what: Description) -> Float32:
     """The result of a tile without its halo."""
     tall, wide = one.bottom - one.top, one.right - one.left
     rows, columns = Tile(what.halo, what.halo, what.halo + tall, what.halo + wide).scaled(what.scale)
     return result[:, rows, columns]
 
 
-def run_whole(network: Network, maps: Float) -> Float:
+def run_whole(network: Network, maps: Float32) -> Float32:
     """(K, ...) result of a network that takes one whole map (C, H, W) of the size that it names.
 
     Raises:
@@ -134,8 +134,8 @@ def _cuts(length: int, tile: int, stride: int) -> list[tuple[int, int]]:
 
 def _read_ahead(
     read: Read, todo: Sequence[Tile], size: tuple[int, int], what: Description
-) -> Iterator[tuple[Tile, Float]]:
-    def load(tile: Tile) -> Float:
+) -> Iterator[tuple[Tile, Float32]]:
+    def load(tile: Tile) -> Float32:
         rows = reflected(size[1], *_window(tile.top, tile.bottom, what))
         columns = reflected(size[0], *_window(tile.left, tile.right, what))
         return read(rows, columns)

@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
 from service.ledger import Constant, Correction, Ledger, changed_texels
 from service.levels import TEXTURE_SIZE
 from service.reflectance.texels import interpolated
 from service.runtime.tiles import Indices
-
-Float = npt.NDArray[np.float32]
 
 WIDTH = TEXTURE_SIZE[0]
 """Texels along the chart where highlights are sought: as many as the texture has, finer detail is the network's."""
@@ -44,7 +43,7 @@ def without_highlights(
     albedo: Codes,
     texture: Codes,
     skin: npt.NDArray[np.uint8],
-    lit: Float | None = None,
+    lit: Float32 | None = None,
     grey: Codes | None = None,
     ledger: Ledger | None = None,
 ) -> Codes:
@@ -102,7 +101,7 @@ def _touched(marked: npt.NDArray[np.bool_], rows: Indices, size: tuple[int, int]
     return np.arange(max(int((first - 1) * wide), 0), min(int(np.ceil((last + 2) * wide)), size[0]), dtype=np.int64)
 
 
-def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -> Float:
+def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> Float32:
     """(h, w, 3) what has to be added to a linear albedo; 0 where there is no highlight, finite for any input.
 
     Args:
@@ -126,7 +125,7 @@ def highlights(albedo: Float, texture: Float, skin: Float, scale: float = 1.0) -
     return _blur(told[..., None] * (colour - albedo), scale)
 
 
-def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
+def _usual_ratios(albedo: Float32, skin: Float32, scale: float) -> Float32:
     """(h, w, 2) green and blue over red of the skin around each texel, pale spots left out."""
     logs = np.log(np.maximum(albedo, 1e-3))
     ratios = np.stack([logs[..., 1] - logs[..., 0], logs[..., 2] - logs[..., 0]], -1)
@@ -142,7 +141,7 @@ def _usual_ratios(albedo: Float, skin: Float, scale: float) -> Float:
     return usual
 
 
-def _grey_share(albedo: Float, usual: Float) -> Float:
+def _grey_share(albedo: Float32, usual: Float32) -> Float32:
     """(h, w) share of red to be taken off all channels for the usual ratios; green and blue both have to say so."""
     red = albedo[..., :1]
     found = (albedo[..., 1:] - usual * red) / np.maximum(1 - usual, 0.15)
@@ -150,19 +149,19 @@ def _grey_share(albedo: Float, usual: Float) -> Float:
     return np.asarray(grey / np.maximum(red[..., 0], DARKEST), np.float32)
 
 
-def _mean(values: Float, weight: Float, sigma: float) -> Float:
+def _mean(values: Float32, weight: Float32, sigma: float) -> Float32:
     """(h, w) weighted mean around each texel; 0 where there is no weight far and wide."""
     return np.asarray(_blur(values * weight, sigma) / np.maximum(_blur(weight, sigma), 1e-3), np.float32)
 
 
-def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float:
+def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float32:
     import cv2
 
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), max(sigma, 0.3), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, np.float32).reshape(image.shape)
 
 
-def _rise(value: npt.NDArray[np.floating], ramp: tuple[float, float]) -> Float:
+def _rise(value: npt.NDArray[np.floating], ramp: tuple[float, float]) -> Float32:
     """0 up to the ramp's start, 1 from its end, straight between."""
     return np.asarray(np.clip((value - ramp[0]) / (ramp[1] - ramp[0]), 0, 1), np.float32)
 

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.ledger import SEEN_CHANGE, Correction, Ledger
-
-Float = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -28,21 +26,21 @@ class ChartLight:
         white_seen: whether the photo shows a sclera or teeth, which tell how strong the light is.
     """
 
-    light: Float
-    found: Float
-    texture: Float
-    lit: Float
-    inside: Float
-    inpainted: Float
+    light: Float32
+    found: Float32
+    texture: Float32
+    lit: Float32
+    inside: Float32
+    inpainted: Float32
     white_seen: bool
 
     @property
-    def weight(self) -> Float:
+    def weight(self) -> Float32:
         """(h, w) in [0, 1]: lit skin inside the islands."""
         return self.lit * self.inside
 
     @property
-    def coded_albedo(self) -> Float:
+    def coded_albedo(self) -> Float32:
         """(3, h, w) sRGB in [0, 1] of the albedo that the light leaves of the texture."""
         return linear_to_srgb(self.texture * np.exp(-np.clip(self.light, -6, 6)))
 
@@ -55,7 +53,7 @@ class LightCorrection(Correction):
         apply: (3, h, w) log light in place of ``ChartLight.light``.
     """
 
-    apply: Callable[[ChartLight], Float]
+    apply: Callable[[ChartLight], Float32]
 
 
 def corrected(state: ChartLight, corrections: Sequence[LightCorrection], ledger: Ledger) -> ChartLight:

@@ -10,15 +10,13 @@ up; photos in which a wrinkle has several pixels stay as they are.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from service.arrays import Float32
 from service.colour import FULL_CODE, Codes
 from service.ledger import SEEN_CHANGE, Constant, Correction, Ledger
 from service.reflectance.planes import Planes
 from service.reflectance.subject import COVERED, GEOMETRY_SIZE, LIT
 from service.reflectance.texels import interpolated
-
-Float = npt.NDArray[np.float32]
 
 FINE_MM, COARSE_MM = 0.35, 0.65
 """Size of a photo's pixel on the face up to which nothing is done, and from which all is."""
@@ -34,7 +32,7 @@ STRIP = 256
 """Rows of the full map at a time."""
 
 
-def excess(grey: Float, skin: Float) -> Float:
+def excess(grey: Float32, skin: Float32) -> Float32:
     """(h, w) float32 that detail of a grey map (h, w) has more than creases do, to be subtracted; finite for any input.
 
     Args:

@@ -1,8 +1,8 @@
-"""How much of the light reaches the whites of the eyes, by where it comes from.
+"""How much of the light reaches the sclera, by the direction that it comes from.
 
-The whites tell the light, but lie between lids and under brows: a lamp before the face reaches them better than a sky
-above it. The direction is known from the shading of the face (``service.light.skin_light``), and what of each direction
-reaches whites and lids is the head's; for the mean head it is kept here, as far as second-order harmonics can tell.
+The sclera tells the light, but lies between lids and under brows: a lamp before the face reaches it better than a sky
+above it. The direction is known from the shading of the face (``service.light.skin_light``). What reaches sclera and
+lids from each direction depends on the head; the constants are those of the mean head, in second-order harmonics.
 """
 
 from __future__ import annotations
@@ -15,27 +15,25 @@ from service.ledger import Constant, Correction
 from service.light.skin_light import BAND_GAIN, sh_basis
 from service.light.sphere import spread_directions
 
-Array = npt.NDArray[np.float64]
-
-WHITES = np.array([0.0664, -0.0080, 0.0928, 0.0, 0.0, -0.0122, 0.0787, 0.0, 0.0134])
+SCLERA = np.array([0.0664, -0.0080, 0.0928, 0.0, 0.0, -0.0122, 0.0787, 0.0, 0.0134])
 LIDS = np.array([0.1944, -0.0498, 0.1998, 0.0, 0.0, -0.0381, 0.0786, 0.0, 0.0135])
-"""Mean irradiance over pi of the visible whites and of the lids of the mean head, shadows included, for each harmonic
-of the radiance in head space: ``models.lightstage.light.whites``, with which a test compares them."""
+"""Mean irradiance over pi of the visible sclera and of the lids of the mean head, shadows included, for each harmonic
+of the radiance in head space: ``models.lightstage.light.sclera``, with which a test compares them."""
 
 USUAL = -0.91
-"""log(light on the whites / on the lids) by these tables in usual light."""
+"""Log ratio of the light on the sclera and on the lids, by these tables, in the usual light of photos."""
 SLOPE = 1.25
-"""By how much more the whites show where it is more by one: one, and some more for the shadows of hard lamps, which
+"""Change of the sclera's log light over the change of that ratio: one, and more for the shadows of hard lamps, which
 harmonics blur."""
 LEAST, MOST = 0.12, 0.6
-"""Share of the lids' light that reaches whites in any case, from the skin around; and most that is allowed for, in
+"""Share of the lids' light that reaches the sclera in any case, from the skin around; and the largest correction, in
 logarithms."""
 
 _DIRECTIONS = 64
 
 
 def beside_lids(light: npt.NDArray[np.floating], rotation: npt.NDArray[np.floating]) -> float:
-    """log(light on the whites / light on the lids), by luminance; ``USUAL`` where the lids get none.
+    """Log ratio of the luminance on the sclera and on the lids; ``USUAL`` where the lids get none.
 
     Args:
         light: (9, 3) coefficients of ``service.light.skin_light``, camera frame.
@@ -45,10 +43,10 @@ def beside_lids(light: npt.NDArray[np.floating], rotation: npt.NDArray[np.floati
     turned = sh_basis(directions @ np.asarray(rotation, np.float64).T) / BAND_GAIN
     grey = np.asarray(light, np.float64) @ LUMA
     in_head = np.linalg.lstsq(sh_basis(directions) / BAND_GAIN, turned @ grey, rcond=None)[0]
-    whites, lids = float(WHITES @ in_head), float(LIDS @ in_head)
-    if not np.isfinite([whites, lids]).all() or lids <= 1e-6:
+    sclera, lids = float(SCLERA @ in_head), float(LIDS @ in_head)
+    if not np.isfinite([sclera, lids]).all() or lids <= 1e-6:
         return USUAL
-    return float(np.log(max(whites / lids, LEAST)))
+    return float(np.log(max(sclera / lids, LEAST)))
 
 
 def in_usual_light(
@@ -56,7 +54,7 @@ def in_usual_light(
     light: npt.NDArray[np.floating] | None,
     rotation: npt.NDArray[np.floating],
 ) -> npt.NDArray[np.float64] | None:
-    """(3,) what the whites would show in as much light from where it usually comes.
+    """(3,) radiance that the sclera would show if as much light came from where it usually comes.
 
     Args:
         eye_light: (3,) linear RGB that they show (``service.light.white_reference``); None: not known.
@@ -77,7 +75,7 @@ SCLERA_DEPTH = Correction(
     mends="Light from above reaches the sclera less than the lids, so that skin is taken for fairer than it is.",
     source="light",
     constants={
-        "usual": Constant(USUAL, "log radiance on the sclera over that on the lids", "models.lightstage.light.whites"),
+        "usual": Constant(USUAL, "log radiance on the sclera over that on the lids", "models.lightstage.light.sclera"),
         "slope": Constant(SLOPE, "log over log", "benchmarks.eye_whites"),
         "most": Constant(MOST, "log radiance", "largest correction"),
     },

@@ -6,27 +6,28 @@ import cv2
 import numpy as np
 import pytest
 
+from service.arrays import Float32
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.reflectance.corrections.highlights import Float, highlights, without_highlights
+from service.reflectance.corrections.highlights import highlights, without_highlights
 
 SKINS = {"dark": [0.16, 0.08, 0.05], "brown": [0.34, 0.19, 0.12], "light": [0.56, 0.37, 0.27]}
 SCALE = 192 / 576
 MIDDLE = (slice(58, 63), slice(88, 93))
 
 
-def skin_of(name: str, size: tuple[int, int] = (192, 128)) -> Float:
+def skin_of(name: str, size: tuple[int, int] = (192, 128)) -> Float32:
     """(h, w, 3) linear albedo that varies by some percent, as skin does."""
     noise = np.random.default_rng(0).normal(0, 0.03, (*size[::-1], 1)).astype(np.float32)
     slow = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 2, (*size[::-1], 3)).astype(np.float32), (0, 0), 12)
     return np.asarray(np.array(SKINS[name]) * np.exp(noise + slow), np.float32)
 
 
-def spot(size: tuple[int, int] = (192, 128), radius: float = 1.5) -> Float:
+def spot(size: tuple[int, int] = (192, 128), radius: float = 1.5) -> Float32:
     y, x = np.indices(size[::-1])
     return np.asarray(np.exp(-((x - 90) ** 2 + (y - 60) ** 2) / (2 * radius**2)), np.float32)
 
 
-def everywhere(skin: Float) -> Float:
+def everywhere(skin: Float32) -> Float32:
     return np.ones(skin.shape[:2], np.float32)
 
 

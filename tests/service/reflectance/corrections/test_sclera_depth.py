@@ -12,9 +12,9 @@ from service.reflectance.corrections.sclera_depth import (
     LEAST,
     LIDS,
     MOST,
+    SCLERA,
     SLOPE,
     USUAL,
-    WHITES,
     beside_lids,
     in_usual_light,
 )
@@ -72,10 +72,10 @@ def test_lids_without_light_tell_nothing(light: np.ndarray) -> None:
 def test_the_tables_are_those_of_the_mean_head() -> None:
     """As rays cast by the light stage find them; the harmonics that turn over from side to side are 0."""
     pytest.importorskip("torch")
-    from models.lightstage.light.whites import DIRECTIONS, Whites
+    from models.lightstage.light.sclera import DIRECTIONS, Whites
 
     head = load_head()
     basis = sh_basis(spread_directions(DIRECTIONS)) / BAND_GAIN * 4.0 / DIRECTIONS
     eyes = [eye for eye in Whites.of(head, head.mean).eyes if eye is not None]
     received = np.mean([[part.mean(0) for part in np.split(eye.sky.T @ basis, [eye.white])] for eye in eyes], 0)
-    assert len(eyes) == 2 and np.allclose(received, [WHITES, LIDS], atol=2e-3)
+    assert len(eyes) == 2 and np.allclose(received, [SCLERA, LIDS], atol=2e-3)

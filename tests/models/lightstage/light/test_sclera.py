@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from models.lightstage.light.whites import Whites  # noqa: E402
+from models.lightstage.light.sclera import Whites  # noqa: E402
 from service.head.files import load_head  # noqa: E402
 from service.light.environment import HEIGHT, WIDTH, Illumination  # noqa: E402
 from service.light.scene import PointLight  # noqa: E402
