@@ -69,12 +69,10 @@ def real_files(folder: Path | None) -> tuple[Path, ...]:
 
 
 def trial(
-    data: Path, cache: Path, files: tuple[Path, ...], rules: Rules, *, quick: bool = False, jobs: int = 1
+    data: Path, cache: Path, files: tuple[Path, ...], rules: Rules, wanted: tuple[str, ...], jobs: int = 1
 ) -> tuple[list[Verdicts], list[Verdicts]]:
-    """Verdicts on rendered and on real photos."""
+    """Verdicts on the rendered photos of the wanted names, and on real photos."""
     cache.mkdir(parents=True, exist_ok=True)
-    wanted = names(quick)
-    files = files[:FEW_REAL] if quick else files
     if jobs == 1:
         return on_rendered(data, cache, wanted, rules), on_real(files, rules)
     for _ in photos(data, cache, wanted):
@@ -101,11 +99,12 @@ def main(
     cache: Annotated[Path, typer.Option(help="Folder that keeps what was rendered.")] = CACHE,
     jobs: Annotated[int, typer.Option(min=1, help="Processes; times are fit to be told with 1 only.")] = 1,
     quick: Annotated[bool, typer.Option(help="A few photos.")] = False,
+    with_rendered: Annotated[bool, typer.Option("--rendered/--no-rendered", help="Rendered photos too.")] = True,
 ) -> None:
     """Print the page, and write it."""
     begin = time.perf_counter()
     folder, rules = data_folder(None if data is None else str(data)), Product()
-    rendered, real = trial(folder, cache, real_files(photos_folder), rules, quick=quick, jobs=jobs)
+    rendered, real = trial(folder, cache, real_files(photos_folder)[: FEW_REAL if quick else None], rules, names(quick) if with_rendered else (), jobs)
     text = page(rules.registry, rendered, real, SIZE)
     typer.echo(text)
     _say(f"{time.perf_counter() - begin:.0f} s in all")
