@@ -104,7 +104,8 @@ def main(
     """Print the page, and write it."""
     begin = time.perf_counter()
     folder, rules = data_folder(None if data is None else str(data)), Product()
-    rendered, real = trial(folder, cache, real_files(photos_folder)[: FEW_REAL if quick else None], rules, names(quick) if with_rendered else (), jobs)
+    files = real_files(photos_folder)[: FEW_REAL if quick else None]
+    rendered, real = trial(folder, cache, files, rules, names(quick) if with_rendered else (), jobs)
     text = page(rules.registry, rendered, real, SIZE)
     typer.echo(text)
     _say(f"{time.perf_counter() - begin:.0f} s in all")
