@@ -24,13 +24,13 @@ from service.anatomy.lashes.cards import colour_cards
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
-from service.ledger import Applied, Ledger
+from service.ledger import Applied, Ledger, summed
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
-from service.reflectance.normals import COVERED_RELIEF, DIFFUSE, SPECULAR, tangent_normals
+from service.reflectance.normals import DIFFUSE, SPECULAR, tangent_normals
 from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
@@ -99,10 +99,13 @@ def make_reflectance(
     skin = subject.skin(size)
     made = _Maps()
     corrections: tuple[Applied, ...] = ()
-    flatter = COVERED_RELIEF.name not in without
 
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
+
+    def normals(name: str, told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
+        ledger = Ledger(without)
+        return tangent_normals(name, job(told), ledger), ledger.applied
 
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
@@ -132,9 +135,11 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told), flatter))
+        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
+        corrections += more
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), flatter))
+        made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
+        corrections += more
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
@@ -154,7 +159,7 @@ def make_reflectance(
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
-        corrections=(*subject.corrections, *corrections),
+        corrections=summed((*subject.corrections, *corrections)),
         timings_s=run.timings,
     )
 

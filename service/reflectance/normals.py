@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
-from service.ledger import Constant, Correction
+from service.ledger import SEEN_CHANGE, Constant, Correction, Ledger
 from service.reflectance.result import NORMAL_ONE
 from service.reflectance.subject import COVERED
 from service.reflectance.translate import MapInputs, translate
@@ -30,25 +30,31 @@ STEEPEST_Z = 0.17
 them."""
 
 
-def tangent_normals(name: str, job: MapInputs, flatter: bool = True) -> npt.NDArray[np.int16]:
+def tangent_normals(name: str, job: MapInputs, ledger: Ledger | None = None) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from network ``name``; flat off the skin, flattened where skin is covered.
 
     Args:
         name: ``SPECULAR`` or ``DIFFUSE``.
         job: inputs of the network.
-        flatter: whether ``COVERED_RELIEF`` runs.
+        ledger: whether ``COVERED_RELIEF`` runs; it counts the texels whose normal that changes.
 
     Raises:
         ModelFault: the network is missing, changed, or does not fit.
     """
     result = np.zeros((*job.skin.shape, 2), np.int16)
-    covered = job.planes.read([COVERED]) if flatter and COVERED in job.planes.channels else None
+    ledger = ledger or Ledger()
+    runs = ledger.runs(COVERED_RELIEF) and COVERED in job.planes.channels
+    covered = job.planes.read([COVERED]) if runs else None
 
     def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
+        result[place] = pack_normals(skin * values[0], skin * values[1], skin * values[2] + (1 - skin))
         if covered is not None:
             rows, columns = (np.arange(s.start, s.stop) for s in place)
-            skin = skin * (1 - np.float32(1 - UNDER_COVER) * covered(rows, columns)[0])
-        result[place] = pack_normals(skin * values[0], skin * values[1], skin * values[2] + (1 - skin))
+            kept = skin * (1 - np.float32(1 - UNDER_COVER) * covered(rows, columns)[0])
+            flatter = pack_normals(kept * values[0], kept * values[1], kept * values[2] + (1 - kept))
+            change = np.abs(flatter.astype(np.int32) - result[place]).max(-1)
+            ledger.count(COVERED_RELIEF, int((change > 2 * NORMAL_ONE * SEEN_CHANGE).sum()), change.size)
+            result[place] = flatter
 
     translate(name, job, 3, keep)
     return result
