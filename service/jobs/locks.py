@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
-import os
 import time
 from pathlib import Path
 
+import filelock
 import sqlalchemy as sa
 
 from service.errors import UsageError
 
 _GRACE = 20.0
 """Seconds that Postgres may take to notice that the last worker of a name is gone."""
+TABLES_PATIENCE = 120.0
+"""Seconds that a process waits for another one to make the tables."""
 
 
 class FileLock:
     """A lock on a file in the data folder, held until the process ends.
 
+    Args:
+        folder: made where it is missing.
+        name: of the lock, and of the kind of process in the message.
+        patience: seconds to wait for the process that holds it.
+
     Raises:
         UsageError: another process holds it.
     """
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, patience: float = 0.0) -> None:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        self._handle = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        self._lock = filelock.FileLock(folder / f"{name}.lock", timeout=patience, mode=0o600, thread_local=False)
         try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(self._handle)
+            self._lock.acquire()
+        except filelock.Timeout as error:
             raise UsageError(
                 f"{folder} is in use by another {name}; give each process a data folder or a worker name of its own",
                 field="data",
@@ -38,23 +43,7 @@ class FileLock:
 
     def release(self) -> None:
         """Let another process have it."""
-        os.close(self._handle)
-
-
-def waiting_lock(folder: Path, name: str, patience: float = 120.0) -> FileLock:
-    """The lock, as soon as the process that holds it lets it go.
-
-    Raises:
-        UsageError: it does not within ``patience`` seconds.
-    """
-    deadline = time.monotonic() + patience
-    while True:
-        try:
-            return FileLock(folder, name)
-        except UsageError:
-            if time.monotonic() > deadline:
-                raise
-        time.sleep(0.1)
+        self._lock.release()
 
 
 class DatabaseLock:

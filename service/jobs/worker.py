@@ -20,7 +20,7 @@ from service.jobs import logs
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import TABLES, WORKERS, add_columns, connect, seconds_of_database
 from service.jobs.janitor import Janitor, LostJob
-from service.jobs.locks import DatabaseLock, FileLock, waiting_lock
+from service.jobs.locks import TABLES_PATIENCE, DatabaseLock, FileLock
 from service.jobs.queue import Queue
 from service.jobs.runner import PATIENCE, TEMPORARY_FAILURE, Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
@@ -202,7 +202,7 @@ def create_tables(engine: sa.Engine, settings: Settings) -> None:
     """Make the tables of the service and of DBOS where they are missing; several processes may do it at once."""
     from dbos import DBOS
 
-    held = waiting_lock(settings.data, "tables") if settings.database_url.startswith("sqlite") else None
+    held = FileLock(settings.data, "tables", TABLES_PATIENCE) if settings.database_url.startswith("sqlite") else None
     try:
         with engine.begin() as connection:
             if engine.dialect.name != "sqlite":

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.errors import UsageError
-from service.jobs.locks import FileLock, waiting_lock
+from service.jobs.locks import FileLock
 
 
 def test_a_name_is_one_process_and_free_after_it(tmp_path: Path) -> None:
@@ -27,8 +27,8 @@ def test_a_name_is_one_process_and_free_after_it(tmp_path: Path) -> None:
 def test_whoever_waits_gets_it_when_it_is_free_or_says_so(tmp_path: Path) -> None:
     held = FileLock(tmp_path, "tables")
     with pytest.raises(UsageError, match="in use"):
-        waiting_lock(tmp_path, "tables", patience=0.0)
+        FileLock(tmp_path, "tables", patience=0.0)
     threading.Timer(0.3, held.release).start()
     begin = time.monotonic()
-    waiting_lock(tmp_path, "tables", patience=60.0).release()
+    FileLock(tmp_path, "tables", patience=60.0).release()
     assert time.monotonic() - begin >= 0.25
