@@ -23,7 +23,7 @@ SIDE = 256
 CELL, PART_CELL = 4, 2
 """Pixels along each side of a cell of chart coordinates and normals, and of parts."""
 PARTS = 13
-"""Of ``models.people.labels``."""
+"""Of ``service.face.reading.parts``."""
 CHART_MM = (410.0, 273.0)
 """Millimetres of face that one unit of u and of v stands for, about (15 texels per mm of 6144 x 4096)."""
 LEAST_MM, LEAST_SINE = 0.3, 0.02
@@ -34,8 +34,8 @@ LEAST_MM, LEAST_SINE = 0.3, 0.02
 class ReaderSize:
     """Channels at 1/2, 1/4 ... of the crop, and residual blocks at each size on the way down and up."""
 
-    widths: tuple[int, ...] = (16, 48, 96, 120, 160)
-    down: tuple[int, ...] = (0, 1, 2, 2, 2)
+    widths: tuple[int, ...] = (16, 32, 64, 96, 128)
+    down: tuple[int, ...] = (0, 1, 2, 3, 3)
     up: int = 1
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
-from models.people import labels
 from models.people.draw import Mesh
 from models.people.figure import neck_colour, smooth_normals
 from models.people.glasses import glasses
@@ -19,6 +18,7 @@ from models.people.person import Person, the_head
 from models.people.shells import cap, fur, mask, scarf
 from models.people.skins import Skin
 from models.people.wardrobe import Item, Wardrobe
+from service.face.reading import parts as labels
 from service.geometry.normals import vertex_normals
 
 Float = npt.NDArray[np.float32]

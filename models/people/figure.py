@@ -12,12 +12,12 @@ import numpy.typing as npt
 from models.head.eyes import sphere
 from models.head.settle import LIMBUS_DEG, SETTLED_RINGS_DEG
 from models.lightstage.skin.streams import Stream
-from models.people import labels
 from models.people.draw import Mesh
 from models.people.person import Person, lid_openings, the_head
 from models.people.skins import Skin
 from models.people.wardrobe import Wardrobe
 from service.colour import srgb_to_linear
+from service.face.reading import parts as labels
 from service.geometry.normals import vertex_normals
 
 Float = npt.NDArray[np.float32]

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
-from models.people import labels
 from models.people.develop import backdrop, develop
 from models.people.draw import Mesh, Renderer, renderer
 from models.people.dress import dress, hair_colour
@@ -20,6 +19,7 @@ from models.people.person import draw_person, lid_openings, the_head
 from models.people.pose import contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
 from models.people.wardrobe import Item, load_wardrobe
+from service.face.reading import parts as labels
 from service.geometry.camera import Camera
 
 Float = npt.NDArray[np.float32]

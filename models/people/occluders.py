@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from models.lightstage.skin.streams import Stream
-from models.people import labels
 from models.people.develop import clutter
 from models.people.draw import Mesh
 from models.people.figure import smooth_normals
 from models.people.wardrobe import Wardrobe
+from service.face.reading import parts as labels
 
 Float = npt.NDArray[np.float32]
 Truth = dict[str, npt.NDArray[Any]]

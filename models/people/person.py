@@ -11,6 +11,7 @@ import numpy.typing as npt
 from models.lightstage.skin.streams import Stream
 from models.people.expression import draw_expression
 from models.people.skins import COUNT
+from service.face.fit.beyond import FIELDS, places
 from service.head.files import load_head
 from service.head.model import HeadModel
 
@@ -20,13 +21,9 @@ FREEDOM = 5.0
 """Degrees of freedom of the t distribution of identity coefficients: tails heavier than the model's own."""
 WIDEST = 4.0
 """Bound of a coefficient, standard deviations."""
-FIELDS = ((0.045, 0.9e-3), (0.022, 0.6e-3), (0.012, 0.3e-3))
-"""Length scale and standard deviation (metres) of smooth displacements that no component of the model has."""
 WAVES = 40
 OVERLAP_M = 0.0003
 """By how much closed lids pass each other, so that nothing shows between them."""
-RIGID = ("eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue")
-"""Parts that the fields move as one piece."""
 
 
 @dataclass(frozen=True)
@@ -62,20 +59,7 @@ def the_head() -> HeadModel:
 
 @functools.lru_cache(maxsize=1)
 def _places() -> npt.NDArray[np.float64]:
-    """(V, 3) where the fields are looked up: the vertex, or the middle of its rigid part."""
-    head = the_head()
-    points = head.mean.astype(np.float64)
-    for name in RIGID:
-        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
-        points[members] = 0.5 * (points[members].min(0) + points[members].max(0))
-    socket = head.region("eye_socket") > 0.5
-    for side in ("eye_left", "eye_right"):  # lids and sockets go with their eyeball, whatever the field does there
-        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(side)])
-        centre = points[members[0]]
-        near = np.exp(-((np.linalg.norm(head.mean - centre, axis=1) / 0.020) ** 4))[:, None]
-        near[socket & (np.sign(head.mean[:, 0]) == np.sign(centre[0]))] = 1.0
-        points = points + near * (centre - points)
-    return np.asarray(points)
+    return places(the_head())
 
 
 @functools.lru_cache(maxsize=1)

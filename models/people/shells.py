@@ -9,11 +9,11 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from models.lightstage.skin.streams import Stream
-from models.people import labels
 from models.people.draw import Mesh
 from models.people.figure import layouts, smooth_normals
 from models.people.glasses import tube
 from models.people.person import the_head
+from service.face.reading import parts as labels
 from service.geometry.normals import vertex_normals
 
 Float = npt.NDArray[np.float32]

@@ -8,11 +8,11 @@ from collections import Counter
 import numpy as np
 import numpy.typing as npt
 
-from models.people import labels
 from models.people.make import portrait
 from models.people.person import draw_person
 from models.people.shards import EYE_STATES
 from models.people.skins import default_folder, load_skin
+from service.face.reading import parts as labels
 
 
 def statistics(start: int, count: int, size: int) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import dataclasses
 import json
 import sys
 import time
@@ -23,9 +24,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from models.networks.reader import CHART_MM, PARTS, Read, Reader, flops
-from models.people import labels
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
 from service.errors import ModelFault
+from service.face.reading import parts as labels
 
 HELD_OUT_BELOW = 2048
 """Seeds of people that are never trained on."""
@@ -94,7 +95,7 @@ class Measures:
         return {name: round(value, 4) for name, value in (result | shown).items()}
 
 
-def held_out(shards: list[Path], most: int) -> Iterator[Batch]:
+def measured_on(shards: list[Path], most: int) -> Iterator[Batch]:
     """Batches of at most ``most`` people in all."""
     for path in shards:
         cells = read_cells(path)
@@ -130,7 +131,7 @@ class Run:
         content = {
             "network": self.network.state_dict(), "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds,
-            "random": self.generator.get_state(),
+            "random": self.generator.get_state(), "size": dataclasses.asdict(self.network.size),
         }  # fmt: skip
         part = self.folder / "checkpoint.part"
         torch.save(content, part)
@@ -167,17 +168,22 @@ class Run:
         """The moving average on people that it has not seen."""
         measures = Measures()
         with torch.no_grad():
-            for batch in held_out(shards, most):
+            for batch in measured_on(shards, most):
                 read = self.average.read(batch.image.to(self.device))
                 measures.add(Read(*(getattr(read, name).cpu() for name in Read.__dataclass_fields__)), batch)
         return measures.numbers()
 
 
+def shards(data: Path, *, held_out: bool) -> list[Path]:
+    """The shards of a folder, in the order of their seeds: those apart for measuring, or those to train on."""
+    found = sorted(data.glob("people-*.npz"), key=shard_seed)
+    return [path for path in found if (shard_seed(path) < HELD_OUT_BELOW) == held_out]
+
+
 def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool) -> None:
     """Train until the run has lasted ``minutes``; measure and save every ``every`` minutes."""
-    shards = sorted(data.glob("people-*.npz"), key=shard_seed)
-    apart = [path for path in shards if shard_seed(path) < HELD_OUT_BELOW]
-    pool = Pool([path for path in shards if path not in apart], seed=run.step)
+    apart = shards(data, held_out=True)
+    pool = Pool(lambda: shards(data, held_out=False), seed=run.step)
     log = run.folder / "log.jsonl"
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}

@@ -22,6 +22,7 @@ class FitSettings(Checked):
     Attributes:
         iterations: damped least-squares steps of the landmark stage, >= 1.
         identity_components: how many identity components to fit, >= 0; more than the head has means all.
+        beyond: modes of free form beyond the identity components, >= 0 (``service.face.fit.beyond``).
         refine: "landmarks" stops after the landmarks, "pixels" goes on with shading.
         identity_prior: weight of the Gaussian prior on identity, > 0; higher keeps nearer to the average head.
         expression_prior: standard deviation of an expression unit, > 0.
@@ -33,6 +34,7 @@ class FitSettings(Checked):
 
     iterations: Iterations = 8
     identity_components: IdentityComponents = 80
+    beyond: IdentityComponents = 150
     refine: Refine = "pixels"
     identity_prior: Annotated[float, Strict(), Gt(0), Lt(1e6), Right("a number between 0 and 1e6")] = 1.0
     expression_prior: Annotated[float, Strict(), Gt(0), Lt(1e3), Right("a number between 0 and 1000")] = 0.5

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
 
-from models.people import labels, shards
+from models.people import shards
 from models.people.draw import renderer
 from models.people.expression import draw_expression
 from models.people.make import Portrait, portrait
@@ -19,6 +19,7 @@ from models.people.person import draw_person, lid_openings, the_head
 from models.people.skins import BEARDS, HEIGHT, WIDTH, Skin
 from models.people.wardrobe import load_wardrobe
 from service.errors import ModelFault
+from service.face.reading import parts as labels
 from service.geometry.chart import Chart
 
 pytestmark = pytest.mark.train

@@ -11,11 +11,11 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
 
 from models.networks.reader import CELL, PART_CELL, PARTS, SIDE, Reader, flops  # noqa: E402
-from models.people import labels  # noqa: E402
 from models.people.make import Portrait  # noqa: E402
 from models.people.shards import encode, save  # noqa: E402
 from models.training.reader import Run, losses  # noqa: E402
 from models.training.reader_data import Batch, augmented, batch_of, read_cells, shard_seed  # noqa: E402
+from service.face.reading import parts as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
 
 pytestmark = pytest.mark.train

@@ -1,4 +1,4 @@
-"""Parts of a portrait, by number."""
+"""What a pixel of a portrait shows, by number."""
 
 from __future__ import annotations
 
@@ -13,3 +13,6 @@ PARTS = (
 
 CHARTED = (SKIN, BROW, BEARD, LIP, MOUTH, SCLERA, IRIS, HAIR)
 """Parts that may carry chart coordinates (hair where it is painted on the scalp); all others never do."""
+
+READ = (SKIN, BROW, BEARD, LIP, HAIR)
+"""Parts whose chart coordinates the reader has learnt: the skin's island. Eyes and mouth lie in islands elsewhere."""

@@ -1,0 +1,119 @@
+"""The trained reader -> ``reader.onnx`` of the service: ``python -m export.networks.reader RUN_FOLDER``.
+
+The weights are the run's moving average, rounded to float16 for storage. The file is written only where its outputs
+agree with torch on onnxruntime, on crops and on constants.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import warnings
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+
+from export.faces.onnx_tools import ParityError, store_half
+from export.faces.registry import MODELS, register
+from export.networks.convert import BOUND, LICENCE, OPSET, rounded
+from models.networks.reader import SIDE, Reader, ReaderSize
+from service.archive.container import replace_file
+from service.errors import ModelFault
+
+OUTPUTS = ("chart", "chart_mm", "normal", "normal_sine", "parts")
+SCALES = {"parts": 20.0, "chart_mm": 50.0}
+"""What the difference is divided by where an output is not of about [-1, 1]."""
+
+
+def load_run(folder: Path) -> tuple[Reader, int, float]:
+    """The averaged network of a run, its steps and its minutes.
+
+    Raises:
+        ModelFault: there is no checkpoint.
+    """
+    path = folder / "checkpoint.pt"
+    if not path.is_file():
+        raise ModelFault(f"{path} does not exist; train with: python -m models.training.reader")
+    content = torch.load(path, map_location="cpu", weights_only=True)
+    network = Reader(ReaderSize(**content["size"]))
+    network.load_state_dict(content["average"])
+    return network.eval(), int(content["step"]), float(content["seconds"]) / 60.0
+
+
+def to_onnx(network: Reader) -> Any:
+    """ONNX model with input ``crop`` (1, 3, 256, 256) sRGB in [0, 1] and the fields of ``Read``."""
+    import onnx
+
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecation of the exporter that needs no further packages
+        torch.onnx.export(
+            network, (torch.zeros(1, 3, SIDE, SIDE),), buffer, input_names=["crop"], output_names=list(OUTPUTS),
+            opset_version=OPSET, dynamo=False, do_constant_folding=False,
+        )  # fmt: skip
+    model = store_half(onnx.load_from_string(buffer.getvalue()))
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def check(network: Reader, data: bytes) -> float:
+    """Largest difference from torch on onnxruntime, relative to each output's scale.
+
+    Raises:
+        ParityError: values that are not finite, or a difference over the bound of all networks.
+    """
+    import onnxruntime as ort
+
+    session = ort.InferenceSession(data, providers=["CPUExecutionProvider"])
+    noise = torch.rand(1, 3, SIDE, SIDE, generator=torch.Generator().manual_seed(5))
+    worst = 0.0
+    for crop in (noise, torch.zeros_like(noise), torch.nn.functional.avg_pool2d(noise, 9, 1, 4)):
+        with torch.no_grad():
+            expected = [value.numpy() for value in network(crop)]
+        for name, one, other in zip(OUTPUTS, session.run(list(OUTPUTS), {"crop": crop.numpy()}), expected, strict=True):
+            if one.shape != other.shape or not np.isfinite(one).all():
+                raise ParityError(f"reader: {name} is {one.shape} instead of {other.shape}, or not finite")
+            worst = max(worst, float(np.abs(one - other).max()) / SCALES.get(name, 1.0))
+    if not worst <= BOUND:
+        raise ParityError(f"reader: off by {worst:.1e}, at most {BOUND} is allowed; nothing written")
+    return worst
+
+
+def write(folder: Path, output: Path) -> str:
+    """Convert, check, write and register; a line that says what was done.
+
+    Raises:
+        ParityError: the file fails the gate; nothing is written.
+    """
+    network, steps, minutes = load_run(folder)
+    network = rounded(network)  # type: ignore[assignment]
+    data: bytes = to_onnx(network).SerializeToString(deterministic=True)
+    worst = check(network, data)
+    output.mkdir(parents=True, exist_ok=True)
+    path = output / "reader.onnx"
+    replace_file(path, lambda stream: stream.write(data))
+    measured = (folder / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    last = json.loads(measured[-1]) if measured else {}
+    register("reader", path, {
+        "licence": LICENCE, "source": f"trained on synthetic people: {steps} steps", "opset": OPSET,
+        "inputs": {"crop": {"shape": [1, 3, SIDE, SIDE], "range": [0.0, 1.0], "colour": "sRGB"}},
+        "outputs": {"chart": [1, 2, 64, 64], "chart_mm": [1, 1, 64, 64], "normal": [1, 3, 64, 64],
+                    "normal_sine": [1, 1, 64, 64], "parts": [1, 13, 128, 128]},
+    })  # fmt: skip
+    told = f"chart {last.get('chart_mm_median')} mm, normals {last.get('normal_deg_mean')} degrees held out"
+    return f"{path.name}: {len(data) / 1e6:.2f} MB, {steps} steps, {minutes:.0f} minutes, {told}; off by {worst:.1e}"
+
+
+def main(
+    run: Annotated[Path, typer.Argument(help="Folder of a training run.")],
+    output: Annotated[Path, typer.Option("-o", help="Folder of the service's models.")] = MODELS,
+) -> None:
+    """Write the reader's ONNX file and its row in models.json."""
+    typer.echo(write(run, output))
+
+
+if __name__ == "__main__":
+    typer.run(main)

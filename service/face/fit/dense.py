@@ -1,0 +1,200 @@
+"""What the reader saw, as terms of the fit: where places of the head lie in the photo, and how they are turned.
+
+Dense landmarks with a Gaussian uncertainty each (Wood et al., "3D face reconstruction with dense landmarks", ECCV 2022)
+and per-pixel chart coordinates and normals (Giebenhain et al., "Pixel3DMM", 2025), in the same normal equations as the
+landmarks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from service.arrays import AnyFloat, Bool, Float64, Int32
+from service.face.fit.basis import at_barycentric
+from service.face.fit.shading import normal_derivative
+from service.face.fit.state import POSE, State, project
+from service.face.fit.terms import PointTerm
+from service.face.reading.parts import READ
+from service.face.reading.reader import CELLS, Reading
+from service.geometry.chart import Chart
+from service.geometry.normals import area_normals
+from service.geometry.rotation import skew
+from service.head.model import HeadModel
+from service.robust import geman_mcclure
+
+LOOKUP = (768, 512)
+"""Texels in which the triangle of a chart coordinate is looked up; the place in it is exact."""
+LEAST_SHARE = 0.6
+"""Least probability of the parts whose chart coordinates are learnt, from which a cell is used."""
+POINT_SHARE, NORMAL_SHARE = 0.03, 0.03
+"""Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
+FLOOR_MM, FLOOR_SINE = 0.7, 0.05
+"""Added to the stated standard deviations: what the network cannot know about itself."""
+GATE = 3.0
+"""Standard deviations at which a cell's say is quartered (Geman and McClure)."""
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """Places of the head that the reader found in the photo.
+
+    Attributes:
+        corners: (N, 3) int32 vertices of the triangle that holds the place; weights: (N, 3) barycentric.
+        pixels: (N, 2) relative to the principal point.
+        sigma_mm: (N,) > 0 on the face.
+        normal: (N, 3) unit, camera axes; sine: (N,) > 0 standard deviation of its components.
+        sure: (N,) in (0, 1] probability of a part whose coordinates are learnt.
+    """
+
+    corners: Int32
+    weights: Float64
+    pixels: Float64
+    sigma_mm: Float64
+    normal: Float64
+    sine: Float64
+    sure: Float64
+
+
+def correspondences(head: HeadModel, reading: Reading, state: State, middle: Float64) -> Correspondences:
+    """The cells of a reading that show the skin of the head.
+
+    Args:
+        head: any head of the reader's chart.
+        reading: of the photo.
+        state: gives the focal length.
+        middle: (2,) principal point, photo pixels.
+    """
+    share = reading.parts[..., list(READ)].sum(-1).astype(np.float32)
+    share = np.asarray(cv2.resize(share, (CELLS, CELLS), interpolation=cv2.INTER_AREA), np.float64)
+    uv = reading.chart
+    usable = (share > LEAST_SHARE) & np.isfinite(uv).all(-1) & ((uv > 0) & (uv < 1)).all(-1)
+    usable &= np.isfinite(reading.chart_mm) & np.isfinite(reading.normal).all(-1) & np.isfinite(reading.normal_sine)
+    triangle, weights = _places(head, uv[usable])
+    there = triangle >= 0
+    focal = float(np.exp(state.log_scale + state.log_distance))
+    normal = reading.camera_normals(focal, middle)[usable][there]
+    return Correspondences(
+        head.triangles[triangle[there]], weights[there], (reading.cells[usable.ravel()] - middle)[there],
+        np.hypot(reading.chart_mm[usable][there], FLOOR_MM), normal,
+        np.hypot(reading.normal_sine[usable][there], FLOOR_SINE), share[usable][there],
+    )  # fmt: skip
+
+
+def _places(head: HeadModel, uv: Float64) -> tuple[npt.NDArray[np.int64], Float64]:
+    """(N,) skin triangle that holds each chart coordinate (N, 2), -1 where none does, and (N, 3) its weights there."""
+    width, height = LOOKUP
+    chart = Chart.build(head, width, height)
+    column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
+    triangle = chart.triangle[row, column].astype(np.int64)
+    triangle[chart.part[row, column] != head.part_names.index("skin")] = -1
+    a, b, c = np.moveaxis(head.uv[head.triangle_uv[np.maximum(triangle, 0)]].astype(np.float64), 1, 0)
+    d1, d2, p = b - a, c - a, uv - a
+    area = d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]
+    triangle[np.abs(area) < 1e-14] = -1
+    area = np.where(np.abs(area) < 1e-14, 1.0, area)
+    w1 = (p[:, 0] * d2[:, 1] - p[:, 1] * d2[:, 0]) / area
+    w2 = (d1[:, 0] * p[:, 1] - d1[:, 1] * p[:, 0]) / area
+    # The texel's triangle may be a neighbour of the coordinate's own.
+    weights = np.clip(np.stack([1.0 - w1 - w2, w1, w2], 1), -0.5, 1.5)
+    return triangle, weights / weights.sum(1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class NormalTerm:
+    """Difference between the head's normals and the read ones; exact in the rotation, linearised in the shape.
+
+    Attributes:
+        normal: (N, 3) unit, head space, at the start; slope: (N, 3, M) its derivative by the coefficients.
+        start: (M,) coefficients of the linearisation.
+        target: (N, 3) unit, camera space.
+        precision: (N,) >= 0.
+    """
+
+    normal: Float64
+    slope: Float64
+    start: Float64
+    target: Float64
+    precision: Float64
+
+    def _normals(self, state: State) -> Float64:
+        return np.asarray((self.normal + self.slope @ (state.coefficients - self.start)) @ state.rotation.T)
+
+    def cost(self, state: State) -> float:
+        """Half the weighted sum of squares."""
+        return 0.5 * float((self.precision[:, None] * (self._normals(state) - self.target) ** 2).sum())
+
+    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
+        """Add J^T J and J^T r in place."""
+        turned = self._normals(state)
+        jacobian = np.zeros((len(turned), 3, len(gradient)))
+        jacobian[:, :, :3] = -skew(turned)
+        jacobian[:, :, POSE:] = state.rotation @ self.slope
+        root = np.sqrt(self.precision)[:, None]
+        j = (jacobian * root[:, :, None]).reshape(-1, len(gradient))
+        hessian += j.T @ j
+        gradient += j.T @ ((turned - self.target) * root).ravel()
+
+
+class DenseTerms:
+    """The terms of one reading for one head model with some of its components.
+
+    Args:
+        head: whose identity is fitted whole (``service.face.fit.beyond.extended`` cuts and extends it).
+        found: what the reader found.
+    """
+
+    def __init__(self, head: HeadModel, found: Correspondences) -> None:
+        self.head, self.found = head, found
+        modes = np.concatenate([at_barycentric(part, found.corners, found.weights) for part in _bases(head)])
+        self._mean, self._modes = at_barycentric(head.mean, found.corners, found.weights), modes
+        # Normals are compared at vertices: each takes the mean of the cells around it.
+        rows, say = found.corners.ravel(), np.maximum(found.weights, 0.0).ravel()
+        say = say * np.repeat(found.sure / found.sine**2, 3)
+        count = len(head.mean)
+        self._say = np.bincount(rows, say, count)
+        pulled = np.stack([np.bincount(rows, say * np.repeat(found.normal[:, k], 3), count) for k in range(3)], 1)
+        length = np.linalg.norm(pulled, axis=1)
+        self.vertices: npt.NDArray[np.intp] = np.flatnonzero((self._say > 0) & (length > 1e-9))
+        self._target = pulled[self.vertices] / length[self.vertices, None]
+
+    def points(self, state: State) -> PointTerm:
+        """The correspondences, weighted by their certainty and by how well they agree with the state."""
+        found = self.found
+        points = self._mean + np.tensordot(state.coefficients, self._modes, 1)
+        sigma = state.scale * 1e-3 * found.sigma_mm
+        residual = np.linalg.norm(project(state, points).uv - found.pixels, axis=1)
+        weight = POINT_SHARE * found.sure * geman_mcclure(residual, GATE * np.maximum(sigma, 1e-9))
+        return PointTerm(self._mean, self._modes, found.pixels, weight / np.maximum(sigma, 1e-9) ** 2)
+
+    def normals(self, state: State, vertices: AnyFloat) -> NormalTerm:
+        """The normals, linearised at a state with its (V, 3) vertices."""
+        chosen = self.vertices
+        normal = area_normals(vertices, self.head.triangles)[chosen].astype(np.float64)
+        apart = np.linalg.norm(normal @ state.rotation.T - self._target, axis=1)
+        precision = self._say[chosen]
+        typical = 1.0 / np.sqrt(np.maximum(precision, 1e-12))
+        weight = NORMAL_SHARE * precision * geman_mcclure(apart, GATE * np.maximum(typical, 0.08))
+        skin = self.head.triangles[self.head.triangle_part == 0]
+        slope = np.concatenate([
+            normal_derivative(np.asarray(vertices, np.float64), basis, skin, chosen) for basis in _bases(self.head)
+        ], 2)  # fmt: skip
+        return NormalTerm(normal, slope, state.coefficients.copy(), self._target, weight)
+
+
+def _bases(head: HeadModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    return head.identity, head.expression
+
+
+def seen_share(found: Correspondences, state: State, terms: DenseTerms) -> float:
+    """Share of the cells that agree with a state to within ``GATE`` standard deviations; 0 where there are none."""
+    if not len(found.pixels):
+        return 0.0
+    sigma = state.scale * 1e-3 * found.sigma_mm
+    points = terms._mean + np.tensordot(state.coefficients, terms._modes, 1)
+    agrees: Bool = np.asarray(np.linalg.norm(project(state, points).uv - found.pixels, axis=1) < GATE * sigma)
+    return float(agrees.mean())

@@ -1,0 +1,121 @@
+"""The reader: a network that says for every pixel of a face which place of the head it shows, and how that is turned.
+
+Its recipe is ``models/training/reader.py``. The crop stands upright on the landmarks, as the portraits did that it was
+trained on, and is read twice, as it is and mirrored: the average treats both sides alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Float32, Float64, UInt8
+from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH
+from service.face.region import Region, roll
+from service.geometry.rotation import ahead
+from service.runtime.sessions import Session, load_session
+
+SIDE, CELLS, PART_CELLS = 256, 64, 128
+"""Pixels along the crop, cells of chart coordinates and normals, cells of parts."""
+FILL = 0.64
+"""Longer side of the landmarks' bounding box over the crop's; the portraits have 0.45 to 0.86."""
+ABOVE = 0.03
+"""How far the middle of the landmarks stands above the middle of the crop, over its side, as in the portraits."""
+CHART_MM = (410.0, 273.0)
+"""Millimetres of face that one unit of u and of v stands for, about."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the reader says of one photo.
+
+    Attributes:
+        region: the crop in the photo.
+        chart: (64, 64, 2) float64 u and v of each cell's middle, origin bottom left, not confined to [0, 1].
+        chart_mm: (64, 64) float64 its standard deviation, millimetres on the face.
+        normal: (64, 64, 3) float64 unit, axes of the photo's x, y and of the ray to the crop's middle.
+        normal_sine: (64, 64) float64 standard deviation of its components.
+        parts: (128, 128, 13) float32 probabilities of ``service.face.reading.parts``.
+    """
+
+    region: Region
+    chart: Float64
+    chart_mm: Float64
+    normal: Float64
+    normal_sine: Float64
+    parts: Float32
+
+    @property
+    def cells(self) -> Float64:
+        """(4096, 2) photo pixels of the cells' middles, row by row."""
+        return middles(self.region, CELLS)
+
+    def camera_normals(self, focal_px: float, principal_point: Float64) -> Float64:
+        """(64, 64, 3) unit normals in the axes of the photo's camera (x right, y down, z forward)."""
+        ray = np.array([*(np.array([self.region.x, self.region.y]) - principal_point) / max(focal_px, 1e-9), 1.0])
+        return np.asarray(self.normal @ ahead(ray))
+
+
+def middles(region: Region, count: int) -> Float64:
+    """(count^2, 2) photo pixels of the middles of a crop's cells, row by row."""
+    at = np.arange(count) + 0.5
+    x, y = np.meshgrid(at, at)
+    return region.to_photo(np.stack([x.ravel(), y.ravel()], 1), count)
+
+
+def crop_of(landmarks: Float64) -> Region | None:
+    """The upright square that the reader sees; None where fewer than three landmarks are finite or all coincide."""
+    good = landmarks[np.isfinite(landmarks).all(1), :2]
+    if len(good) < 3:
+        return None
+    ends = [np.nanmean(landmarks[list(pair), :2], 0) for pair in (EYE_LEFT, EYE_RIGHT, MOUTH)]
+    angle = roll(*ends) if np.isfinite(ends).all() else 0.0
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    level = good @ turn.T
+    low, high = level.min(0), level.max(0)
+    side = float((high - low).max()) / FILL
+    if not side > 1.0:
+        return None
+    x, y = turn.T @ ((low + high) / 2 + [0.0, ABOVE * side])
+    return Region(float(x), float(y), side, angle)
+
+
+class ReaderNetwork:
+    """The network applied to the crops of photos."""
+
+    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
+        self._session = session or load_session("reader", threads)
+
+    def __call__(self, pixels: UInt8, region: Region) -> Reading:
+        """Read one square region of an (H, W, 3) uint8 sRGB photo."""
+        crop = region.cut(pixels, SIDE).astype(np.float32) / 255
+        plain, mirrored = (self._run(image) for image in (crop, crop[:, ::-1]))
+        chart, chart_mm, normal, sine, parts = _average(plain, _turned_back(mirrored))
+        cos, sin = np.cos(region.angle), np.sin(region.angle)
+        upright = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return Reading(region, chart, chart_mm, normal @ upright.T, sine, parts.astype(np.float32))
+
+    def _run(self, crop: Float32) -> list[Float64]:
+        outputs = self._session.run({"crop": np.ascontiguousarray(crop.transpose(2, 0, 1))[None]})
+        chart, chart_mm, normal, sine, parts = (np.moveaxis(a[0].astype(np.float64), 0, -1) for a in outputs)
+        share = np.exp(parts - parts.max(-1, keepdims=True))
+        return [chart, chart_mm[..., 0], normal, sine[..., 0], share / share.sum(-1, keepdims=True)]
+
+
+def _turned_back(answer: list[Float64]) -> list[Float64]:
+    """The answer to a mirrored crop as one to the crop itself."""
+    chart, chart_mm, normal, sine, parts = (a[:, ::-1] for a in answer)
+    return [np.stack([1.0 - chart[..., 0], chart[..., 1]], -1), chart_mm, normal * [-1.0, 1.0, 1.0], sine, parts]
+
+
+def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
+    """The mean of two answers; where they disagree the uncertainty is at least half their difference."""
+    chart, normal = 0.5 * (one[0] + other[0]), 0.5 * (one[2] + other[2])
+    apart = 0.5 * np.linalg.norm((one[0] - other[0]) * CHART_MM, axis=-1)
+    turned = 0.5 * np.linalg.norm(one[2] - other[2], axis=-1)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), one[2])
+    chart_mm, sine = 0.5 * (one[1] + other[1]), 0.5 * (one[3] + other[3])
+    return [chart, np.maximum(chart_mm, apart), normal, np.maximum(sine, turned), 0.5 * (one[4] + other[4])]
