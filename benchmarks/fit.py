@@ -1,9 +1,10 @@
 """Error of the fit against its cost: ``python -m benchmarks.fit [--photos build/bench] [--write docs]``.
 
-Takes the photos of ``benchmarks.shoot``, finds each face once, fits it with a list of settings and prints, for every
-setting, the surface error in mm at 63 mm inter-ocular distance (median of the photos' medians, mean, 90th percentile),
-the landmark error and the time; for the default also by yaw, by light and for the heads that no default was chosen on.
-``--write`` puts the tables into ``fit-accuracy.md`` with a plot beside it.
+Takes the photos of ``benchmarks.shoot``, finds and reads each face once, fits it with a list of settings and prints
+for every setting two errors in mm at 63 mm between the pupils: the distance to the nearest point after a similarity
+ICP, and that at the same pixel without one; and their ratios to the average head's with pose only on the same photos.
+For the default also by yaw, by light and for the heads that no default was chosen on. ``--write`` puts the tables into
+``fit-accuracy.md`` with a plot beside it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,26 +27,28 @@ from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.fit.settings import FitSettings
+from service.face.reading.reader import ReaderNetwork, Reading, read_face
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo
 
 HELD_OUT = range(110, 1000)
 """ICT heads on which no setting was looked at while defaults were chosen."""
+DEFAULT = "full: + free form"
+AVERAGE = "average head, pose only"
 SETTINGS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "average head, pose only": {"identity_components": 0, "refine": "landmarks"},
-    "10 components": {"identity_components": 10},
-    "20 components": {"identity_components": 20},
-    "40 components": {"identity_components": 40},
-    "100 components": {"identity_components": 100},
-    "landmarks only": {"refine": "landmarks"},
-    "landmarks only, 4 iterations": {"refine": "landmarks", "iterations": 4},
-    "landmarks only, 8 iterations": {"refine": "landmarks", "iterations": 8},
-    "landmarks only, 48 iterations": {"refine": "landmarks", "iterations": 48},
-    "identity prior 0.3": {"identity_prior": 0.3},
-    "identity prior 3": {"identity_prior": 3.0},
+    AVERAGE: {"identity_components": 0, "refine": "landmarks"},
+    "landmarks": {"refine": "landmarks"},
+    "landmarks, outline, shading (not read)": {},
+    "dense: chart and normals": {"refine": "dense"},
+    "full: + free form": {"refine": "full"},
+    "full, 40 components": {"identity_components": 40},
+    "full, 60 modes of free form": {"beyond": 60},
+    "full, identity prior 0.3": {"identity_prior": 0.3},
+    "full, identity prior 3": {"identity_prior": 3.0},
 }
+NOT_READ = "not read"
+"""Settings whose names hold this are fitted without a reading."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ class Shot:
     name: str
     photo: Photo
     face: Face
+    reading: Reading | None
     truth: Truth
 
     @property
@@ -74,11 +79,11 @@ class Result:
     seconds: float
 
 
-def load_shots(folder: Path) -> tuple[list[Shot], int]:
-    """Photos in which a face was found, and the number of those in which none was."""
+def load_shots(folder: Path, reader: ReaderNetwork | None = None) -> tuple[list[Shot], int]:
+    """Photos in which a face was found, read by ``reader`` (None: the shipped one), and how many have none."""
     import cv2
 
-    finder, shots, missed = FaceFinder(), [], 0
+    finder, network, shots, missed = FaceFinder(), reader or ReaderNetwork(), [], 0
     for path in sorted(folder.glob("*_*_*.npz")):
         image = cv2.imread(str(path.with_suffix(".png")))
         if image is None:
@@ -87,17 +92,18 @@ def load_shots(folder: Path) -> tuple[list[Shot], int]:
         faces = finder.find(pixels)
         missed += not faces
         if faces:
-            shots.append(Shot(path.stem, Photo(pixels), faces[0], Truth.load(str(path))))
+            reading = read_face(pixels, faces[0].landmarks, network)
+            shots.append(Shot(path.stem, Photo(pixels), faces[0], reading, Truth.load(str(path))))
     return shots, missed
 
 
-def run(shots: list[Shot], head: HeadModel, settings: FitSettings) -> tuple[list[Result], int]:
-    """Fit and score every shot; the number that could not be fitted comes second."""
+def run(shots: list[Shot], head: HeadModel, settings: FitSettings, *, read: bool = True) -> tuple[list[Result], int]:
+    """Fit and score every shot, with its reading or without; the number that could not be fitted comes second."""
     results, failed = [], 0
     for shot in shots:
         begin = time.process_time()
         try:
-            fit = fit_face(shot.face, shot.photo, head, settings)
+            fit = fit_face(shot.face, shot.photo, head, settings, shot.reading if read else None)
             seconds = time.process_time() - begin
             scored = score(fit, head, shot.truth)
         except (AvatarError, ValueError):
@@ -109,26 +115,34 @@ def run(shots: list[Shot], head: HeadModel, settings: FitSettings) -> tuple[list
     return results, failed
 
 
-def row(name: str, results: list[Result]) -> str:
-    """One line of a Markdown table."""
-    if not results:
-        return f"| {name} | 0 | | | | | | |"
-    median = np.array([r.score.median_mm for r in results])
+def row(name: str, results: list[Result], average: dict[str, Score]) -> str:
+    """One line of a Markdown table; ``average``: the average head's scores by photo."""
+    same = [r for r in results if r.shot.name in average]
+    if not same:
+        return f"| {name} | 0 |" + " |" * (HEADER.split("\n")[0].count("|") - 3)
+
+    def mean(value: Callable[[Score], float], results: list[Result] = same) -> float:
+        values = np.array([value(r.score) for r in results])
+        return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
+
+    def ratio(value: Callable[[Score], float]) -> float:
+        return mean(value) / float(np.mean([value(average[r.shot.name]) for r in same]))
+
+    nearest, pixel = (lambda s: s.median_mm), (lambda s: s.same_pixel_mm)
     columns = [
-        f"{np.median(median):.2f}",
-        f"{np.mean([r.score.mean_mm for r in results]):.2f}",
-        f"{np.percentile(median, 90):.2f}",
-        f"{np.mean([r.landmark_percent for r in results]):.2f}",
-        f"{np.median([r.pose_error_deg for r in results]):.1f}",
-        f"{np.median([r.seconds for r in results]):.2f}",
-    ]
-    return f"| {name} | {len(results)} | " + " | ".join(columns) + " |"
+        f"{mean(nearest):.2f}", f"**{ratio(nearest):.3f}**", f"{mean(pixel):.2f}", f"**{ratio(pixel):.3f}**",
+        f"{mean(lambda s: s.normal_deg):.1f}", f"{mean(lambda s: s.silhouette_iou):.3f}",
+        f"{mean(lambda s: s.jaw_iou):.3f}", f"{mean(lambda s: abs(s.width_percent)):.1f}",
+        f"{np.mean([r.landmark_percent for r in same]):.2f}", f"{np.median([r.pose_error_deg for r in same]):.1f}",
+        f"{np.median([r.seconds for r in same]):.2f}",
+    ]  # fmt: skip
+    return f"| {name} | {len(same)} | " + " | ".join(columns) + " |"
 
 
 HEADER = (
-    "| | photos | median mm | mean mm | 90th percentile of medians | landmark rms, % of eye distance "
-    "| yaw error, deg | CPU s |\n"
-    "|---|---|---|---|---|---|---|---|"
+    "| | photos | nearest, mm | over the average head's | same pixel, mm | over the average head's | normals, deg "
+    "| overlap | overlap, eyes to chin | width at the mouth, % off | landmark rms, % of eye distance | yaw error, deg "
+    "| CPU s |\n|---|" + "---|" * 12
 )
 
 
@@ -136,6 +150,8 @@ def parts(results: list[Result]) -> list[tuple[str, list[Result]]]:
     """The default's results by yaw, light and set of heads."""
     out = [(f"yaw {yaw}", [r for r in results if f"_{yaw}_" in r.shot.name]) for yaw in (0, 25, 45)]
     out += [(f"{light} light", [r for r in results if r.shot.name.endswith(light)]) for light in ("soft", "harsh")]
+    frontal = [r for r in results if "_0_" in r.shot.name and r.shot.head_number in HELD_OUT]
+    out.append(("ICT heads, held out, frontal", frontal))
     out.append(("FFHQ-UV head", [r for r in results if r.shot.head_number < 0]))
     out.append(("ICT heads", [r for r in results if r.shot.head_number >= 0]))
     out.append(("ICT heads, held out", [r for r in results if r.shot.head_number in HELD_OUT]))
@@ -151,7 +167,7 @@ def plot(points: dict[str, tuple[float, float]], path: Path) -> None:
 
     figure, axes = pyplot.subplots(figsize=(7.5, 4.5))
     for name, (seconds, error) in points.items():
-        chosen = name == "default"
+        chosen = name == DEFAULT
         axes.plot(seconds, error, "o", color="tab:red" if chosen else "tab:blue", markersize=9 if chosen else 5)
         axes.annotate(name, (seconds, error), xytext=(5, 4), textcoords="offset points", fontsize=7)
     axes.set_xlabel("CPU seconds per photo")
@@ -175,9 +191,10 @@ def main() -> None:
     heads = len({shot.name.split("_")[0] for shot in shots if shot.head_number >= 0})
     head = load_head()
     lines = [f"{len(shots) + missed} photos ({heads} ICT heads and the FFHQ-UV head); no face found in {missed}.", ""]
+    average = {r.shot.name: r.score for r in run(shots, head, FitSettings(**SETTINGS[AVERAGE]), read=False)[0]}
     default, failed = run(shots, head, FitSettings())
-    lines += [f"## The default ({failed} photos could not be fitted)", "", HEADER, row("all", default)]
-    lines += [row(name, part) for name, part in parts(default)]
+    lines += [f"## The default ({failed} photos could not be fitted)", "", HEADER, row("all", default, average)]
+    lines += [row(name, part, average) for name, part in parts(default)]
     _say("\n".join(lines))
     open_shots = [shot for shot in shots if shot.head_number not in HELD_OUT]
     order = np.random.default_rng(0).permutation(len(open_shots))[: max(1, arguments.compare)]
@@ -185,8 +202,8 @@ def main() -> None:
     lines += ["", f"## By setting, on {len(some)} random photos of heads that are not held out", "", HEADER]
     points: dict[str, tuple[float, float]] = {}
     for name, values in SETTINGS.items():
-        results, failed = run(some, head, FitSettings(**values))
-        lines.append(row(name + (f" ({failed} failed)" if failed else ""), results))
+        results, failed = run(some, head, FitSettings(**values), read=NOT_READ not in name)
+        lines.append(row(name + (f" ({failed} failed)" if failed else ""), results, average))
         _say(lines[-1])
         points[name] = (_median([r.seconds for r in results]), _median([r.score.median_mm for r in results]))
     if arguments.write:

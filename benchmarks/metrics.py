@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from service.face.fit.result import Fit
+from service.geometry.normals import normalise, vertex_normals
 from service.geometry.raster import Raster, rasterise
 from service.head.model import HeadModel
 
@@ -19,6 +20,8 @@ INTER_OCULAR_MM = 63.0
 FACE_RADIUS = 1.45
 """Radius of the scored face about its centre, inter-ocular distances."""
 FACING = 0.35
+MOUTH_BELOW = 1.05
+"""Height of the mouth below the pupils, inter-ocular distances."""
 ROUNDS = 10
 SAMPLES = 2000
 """Points of the true face that are compared."""
@@ -46,11 +49,23 @@ class Truth:
 
 @dataclass(frozen=True)
 class Score:
-    """Errors of one fit: surface distances in mm at 63 mm inter-ocular distance, silhouette overlap in [0, 1]."""
+    """Errors of one fit; millimetres are at 63 mm inter-ocular distance.
+
+    Attributes:
+        median_mm, mean_mm: distance of the true face's points to the nearest of ours, after a similarity ICP.
+        same_pixel_mm: median distance of what both show at the same pixel, aligned by these pairs alone.
+        normal_deg: mean angle between the normals at the same pixel.
+        silhouette_iou: overlap of the heads in the photo; jaw_iou: between the eyes and the chin only, in [0, 1].
+        width_percent: width of the silhouette at the mouth over the true one, less 100; NaN on a turned head.
+    """
 
     median_mm: float
     mean_mm: float
+    same_pixel_mm: float
+    normal_deg: float
     silhouette_iou: float
+    jaw_iou: float
+    width_percent: float
 
 
 def similarity(source: Float, target: Float) -> tuple[float, Float, Float]:
@@ -180,5 +195,31 @@ def score(fit: Fit, head: HeadModel, truth: Truth) -> Score:
         true[:: max(1, len(true) // SAMPLES)],
     )
     mm = distance / inter_ocular * INTER_OCULAR_MM
-    overlap = float((hit & truth.mask).sum() / max(int((hit | truth.mask).sum()), 1))
-    return Score(float(np.median(mm)), float(mm.mean()), overlap)
+    scale, rotation, offset = similarity(ours[both], truth.position[both])
+    apart = np.linalg.norm(scale * ours[both] @ rotation + offset - truth.position[both], axis=1)
+    corner = vertex_normals(fit.vertices, head.triangles)[head.triangles[raster.triangle[both]]]
+    normal = normalise((corner * raster.barycentric[both][..., None]).sum(1))
+    turned = (normal @ fit.camera.rotation.T) * [1.0, -1.0, -1.0] @ rotation
+    angle = np.degrees(np.arccos(np.clip((turned * truth.normal[both]).sum(1), -1.0, 1.0)))
+    jaw = np.zeros_like(hit)
+    jaw[int(truth.eyes[:, 1].mean()) : int(np.flatnonzero(face.any(1)).max()) + 1] = True
+    return Score(
+        float(np.median(mm)), float(mm.mean()), float(np.median(apart)) / inter_ocular * INTER_OCULAR_MM,
+        float(angle.mean()), _overlap(hit, truth.mask), _overlap(hit & jaw, truth.mask & jaw),
+        _width_percent(hit, truth),
+    )  # fmt: skip
+
+
+def _overlap(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> float:
+    return float((one & other).sum() / max(int((one | other).sum()), 1))
+
+
+def _width_percent(hit: npt.NDArray[np.bool_], truth: Truth) -> float:
+    """By how many percent our head is wider than the true one where the mouth lies; NaN beyond 10 degrees of yaw."""
+    if abs(truth.yaw) > 10:
+        return float("nan")
+    left, right = truth.eyes
+    row = round(float(left[1] + right[1]) / 2 + MOUTH_BELOW * float(np.linalg.norm(right - left)))
+    rows = slice(max(row - 2, 0), row + 3)
+    ours, true = hit[rows].sum(1).mean(), truth.mask[rows].sum(1).mean()
+    return float(100.0 * (ours / true - 1.0)) if true > 0 else float("nan")

@@ -96,7 +96,8 @@ class Options(Checked):
         detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, smooth and
             nearest to the truth, 1 one that looks like skin.
         seed: of every random choice, in [0, 2**32 - 1].
-        fit: "landmarks" stops after the landmarks, "pixels" goes on with the pixels.
+        fit: "landmarks" stops after the landmarks, "dense" follows what the reader sees at every pixel, "full" bends
+            the head beyond its components as well.
         identity_components: identity components to fit, >= 0; more than the head has means all.
         iterations: least-squares steps of the landmark stage, >= 1.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.

@@ -2,8 +2,9 @@
 
 ::
 
-    bytes --gate--> Photo --find--> Face --fit--> Fit --unwrap, complete--> Texture --networks--> Reflectance
-                                                                                +--compare--> Similarity
+    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --unwrap, complete--> Texture
+    Texture --networks--> Reflectance
+        +---compare-----> Similarity
 
 It runs one way; each stage takes what it names and returns new things. ``service.reflectance.make`` has the networks.
 """
@@ -24,11 +25,12 @@ from service.face.choice import choose_face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
+from service.face.reading.reader import ReaderNetwork, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
-from service.options import Options
+from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
@@ -94,6 +96,8 @@ def make_avatar(
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
+        reads = options.fit != "landmarks" and installed(("reader",))
+        reader_job = pool.submit(ReaderNetwork) if reads else None
         head_job = pool.submit(_head_and_chart, options, head_file)
         pool.submit(import_module, "scipy.optimize")
         with stage("decode"):
@@ -106,7 +110,9 @@ def make_avatar(
         engine = held.enter_context(loading_ahead(early, engine))
         with stage("fit"):
             head, chart = head_job.result()
-            fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings()))
+            read = lambda: reader_job and read_face(photo.pixels, face.landmarks, reader_job.result())  # noqa: E731
+            reading = stages.keep("read", read)
+            fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings(), reading))
         with stage("texture"):
             texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without))
         with stage("compare"):

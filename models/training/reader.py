@@ -1,7 +1,7 @@
 """Train the reader on synthetic people: ``python -m models.training.reader --data SHARDS --out RUN [--minutes 60]``.
 
     python -m models.people --count 10000 --out SHARDS         # the data, see docs/synthetic-people.md
-    python -m models.training.reader --data SHARDS --out RUN --minutes 600
+    python -m models.training.reader --data SHARDS --out RUN --minutes 600 [--shipped]
 
 The run goes on from its checkpoint. ``log.jsonl`` gets a line for each measurement on held-out people: the shards whose
 first seed is below ``HELD_OUT_BELOW`` are never trained on.
@@ -25,8 +25,10 @@ from torch.nn import functional
 
 from models.networks.reader import CHART_MM, PARTS, Read, Reader, flops
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
+from models.training.restore import weights_of
 from service.errors import ModelFault
 from service.face.reading import parts as labels
+from service.runtime.sessions import MODELS
 
 HELD_OUT_BELOW = 2048
 """Seeds of people that are never trained on."""
@@ -126,6 +128,20 @@ class Run:
             self.step, self.seconds = content["step"], content["seconds"]
             self.generator.set_state(content["random"].cpu())
 
+    def take(self, path: Path) -> None:
+        """Begin with the weights of an ONNX file of the service; the optimiser begins afresh.
+
+        Raises:
+            ModelFault: there is no such file, or its network is of another size.
+        """
+        found = weights_of(path)
+        state = self.network.state_dict()
+        for name, values in state.items():
+            if name not in found or found[name].shape != values.shape:
+                raise ModelFault(f"{path} has no {name} of {tuple(values.shape)}; was its size {self.network.size}?")
+        for network in (self.network, self.average):
+            network.load_state_dict({name: found[name] for name in state})
+
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
         content = {
@@ -217,6 +233,7 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=256, help="held-out people to measure on")
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--shipped", action="store_true", help="a run that has not begun takes the service's weights")
     parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
     parser.add_argument("--bf16", action="store_true", help="reckon in bfloat16, where the processor has it")
     chosen = parser.parse_args()
@@ -224,6 +241,8 @@ def main() -> None:
         torch.set_num_threads(chosen.threads)
     chosen.out.mkdir(parents=True, exist_ok=True)
     run = Run(chosen.out, chosen.device)
+    if chosen.shipped and not run.step:
+        run.take(MODELS / "reader.onnx")
     work = flops(copy.deepcopy(run.network).cpu()) / 1e9
     sys.stderr.write(f"reader: {work:.2f} GFLOP a crop, from step {run.step}\n")
     train(run, chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most, chosen.bf16)

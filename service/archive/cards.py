@@ -12,6 +12,7 @@ from service.runtime.sessions import model_table
 ROLES = {
     "face_detector": "finds faces",
     "face_mesh": "468 landmarks",
+    "reader": "place of the head, normal and part of every pixel",
     "face_identity": "compares the result with the photo",
 }
 """Networks that run for every photo."""

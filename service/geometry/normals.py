@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from service.arrays import AnyFloat, AnyInt, Float32, Float64
 
@@ -73,7 +76,7 @@ def area_normals(vertices: AnyFloat, triangles: AnyInt) -> Float32:
     points = np.asarray(vertices, np.float32)
     count, poses = points.shape[-2], points.shape[:-2]
     origin = points[..., triangles[:, 0], :]
-    faces = _cross(points[..., triangles[:, 1], :] - origin, points[..., triangles[:, 2], :] - origin)
+    faces = cross(points[..., triangles[:, 1], :] - origin, points[..., triangles[:, 2], :] - origin)
     corners = np.asarray(triangles, np.int64).ravel()
     owner = np.repeat(np.arange(len(triangles)), 3)
     around = csr_array((np.ones(len(corners), np.float32), (corners, owner)), shape=(count, len(triangles)))
@@ -85,7 +88,7 @@ def area_normals(vertices: AnyFloat, triangles: AnyInt) -> Float32:
     return np.where(sound, total / np.where(sound, length, 1), np.array(FALLBACK_NORMAL, np.float32)).astype(np.float32)
 
 
-def _cross(a: Float32, b: Float32) -> Float32:
+def cross(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Cross product along the last axis; several times faster than numpy.cross on these sizes."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

@@ -92,12 +92,15 @@ def kinds() -> dict[str, type]:
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
+    from service.face.reading.reader import Reading
+    from service.face.region import Region
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    return {kind.__name__: kind for kind in (Photo, Face, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)}
+    found = (Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)
+    return {kind.__name__: kind for kind in found}
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ from service.head.model import HeadModel
 
 def at_barycentric(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Float64:
     """(..., V, C) per-vertex values -> (..., L, C) at barycentric points: corners (L, 3) vertices, weights (L, 3)."""
-    return np.asarray((values[..., corners, :].astype(np.float64) * weights.astype(np.float64)[..., None]).sum(-2))
+    points = (values[..., corners, :].astype(np.float64) * weights.astype(np.float64)[..., None]).sum(-2)
+    return np.ascontiguousarray(points)  # indexing in the middle leaves an order that makes every product copy
 
 
 @dataclass(frozen=True)

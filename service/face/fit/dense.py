@@ -180,9 +180,8 @@ class DenseTerms:
         typical = 1.0 / np.sqrt(np.maximum(precision, 1e-12))
         weight = NORMAL_SHARE * precision * geman_mcclure(apart, GATE * np.maximum(typical, 0.08))
         skin = self.head.triangles[self.head.triangle_part == 0]
-        slope = np.concatenate([
-            normal_derivative(np.asarray(vertices, np.float64), basis, skin, chosen) for basis in _bases(self.head)
-        ], 2)  # fmt: skip
+        shape = np.asarray(vertices, np.float64)
+        slope = np.concatenate([normal_derivative(shape, basis, skin, chosen) for basis in _bases(self.head)], 2)
         return NormalTerm(normal, slope, state.coefficients.copy(), self._target, weight)
 
 

@@ -17,9 +17,12 @@ from service.errors import FitFailed
 from service.face.face import Face
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import LandmarkFit, fit_landmarks
+from service.face.fit.pixels import PixelRefiner, light_of
+from service.face.fit.pixelwise import Refiner
 from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
+from service.face.reading.reader import Reading
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from service.light.white_reference import cheek_colour, light_from_sclera_and_teeth
@@ -55,7 +58,9 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prio
     return Prior(float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision)
 
 
-def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | None = None) -> Fit:
+def fit_face(
+    face: Face, photo: Photo, head: HeadModel, settings: FitSettings | None = None, reading: Reading | None = None
+) -> Fit:
     """Place the head model in the photo.
 
     Args:
@@ -63,9 +68,12 @@ def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | 
         photo: the photo they were found in.
         head: any head model with the 468-landmark embedding.
         settings: iterations, size of the basis, weights of the prior.
+        reading: what the reader says of the photo (:func:`service.face.reading.reader.read_face`). Without one, or
+            where it and the landmarks see different faces, silhouette and shading refine the landmark fit instead.
 
     Returns:
-        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted.
+        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where the reader
+        was asked for and not followed.
 
     Raises:
         FitFailed: fewer than 30 landmarks are finite, or the landmark error stays above ``FAIL_RMS``.
@@ -79,14 +87,24 @@ def fit_face(face: Face, photo: Photo, head: HeadModel, settings: FitSettings | 
     width, height = photo.size
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
-    initial = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings), settings)
+    prior = prior_for(photo, model, settings)
+    initial = fit_landmarks(model, face.landmarks, middle, prior, settings)
     if settings.refine == "landmarks":
         return _result(face, photo, head, model, initial)
-    from service.face.fit.pixels import PixelRefiner
-
+    if reading is not None:
+        refiner = Refiner(head, settings)
+        found = refiner.refine(initial, face.landmarks, photo.pixels, reading, prior)
+        if found is not None:
+            fit = _result(face, photo, refiner.head, refiner.model, found)
+            light = light_of(refiner.head, found.state, photo.pixels, middle)
+            return replace(
+                fit, identity=fit.identity[: model.identity_count], light=light,
+                warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"),
+            )  # fmt: skip
     state, light = PixelRefiner(head, model).refine(initial, photo.pixels, middle)
     fit = _result(face, photo, head, model, replace(initial, state=state))
-    return replace(fit, light=light, warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"))
+    said = ("not-read",) if reading is not None else ()
+    return replace(fit, light=light, warnings=(*fit.warnings, *said, *(("no-light",) if light is None else ())))
 
 
 def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit) -> Fit:

@@ -50,14 +50,25 @@ class PixelRefiner:
         lower, upper = bounds(self.model)
         active = np.ones(POSE + self.model.shape_count, bool)
         for reach in REACH_M:
-            vertices = self._vertices(state)
-            extra: list[Term | None] = [
-                self._outline(soft, middle, state, vertices, reach),
-                shading_term(self.head, self.model, linear, middle, state, vertices),
-            ]
-            terms = (*initial.terms, *(term for term in extra if term is not None))
+            terms = (*initial.terms, *self.terms(soft, linear, middle, state, reach))
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
+
+    def terms(self, soft: Float32, linear: Float32, middle: Float64, state: State, reach: float) -> list[Term]:
+        """The outline's and the shading's terms at a state, as far as the photo shows them.
+
+        Args:
+            soft, linear: (H, W, 3) the photo blurred by ``BLUR_M``, sRGB and linear RGB.
+            middle: (2,) principal point in pixels.
+            state: pose and shape.
+            reach: half length of the search lines, metres on the face.
+        """
+        vertices = self._vertices(state)
+        found: list[Term | None] = [
+            self._outline(soft, middle, state, vertices, reach),
+            shading_term(self.head, self.model, linear, middle, state, vertices),
+        ]
+        return [term for term in found if term is not None]
 
     def _vertices(self, state: State) -> Float64:
         identity, expression = np.split(state.coefficients, [self.model.identity_count])
@@ -80,3 +91,10 @@ def blurred(pixels: UInt8, sigma_px: float) -> Float32:
     if sigma_px < 1 / 3:
         return image
     return np.asarray(cv2.GaussianBlur(image, (0, 0), min(sigma_px, 50.0)), np.float32)
+
+
+def light_of(head: HeadModel, state: State, pixels: UInt8, middle: Float64) -> Float64 | None:
+    """The light on the face at a state of ``head``, as :meth:`PixelRefiner.refine` gives it."""
+    linear = srgb_to_linear(blurred(pixels, BLUR_M * state.scale))
+    vertices = head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
+    return light_on_face(head, linear, middle, state, vertices)

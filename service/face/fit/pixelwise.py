@@ -1,7 +1,7 @@
 """Stage C of the fit: the landmark fit refined by what the reader sees at every pixel.
 
-Pose, identity, expression and free form are solved together; every round weighs the correspondences and normals anew at
-the state that the round before has found.
+Pose, identity, expression and free form are solved together, on landmarks, correspondences, normals, outline and
+shading; every round weighs them anew at the state that the round before has found.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import Float64
+from service.arrays import Bool, Float64, UInt8
+from service.colour import srgb_to_linear
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.beyond import extended
 from service.face.fit.dense import DenseTerms, correspondences, seen_share
 from service.face.fit.landmarks import LandmarkFit, bounds, weigh
+from service.face.fit.pixels import BLUR_M, REACH_M, PixelRefiner, blurred
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
@@ -22,8 +24,8 @@ from service.face.fit.terms import Prior, Term
 from service.face.reading.reader import Reading
 from service.head.model import HeadModel
 
-ROUNDS, STEPS = 3, 4
-"""Rounds, and solver steps of each."""
+STEPS = 4
+"""Solver steps of each round."""
 FEWEST_CELLS = 150
 """Fewest cells with a place on the head from which a reading is followed."""
 LEAST_AGREEMENT = 0.3
@@ -43,22 +45,24 @@ class Refiner:
     def __init__(self, head: HeadModel, settings: FitSettings) -> None:
         self.plain = head
         self.components = min(settings.identity_components, len(head.identity))
-        self.head = extended(head, self.components, settings.beyond)
+        self.head = extended(head, self.components, settings.beyond if settings.refine == "full" else 0)
         self.beyond = len(self.head.identity) - self.components
         self.model = LandmarkModel(self.head, len(self.head.identity))
+        self.edges = PixelRefiner(self.head, self.model)
 
     def refine(
-        self, initial: LandmarkFit, landmarks: Float64, reading: Reading, prior: Prior, middle: Float64
-    ) -> tuple[State, LandmarkFit] | None:
-        """The refined state, its coefficients those of the extended head; None where the reading is not understood.
+        self, initial: LandmarkFit, face: Float64, photo: UInt8, reading: Reading, prior: Prior
+    ) -> LandmarkFit | None:
+        """The refined fit, its coefficients those of the extended head; None where the reading is not understood.
 
         Args:
             initial: the landmark fit of the plain head.
-            landmarks: (L, 3) photo pixels.
+            face: (L, 3) landmarks, photo pixels.
+            photo: (H, W, 3) uint8 sRGB; the principal point is its middle.
             reading: of the same photo.
             prior: of the plain head's fit.
-            middle: (2,) principal point, photo pixels.
         """
+        middle = np.array([photo.shape[1] / 2, photo.shape[0] / 2])
         state = self._widened(initial.state)
         found = correspondences(self.head, reading, state, middle)
         if len(found.pixels) < FEWEST_CELLS:
@@ -67,20 +71,23 @@ class Refiner:
         if seen_share(found, state, dense) < LEAST_AGREEMENT:
             return None
         prior = self._prior(prior)
-        good = np.isfinite(landmarks).all(1)
-        known = np.where(good[:, None], landmarks, 0.0)
-        trust = LANDMARK_SHARE * good.astype(np.float64)
+        good: Bool = np.asarray(np.isfinite(face).all(1))
+        known = np.where(good[:, None], face, 0.0)
+        trust: Float64 = np.asarray(LANDMARK_SHARE * good)
         lower, upper = bounds(self.model)
-        for _ in range(ROUNDS):
+        soft = blurred(photo, BLUR_M * state.scale)
+        linear = srgb_to_linear(soft)
+        for reach in REACH_M:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)
             near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
-            terms: tuple[Term, ...] = (*near, prior, dense.points(state), dense.normals(state, vertices))
+            read = (dense.points(state), dense.normals(state, vertices))
+            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, linear, middle, state, reach))
             active = np.ones(POSE + self.model.shape_count, bool)
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         basis = self.model.at_yaw(state.yaw_deg)
-        weight, near = weigh(state, basis, known[:, :2] - middle, known[:, 2], good.astype(np.float64), 2.5)
-        return state, LandmarkFit(state, basis, weight, (*near, prior))
+        weight, near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust / LANDMARK_SHARE, 2.5)
+        return LandmarkFit(state, basis, weight, (*near, prior))
 
     def _widened(self, state: State) -> State:
         identity, expression = np.split(state.coefficients, [self.components])

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from service.checks import CHECKED, Checked, Right
 
-Refine = Literal["landmarks", "pixels"]
+Refine = Literal["landmarks", "dense", "full"]
 Iterations = Annotated[int, Strict(), Ge(1), Right("a whole number of at least 1")]
 IdentityComponents = Annotated[int, Strict(), Ge(0), Right("a whole number of at least 0")]
 
@@ -22,8 +22,9 @@ class FitSettings(Checked):
     Attributes:
         iterations: damped least-squares steps of the landmark stage, >= 1.
         identity_components: how many identity components to fit, >= 0; more than the head has means all.
-        beyond: modes of free form beyond the identity components, >= 0 (``service.face.fit.beyond``).
-        refine: "landmarks" stops after the landmarks, "pixels" goes on with shading.
+        beyond: modes of free form beyond the identity components, >= 0 (``service.face.fit.beyond``); "full" has them.
+        refine: "landmarks" stops after the landmarks, "dense" follows the reader with the model's components, "full"
+            bends the head beyond them as well.
         identity_prior: weight of the Gaussian prior on identity, > 0; higher keeps nearer to the average head.
         expression_prior: standard deviation of an expression unit, > 0.
         distance_m: most likely distance of camera and face in metres, where EXIF does not give the focal length.
@@ -35,7 +36,7 @@ class FitSettings(Checked):
     iterations: Iterations = 8
     identity_components: IdentityComponents = 80
     beyond: IdentityComponents = 150
-    refine: Refine = "pixels"
+    refine: Refine = "full"
     identity_prior: Annotated[float, Strict(), Gt(0), Lt(1e6), Right("a number between 0 and 1e6")] = 1.0
     expression_prior: Annotated[float, Strict(), Gt(0), Lt(1e3), Right("a number between 0 and 1000")] = 0.5
     distance_m: Annotated[float, Strict(), Ge(0.2), Le(20), Right("a number from 0.2 to 20 metres")] = 1.2

@@ -16,7 +16,7 @@ from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import facing
 from service.face.fit.state import POSE, State, project
-from service.geometry.normals import vertex_normals
+from service.geometry.normals import cross, vertex_normals
 from service.head.model import HeadModel
 from service.light.harmonics import gradient
 from service.light.skin_light import BAND_GAIN, LUMINANCE, estimate_light, sh_basis
@@ -88,8 +88,8 @@ def normal_derivative(
     row_of[chosen] = np.arange(len(chosen))
     near = triangles[(row_of[triangles] >= 0).any(1)]
     a, b, c = vertices[near].transpose(1, 0, 2)
-    da, db, dc = (np.moveaxis(modes[:, near[:, i]], 0, 1) for i in range(3))  # (T, K, 3)
-    change = np.cross(db - da, (c - a)[:, None]) + np.cross((b - a)[:, None], dc - da)
+    da, db, dc = (np.ascontiguousarray(np.moveaxis(modes[:, near[:, i]], 0, 1)) for i in range(3))  # (T, K, 3)
+    change = cross(db - da, (c - a)[:, None]) + cross((b - a)[:, None], dc - da)
     rows = row_of[near].ravel()
     columns = np.repeat(np.arange(len(near)), 3)
     inside = rows >= 0
@@ -101,7 +101,7 @@ def normal_derivative(
     slope = np.asarray(gather @ change.reshape(len(near), -1)).reshape(len(chosen), len(modes), 3)
     slope -= (slope @ unit[:, :, None]) * unit[:, None]
     slope /= np.where(flat, np.inf, length)[:, None, None]
-    return np.asarray(np.moveaxis(slope, 1, 2))
+    return np.ascontiguousarray(np.moveaxis(slope, 1, 2))
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class ReaderNetwork:
 
     def __call__(self, pixels: UInt8, region: Region) -> Reading:
         """Read one square region of an (H, W, 3) uint8 sRGB photo."""
-        crop = region.cut(pixels, SIDE).astype(np.float32) / 255
+        crop: Float32 = np.asarray(region.cut(pixels, SIDE) / 255, np.float32)
         plain, mirrored = (self._run(image) for image in (crop, crop[:, ::-1]))
         chart, chart_mm, normal, sine, parts = _average(plain, _turned_back(mirrored))
         cos, sin = np.cos(region.angle), np.sin(region.angle)
@@ -119,3 +119,9 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
     normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), one[2])
     chart_mm, sine = 0.5 * (one[1] + other[1]), 0.5 * (one[3] + other[3])
     return [chart, np.maximum(chart_mm, apart), normal, np.maximum(sine, turned), 0.5 * (one[4] + other[4])]
+
+
+def read_face(pixels: UInt8, landmarks: Float64, network: ReaderNetwork) -> Reading | None:
+    """Read the face that landmarks (L, 2 or 3) were found on; None where they give no crop."""
+    region = crop_of(landmarks)
+    return None if region is None else network(pixels, region)
