@@ -159,7 +159,7 @@ class DenseTerms:
         self._say = np.bincount(rows, say, count)
         pulled = np.stack([np.bincount(rows, say * np.repeat(found.normal[:, k], 3), count) for k in range(3)], 1)
         length = np.linalg.norm(pulled, axis=1)
-        self.vertices: npt.NDArray[np.intp] = np.flatnonzero((self._say > 0) & (length > 1e-9))
+        self.vertices: npt.NDArray[np.intp] = np.flatnonzero(length > 1e-6 * np.maximum(self._say, 1e-12))
         self._target = pulled[self.vertices] / length[self.vertices, None]
 
     def points(self, state: State) -> PointTerm:

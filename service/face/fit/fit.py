@@ -69,11 +69,11 @@ def fit_face(
         head: any head model with the 468-landmark embedding.
         settings: iterations, size of the basis, weights of the prior.
         reading: what the reader says of the photo (:func:`service.face.reading.reader.read_face`). Without one, or
-            where it and the landmarks see different faces, silhouette and shading refine the landmark fit instead.
+            where it and the landmarks see different faces, silhouette and shading alone refine the landmark fit.
 
     Returns:
-        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where the reader
-        was asked for and not followed.
+        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where no reading
+        was followed though the settings ask for it.
 
     Raises:
         FitFailed: fewer than 30 landmarks are finite, or the landmark error stays above ``FAIL_RMS``.
@@ -103,8 +103,7 @@ def fit_face(
             )  # fmt: skip
     state, light = PixelRefiner(head, model).refine(initial, photo.pixels, middle)
     fit = _result(face, photo, head, model, replace(initial, state=state))
-    said = ("not-read",) if reading is not None else ()
-    return replace(fit, light=light, warnings=(*fit.warnings, *said, *(("no-light",) if light is None else ())))
+    return replace(fit, light=light, warnings=(*fit.warnings, "not-read", *(("no-light",) if light is None else ())))
 
 
 def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit) -> Fit:

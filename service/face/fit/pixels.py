@@ -58,7 +58,8 @@ class PixelRefiner:
         """The outline's and the shading's terms at a state, as far as the photo shows them.
 
         Args:
-            soft, linear: (H, W, 3) the photo blurred by ``BLUR_M``, sRGB and linear RGB.
+            soft: (H, W, 3) the photo blurred by ``BLUR_M``, sRGB in [0, 1].
+            linear: (H, W, 3) the same as linear RGB.
             middle: (2,) principal point in pixels.
             state: pose and shape.
             reach: half length of the search lines, metres on the face.

@@ -87,6 +87,8 @@ def normal_derivative(
     row_of = np.full(len(vertices), -1)
     row_of[chosen] = np.arange(len(chosen))
     near = triangles[(row_of[triangles] >= 0).any(1)]
+    if not len(near):
+        return np.zeros((len(chosen), 3, len(modes)))
     a, b, c = vertices[near].transpose(1, 0, 2)
     da, db, dc = (np.ascontiguousarray(np.moveaxis(modes[:, near[:, i]], 0, 1)) for i in range(3))  # (T, K, 3)
     change = cross(db - da, (c - a)[:, None]) + cross((b - a)[:, None], dc - da)

@@ -6,15 +6,19 @@ trained on, and is read twice, as it is and mirrored: the average treats both si
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 
 from service.arrays import Float32, Float64, UInt8
+from service.errors import NumericFault
 from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH
 from service.face.region import Region, roll
 from service.geometry.rotation import ahead
 from service.runtime.sessions import Session, load_session
+
+log = logging.getLogger(__name__)
 
 SIDE, CELLS, PART_CELLS = 256, 64, 128
 """Pixels along the crop, cells of chart coordinates and normals, cells of parts."""
@@ -122,6 +126,10 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
 
 
 def read_face(pixels: UInt8, landmarks: Float64, network: ReaderNetwork) -> Reading | None:
-    """Read the face that landmarks (L, 2 or 3) were found on; None where they give no crop."""
+    """Read the face with landmarks (L, 2 or 3); None where they give no crop or the network gives no numbers."""
     region = crop_of(landmarks)
-    return None if region is None else network(pixels, region)
+    try:
+        return None if region is None else network(pixels, region)
+    except NumericFault as fault:
+        log.warning("the face is not read: %s", fault)
+        return None

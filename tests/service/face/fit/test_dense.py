@@ -1,0 +1,186 @@
+"""The fit on readings made from the head itself, where the truth is known, and on every way they go bad."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from service.arrays import Float64
+from service.face.face import Face
+from service.face.fit.basis import LandmarkModel
+from service.face.fit.beyond import RIGID, extended, modes
+from service.face.fit.dense import DenseTerms, correspondences
+from service.face.fit.fit import fit_face
+from service.face.fit.settings import FitSettings
+from service.face.fit.state import POSE, State
+from service.face.reading.parts import PARTS, SKIN
+from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
+from service.geometry.camera import Camera
+from service.geometry.normals import area_normals
+from service.geometry.raster import rasterise
+from service.geometry.rotation import ahead, exp_rotation
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.photo.photo import Photo
+
+SIZE, FOCAL = 512, 1100.0
+MIDDLE = np.array([SIZE / 2, SIZE / 2])
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+@pytest.fixture(scope="module")
+def wide(head: HeadModel) -> HeadModel:
+    return extended(head, 80, 150)
+
+
+def seen(head: HeadModel, vertices: Float64, yaw: float = 10.0, focal: float = FOCAL) -> tuple[Face, Photo, Reading]:
+    """The landmarks of a head in a known pose, a grey photo, and what a perfect reader says of it."""
+    turn = exp_rotation(np.radians([0.0, yaw, 0.0]))
+    camera = Camera(SIZE, SIZE, focal, MIDDLE, np.diag([1.0, -1.0, -1.0]) @ turn, np.array([0.01, -0.02, focal / 1100]))
+    corners = vertices[head.triangles[head.landmark_triangle]]
+    points = (corners * head.landmark_barycentric[..., None]).sum(1)
+    at = np.concatenate([camera.project(points), np.zeros((len(points), 1))], 1)
+    face = Face(np.array([0.0, 0.0, SIZE, SIZE]), 1.0, np.zeros((6, 2)), at, 1.0)
+    region = crop_of(at)
+    assert region is not None
+    # The cells' middles are pixels of a raster whose pixels are the cells.
+    projected = region.to_crop(camera.project(vertices), CELLS)
+    depth = camera.to_camera(vertices)[:, 2]
+    raster = rasterise(projected, depth, head.triangles, CELLS, CELLS, perspective=True)
+    skin = raster.mask.copy()
+    skin[raster.mask] = head.triangle_part[raster.triangle[raster.mask]] == 0
+    weights = raster.barycentric[skin][..., None]
+    chart, normal = np.full((CELLS, CELLS, 2), 0.5), np.tile([0.0, 0.0, -1.0], (CELLS, CELLS, 1))
+    chart[skin] = (head.uv[head.triangle_uv[raster.triangle[skin]]] * weights).sum(1)
+    turned = area_normals(vertices, head.triangles).astype(np.float64) @ camera.rotation.T
+    there = (turned[head.triangles[raster.triangle[skin]]] * weights).sum(1)
+    ray = np.array([*(np.array([region.x, region.y]) - MIDDLE) / focal, 1.0])
+    normal[skin] = there / np.linalg.norm(there, axis=1, keepdims=True) @ ahead(ray).T
+    parts = np.zeros((PART_CELLS, PART_CELLS, len(PARTS)), np.float32)
+    big = np.kron(skin, np.ones((2, 2))) > 0
+    parts[..., 0], parts[..., SKIN] = ~big, big
+    grid = np.full((CELLS, CELLS), 0.4)
+    reading = Reading(region, chart, grid, normal, np.where(skin, 0.03, 1e3), parts)
+    return face, Photo(np.full((SIZE, SIZE, 3), 128, np.uint8)), reading
+
+
+def somebody(head: HeadModel, seed: int = 4) -> Float64:
+    rng = np.random.default_rng(seed)
+    return np.asarray(head.shape(rng.normal(size=60)), np.float64)
+
+
+def error_mm(head: HeadModel, found: np.ndarray, truth: Float64) -> float:
+    """Median over the face after the best similarity: the photo does not tell the size."""
+    face = head.region("face") > 0.5
+    a, b = found[face].astype(float), truth[face]
+    a, b = a - a.mean(0), b - b.mean(0)
+    u, s, vt = np.linalg.svd(a.T @ b)
+    scale = s.sum() / (a**2).sum()
+    return 1e3 * float(np.median(np.linalg.norm(scale * a @ u @ vt - b, axis=1)))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 25.0, 60.0])
+def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) -> None:
+    """What no landmark shows: without the reading the error is several times as large."""
+    truth = somebody(head)
+    face, photo, reading = seen(head, truth, yaw)
+    points = fit_face(face, photo, head, FitSettings(refine="landmarks"))
+    dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
+    assert "not-read" not in dense.warnings
+    assert error_mm(head, dense.neutral, truth) < min(1.0, 0.6 * error_mm(head, points.neutral, truth))
+
+
+def test_free_form_follows_what_no_component_has(head: HeadModel) -> None:
+    rng = np.random.default_rng(2)
+    bent = somebody(head) + np.tensordot(rng.normal(size=100), modes(head, 100), 1)
+    face, photo, reading = seen(head, bent)
+    dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
+    full = fit_face(face, photo, head, FitSettings(refine="full"), reading)
+    assert error_mm(head, full.neutral, bent) < 0.9 * error_mm(head, dense.neutral, bent)
+    assert len(full.identity) == 80
+
+
+def test_modes_are_a_process(head: HeadModel) -> None:
+    """Eyeballs that stretched, or a face that bent more to one side than to the other, would be no heads."""
+    field = modes(head, 150)
+    assert np.isfinite(field).all()
+    for name in RIGID:
+        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
+        assert np.ptp(field[:, members], axis=1).max() < 1e-9
+    mirrored = field[:, head.mirror] * np.array([-1.0, 1.0, 1.0], np.float32)
+    symmetric, lopsided = (((field + sign * mirrored) ** 2).sum() for sign in (1, -1))
+    assert lopsided < 0.3 * symmetric
+    spread = 1e3 * np.sqrt((field[:, head.region("face") > 0.5] ** 2).sum(0).mean(0))
+    assert (spread > 0.4).all() and (spread < 2.5).all()
+
+
+def test_derivatives_are_those_of_finite_differences(wide: HeadModel) -> None:
+    truth = somebody(wide)
+    _, _, reading = seen(wide, truth)
+    model = LandmarkModel(wide, len(wide.identity))
+    rotation = np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.radians([3.0, 12.0, 1.0]))
+    state = State(rotation, np.array([0.01, -0.02]), np.log(FOCAL), 0.0, np.zeros(model.shape_count))
+    dense = DenseTerms(wide, correspondences(wide, reading, state, MIDDLE))
+    for term in (dense.points(state), dense.normals(state, wide.mean)):
+        n = POSE + model.shape_count
+        hessian, gradient = np.zeros((n, n)), np.zeros(n)
+        term.add(state, hessian, gradient)
+        for k in (0, 1, 2, 3, 4, 5, 6, POSE, POSE + 50, POSE + 100, POSE + 200, n - 5):
+            step = np.zeros(n)
+            step[k] = 1e-5
+            slope = (term.cost(state.stepped(step)) - term.cost(state.stepped(-step))) / 2e-5
+            assert slope == pytest.approx(gradient[k], rel=2e-3, abs=1e-3 * np.abs(gradient).max())
+
+
+def _constant(reading: Reading) -> Reading:
+    return replace(reading, chart=np.full_like(reading.chart, 0.4), normal=reading.normal * 0 + [0.0, 0.0, -1.0])
+
+
+BAD = {
+    "NaN": lambda r: replace(r, chart=r.chart * np.nan, normal=r.normal * np.nan),
+    "constant": _constant,
+    "no skin": lambda r: replace(r, parts=np.roll(r.parts, 3, -1) * 0 + np.eye(len(PARTS), dtype=np.float32)[0]),
+    "mirrored": lambda r: replace(r, chart=r.chart[:, ::-1]),
+    "off the chart": lambda r: replace(r, chart=r.chart + 2.0),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_reading_that_is_not_understood_is_not_followed(head: HeadModel, name: str) -> None:
+    """A network that fails must not bend the head: the landmarks decide, and the result says so."""
+    face, photo, reading = seen(head, somebody(head))
+    with_it = fit_face(face, photo, head, None, BAD[name](reading))
+    without = fit_face(face, photo, head)
+    assert "not-read" in with_it.warnings and "not-read" in without.warnings
+    assert np.array_equal(with_it.vertices, without.vertices)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-12, 1e6])
+def test_any_uncertainty_gives_a_head(head: HeadModel, value: float) -> None:
+    """Zero would be an infinite weight, and a million none at all."""
+    truth = somebody(head)
+    face, photo, reading = seen(head, truth)
+    odd = replace(reading, chart_mm=np.full_like(reading.chart_mm, value), normal_sine=reading.normal_sine * 0 + value)
+    fit = fit_face(face, photo, head, None, odd)
+    assert np.isfinite(fit.vertices).all() and error_mm(head, fit.neutral, truth) < 4.0
+
+
+def test_an_infinite_focal_length(head: HeadModel) -> None:
+    """A face a hundred metres away: the focal length is at its bound, and nothing overflows."""
+    truth = somebody(head)
+    face, photo, reading = seen(head, truth, focal=110_000.0)
+    fit = fit_face(face, photo, head, None, reading)
+    assert np.isfinite(fit.vertices).all() and error_mm(head, fit.neutral, truth) < 2.0
+
+
+def test_half_of_the_face_hidden(head: HeadModel) -> None:
+    truth = somebody(head)
+    face, photo, reading = seen(head, truth)
+    parts = reading.parts.copy()
+    parts[:, : PART_CELLS // 2] = np.eye(len(PARTS), dtype=np.float32)[-1]
+    fit = fit_face(face, photo, head, None, replace(reading, parts=parts))
+    assert "not-read" not in fit.warnings and error_mm(head, fit.neutral, truth) < 1.5
