@@ -110,11 +110,12 @@ def make_avatar(
         engine = held.enter_context(loading_ahead(early, engine))
         with stage("fit"):
             head, chart = head_job.result()
-            read = lambda: reader_job and read_face(photo.pixels, face.landmarks, reader_job.result())  # noqa: E731
-            reading = stages.keep("read", read)
+            reading = None
+            if reader_job is not None:
+                reading = stages.keep("read", lambda: read_face(photo.pixels, face.landmarks, reader_job.result()))
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings(), reading))
         with stage("texture"):
-            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without))
+            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without, reading))
         with stage("compare"):
             compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
             similarity = stages.keep("compare", compare)

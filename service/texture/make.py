@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import AnyFloat, Bool, Float32, Float64
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.face.fit.result import Fit
+from service.face.reading.parts import HAIR, SKIN
+from service.face.reading.reader import Reading
 from service.geometry.chart import Chart, chart_points
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
@@ -19,6 +22,7 @@ from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
+from service.texture.segmentation.covered import covered, parts_at
 from service.texture.segmentation.glasses import GLASSES, frames
 from service.texture.segmentation.skin import lit_skin, segment, worn_mask
 from service.texture.segmentation.zones import Zones
@@ -35,7 +39,9 @@ LITTLE_SEEN = 0.25
 """Visible fraction of the face below which a warning is given."""
 
 
-def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = ()) -> Texture:
+def make_texture(
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (), reading: Reading | None = None
+) -> Texture:
     """Unwrap the photo on the fitted head and inpaint the rest.
 
     Args:
@@ -44,6 +50,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without:
         fit: camera and vertices.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
         without: names of corrections that do not run.
+        reading: says what hides the head in the photo; without one only colours tell.
 
     Raises:
         NumericFault: vertices, camera or a map are not finite.
@@ -52,6 +59,11 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without:
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
     ledger = Ledger(without)
+    scalp = zones.scalp
+    if reading is not None:
+        part = parts_at(reading, fit, unwrapped)
+        unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - covered(part, zones)))
+        scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     glasses = np.zeros(len(unwrapped.weight), bool)
     if ledger.runs(GLASSES):
         glasses = frames(chart, unwrapped, zones)
@@ -60,7 +72,7 @@ def make_texture(photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without:
     trust, seen, skin = segment(chart, unwrapped, zones, ledger)
     trust, seen = trust * bare, seen * bare
     lit = lit_skin(chart, unwrapped, zones, skin) * bare
-    hair = _scalp_colour(unwrapped, zones)
+    hair = _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
     person = fallback if fit.cheek is None else fit.cheek
@@ -102,12 +114,12 @@ def _require_finite(fit: Fit) -> None:
             raise NumericFault(f"the fit's {name} has {int((~np.isfinite(values)).sum())} values that are not finite")
 
 
-def _scalp_colour(unwrapped: Unwrapped, zones: Zones) -> Float32 | None:
+def _scalp_colour(unwrapped: Unwrapped, scalp: Float32, skin: Bool) -> Float32 | None:
     """(3,) sRGB median of the scalp, well behind the hairline where the photo shows that; None where it shows no
     scalp.
     """
     for inside in (0.95, 0.7):
-        chosen = (zones.scalp > inside) & zones.skin & (unwrapped.weight > 0.08)
+        chosen = (scalp > inside) & skin & (unwrapped.weight > 0.08)
         if chosen.sum() >= LEAST_SCALP_TEXELS:
             return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
     return None

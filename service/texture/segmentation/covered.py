@@ -1,0 +1,55 @@
+"""The reader's parts on the chart: what hides the head in the photo, so that texels are unseen whatever their colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.arrays import Float32
+from service.face.fit.result import Fit
+from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, OTHER
+from service.face.reading.reader import PART_CELLS, Reading
+from service.texture.segmentation.zones import Zones
+from service.texture.unwrap import Unwrapped
+
+BEFORE = (BACKGROUND, GLASSES, HAT, CLOTH, OTHER)
+"""Parts that are never the head's own surface; hair is its own only on the scalp."""
+RAMP = (0.25, 0.55)
+"""Probability up to which a texel counts as seen, and from which on as hidden."""
+
+
+def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
+    """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it or beyond the crop.
+
+    Args:
+        reading: of the photo that was fitted.
+        fit: camera of the photo.
+        unwrapped: the photo on the chart's inner texels.
+    """
+    import cv2
+
+    result = np.zeros((len(unwrapped.weight), reading.parts.shape[-1]), np.float32)
+    shown = np.flatnonzero(unwrapped.weight > 0)
+    at = reading.region.to_crop(fit.camera.project(unwrapped.position[shown]), PART_CELLS).astype(np.float32)
+    for first in range(0, len(shown), _LONGEST):
+        part = slice(first, first + _LONGEST)
+        x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
+        for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
+            found = cv2.remap(np.ascontiguousarray(reading.parts[..., start : start + 4]), x, y, cv2.INTER_LINEAR)
+            result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
+    return result
+
+
+_LONGEST = 30_000
+"""Rows that OpenCV remaps at a time: it counts them in 16 bits."""
+
+
+def covered(parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 where the photo shows something before the head.
+
+    Args:
+        parts: (N, 13) as :func:`parts_at` gives them.
+        zones: of the same texels.
+    """
+    share = parts[:, list(BEFORE)].sum(1) + parts[:, HAIR] * (1 - zones.scalp)
+    t = np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0.0, 1.0)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
