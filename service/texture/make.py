@@ -62,16 +62,18 @@ def make_texture(
     scalp = zones.scalp
     if reading is not None:
         part = parts_at(reading, fit, unwrapped)
-        unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - covered(part, zones)))
+        hidden = covered(part, zones)
+        bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
+        unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - hidden), visible=bare)
         scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     glasses = np.zeros(len(unwrapped.weight), bool)
     if ledger.runs(GLASSES):
         glasses = frames(chart, unwrapped, zones)
         ledger.count(GLASSES, int(glasses.sum()), glasses.size)
-    bare = np.where(glasses, np.float32(0), np.float32(1))
+    clear = np.where(glasses, np.float32(0), np.float32(1))
     trust, seen, skin = segment(chart, unwrapped, zones, ledger)
-    trust, seen = trust * bare, seen * bare
-    lit = lit_skin(chart, unwrapped, zones, skin) * bare
+    trust, seen = trust * clear, seen * clear
+    lit = lit_skin(chart, unwrapped, zones, skin) * clear
     hair = _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)

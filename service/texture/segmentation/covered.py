@@ -1,4 +1,4 @@
-"""The reader's parts on the chart: what hides the head in the photo, so that texels are unseen whatever their colour."""
+"""The reader's parts on the chart: what hides the head in the photo makes texels unseen, whatever their colour."""
 
 from __future__ import annotations
 

@@ -1,0 +1,126 @@
+"""The reader's way from photo to reading, with a network whose answer is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from service.errors import NumericFault
+from service.face.reading.parts import CHARTED, PARTS, READ
+from service.face.reading.reader import CELLS, FILL, PART_CELLS, SIDE, ReaderNetwork, crop_of, middles, read_face
+from service.face.region import Region
+from service.geometry.rotation import ahead, exp_rotation
+
+
+class Known:
+    """Says of a crop: u grows to the right, v upwards, everything faces up and to the left, part by brightness."""
+
+    name, outputs = "reader", ("chart", "chart_mm", "normal", "normal_sine", "parts")
+
+    def __init__(self, twist: float = 0.0) -> None:
+        self.twist, self.seen = twist, []  # type: tuple[float, list[np.ndarray]]
+
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        crop = inputs["crop"]
+        self.seen.append(crop)
+        x = np.tile((np.arange(CELLS) + 0.5) / CELLS, (CELLS, 1))
+        chart = np.stack([x + self.twist, 1 - x.T])[None]
+        normal = np.tile(np.array([-0.6, 0.0, -0.8])[None, :, None, None], (1, 1, CELLS, CELLS))
+        if len(self.seen) % 2 == 0:  # what a true network says of the mirror image
+            normal = normal * np.array([-1.0, 1.0, 1.0])[None, :, None, None]
+        parts = np.zeros((1, len(PARTS), PART_CELLS, PART_CELLS))
+        parts[:, 1] = np.where(crop[:, 0, ::2, ::2] > 0.5, 9.0, -9.0)
+        one = np.ones((1, 1, CELLS, CELLS))
+        return [a.astype(np.float32) for a in (chart, one * 2.0, normal, one * 0.1, parts)]
+
+
+def oval(angle: float, centre: tuple[float, float] = (300.0, 200.0)) -> np.ndarray:
+    """468 points in an oval of 100 x 140 pixels that is turned by ``angle``, eyes and mouth where they belong."""
+    t = np.linspace(0, 2 * np.pi, 468, endpoint=False)
+    points = np.stack([50 * np.cos(t), 70 * np.sin(t)], 1)
+    for pair, place in (((33, 133), (-20, -20)), ((362, 263), (20, -20)), ((13, 14), (0, 35))):
+        points[list(pair)] = place
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = points @ np.array([[cos, sin], [-sin, cos]]) + centre
+    return np.concatenate([turned, np.zeros((468, 1))], 1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, -1.2, 3.0])
+def test_the_crop_stands_upright_on_the_face(angle: float) -> None:
+    region = crop_of(oval(angle))
+    assert region is not None
+    local = region.to_crop(oval(angle), 100)[:, :2]
+    low, high = local.min(0), local.max(0)
+    assert (high - low).max() == pytest.approx(100 * FILL, rel=0.02)
+    eyes, mouth = local[[33, 133, 362, 263]].mean(0), local[[13, 14]].mean(0)
+    assert abs(eyes[0] - mouth[0]) < 1 and mouth[1] > eyes[1]
+
+
+@pytest.mark.parametrize("landmarks", [np.full((468, 3), np.nan), np.zeros((468, 3))])
+def test_landmarks_without_extent_give_no_crop(landmarks: np.ndarray) -> None:
+    """A crop of no size would divide by zero."""
+    assert crop_of(landmarks) is None
+    assert read_face(np.zeros((9, 9, 3), np.uint8), landmarks, ReaderNetwork(Known())) is None  # type: ignore[arg-type]
+
+
+def test_what_is_mirrored_is_turned_back() -> None:
+    """u of the mirrored crop counts from the other side; not turned back, the average would be one half everywhere."""
+    network = Known()
+    pixels = np.zeros((400, 600, 3), np.uint8)
+    pixels[:, 300:] = 255
+    reading = ReaderNetwork(network)(pixels, Region(300, 200, 256))  # type: ignore[arg-type]
+    assert np.array_equal(network.seen[1], network.seen[0][..., ::-1])
+    expected = (np.arange(CELLS) + 0.5) / CELLS
+    assert np.allclose(reading.chart[:, :, 0], expected[None], atol=1e-6)
+    assert np.allclose(reading.normal, [-0.6, 0.0, -0.8], atol=1e-6)
+    assert np.allclose(reading.parts.sum(-1), 1.0, atol=1e-5)
+    middle = PART_CELLS // 2
+    assert (reading.parts[:, middle + 1 :, 1] > 0.9).all() and (reading.parts[:, : middle - 1, 1] < 0.1).all()
+
+
+def test_answers_that_disagree_are_uncertain() -> None:
+    reading = ReaderNetwork(Known(twist=0.1))(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256))  # type: ignore[arg-type]
+    assert (reading.chart_mm > 0.1 * 400 * 0.9).all()
+
+
+def test_a_turned_crop_gives_normals_of_the_photo() -> None:
+    straight = ReaderNetwork(Known())(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256))  # type: ignore[arg-type]
+    turned = ReaderNetwork(Known())(np.zeros((400, 600, 3), np.uint8), Region(300, 200, 256, 0.5))  # type: ignore[arg-type]
+    turn = exp_rotation(np.array([0.0, 0.0, 0.5]))
+    assert np.allclose(turned.normal, straight.normal @ turn.T, atol=1e-6)
+    assert np.allclose(np.linalg.norm(turned.camera_normals(500.0, np.array([100.0, 90.0])), axis=-1), 1.0)
+
+
+def test_normals_are_given_from_where_the_crop_lies() -> None:
+    """A face beside the optical axis that looks into the camera has a normal along its ray, not along the axis."""
+    network = Known()
+    reading = ReaderNetwork(network)(np.zeros((400, 600, 3), np.uint8), Region(500, 100, 200))  # type: ignore[arg-type]
+    at_me = replace(reading, normal=np.tile([0.0, 0.0, -1.0], (CELLS, CELLS, 1)))
+    ray = np.array([200.0, -100.0, 400.0])
+    assert np.allclose(at_me.camera_normals(400.0, np.array([300.0, 200.0])), -ray / np.linalg.norm(ray))
+    assert np.allclose(ahead(ray) @ ray, [0, 0, np.linalg.norm(ray)])
+
+
+def test_a_network_without_numbers_is_no_reading() -> None:
+    class Broken(Known):
+        def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+            raise NumericFault("network reader: output chart has 4 of 8192 values that are NaN or Inf")
+
+    assert read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), ReaderNetwork(Broken())) is None  # type: ignore[arg-type]
+
+
+def test_middles_are_the_cells() -> None:
+    region = Region(100, 80, 64)
+    at = middles(region, CELLS).reshape(CELLS, CELLS, 2)
+    assert np.allclose(at[0, 0], [68.5, 48.5]) and np.allclose(at[-1, 3], [71.5, 111.5])
+
+
+def test_parts_are_named_once() -> None:
+    assert len(set(PARTS)) == len(PARTS) == 13 and set(READ) < set(CHARTED)
+    assert SIDE == 4 * CELLS == 2 * PART_CELLS
+
+
+@pytest.mark.parametrize("ray", [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [np.nan, 0.0, 1.0]])
+def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
+    with pytest.raises(ValueError, match="forward"):
+        ahead(np.array(ray))
