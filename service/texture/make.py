@@ -59,6 +59,10 @@ def make_texture(
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
     ledger = Ledger(without)
+    glasses = np.zeros(len(unwrapped.weight), bool)
+    if ledger.runs(GLASSES):
+        glasses = frames(chart, unwrapped, zones)
+        ledger.count(GLASSES, int(glasses.sum()), glasses.size)
     scalp = zones.scalp
     if reading is not None:
         part = parts_at(reading, fit, unwrapped)
@@ -66,10 +70,6 @@ def make_texture(
         bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
         unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - hidden), visible=bare)
         scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
-    glasses = np.zeros(len(unwrapped.weight), bool)
-    if ledger.runs(GLASSES):
-        glasses = frames(chart, unwrapped, zones)
-        ledger.count(GLASSES, int(glasses.sum()), glasses.size)
     clear = np.where(glasses, np.float32(0), np.float32(1))
     trust, seen, skin = segment(chart, unwrapped, zones, ledger)
     trust, seen = trust * clear, seen * clear

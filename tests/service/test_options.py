@@ -182,8 +182,8 @@ def test_the_request_survives_json() -> None:
 
 
 def test_the_knobs_reach_the_fit() -> None:
-    settings = Options(fit="pixels", identity_components=12, iterations=3).fit_settings()
-    assert (settings.refine, settings.identity_components, settings.iterations) == ("full", 12, 3)
+    settings = Options(fit="dense", identity_components=12, iterations=3).fit_settings()
+    assert (settings.refine, settings.identity_components, settings.iterations) == ("dense", 12, 3)
 
 
 @given(st.text(max_size=20))

@@ -19,7 +19,7 @@ FIELDS = ((0.045, 0.9e-3), (0.022, 0.6e-3), (0.012, 0.3e-3))
 ASYMMETRIC = 0.12
 """Share of the variance that differs between left and right."""
 RIGID = ("eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue")
-"""Parts that move as one piece."""
+"""Parts that move as one piece, where the head has them."""
 HANDLES = 260
 """Points of half the face on which the process is decomposed."""
 
@@ -27,11 +27,11 @@ HANDLES = 260
 def places(head: HeadModel) -> Float64:
     """(V, 3) metres where the process is looked up for each vertex: itself, or the middle of its rigid part."""
     points = head.mean.astype(np.float64)
-    for name in RIGID:
+    for name in (name for name in RIGID if name in head.part_names):
         members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
         points[members] = 0.5 * (points[members].min(0) + points[members].max(0))
     socket = head.region("eye_socket") > 0.5
-    for side in ("eye_left", "eye_right"):  # lids and sockets go with their eyeball, whatever the field does there
+    for side in (s for s in ("eye_left", "eye_right") if s in head.part_names):  # lids and sockets go with their eyeball, whatever the field does there
         members = np.unique(head.triangles[head.triangle_part == head.part_names.index(side)])
         centre = points[members[0]]
         near = np.exp(-((np.linalg.norm(head.mean - centre, axis=1) / 0.020) ** 4))[:, None]

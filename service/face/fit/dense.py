@@ -22,7 +22,7 @@ from service.face.reading.parts import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.chart import Chart
 from service.geometry.normals import area_normals
-from service.geometry.rotation import skew
+from service.geometry.rotation import nearest_rotation, skew
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
 
@@ -30,7 +30,7 @@ LOOKUP = (768, 512)
 """Texels in which the triangle of a chart coordinate is looked up; the place in it is exact."""
 LEAST_SHARE = 0.6
 """Least probability of the parts whose chart coordinates are learnt, from which a cell is used."""
-POINT_SHARE, NORMAL_SHARE = 0.03, 0.03
+POINT_SHARE, NORMAL_SHARE = 0.01, 0.01
 """Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
 FLOOR_MM, FLOOR_SINE = 0.7, 0.05
 """Added to the stated standard deviations: what the network cannot know about itself."""
@@ -172,17 +172,23 @@ class DenseTerms:
         return PointTerm(self._mean, self._modes, found.pixels, weight / np.maximum(sigma, 1e-9) ** 2)
 
     def normals(self, state: State, vertices: AnyFloat) -> NormalTerm:
-        """The normals, linearised at a state with its (V, 3) vertices."""
+        """The normals, linearised at a state with its (V, 3) vertices.
+
+        They are compared after the rotation that brings all the read ones closest to the state's: what the reader
+        gets wrong together is the direction to the camera, and that the points know better.
+        """
         chosen = self.vertices
         normal = area_normals(vertices, self.head.triangles)[chosen].astype(np.float64)
-        apart = np.linalg.norm(normal @ state.rotation.T - self._target, axis=1)
         precision = self._say[chosen]
+        turned = normal @ state.rotation.T
+        target = self._target @ nearest_rotation((turned * precision[:, None]).T @ self._target).T
+        apart = np.linalg.norm(turned - target, axis=1)
         typical = 1.0 / np.sqrt(np.maximum(precision, 1e-12))
         weight = NORMAL_SHARE * precision * geman_mcclure(apart, GATE * np.maximum(typical, 0.08))
         skin = self.head.triangles[self.head.triangle_part == 0]
         shape = np.asarray(vertices, np.float64)
         slope = np.concatenate([normal_derivative(shape, basis, skin, chosen) for basis in _bases(self.head)], 2)
-        return NormalTerm(normal, slope, state.coefficients.copy(), self._target, weight)
+        return NormalTerm(normal, slope, state.coefficients.copy(), target, weight)
 
 
 def _bases(head: HeadModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -89,12 +89,12 @@ def test_the_path_of_the_archive_is_all_of_stdout(run: Run, photo: Path, asked: 
 
 
 def test_options_reach_the_pipeline(run: Run, photo: Path, asked: list[tuple[bytes, Options]]) -> None:
-    words = "--maps texture --size 1152x768 --face 1 --seed 5 --fit pixels --identity-components 9 --iterations 4"
+    words = "--maps texture --size 1152x768 --face 1 --seed 5 --fit dense --identity-components 9 --iterations 4"
     words += " --quality draft --budget 9.5 --bits 16 --normals object --runtime onnxruntime"
     assert run("make", str(photo), *words.split())[0] == 0
     (_, options), *_ = asked
     assert options == Options(
-        maps=("texture",), size=(1152, 768), face=1, seed=5, fit="pixels", identity_components=9, iterations=4,
+        maps=("texture",), size=(1152, 768), face=1, seed=5, fit="dense", identity_components=9, iterations=4,
         quality="draft", budget=9.5, bits=16, normals="object", runtime="onnxruntime",
     )  # fmt: skip
 
