@@ -31,7 +31,8 @@ def places(head: HeadModel) -> Float64:
         members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
         points[members] = 0.5 * (points[members].min(0) + points[members].max(0))
     socket = head.region("eye_socket") > 0.5
-    for side in (s for s in ("eye_left", "eye_right") if s in head.part_names):  # lids and sockets go with their eyeball, whatever the field does there
+    # Lids and sockets go with their eyeball, whatever the field does there.
+    for side in (side for side in ("eye_left", "eye_right") if side in head.part_names):
         members = np.unique(head.triangles[head.triangle_part == head.part_names.index(side)])
         centre = points[members[0]]
         near = np.exp(-((np.linalg.norm(head.mean - centre, axis=1) / 0.020) ** 4))[:, None]
