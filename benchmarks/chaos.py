@@ -30,11 +30,9 @@ from typing import Any
 
 import httpx
 
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, STAGES, archive
-
-POINTS = ("taking in", *STAGES, "publishing", "starting")
-"""Where the kills meet the service, in turn."""
+from benchmarks.moments import POINTS, reached, redone
+from benchmarks.serving import Server, listed, post, small_photo, wait_for
+from benchmarks.toy_job import LOG, SECONDS, archive
 
 FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
 """Seeds of jobs that have to fail, with the code that they have to fail with; see ``benchmarks.toy_job.FAULTS``."""
@@ -116,7 +114,8 @@ def chaos(
             if time.monotonic() - begin > minutes * 60:
                 break
             point = POINTS[number % len(POINTS)]
-            findings.points[point if _reached(point, log, findings) else "elsewhere"] += 1
+            met = reached(point, log, lambda: len(findings.accepted)) is not None
+            findings.points[point if met else "elsewhere"] += 1
             time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
             kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
             _kill(server, kind)
@@ -139,19 +138,6 @@ def chaos(
     return findings
 
 
-def redone(log: Path) -> list[str]:
-    """Stages that began again after they had been kept, from the log of the toy job."""
-    kept: set[str] = set()
-    again = []
-    for line in log.read_text("ascii").splitlines() if log.exists() else ():
-        job, what, stage = line.split()
-        if what == "kept":
-            kept.add(f"{job} {stage}")
-        elif f"{job} {stage}" in kept:
-            again.append(f"{job} {stage}")
-    return again
-
-
 def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float) -> None:
     """Post one photo after the other; a request without an answer is sent again with the same key."""
     count = 0
@@ -172,29 +158,6 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
                     break
                 time.sleep(0.2)
             time.sleep(pause)
-
-
-def _reached(point: str, log: Path, findings: Findings, within: float = 60.0) -> bool:
-    """Wait until the service is at a point; False where it does not come there within the time."""
-    if point == "starting":
-        return True
-    mark = {"publishing": f" kept {STAGES[-1]}"}.get(point, f" begin {point}")
-    before, accepted, deadline = _size(log), len(findings.accepted), time.monotonic() + within
-    while time.monotonic() < deadline:
-        if point == "taking in":
-            if len(findings.accepted) > accepted:
-                return True
-        elif _size(log) > before:
-            with log.open("rb") as stream:
-                stream.seek(before)
-                if mark.encode() + b"\n" in stream.read():
-                    return True
-        time.sleep(0.005)
-    return False
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
 
 
 def _kill(server: Server, kind: str) -> None:
@@ -231,11 +194,7 @@ def _look(server: Server, findings: Findings) -> None:
             told = client.get(f"/v1/avatars/{job}/events").text
             if sum(told.count(f'"state": "{end}"') for end in ("succeeded", "failed", "cancelled")) != 1:
                 findings.twice.append(job)
-        address = "/v1/avatars?limit=100"
-        while address:
-            page = client.get(address).json()
-            findings.twice += [item["id"] for item in page["items"] if item["id"] not in findings.accepted]
-            address = f"/v1/avatars?limit=100&cursor={page['next']}" if page["next"] else ""
+        findings.twice += [job for job in listed(client) if job not in findings.accepted]
 
 
 def _leftovers(data: Path, jobs: set[str]) -> list[str]:

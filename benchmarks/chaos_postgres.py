@@ -1,9 +1,11 @@
-"""Several workers on one Postgres: one is killed again and again, one is frozen for a while, the line of one is slow
+"""Several workers on one Postgres: they are killed again and again, one is frozen for a while, the line of one is slow
 and then dead for a while, and Postgres is restarted.
 
-    python -m benchmarks.chaos_postgres --seconds 240
+    python -m benchmarks.chaos_postgres --kills 200 --jobs 1000
 
-Every accepted job has to succeed with the bytes of an undisturbed run. Needs Debian's package postgresql.
+The moments of the kills are spread evenly over ``benchmarks.moments.POINTS``, and the worker that is killed is the one
+that came to that point. Every accepted job has to succeed once, with the bytes of an undisturbed run. Needs Debian's
+package postgresql.
 """
 
 from __future__ import annotations
@@ -22,14 +24,16 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import httpx
 
 from benchmarks.line import Line
+from benchmarks.moments import POINTS, reached
 from benchmarks.postgres import Postgres
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS, archive
+from benchmarks.serving import Server, listed, post, small_photo, wait_for
+from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.process import descendants
 from service.jobs.settings import PREFIX
 
@@ -42,6 +46,8 @@ class Workers:
         settings: of all of them.
         names: one for each.
         own: settings of single workers by name.
+        log: that the toy job writes, if any.
+        seconds: that each stage takes.
     """
 
     def __init__(
@@ -50,10 +56,13 @@ class Workers:
         settings: dict[str, object],
         names: Sequence[str],
         own: Mapping[str, Mapping[str, object]] | None = None,
+        log: Path | None = None,
+        seconds: float = 1.0,
     ) -> None:
         self._folder = folder
         self._settings = settings
         self._own = own or {}
+        self._environment = {SECONDS: str(seconds)} | ({} if log is None else {LOG: str(log)})
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         for name in names:
             self.start(name)
@@ -62,11 +71,25 @@ class Workers:
         """Start the worker of a name."""
         values = {**self._settings, **self._own.get(name, {}), "data": self._folder / name, "worker": name}
         environment = os.environ | {PREFIX + key.upper(): str(value) for key, value in values.items()}
-        environment[SECONDS] = "1.0"
+        environment |= self._environment
         with (self._folder / f"{name}.log").open("ab") as log:
             self.running[name] = subprocess.Popen(
                 [sys.executable, "-m", "service", "worker"], env=environment, stdout=log, stderr=log
             )
+
+    def restart(self) -> None:
+        """Start those again that do not run."""
+        for name, process in self.running.items():
+            if process.poll() is not None:
+                self.start(name)
+
+    def owner(self, line: str) -> str | None:
+        """The worker whose job wrote a line of the log, None where it has ended or is the frozen one's."""
+        job = int(line.split()[-1])
+        for name, process in self.running.items():
+            if job in descendants(process.pid):
+                return name
+        return None
 
     def signal(self, name: str, number: signal.Signals, *, jobs: bool = True) -> None:
         """Send a signal to a worker, and to the processes of its jobs unless ``jobs`` is False."""
@@ -84,22 +107,67 @@ class Workers:
             process.wait()
 
 
+@dataclass
+class Findings:
+    """What a run found.
+
+    Attributes:
+        accepted: job -> (digest of the photo, seed).
+        points: number of kills at each of ``POINTS``.
+        states: number of jobs by their last state.
+        lost: jobs that did not succeed; wrong: whose archive is another; twice: that nobody was told of.
+        after: seconds from the last kill to the end of the last job.
+        seconds: of the run.
+    """
+
+    accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
+    points: Counter[str] = field(default_factory=Counter)
+    states: Counter[str] = field(default_factory=Counter)
+    lost: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    twice: list[str] = field(default_factory=list)
+    after: float = 0.0
+    seconds: float = 0.0
+
+    def well(self) -> bool:
+        """Whether every promise was kept."""
+        return bool(self.accepted) and not (self.lost or self.wrong or self.twice)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=240)
+    parser.add_argument("--kills", type=int, default=40)
+    parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
     parser.add_argument("--workers", type=int, default=3)
-    parser.add_argument("--every", type=float, default=20, help="seconds between two kills")
+    parser.add_argument("--pause", type=float, default=1.0, help="seconds between two photos")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-postgres-"))
-    lost = run(folder, asked.seconds, asked.workers, asked.every)
-    if not lost:
+    findings = run(folder, asked.kills, asked.jobs, asked.workers, asked.pause)
+    if findings.well():
         shutil.rmtree(folder)
-    raise SystemExit(1 if lost else 0)
+    print(f"{findings.points.total()} workers killed in {findings.seconds:.0f} s")
+    print("at " + ", ".join(f"{point}: {count}" for point, count in findings.points.items()))
+    print("one frozen for a third of the time, Postgres stopped once as by a power cut")
+    print("the line between w0 and Postgres was slow again and again, then dead for 20 to 40 s")
+    print(f"{len(findings.accepted)} jobs accepted; {findings.after:.0f} s after the end {dict(findings.states)}")
+    print(f"lost {len(findings.lost)}, made twice {len(findings.twice)}, other bytes {len(findings.wrong)}")
+    for line in (*findings.lost, *findings.twice, *findings.wrong):
+        print(line)
+    raise SystemExit(0 if findings.well() else 1)
 
 
-def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
-    """Run it; returns a line for each job that was lost or has other bytes."""
+def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> Findings:
+    """Run it.
+
+    Args:
+        folder: for database, artifacts and logs.
+        kills: how many workers to kill.
+        jobs: post on until so many were accepted.
+        count: workers.
+        pause: seconds between two photos.
+    """
+    start = time.monotonic()
     postgres = Postgres(folder)
     postgres.start()
     settings: dict[str, object] = {
@@ -110,28 +178,30 @@ def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
     server.start(ready=False)
     line = Line(postgres.port)
     own = {"w0": {"database": postgres.url_by(line.port)}}
-    workers = Workers(folder, settings, [f"w{number}" for number in range(count)], own)
-    accepted: dict[str, tuple[str, int]] = {}
+    log = folder / "stages.log"
+    workers = Workers(folder, settings, [f"w{number}" for number in range(count)], own, log, 0.3)
+    findings, over = Findings(), threading.Event()
     try:
         server.wait("readyz")
-        over = threading.Event()
-        poster = threading.Thread(target=_post, args=(server, accepted, over))
-        poster.start()
-        lines = threading.Thread(target=_disturb_line, args=(line, over, seconds / 6))
-        lines.start()
-        kills = _disturb(workers, postgres, seconds, every)
-        over.set()
-        poster.join()
-        lines.join()
+        threads = [
+            threading.Thread(target=_post, args=(server, findings.accepted, over, pause)),
+            threading.Thread(target=_disturb_line, args=(line, over)),
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            _disturb(workers, postgres, kills, findings, log)
+            while len(findings.accepted) < jobs:
+                time.sleep(0.2)
+        finally:
+            over.set()
+            for thread in threads:
+                thread.join()
         begin = time.monotonic()
-        states, lost = _look(server, accepted)
-        print(f"{kills} workers killed, one frozen for a third of the time, Postgres stopped once like by a power cut")
-        print("the line between w0 and Postgres was slow again and again, then dead for 20 to 40 s")
-        print(f"{len(accepted)} jobs accepted; at the end {dict(states)}, {time.monotonic() - begin:.0f} s afterwards")
-        print(f"lost or other bytes: {len(lost)}")
-        for lost_job in lost:
-            print(lost_job)
-        return lost
+        _look(server, findings)
+        findings.after = time.monotonic() - begin
+        findings.seconds = time.monotonic() - start
+        return findings
     finally:
         workers.stop()
         server.kill()
@@ -140,37 +210,31 @@ def run(folder: Path, seconds: float, count: int, every: float) -> list[str]:
             postgres.stop()
 
 
-def _disturb(workers: Workers, postgres: Postgres, seconds: float, every: float) -> int:
-    """Kill a worker ``every`` seconds, freeze the last one in the middle third, restart Postgres in the middle."""
+def _disturb(workers: Workers, postgres: Postgres, kills: int, findings: Findings, log: Path) -> None:
+    """Kill workers at each point in turn; freeze the last one in the middle third; restart Postgres in the middle."""
     names = list(workers.running)
-    begin, kills, frozen, restarted = time.monotonic(), 0, False, False
-    while (passed := time.monotonic() - begin) < seconds:
-        if not frozen and passed > seconds / 3:
+    for number in range(kills):
+        if number == kills // 3:
             workers.signal(names[-1], signal.SIGSTOP)
-            frozen = True
-        if not restarted and passed > seconds / 2:
+        if number == kills // 2:
             postgres.stop("immediate")
             time.sleep(8)
             postgres.start()
-            restarted = True
-        if frozen and passed > seconds * 2 / 3:
+        if number == kills * 2 // 3:
             workers.signal(names[-1], signal.SIGCONT)
-        time.sleep(every / 2)
-        victim = random.choice(names[:-1])  # noqa: S311 - whom to kill is no secret
+        point = POINTS[number % len(POINTS)]
+        met = reached(point, log, lambda: len(findings.accepted))
+        victim = workers.owner(met) if met else None
+        findings.points[point if met is not None else "elsewhere"] += 1
+        time.sleep(random.uniform(0.0, 2.5 if point == "starting" else 0.1))  # noqa: S311 - no secret
+        victim = victim or random.choice(names[:-1])  # noqa: S311
         workers.signal(victim, signal.SIGKILL)
-        kills += 1
-        time.sleep(every / 2)
-        for name in names[:-1]:
-            if workers.running[name].poll() is not None:
-                workers.start(name)
+        workers.restart()
     workers.signal(names[-1], signal.SIGCONT)
-    for name in names:
-        if workers.running[name].poll() is not None:
-            workers.start(name)
-    return kills
+    workers.restart()
 
 
-def _disturb_line(line: Line, over: threading.Event, whole: float) -> None:
+def _disturb_line(line: Line, over: threading.Event, whole: float = 40.0) -> None:
     """Good for a while, late by 0.5 to 2 s as long, dead for 20 to 40 s; and again until it is ``over``."""
     while not over.wait(whole):
         line.delay = random.uniform(0.5, 2.0)  # noqa: S311 - no secret
@@ -182,7 +246,7 @@ def _disturb_line(line: Line, over: threading.Event, whole: float) -> None:
     line.delay = 0.0
 
 
-def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.Event) -> None:
+def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.Event, pause: float) -> None:
     count = 0
     with httpx.Client(base_url=server.url, timeout=30) as client:
         while not over.is_set():
@@ -196,20 +260,20 @@ def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.
                         accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), seed)
                         break
                 time.sleep(0.5)
-            over.wait(3.0)
+            over.wait(pause)
 
 
-def _look(server: Server, accepted: dict[str, tuple[str, int]]) -> tuple[Counter[str], list[str]]:
-    states: Counter[str] = Counter()
-    lost = []
+def _look(server: Server, findings: Findings) -> None:
+    """What became of the jobs, when all have ended."""
     with httpx.Client(base_url=server.url, timeout=30) as client:
-        for job, (digest, seed) in accepted.items():
+        for job, (digest, seed) in findings.accepted.items():
             state = wait_for(client, job, within=600)
-            states[state["state"]] += 1
-            content = client.get(f"/v1/avatars/{job}/archive.zip").content
-            if state["state"] != "succeeded" or content != archive(digest, seed):
-                lost.append(f"{job}: {state}")
-    return states, lost
+            findings.states[state["state"]] += 1
+            if state["state"] != "succeeded":
+                findings.lost.append(f"{job}: {state}")
+            elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
+                findings.wrong.append(job)
+        findings.twice += [job for job in listed(client) if job not in findings.accepted]
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +158,15 @@ def wait_for(client: httpx.Client, job: str, within: float = 60.0) -> dict[str, 
             return state
         time.sleep(0.05)
     raise TimeoutError(f"job {job} is {state}")
+
+
+def listed(client: httpx.Client) -> Iterator[str]:
+    """Ids of all jobs that the service knows of."""
+    address = "/v1/avatars?limit=100"
+    while address:
+        page = client.get(address).json()
+        yield from (item["id"] for item in page["items"])
+        address = f"/v1/avatars?limit=100&cursor={page['next']}" if page["next"] else ""
 
 
 def in_threads(count: int, call: Any) -> list[Any]:

@@ -43,7 +43,7 @@ BUSY = "AVATARME_TOY_BUSY"
 """Variable that makes a stage compute for its time rather than sleep."""
 
 LOG = "AVATARME_TOY_LOG"
-"""Variable with the path of a file that gets a line for each stage that begins or is kept."""
+"""Variable with the path of a file that gets a line for each stage that begins or is kept: ``benchmarks.moments``."""
 
 
 def archive(photo_sha256: str, seed: int) -> bytes:
@@ -136,7 +136,7 @@ def _note(job: str, what: str, stage: str) -> None:
     path = os.environ.get(LOG)
     if path:
         with open(path, "a", encoding="ascii") as log:
-            log.write(f"{job} {what} {stage}\n")
+            log.write(f"{job} {what} {stage} {os.getpid()}\n")
 
 
 def load() -> Program:

@@ -89,7 +89,7 @@ def write(folder: Path, output: Path) -> str:
         ParityError: the file fails the gate; nothing is written.
     """
     network, steps, minutes = load_run(folder)
-    network = rounded(network)  # type: ignore[assignment]
+    network = rounded(network)
     data: bytes = to_onnx(network).SerializeToString(deterministic=True)
     worst = check(network, data)
     output.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import httpx
 import pytest
 
-from benchmarks.chaos import redone
+from benchmarks.moments import redone
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.admission import UNFINISHED

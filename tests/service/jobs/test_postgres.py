@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 import pytest
 
-from benchmarks.chaos import redone
 from benchmarks.chaos_postgres import Workers
 from benchmarks.line import Line
+from benchmarks.moments import redone
 from benchmarks.postgres import Postgres, find_programs
 from benchmarks.serving import TOY, Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive

@@ -1,5 +1,6 @@
 """The fit on readings made from the head itself, where the truth is known, and on every way they go bad."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -140,7 +141,7 @@ def _constant(reading: Reading) -> Reading:
     return replace(reading, chart=np.full_like(reading.chart, 0.4), normal=reading.normal * 0 + [0.0, 0.0, -1.0])
 
 
-BAD = {
+BAD: dict[str, Callable[[Reading], Reading]] = {
     "NaN": lambda r: replace(r, chart=r.chart * np.nan, normal=r.normal * np.nan),
     "constant": _constant,
     "no skin": lambda r: replace(r, parts=np.roll(r.parts, 3, -1) * 0 + np.eye(len(PARTS), dtype=np.float32)[0]),

@@ -98,7 +98,7 @@ def test_normals_are_given_from_where_the_crop_lies() -> None:
     at_me = replace(reading, normal=np.tile([0.0, 0.0, -1.0], (CELLS, CELLS, 1)))
     ray = np.array([200.0, -100.0, 400.0])
     assert np.allclose(at_me.camera_normals(400.0, np.array([300.0, 200.0])), -ray / np.linalg.norm(ray))
-    assert np.allclose(ahead(ray) @ ray, [0, 0, np.linalg.norm(ray)])
+    assert np.allclose(ahead(ray) @ ray, np.array([0, 0, np.linalg.norm(ray)]))
 
 
 def test_a_network_without_numbers_is_no_reading() -> None:
