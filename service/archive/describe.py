@@ -35,7 +35,7 @@ ROLES = {
     "mesh/head.obj": "mesh, photo's expression",
     "mesh/head.mtl": "materials of head.obj",
     "mesh/head.glb": "mesh, neutral with blendshapes",
-    "mesh/head.usda": "mesh, photo's expression",
+    "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",
     "mesh/head.mtlx": "materials as MaterialX",
     "mesh/specular_normal.exr": "normals for head.mtl",
     "mesh/specular_albedo.exr": "specular level for head.mtl",

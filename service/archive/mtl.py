@@ -95,4 +95,5 @@ def _own(one: OwnMap, slot: str) -> Float32:
 def _coded(values: Float32, slot: str) -> Float32:
     """Normals as 0.5 + 0.5 n, specular as a level, roughness as it is, in steps of 1/256, which compress well."""
     factor, shift = {"normal": (0.5, 0.5), "specular": (LEVEL, 0.0), "roughness": (1.0, 0.0)}[slot]
-    return np.asarray(np.rint(values * np.float32(256 * factor) + np.float32(256 * shift)) / np.float32(256), np.float32)
+    codes = np.rint(values * np.float32(256 * factor) + np.float32(256 * shift))
+    return np.asarray(codes / np.float32(256), np.float32)
