@@ -11,9 +11,13 @@ from service.archive import manifest as m
 from service.archive.avatar import Avatar
 from service.archive.container import in_order
 from service.archive.glb import weights_by_name
+from service.archive.map_files import MapFiles
 from service.archive.maps import MAPS, MapSpec
+from service.archive.meshes import drawn_parts, map_files
+from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
+from service.materials.material import Material
 from service.reflectance.result import MID, SCALE_MM
 
 MEDIA_TYPES = {
@@ -51,6 +55,7 @@ _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.Manifest:
     """Manifest of ``avatar`` whose archive holds ``files`` (name -> content, without the manifest itself)."""
+    parts, where = drawn_parts(avatar), map_files(avatar)
     return m.Manifest(
         schema_version=m.SCHEMA_VERSION,
         generator=m.Generator(PROGRAM, __version__),
@@ -65,6 +70,9 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         head=_head(avatar),
         maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
         files=[_file(name, files[name]) for name in in_order(files)],
+        parts=[m.Part(part.name, part.material.name, part.bone) for part in parts],
+        materials=[_material(one, where) for one in {part.material.name: part.material for part in parts}.values()],
+        joints=_joints(avatar),
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
@@ -127,6 +135,37 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
         frame=spec.frame(avatar),
         coding=m.Coding(*spec.coding(bits), spec.meaning),
     )
+
+
+def _material(material: Material, where: MapFiles) -> m.Material:
+    slots = {
+        "colour": material.colour_map, "roughness": material.roughness_map, "specular": material.specular_map,
+        "normal": material.normal_map, "displacement": material.displacement_map, "cavity": material.cavity_map,
+        "thickness": material.thickness_map,
+    }  # fmt: skip
+    paths = {slot: where.path(one) for slot, one in slots.items()}
+    return m.Material(
+        name=material.name,
+        colour=list(material.colour),
+        opacity=material.opacity,
+        alpha=material.alpha,
+        cutoff=material.cutoff,
+        double_sided=material.double_sided,
+        roughness=material.roughness,
+        ior=material.ior,
+        specular=material.specular,
+        subsurface_mm=list(material.subsurface_mm),
+        transmission=material.transmission,
+        maps={slot: path.removeprefix("../") for slot, path in paths.items() if path is not None},
+    )
+
+
+def _joints(avatar: Avatar) -> list[m.Joint]:
+    made = skeleton(avatar.head, avatar.fit.neutral)
+    return [
+        m.Joint(name, None if parent < 0 else JOINTS[parent], [round(float(value), 6) for value in position])
+        for name, parent, position in zip(JOINTS, PARENTS, made.positions, strict=True)
+    ]
 
 
 def _reflectance(avatar: Avatar) -> m.Reflectance | None:
