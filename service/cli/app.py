@@ -254,6 +254,26 @@ def render(
 
 
 @app.command()
+def export(
+    archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make'.")],
+    tool: Annotated[str, typer.Option("--for", metavar="TOOL", help="blender, unreal, unity or maya.")],
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder. [default: AVATAR-TOOL]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a kit for a tool: scene, levels of detail, textures as it wants them.
+
+    docs/blender.md, unreal.md, unity.md and maya.md say how to import it. Exit status: 0 done, 2 usage, 4 unreadable
+    archive, 1 anything else.
+    """
+    with reported(as_json=as_json):
+        from service.cli.export import export as run
+
+        run(archive, tool, output, as_json=as_json)
+
+
+@app.command()
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen on. [default: 8000]")] = None,

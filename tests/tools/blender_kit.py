@@ -42,7 +42,7 @@ def points(mesh) -> np.ndarray:
 
 
 def posed(armature, weights: dict) -> None:
-    for unit in [name for name in armature.keys() if isinstance(armature[name], float)]:
+    for unit in [name for name in armature if isinstance(armature[name], float)]:
         armature[unit] = float(weights.get(unit, 0.0))
     armature.update_tag()
     bpy.context.view_layer.update()
@@ -75,11 +75,12 @@ def main() -> None:
     scene = bpy.context.scene
     camera = scene.camera
     told = {
-        "units": len([name for name in armature.keys() if isinstance(armature[name], float)]),
+        "units": len([name for name in armature if isinstance(armature[name], float)]),
         "bones": sorted(bone.name for bone in armature.data.bones),
         "drivers": {name: len(mesh.data.shape_keys.animation_data.drivers) for name, mesh in meshes.items()
                     if mesh.data.shape_keys},
-        "missing": [one.name for one in bpy.data.images if one.source == "FILE" and not Path(bpy.path.abspath(one.filepath)).is_file()],
+        "missing": [one.name for one in bpy.data.images
+                    if one.source == "FILE" and not Path(bpy.path.abspath(one.filepath)).is_file()],
         "displaced": [one.name for one in bpy.data.materials if one.use_nodes and any(
             link.to_socket.name == "Displacement" for link in one.node_tree.links)],
         "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
@@ -87,7 +88,7 @@ def main() -> None:
     }
     if len(sys.argv) > 3:
         scene.cycles.device, scene.cycles.samples = "CPU", int(sys.argv[4])
-        scene.cycles.use_denoising, scene.cycles.max_bounces = False, 3
+        scene.cycles.use_denoising, scene.cycles.max_bounces = True, 3
         scene.render.threads_mode, scene.render.threads = "FIXED", 2
         scene.render.resolution_x, scene.render.resolution_y = int(sys.argv[3]) * 3 // 4, int(sys.argv[3])
         scene.render.use_persistent_data = True
