@@ -229,6 +229,10 @@ def render(
         float | None,
         typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
     ] = None,
+    turntable: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="N pictures around the head, as a film; OUTPUT ends in .gif or .mp4."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Render an avatar under the light of a scene.
@@ -249,6 +253,7 @@ def render(
             background=background,
             samples=samples,
             tolerance=tolerance,
+            turntable=turntable,
             as_json=as_json,
         )
 

@@ -91,6 +91,16 @@ class Picture:
         }
 
 
+@dataclass
+class Kept:
+    """What pictures of one head in one light have in common."""
+
+    surface: Surface | None = None
+    size: tuple[int, int] = (0, 0)
+    graphs: Graphs | None = None
+    visibility: Visibility | None = None
+
+
 def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> Picture:
     """A picture of the avatar in an archive.
 
@@ -108,7 +118,7 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     with clock.step("open"):
         avatar = open_avatar(source, ROLES)
     with clock.step("mesh"):
-        head, vertices = smoothed(avatar.mesh.as_head(*_named(avatar)), avatar.mesh.vertices)
+        head, vertices = smoothed(avatar.mesh.as_head(*named(avatar)), avatar.mesh.vertices)
     return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock)
 
 
@@ -128,7 +138,8 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     return fine, np.where(there[:, None], smooth, flat)
 
 
-def _named(avatar: AvatarFile) -> tuple[str, str]:
+def named(avatar: AvatarFile) -> tuple[str, str]:
+    """Name and licence of an archive's head model."""
     head = avatar.manifest.get("head")
     facts = head if isinstance(head, dict) else {}
     return str(facts.get("name", "head")), str(facts.get("licence", "unknown"))
@@ -145,6 +156,7 @@ def render_head(
     camera: Camera | None = None,
     without: tuple[str, ...] = (),
     clock: Clock | None = None,
+    kept: Kept | None = None,
 ) -> Picture:
     """A picture of a head with its maps; raises as :func:`render_archive`.
 
@@ -158,6 +170,7 @@ def render_head(
         camera: in place of the request's; of the request's size.
         without: effects to leave out regardless of the plan, for comparisons.
         clock: holds the times of earlier steps.
+        kept: keeps what does not depend on the camera for the next picture of the same head.
     """
     clock = clock or Clock()
     viewpoint = _centre(camera) if camera else viewpoint_of(request.view, request.scene.viewpoints)
@@ -165,12 +178,16 @@ def render_head(
     light = illumination(scene)  # an unknown environment is refused before the maps are unpacked
     camera = camera or camera_at(viewpoint, vertices, *request.size)
     size = _chart_size(head, vertices, camera, detail.narrowest)
+    kept = kept or Kept()
     with clock.step("maps"):
-        surface = build_surface(head, vertices, maps, size)
+        surface = kept.surface if kept.surface is not None and kept.size >= size else None
+        size = kept.size if surface is not None else size
+        kept.surface = surface = surface or build_surface(head, vertices, maps, size)
+        kept.size = size
     with clock.step("samples"):
         samples = Samples.of(head, vertices, camera, request.samples)
-    graphs = Graphs(threads)
-    visibility = Visibility(head, vertices, graphs, detail)
+    kept.graphs = graphs = kept.graphs or Graphs(threads)
+    kept.visibility = visibility = kept.visibility or Visibility(head, vertices, graphs, detail)
     with clock.step("sky"):
         visibility.sky()
     with clock.step("plan"):
