@@ -25,7 +25,7 @@ from service.face.choice import choose_face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
-from service.face.reading.reader import ReaderNetwork, read_face
+from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -52,6 +52,10 @@ SMALL_TILES = "small-tiles"
 
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
+
+
+READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes")
+"""Networks that read a face; without them the fit follows landmarks, outline and shading."""
 
 
 def make_avatar(
@@ -96,8 +100,8 @@ def make_avatar(
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
-        reads = options.fit != "landmarks" and installed(("reader",))
-        reader_job = pool.submit(ReaderNetwork) if reads else None
+        reads = options.fit != "landmarks" and installed(READERS)
+        reader_job = pool.submit(Readers) if reads else None
         head_job = pool.submit(_head_and_chart, options, head_file)
         pool.submit(import_module, "scipy.optimize")
         with stage("decode"):

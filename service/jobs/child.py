@@ -92,14 +92,16 @@ def kinds() -> dict[str, type]:
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
+    from service.face.reading.openings import Opening
     from service.face.reading.reader import Reading
+    from service.face.reading.scores import Scores
     from service.face.region import Region
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    found = (Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)
+    found = (Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)
     return {kind.__name__: kind for kind in found}
 
 
