@@ -3,7 +3,7 @@
 Portraits of ``models.people`` that no network was trained on (seeds below 2048), 640 x 640, turned by less than 35
 degrees, with nothing before eyes and mouth: open, half closed, closed and winking eyes, shut and open mouths, in the
 light of their seeds. Each goes through finder, readers and fit as in the program. Openings are those of the fitted and
-of the true mesh, millimetres at 63 mm between the eyes. Portraits are kept in the folder, so another run needs no OpenGL.
+of the true mesh, millimetres at 63 mm between the eyes. Portraits are kept in the folder: another run needs no OpenGL.
 """
 
 from __future__ import annotations
