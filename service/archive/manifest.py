@@ -255,6 +255,51 @@ class FitReport(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Material(_Strict):
+    """A surface, from which the materials of all files are written; maps are paths in the archive."""
+
+    name: str
+    colour: Triple
+    """Linear RGB; multiplies the map."""
+    opacity: Fraction
+    """Multiplies the alpha of the colour map."""
+    alpha: Literal["opaque", "mask", "blend"]
+    cutoff: Fraction
+    """Alpha below which a mask is cut off."""
+    double_sided: bool
+    roughness: Fraction
+    """Square root of GGX alpha, where there is no map."""
+    ior: Annotated[float, Ge(1)]
+    specular: Fraction
+    """Share of the F0 that ior gives, where there is no map."""
+    subsurface_mm: Triple
+    """Mean free path of red, green and blue."""
+    transmission: Fraction
+    maps: dict[str, str]
+    """By what they are for: colour, roughness, specular, normal, displacement, cavity, thickness."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Part(_Strict):
+    """A mesh of the files under mesh/."""
+
+    name: str
+    material: str
+    bone: Literal["neck", "head", "jaw", "eye_left", "eye_right"]
+    """The joint that carries it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint(_Strict):
+    """A joint of the skeleton in mesh/head.usda."""
+
+    name: str
+    parent: str | None
+    position: Triple
+    """Metres."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Model(_Strict):
     """One data file of the program that was used."""
 
@@ -285,6 +330,9 @@ class Manifest(_Strict):
     maps: list[Map]
     files: list[File]
     """Every file of the archive except this one."""
+    parts: list[Part]
+    materials: list[Material]
+    joints: list[Joint]
     displacement: Displacement | None
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were requested."""
