@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from service.archive.gltf import GltfWriter
-from service.archive.materials import Material, material_of
 from service.archive.surface import Part, split_parts, vertex_normals
 from service.arrays import AnyFloat, Float32, Float64
 from service.errors import NumericFault
 from service.geometry.chart import any_orthogonal, tangents
 from service.head.model import HeadModel
+from service.materials.material import Material
+from service.materials.of_head import material_of
 
 Object = dict[str, Any]
 

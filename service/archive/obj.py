@@ -10,11 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from service.archive.materials import Material, material_of
 from service.archive.surface import vertex_normals
 from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
 from service.head.model import HeadModel
+from service.materials.material import Material
+from service.materials.of_head import material_of
 
 TEXTURE_FROM_MESH = "../maps/texture.png"
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.archive.materials import Material, material_of
 from service.archive.obj import TEXTURE_FROM_MESH
 from service.archive.surface import vertex_normals
 from service.arrays import AnyFloat, AnyInt, Float32, Int32
 from service.errors import NumericFault
 from service.head.model import HeadModel
+from service.materials.material import Material
+from service.materials.of_head import material_of
 
 _STAGE = """\
 #usda 1.0

@@ -20,11 +20,11 @@ import trimesh
 from service.archive.avatar import Avatar
 from service.archive.glb import Picture, glb_bytes
 from service.archive.images import encode_png
-from service.archive.materials import material_of
 from service.archive.obj import mtl_bytes, obj_bytes
 from service.archive.pack import archive_members
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
+from service.materials.of_head import material_of
 from tests.service.archive.toys import toy_avatar, toy_head, toy_texture
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
