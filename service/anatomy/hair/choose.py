@@ -12,10 +12,10 @@ from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import Cut, Skull, hair_on
 from service.arrays import Float32
 
-BALD = 0.3
+BALD = 0.45
 """Share of the visible scalp with hair on it below which a head is bald or shaved."""
-LEAST_SCALP = 40.0
-"""Fewest pixels of scalp (of a frame of 128) that have to be seen to tell; less is seen under a cap."""
+LEAST_SCALP = 0.4
+"""Least share of the scalp in the picture that has to be seen to tell; less is seen under a cap."""
 POOR = 0.45
 """Agreement below which the choice is in doubt."""
 REFINED = 3
@@ -73,7 +73,7 @@ def choose(
     seen = frame.scalp * known
     share = float((seen * shown).sum() / max(float(seen.sum()), 1e-6))
     if names is None:
-        if seen.sum() < LEAST_SCALP:
+        if not float(seen.sum()) > LEAST_SCALP * float(frame.scalp.sum()):
             return Choice(UNSEEN, Cut(), 0.0, 1.0, ("hair-unseen",))
         if share < BALD:
             return Choice(None, Cut(), 0.0, share)
