@@ -17,7 +17,7 @@ Triple = tuple[float, float, float]
 Alpha = Literal["opaque", "mask", "blend"]
 
 WHITE: Triple = (1.0, 1.0, 1.0)
-NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 """Names of materials, parts and their textures: they become names of files and of things in three formats."""
 
 
@@ -28,7 +28,7 @@ def checked_name(name: str, what: str) -> str:
         NumericFault: it cannot.
     """
     if not NAME.fullmatch(name):
-        raise NumericFault(f"{what} is named {name!r}; up to 40 lower-case letters, digits and _ are right")
+        raise NumericFault(f"{what} is named {name!r}; a letter and up to 39 letters, digits and _ are right")
     return name
 
 
@@ -77,7 +77,7 @@ Map = ChartMap | OwnMap
 
 @dataclass(frozen=True)
 class Material:
-    """Surface of a part. Factors multiply their map where there is one.
+    """Surface of a part. ``colour`` and ``opacity`` multiply the map; ``roughness`` and ``specular`` hold without one.
 
     Attributes:
         name: of the material in every format; two materials of an avatar never share one.
@@ -90,10 +90,12 @@ class Material:
         roughness: GGX alpha's square root, in [0, 1].
         roughness_map: linear, in [0, 1].
         ior: index of refraction, >= 1.
-        specular: factor of the F0 that ``ior`` gives, in [0, 1].
+        specular: share of the F0 that ``ior`` gives, in [0, 1].
         specular_map: linear, in [0, 1].
         normal_map: tangent space, +Y up.
         displacement_map: heights along the normal.
+        cavity_map: linear, share of the sky that the relief leaves open, in [0, 1].
+        thickness_map: linear, way of light through the flesh.
         subsurface_mm: mean free path of red, green and blue in the material, millimetres; 0 where light does not enter.
         transmission: share of the light that goes through without being diffused, in [0, 1], as in a cornea.
     """
@@ -112,6 +114,8 @@ class Material:
     specular_map: Map | None = None
     normal_map: Map | None = None
     displacement_map: Map | None = None
+    cavity_map: Map | None = None
+    thickness_map: Map | None = None
     subsurface_mm: Triple = (0.0, 0.0, 0.0)
     transmission: float = 0.0
 
@@ -149,5 +153,6 @@ class Material:
         """Its maps, each once."""
         slots = (
             self.colour_map, self.roughness_map, self.specular_map, self.normal_map, self.displacement_map,
+            self.cavity_map, self.thickness_map,
         )  # fmt: skip
         return tuple(dict.fromkeys(one for one in slots if one is not None))
