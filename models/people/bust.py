@@ -9,9 +9,9 @@ from service.anatomy.hair.item import Item
 
 Float = npt.NDArray[np.float64]
 
-CENTRE_M = (0.0, -0.06, -0.06)
+CENTRE_M = (0.0, -0.06, -0.055)
 """Middle of the ellipsoid that cuts the shoulders off, head space."""
-RADII_M = (0.235, 0.245, 0.30)
+RADII_M = (0.185, 0.205, 0.20)
 """Its half axes: the line runs over the shoulders and under the collar bones."""
 
 

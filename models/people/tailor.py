@@ -199,7 +199,9 @@ def bust(tailor: Tailor) -> Item:
     centre = points[tailor.base.quads].mean(1)
     known = np.isin(tailor.base.quads, list(tailor.exact)).all(1)
     whole = tailor.piece("bust/body", (tailor.base.groups == "body") & ~known & (centre[:, 1] > CHEST_M))
-    return cut_item(whole, inside(whole.rest.astype(np.float64)))
+    cut_off = cut_item(whole, inside(whole.rest.astype(np.float64)))
+    low, high = cut_off.uv.min(0), cut_off.uv.max(0)
+    return replace(cut_off, uv=0.02 + 0.96 * (cut_off.uv - low) / np.maximum(high - low, 1e-6))
 
 
 def rooted(item: Item, head: Float) -> Item:

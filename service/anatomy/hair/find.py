@@ -10,7 +10,7 @@ from service.anatomy.hair.choose import UNSEEN, Choice, choose, plain_mask
 from service.anatomy.hair.colour import HairColour, guessed, measure
 from service.anatomy.hair.item import Items, read_items
 from service.anatomy.hair.names import AUTO, NONE
-from service.anatomy.hair.silhouette import Frame
+from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import Cut, Skull, fits, hair_on
 from service.arrays import Bool, Float32
 from service.colour import bytes_to_linear, srgb_to_linear
@@ -25,6 +25,8 @@ RAMP = (0.2, 0.55)
 """Probability up to which a pixel shows no hair, and from which on it does: the reader is unsure at soft edges."""
 CERTAIN = 0.8
 """Ramped probability from which on a pixel gives its colour."""
+BEFORE_M = 0.004
+"""How far behind the skin brows are still drawn: they lie on it."""
 USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
 """Linear RGB of skin in a photo whose cheek was not seen."""
 
@@ -37,11 +39,20 @@ class Hair:
         asked: the option.
         choice: the style, how it is worn, and doubts.
         colour: in the photo's light.
+        brow: the shape of brows that agrees best with the photo's; None where it shows none.
+        brow_colour: (3,) linear RGB of the brows' dark pixels, in the photo's light.
     """
 
     asked: str
     choice: Choice
     colour: HairColour
+    brow: str | None = None
+    brow_colour: Float32 | None = None
+
+    @property
+    def bald_beneath(self) -> bool:
+        """Whether the skin is to be bald: hair is worn as a mesh, or is not wanted."""
+        return self.choice.name is not None or self.asked == NONE
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -73,23 +84,27 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
     pixels = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))
     shown, inside = _ramp(plain_mask(reading.parts, HAIR)), _in_photo(photo, reading)
     certain = (shown > CERTAIN) & inside
+    frame = _frame(head, fit, reading)
+    brow_colour = _brow(pixels, reading, inside)
+    brow = None if brow_colour is None else _brow_shape(fit, reading, items, frame)
     if asked == NONE:
         choice, along = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown)
     else:
-        choice, along = _choose(head, fit, reading, items, shown, inside, named)
+        choice, along = _choose(head, fit, reading, items, frame, shown, inside, named)
     found = measure(pixels.reshape(-1, 3), along.ravel(), certain.ravel())
-    return Hair(asked, choice, found or guessed(skin, _brow(pixels, reading, inside)))
+    return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour)
+
+
+def _frame(head: HeadModel, fit: Fit, reading: Reading) -> Frame:
+    region, scalp = reading.region, vertex_mask(head, "scalp")
+    return Frame.of(fit.camera, lambda at: region.to_crop(at, PART_CELLS), PART_CELLS, head, fit.vertices, scalp)
 
 
 def _choose(
-    head: HeadModel, fit: Fit, reading: Reading, items: Items, shown: Float32, inside: Bool, named: list[str] | None
-) -> tuple[Choice, Float32]:
+    head: HeadModel, fit: Fit, reading: Reading, items: Items, frame: Frame, shown: Float32, inside: Bool,
+    named: list[str] | None,
+) -> tuple[Choice, Float32]:  # fmt: skip
     """The style, and its coordinate from root to tip in the reader's cells, 0 beside it."""
-    region = reading.region
-    frame = Frame.of(
-        fit.camera, lambda points: region.to_crop(points, PART_CELLS), PART_CELLS, head, fit.vertices,
-        vertex_mask(head, "scalp"),
-    )  # fmt: skip
     known = np.asarray(inside * (1 - plain_mask(reading.parts, HAT, OTHER)), np.float32)
     skin = _ramp(plain_mask(reading.parts, SKIN, BROW, BEARD, SCLERA, IRIS))
     skull = Skull.of(head, fit.neutral)
@@ -98,6 +113,15 @@ def _choose(
         return choice, np.zeros_like(shown)
     item = items.items[choice.name]
     return choice, frame.hair(item, hair_on(item, items, skull, choice.cut))[1]
+
+
+def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:
+    """The brows that overlap most with those of the photo."""
+    shown = _ramp(plain_mask(reading.parts, BROW))
+    moved = fit.vertices - items.fitted_head
+    masks = ((name, frame.hair(items.items[name], items.items[name].worn(moved), BEFORE_M)[0]) for name in
+             items.names("brow"))  # fmt: skip
+    return max((agreement(shown, mask, np.ones_like(shown)), name) for name, mask in masks)[1]
 
 
 def _ramp(share: Float32) -> Float32:

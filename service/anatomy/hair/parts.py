@@ -11,6 +11,7 @@ from service.anatomy.hair.skull import Skull, fits, hair_on, mirrored
 from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import linear_to_srgb
 from service.face.fit.result import Fit
+from service.geometry.normals import area_normals
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
@@ -23,6 +24,8 @@ LASHES = "lash/eyelashes02"
 LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
 """Diffuse albedo of lashes, linear RGB."""
 
+BROW_LIFT_M = 0.0004
+"""Height of the brows' cards over where they were made: the skin of another head is curved differently."""
 CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
 
@@ -111,3 +114,23 @@ def following(
         targets=targets,
         replaces=replaces,
     )
+
+
+def brow_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+    """Brows over those of the skin, in the shape that agrees best with the photo's; None where none was compared.
+
+    Args:
+        hair: with the brows' shape and colour.
+        head: topology and units.
+        fit: vertices of the head.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    items = read_items()
+    if hair.brow is None or hair.brow_colour is None or not fits(items, head):
+        return None
+    item = items.items[hair.brow]
+    coded = linear_to_srgb(np.clip(hair.brow_colour * light, 0, 0.6).astype(np.float32))
+    picture = _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
+    material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
+    normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
+    return following("brow_cards", item, items, head, fit, material, lift=BROW_LIFT_M * normals)

@@ -66,15 +66,16 @@ class Frame:
         below = ((x - line[0, 0]) * down[0] + (y - line[0, 1]) * down[1] > 0).astype(np.float32)
         return cls(camera, place, side, drawn.depth, mask.reshape(side, side), below)
 
-    def hair(self, item: Item, points: AnyFloat) -> tuple[Float32, Float32]:
+    def hair(self, item: Item, points: AnyFloat, behind: float = 0.0) -> tuple[Float32, Float32]:
         """(side, side) float32 1 where a style shows, and there its coordinate from root to tip, 0 elsewhere.
 
         Args:
             item: the style.
             points: (N, 3) its vertices on the head.
+            behind: metres behind the head's surface up to which it is drawn.
         """
         flat, depth = self.place(self.camera.project(points)), self.camera.to_camera(points)[:, 2]
-        found = fragments(flat, depth, item.triangles, self.side, self.side, nearer=self.behind)
+        found = fragments(flat, depth, item.triangles, self.side, self.side, nearer=self.behind + np.float32(behind))
         corners = item.triangles[found.triangle]
         alpha = sample_chart(item.picture, interpolate(item.uv, corners, found.barycentric))[:, -1] / 255
         solid = np.flatnonzero(alpha > OPAQUE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-
 from scipy.spatial import cKDTree
 
 from service.anatomy.hair.item import Item, Items
@@ -87,7 +86,7 @@ class Skull:
         return index, np.asarray(np.einsum("ni,ni->n", points - self.skin[index], normal)), normal
 
 
-def hair_on(item: Item, items: Items, skull: Skull, cut: Cut = Cut()) -> Float32:  # noqa: B008
+def hair_on(item: Item, items: Items, skull: Skull, cut: Cut = Cut()) -> Float32:
     """(N, 3) float32 metres of a style on a head, off its skin.
 
     Args:

@@ -15,6 +15,8 @@ BEFORE = (BACKGROUND, GLASSES, HAT, CLOTH, OTHER)
 """Parts that are never the head's own surface; hair is its own only on the scalp."""
 RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
+STRANDS = (0.08, 0.3)
+"""The same for hair alone: single strands before the forehead would be left as streaks."""
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
@@ -43,13 +45,20 @@ _LONGEST = 30_000
 """Rows that OpenCV remaps at a time: it counts them in 16 bits."""
 
 
-def covered(parts: Float32, zones: Zones) -> Float32:
+def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     """(N,) float32 in [0, 1], 1 where the photo shows something before the head.
 
     Args:
         parts: (N, 13) as :func:`parts_at` gives them.
         zones: of the same texels.
+        bald: hair hides the scalp too, as it is a mesh of its own.
     """
-    share = parts[:, list(BEFORE)].sum(1) + parts[:, HAIR] * (1 - zones.scalp)
-    t = np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0.0, 1.0)
+    share = parts[:, list(BEFORE)].sum(1)
+    if not bald:
+        return _ramp(share + parts[:, HAIR] * (1 - zones.scalp), RAMP)
+    return np.maximum(_ramp(share + parts[:, HAIR], RAMP), _ramp(parts[:, HAIR], STRANDS))
+
+
+def _ramp(share: Float32, between: tuple[float, float]) -> Float32:
+    t = np.clip((share - between[0]) / (between[1] - between[0]), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t), np.float32)
