@@ -1,4 +1,4 @@
-"""The bust an avatar ends in: shoulders of the base mesh, cut along a smooth line."""
+"""The bust an avatar ends in: shoulders of the base mesh, cut along a plane."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from service.anatomy.hair.item import Item
 
 Float = npt.NDArray[np.float64]
 
-CENTRE_M = (0.0, -0.06, -0.055)
-"""Middle of the ellipsoid that cuts the shoulders off, head space."""
-RADII_M = (0.185, 0.205, 0.20)
-"""Its half axes: the line runs over the shoulders and under the collar bones."""
+FRONT_M, BACK_M = (-0.232, 0.01), (-0.187, -0.14)
+"""Heights of the plane that cuts the shoulders off, and the depths where it has them: under the collar bones in front,
+over the shoulder blades behind."""
 
 
 def inside(points: Float) -> Float:
     """(N,) above 0 on the side of points (N, 3) that stays."""
-    return np.asarray(1.0 - (((points - CENTRE_M) / RADII_M) ** 2).sum(1))
+    slope = (FRONT_M[0] - BACK_M[0]) / (FRONT_M[1] - BACK_M[1])
+    return np.asarray(points[:, 1] - FRONT_M[0] - slope * (points[:, 2] - FRONT_M[1]))
 
 
 def cut_item(item: Item, value: Float) -> Item:

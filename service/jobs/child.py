@@ -103,7 +103,10 @@ def kinds() -> dict[str, type]:
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    found = (Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied, Hair, Choice, Cut, HairColour)
+    found = (
+        Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture, Similarity,
+        Applied,
+    )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 
 

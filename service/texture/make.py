@@ -24,7 +24,7 @@ from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.roots import over_roots, root_shadow
-from service.texture.segmentation.covered import covered, parts_at
+from service.texture.segmentation.covered import covered, grown, parts_at
 from service.texture.segmentation.glasses import GLASSES, frames
 from service.texture.segmentation.skin import lit_skin, segment, worn_mask
 from service.texture.segmentation.zones import Zones
@@ -42,8 +42,8 @@ LITTLE_SEEN = 0.25
 
 
 def make_texture(
-    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (), reading: Reading | None = None,
-    hair: Hair | None = None,
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (),
+    reading: Reading | None = None, hair: Hair | None = None,
 ) -> Texture:  # fmt: skip
     """Unwrap the photo on the fitted head and inpaint the rest.
 
@@ -73,6 +73,7 @@ def make_texture(
     if reading is not None:
         part = parts_at(reading, fit, unwrapped)
         hidden = covered(part, zones, bald=bald)
+        hidden = grown(chart, hidden) if bald else hidden
         bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
         unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - hidden), visible=bare)
         scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen

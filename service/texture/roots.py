@@ -14,14 +14,14 @@ from service.head.regions import vertex_mask
 from service.texture.inpainting.grain import grain
 from service.texture.segmentation.zones import Zones
 
-OPACITY = 0.55
+OPACITY = 0.5
 """Of the shadow where hair grows densely: skin between roots shows as much again."""
 DARKER = 0.8
 """Colour of roots over the mean of the hair's strands: no light gets between them."""
 SMOOTHNESS = 0.5
 PRIOR_TRUST = 0.01
 """Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
-GRAIN = 0.22
+GRAIN = 0.08
 """Standard deviation of the opacity over its mean, about: roots are points."""
 
 

@@ -19,12 +19,12 @@ SHADE = (0.1, 0.4)
 LIGHT = (0.6, 0.9)
 """Ranks by luminance, from which the colours of shaded and of lit strands are taken; the extremes are gaps between
 strands, and background."""
-MOST_CONTRAST = 2.5
-"""Largest ratio of lit to shaded strands: more is the photo's light and not the hair's."""
+CONTRAST = (1.7, 2.6)
+"""Smallest and largest ratio of lit to shaded strands: less is lost in the photo's resolution, more is its light."""
 MOST_FADING = 1.8
 """Largest ratio between tips and roots in a channel, either way."""
 GREY = 0.18
-"""Saturation (1 - min / max of linear RGB) below which lit strands count as grey; the share falls to 0 at twice that."""
+"""Saturation (1 - min / max of linear RGB) below which lit strands are grey; the share falls to 0 at twice that."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,8 @@ def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | Non
         np.maximum(np.median(own[(rank >= low) & (rank <= high)], 0), 1e-4) for low, high in (SHADE, LIGHT, (0.95, 1.0))
     )
     ratio = float(luma(lit) / max(float(luma(shaded)), 1e-6))
-    if ratio > MOST_CONTRAST:  # towards their geometric mean, which stays
-        shrink = np.float32(np.sqrt(ratio / MOST_CONTRAST))
-        shaded, lit = shaded * shrink, lit / shrink
+    apart = np.float32(np.sqrt(float(np.clip(ratio, *CONTRAST)) / max(ratio, 1e-6)))
+    shaded, lit = shaded / apart, lit * apart  # their geometric mean stays
     root = tip = np.ones(3, np.float32)
     ends = own[(where > 0) & (where < ENDS[0])], own[where > ENDS[1]]
     if min(len(end) for end in ends) >= LEAST_END:

@@ -12,8 +12,12 @@ from service.geometry.raster import interpolate, rasterise
 
 BRIGHTEST = 0.75
 """Largest albedo of hair, linear."""
-SPREAD = 0.04
+SPREAD = 0.008
 """Blur of the coordinate from root to tip on the texture, over its width: cards that share texels differ."""
+HAIRLINE = 0.05
+"""Coordinate up to which cards fade in at the roots, strand by strand: a hairline is no edge."""
+STRANDS_PX = 3.0
+"""Standard deviation of the blur that strands are told from, texels of 512."""
 
 
 def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
@@ -37,7 +41,21 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     usual = colour.shaded + lit * (colour.lit - colour.shaded)
     albedo = usual * (colour.root + along * (colour.tip - colour.root)) * light
     coded = linear_to_srgb(np.clip(albedo, 0, np.float32(BRIGHTEST)).astype(np.float32))
-    return np.concatenate([np.rint(255 * coded).astype(np.uint8), alpha[..., None]], 2)
+    opaque = np.rint(alpha * _fading(item, along[..., 0])).astype(np.uint8)
+    return np.concatenate([np.rint(255 * coded).astype(np.uint8), opaque[..., None]], 2)
+
+
+def _fading(item: Item, along: Float32) -> Float32:
+    """(H, W) factor on alpha in [0, 1]: 0 at the roots, 1 from ``HAIRLINE`` on, uneven from strand to strand."""
+    import cv2
+
+    if item.along is None:
+        return np.ones_like(along)
+    grey = item.picture[..., 0].astype(np.float32)
+    strands = grey - np.asarray(cv2.GaussianBlur(grey, (0, 0), STRANDS_PX * grey.shape[1] / 512))
+    uneven = strands / max(float(strands.std()), 1e-3)
+    t = np.clip(along / HAIRLINE + 0.25 * uneven * (along < HAIRLINE), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
 def _on_texture(item: Item) -> Float32:

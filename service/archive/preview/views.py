@@ -69,11 +69,10 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 
 def framed(avatar: Avatar) -> Float32:
-    """(N, 3) points that views show: the head, and its parts as far as they do not hang below the bust."""
-    lowest = min([float(avatar.fit.vertices[:, 1].min()), *(float(part.vertices[:, 1].min()) for part in avatar.parts
-                                                            if not part.material.double_sided)])  # fmt: skip
-    parts = [part.vertices[part.vertices[:, 1] >= lowest] for part in avatar.parts]
-    return np.concatenate([avatar.fit.vertices, *parts])
+    """(N, 3) points that views show: the head, and its hair as far as it does not hang below the neck."""
+    lowest = float(avatar.fit.vertices[:, 1].min())
+    sheets = [part.vertices for part in avatar.parts if part.material.double_sided]
+    return np.concatenate([avatar.fit.vertices, *(points[points[:, 1] >= lowest] for points in sheets)])
 
 
 def photo_light(avatar: Avatar) -> Float32:
