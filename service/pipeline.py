@@ -37,6 +37,7 @@ from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
+from service.reflectance.surface.make import surface_maps
 from service.runtime.ahead import loading_ahead
 from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
@@ -145,8 +146,9 @@ def make_avatar(
                 stages=stages,
             )
             timings |= reflectance.timings_s
-    albedo = None if reflectance is None else reflectance.diffuse_albedo
-    parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
+        albedo = None if reflectance is None else reflectance.diffuse_albedo
+        parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
+        surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
     return Avatar(
         photo=photo,
         face=face,
@@ -160,6 +162,7 @@ def make_avatar(
         hair=hair,
         similarity=similarity,
         reflectance=reflectance,
+        surface=surface,
         warnings=warnings,
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

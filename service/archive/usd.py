@@ -1,19 +1,30 @@
-"""``mesh/head.usda``: the same head as ``head.obj`` for USD tools, as text.
+"""``mesh/head.usda``: the neutral head for USD tools, with blendshapes whose weights give the photo's expression.
 
-Original polygons with ``subdivisionScheme = "none"``, chart as face-varying ``primvars:st`` (origin bottom left), one
-Mesh per part and one material per kind of surface.
+A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as face-varying
+``primvars:st``, origin bottom left), the ARKit units as UsdSkel blendshapes, a skeleton, and one material per kind of
+surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from service.archive.map_files import MapFiles
+from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.surface import vertex_normals
 from service.archive.usd_materials import material_text
-from service.archive.usd_text import integers, tuples
+from service.archive.usd_text import integers, numbers, tuples
+from service.arrays import Float32, Float64
 from service.head.files import split_polygons
 from service.materials.part import MeshPart
+
+SMALLEST_OFFSET_M = 5e-6
+"""Shorter offsets of a blendshape are left out."""
+
+REST = "rest_of_the_photo"
+"""Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""
 
 _STAGE = """\
 #usda 1.0
@@ -24,15 +35,33 @@ _STAGE = """\
     upAxis = "Y"
 )
 
-def Xform "Head" (
+def SkelRoot "Head" (
     kind = "component"
 )
 {{
 """
 
+_SKELETON = """\
+    def Skeleton "Skeleton" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {{
+        uniform token[] joints = [{joints}]
+        uniform matrix4d[] bindTransforms = [{bind}]
+        uniform matrix4d[] restTransforms = [{rest}]
+        rel skel:animationSource = </Head/Skeleton/Animation>
+
+        def SkelAnimation "Animation"
+        {{
+            uniform token[] blendShapes = [{shapes}]
+            float[] blendShapeWeights = [{weights}]
+        }}
+    }}
+"""
+
 _MESH = """\
     def Mesh "{name}" (
-        prepend apiSchemas = ["MaterialBindingAPI"]
+        prepend apiSchemas = ["MaterialBindingAPI", "SkelBindingAPI"]
     )
     {{
         uniform bool doubleSided = {double_sided}
@@ -47,30 +76,143 @@ _MESH = """\
         texCoord2f[] primvars:st = [{st}] (
             interpolation = "faceVarying"
         )
+        int[] primvars:skel:jointIndices = [{joints}] (
+            elementSize = {influences}
+            interpolation = "vertex"
+        )
+        float[] primvars:skel:jointWeights = [{weights}] (
+            elementSize = {influences}
+            interpolation = "vertex"
+        )
+        uniform token[] skel:blendShapes = [{shapes}]
+        rel skel:blendShapeTargets = [{targets}]
+        rel skel:skeleton = </Head/Skeleton>
         rel material:binding = </Head/Materials/{material}>
-    }}
+{blendshapes}    }}
+"""
+
+_SHAPE = """\
+        def BlendShape "{name}"
+        {{
+            uniform vector3f[] offsets = [{offsets}]
+            uniform vector3f[] normalOffsets = [{turned}]
+            uniform int[] pointIndices = [{indices}]
+        }}
 """
 
 
-def usda_bytes(parts: Sequence[MeshPart], files: MapFiles, title: str) -> bytes:
-    """USD text of the parts in the photo's expression."""
-    blocks = [_STAGE.format(title=title), *(_mesh(part) for part in parts)]
+def usda_bytes(
+    parts: Sequence[MeshPart],
+    files: MapFiles,
+    title: str,
+    *,
+    units: Sequence[str],
+    expression: Mapping[str, float],
+    joints: Skeleton,
+    weights: Mapping[str, Float32],
+) -> bytes:
+    """USD text of the parts.
+
+    Args:
+        parts: meshes in the order of the file.
+        files: where the maps lie.
+        title: for the stage's documentation.
+        units: names of the blendshapes.
+        expression: weight of each in the photo; 0 where it has none.
+        joints: positions of the skeleton.
+        weights: (N, 5) by which the vertices of a part follow the joints, by the part's name; parts without follow
+            their bone.
+    """
+    shapes = {part.name: _blendshapes(part, units, expression) for part in parts}
+    names = [*units, *([REST] if any(REST in one for one in shapes.values()) else [])]
+    values = [1.0 if name == REST else float(expression.get(name, 0.0)) for name in names]
+    blocks = [_STAGE.format(title=title), _skeleton(joints, names, values)]
+    blocks += [_mesh(part, shapes[part.name], weights.get(part.name)) for part in parts]
     used = {part.material.name: part.material for part in parts}
     blocks += ['    def Scope "Materials"\n    {\n', *(material_text(material, files) for material in used.values())]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
-def _mesh(part: MeshPart) -> str:
+def joint_paths() -> list[str]:
+    """Names of the joints as paths from the root."""
+    paths: list[str] = []
+    for name, parent in zip(JOINTS, PARENTS, strict=True):
+        paths.append(name if parent < 0 else f"{paths[parent]}/{name}")
+    return paths
+
+
+def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -> str:
+    parents = [np.zeros(3) if parent < 0 else joints.positions[parent] for parent in PARENTS]
+    return _SKELETON.format(
+        joints=_tokens(joint_paths()),
+        bind=", ".join(_moved(one) for one in joints.positions),
+        rest=", ".join(_moved(one - before) for one, before in zip(joints.positions, parents, strict=True)),
+        shapes=_tokens(names),
+        weights=numbers(np.array(values), 6),
+    )
+
+
+def _moved(by: Float64) -> str:
+    rows = np.eye(4)
+    rows[3, :3] = by
+    return f"({tuples(rows, 6)})"
+
+
+def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, float]) -> dict[str, Float32]:
+    """Offsets (N, 3) of each blendshape that moves the part."""
+    found = {unit: part.targets[unit] for unit in units if unit in part.targets}
+    posed = part.neutral + sum((np.float32(expression.get(unit, 0)) * found[unit] for unit in found), np.float32(0))
+    rest = part.vertices - posed
+    if np.abs(rest).max() > SMALLEST_OFFSET_M:
+        found[REST] = np.asarray(rest, np.float32)
+    return {name: offsets for name, offsets in found.items() if np.abs(offsets).max() > SMALLEST_OFFSET_M}
+
+
+def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> str:
     polygons, places = part.polygons, part.polygons_uv
-    present = polygons >= 0
+    present, corners = polygons >= 0, split_polygons(polygons)
+    still = vertex_normals(part.neutral, corners)
+    if weights is None:
+        weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
+    influences, indices = _influences(weights)
+    both = np.concatenate([part.vertices, part.neutral])
+    turned = vertex_normals(part.neutral + np.stack(list(shapes.values())), corners) - still if shapes else ()
+    blocks = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
     return _MESH.format(
         name=part.name,
         material=part.material.name,
         double_sided="true" if part.material.double_sided else "false",
-        extent=tuples([part.vertices.min(0), part.vertices.max(0)], 6),
+        extent=tuples([both.min(0), both.max(0)], 6),
         counts=integers(present.sum(1)),
         indices=integers(polygons[present]),
-        points=tuples(part.vertices, 6),
-        normals=tuples(vertex_normals(part.vertices, split_polygons(polygons)), 4),
+        points=tuples(part.neutral, 6),
+        normals=tuples(still, 4),
         st=tuples(part.uv[places[present]], 6),
+        joints=integers(indices),
+        weights=numbers(influences, 3),
+        influences=influences.shape[1],
+        shapes=_tokens(list(shapes)),
+        targets=", ".join(f"</Head/{part.name}/{name}>" for name in shapes),
+        blendshapes="".join(blocks),
     )
+
+
+def _influences(weights: Float32) -> tuple[Float32, Float32]:
+    """The largest weights (N, k) of each vertex and their joints (N, k), with the least k that leaves nothing out."""
+    count = max(int((weights > 0).sum(1).max()), 1)
+    order = np.argsort(-weights, axis=1, kind="stable")[:, :count]
+    return np.take_along_axis(weights, order, 1), order
+
+
+def _shape(name: str, offsets: Float32, turned: Float32) -> str:
+    moved = np.flatnonzero((np.abs(offsets) > SMALLEST_OFFSET_M).any(1))
+    return _SHAPE.format(
+        name=name,
+        offsets=tuples(np.round(offsets[moved], 6), 4),
+        turned=tuples(np.round(turned[moved], 2), 2),
+        indices=integers(moved),
+    )
+
+
+def _tokens(names: Sequence[str]) -> str:
+    return ", ".join(f'"{name}"' for name in names)

@@ -127,7 +127,7 @@ def fragments(
     for rows in _spans(planes.corners, width, height, 0):
         span, step = _expand(rows.stop - rows.start)
         t, x, y = rows.triangle[span], rows.start[span] + step, rows.y[span]
-        share = _barycentric(planes, t, x + 0.5, y + 0.5, True)
+        share = _barycentric(planes, t, (x + 0.5).astype(np.float64), (y + 0.5).astype(np.float64), True)
         far = np.asarray(np.einsum("nk,nk->n", share, z[faces[keep[t]]]), np.float32)
         pixel = y * width + x
         shown = slice(None) if limit is None else np.flatnonzero(far < limit[pixel])

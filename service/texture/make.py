@@ -68,7 +68,7 @@ def make_texture(
     if ledger.runs(GLASSES):
         glasses = frames(chart, unwrapped, zones)
         ledger.count(GLASSES, int(glasses.sum()), glasses.size)
-    scalp, part, shown = zones.scalp, None, unwrapped.weight
+    scalp, part, weight = zones.scalp, None, unwrapped.weight
     bald = hair is not None and hair.bald_beneath
     if reading is not None:
         part = parts_at(reading, fit, unwrapped)
@@ -85,7 +85,7 @@ def make_texture(
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, on_scalp)
     if hair is not None and bald:
-        shadow = root_shadow(chart, part, shown, zones, hair)
+        shadow = root_shadow(chart, part, weight, zones, hair)
         completed = replace(completed, colour=over_roots(completed.colour, shadow, hair))
     person = fallback if fit.cheek is None else fit.cheek
     parts = paint_parts(photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger)

@@ -75,17 +75,16 @@ def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | Non
     ratio = float(luma(lit) / max(float(luma(shaded)), 1e-6))
     apart = np.float32(np.sqrt(float(np.clip(ratio, *CONTRAST)) / max(ratio, 1e-6)))
     shaded, lit = shaded / apart, lit * apart  # their geometric mean stays
-    root = tip = np.ones(3, np.float32)
+    fading = np.ones(3)
     ends = own[(where > 0) & (where < ENDS[0])], own[where > ENDS[1]]
     if min(len(end) for end in ends) >= LEAST_END:
         middles = [np.maximum(np.median(end, 0), 1e-4) for end in ends]
         fading = np.clip(np.sqrt(middles[1] / middles[0]), MOST_FADING**-0.5, MOST_FADING**0.5)
-        root, tip = 1 / fading, fading
     saturation = 1 - float(lit.min()) / max(float(lit.max()), 1e-6)
     f = np.float32
     return HairColour(
-        shaded.astype(f), lit.astype(f), np.asarray(root, f), np.asarray(tip, f),
-        float(np.clip(2 - saturation / GREY, 0, 1)), float(max(luma(top) / max(float(luma(lit)), 1e-6), 1.0)), True,
+        shaded.astype(f), lit.astype(f), np.asarray(1 / fading, f), np.asarray(fading, f),
+        float(np.clip(2 - saturation / GREY, 0, 1)), max(float(luma(top)) / max(float(luma(lit)), 1e-6), 1.0), True,
     )  # fmt: skip
 
 
@@ -96,7 +95,7 @@ def guessed(skin: Float32, brow: Float32 | None = None) -> HairColour:
         skin: (3,) linear RGB of the person's skin in the photo's light.
         brow: (3,) linear RGB of the brows' dark pixels in it, or None.
     """
-    usual = np.asarray(skin, np.float32) * np.float32([0.12, 0.09, 0.075]) if brow is None else brow
+    usual = np.asarray(skin, np.float32) * np.array([0.12, 0.09, 0.075], np.float32) if brow is None else brow
     one = np.ones(3, np.float32)
     f = np.float32
     return HairColour(np.asarray(usual * f(0.7), f), np.asarray(usual * f(1.3), f), one, one, 0.0, 1.0, False)

@@ -47,7 +47,7 @@ def mirrored(item: Item, head: HeadModel) -> Item:
     """The item with left and right exchanged; the head's two halves have to be each other's mirror image."""
     return replace(
         item,
-        rest=item.rest * np.float32([-1, 1, 1]),
+        rest=item.rest * np.array([-1, 1, 1], np.float32),
         follow=head.mirror[item.follow],
         triangles=np.ascontiguousarray(item.triangles[:, ::-1]),
     )

@@ -81,7 +81,8 @@ def photo_light(avatar: Avatar) -> Float32:
     if made is None or made.diffuse_albedo is None:
         return np.ones(3, np.float32)
     height, width = texture.texture.shape[:2]
-    return 1 / to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
+    light = to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
+    return np.asarray(1 / light, np.float32)
 
 
 def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
