@@ -81,7 +81,7 @@ def read_items(path: Path = FILE) -> Items:
         ModelFault: it is missing or cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as a:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as a:
             arrays = {key: a[key] for key in a.files}
         fitted = arrays.pop("fitted_head")
         names = sorted({key.rsplit(":", 1)[0] for key in arrays})
