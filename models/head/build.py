@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from models.head.bases import Bases
 from models.head.chart.build import build_chart
 from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
 from models.head.digest import BASE_NAME, LICENCE, write_digest
@@ -22,7 +23,7 @@ from models.head.expression import ARKIT, read_units
 from models.head.identity import align, identity_basis, vertex_areas
 from models.head.regions import build_regions, rigid_groups
 from models.head.sample import Population
-from models.head.settle import Bases, part_members, settle
+from models.head.settle import part_members, settle
 from models.head.source import UNIT_M, find_data, read_base
 from service.head.files import DEFAULT_HEAD, save_head, split_polygons, triangle_fields
 from service.head.model import HeadModel
