@@ -19,7 +19,7 @@ ORDER = {
     "service": (
         # What everything stands on.
         "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
-        "geometry", "anatomy", "runtime",
+        "geometry", "materials", "anatomy", "runtime",
         # From the photo to the maps, and their files.
         "light", "face", "texture", "reflectance", "corrections", "archive",
         # The whole way, and who asks for it.

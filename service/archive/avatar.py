@@ -10,6 +10,7 @@ from typing import Any
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
+from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.reflectance.result import Reflectance
 from service.texture.result import Texture
@@ -85,6 +86,7 @@ class Avatar:
         reflectance: maps computed by the networks, or None where none was requested.
         given: None for a photo. Otherwise nothing was fitted: of ``photo``, ``face`` and ``fit`` only the texture's
             pixels and the vertices are meaningful, and the manifest has null for them.
+        parts: meshes beside the head's own: hair, lashes, teeth and the like; ``check_parts`` holds for them.
         similarity: identity check, or None where it did not run.
         effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
@@ -100,6 +102,7 @@ class Avatar:
     options: Mapping[str, Any]
     seed: int
     models: tuple[ModelCard, ...]
+    parts: tuple[MeshPart, ...] = ()
     similarity: Similarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None

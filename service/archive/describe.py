@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from service import __version__
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
-from service.archive.container import MEMBER_NAMES
+from service.archive.container import in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapSpec
 from service.archive.version import PROGRAM
@@ -45,7 +45,6 @@ _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.Manifest:
     """Manifest of ``avatar`` whose archive holds ``files`` (name -> content, without the manifest itself)."""
-    names = [name for name in MEMBER_NAMES if name in files]
     return m.Manifest(
         schema_version=m.SCHEMA_VERSION,
         generator=m.Generator(PROGRAM, __version__),
@@ -59,7 +58,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         forward="+Z",
         head=_head(avatar),
         maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
-        files=[_file(name, files[name]) for name in names],
+        files=[_file(name, files[name]) for name in in_order(files)],
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
@@ -152,7 +151,8 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
 
 
 def _file(name: str, data: bytes) -> m.File:
-    role = ROLES.get(name) or name.rpartition("/")[2].partition(".")[0]
+    stem = name.rpartition("/")[2].partition(".")[0]
+    role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
 
 

@@ -67,6 +67,12 @@ def in_object_space(avatar: Avatar) -> bool:
     return avatar.options.get("normals") == "object"
 
 
+def map_wanted(avatar: Avatar, role: str) -> bool:
+    """Whether the options request a map; without a list they request all."""
+    chosen = avatar.options.get("maps")
+    return chosen is None or role in chosen
+
+
 def fine_mesh_wanted(avatar: Avatar) -> bool:
     """Whether the options request the subdivided, displaced mesh: displacement at a level that has it."""
     level = LEVELS[avatar.options.get("quality", "standard")]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
-from service.archive.glb import Picture
+from service.archive.gltf_materials import Picture
 from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
 from service.arrays import UInt8
 from service.reflectance.result import Reflectance, unpack_normals
@@ -17,6 +17,19 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 GLB_TEXTURE_PX = 2048
 """Longest side of a texture in the GLB; many viewers refuse more than 4096."""
+
+
+def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
+    """Textures of the chart by role, as ``gltf_materials.Materials`` wants them.
+
+    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo.
+    """
+    made = avatar.reflectance
+    found = {"diffuse_albedo": colours(avatar)}
+    if made is not None:
+        more = {"specular_normal": normal_picture(made), "specular_albedo": specular_picture(made)}
+        found |= {role: picture for role, picture in more.items() if picture is not None}
+    return found
 
 
 def colours(avatar: Avatar) -> Picture:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from service.archive.container import MEMBER_NAMES
+from service.archive.container import unknown_names
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.errors import BadArchive, UsageError
@@ -85,7 +85,7 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
 
 def _check_names(archive: zipfile.ZipFile) -> None:
     names = archive.namelist()
-    unknown = sorted(set(names) - set(MEMBER_NAMES))
+    unknown = unknown_names(names)
     if unknown or len(set(names)) != len(names):
         odd = repr(unknown[0][:60]) if unknown else "a duplicate name"
         raise BadArchive(f"the zip contains {odd}; an archive of avatarme has manifest.json, maps/ and mesh/ only")

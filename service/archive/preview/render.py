@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.materials import material_of
 from service.archive.preview.shading import STUDIO, Lamps, baked, clay_colours, double_sided
 from service.arrays import AnyFloat, Float32, Float64, Int32, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
@@ -14,6 +13,7 @@ from service.geometry.camera import Camera
 from service.geometry.raster import interpolate, rasterise
 from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
+from service.materials.of_head import material_of
 
 Image = UInt8
 

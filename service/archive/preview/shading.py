@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.materials import material_of
 from service.arrays import AnyFloat, Bool, Float32
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
 from service.light.scene import Triple
+from service.materials.of_head import material_of
 
 CLAY = (0.50, 0.47, 0.44)
 """Linear albedo of the untextured skin."""

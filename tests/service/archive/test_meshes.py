@@ -18,13 +18,16 @@ import pytest
 import trimesh
 
 from service.archive.avatar import Avatar
-from service.archive.glb import Picture, glb_bytes
+from service.archive.glb import glb_bytes
+from service.archive.gltf_materials import Picture
 from service.archive.images import encode_png
-from service.archive.materials import material_of
-from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.map_files import MapFiles
+from service.archive.mtl import mtl_bytes
+from service.archive.obj import obj_bytes
 from service.archive.pack import archive_members
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
+from service.materials.of_head import SKIN, head_parts, material_of
 from tests.service.archive.toys import toy_avatar, toy_head, toy_texture
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -177,8 +180,9 @@ def test_obj_refuses_nan(avatar: Avatar) -> None:
         obj_bytes(avatar.head, broken, "t")
 
 
-def test_materials_without_texture(avatar: Avatar) -> None:
-    assert b"map_Kd" in mtl_bytes(avatar.head) and b"map_Kd" not in mtl_bytes(avatar.head, textured=False)
+def test_materials_without_texture() -> None:
+    assert b"map_Kd ../maps/texture.png" in mtl_bytes([SKIN], MapFiles(["texture"]))
+    assert b"map_Kd" not in mtl_bytes([SKIN], MapFiles([]))
 
 
 def validator_report(data: bytes, folder: Path) -> dict[str, Any]:
@@ -215,7 +219,9 @@ def test_the_shipped_head_passes_too_and_is_small(tmp_path: Path) -> None:
     head = load_head()
     picture = Picture(encode_png(toy_texture(576, 384).texture, srgb=True), "image/png")
     neutral = head.shape(np.full(5, 0.7))
-    data = glb_bytes(head, neutral, picture, generator="g", copyright_notice="c", expression={}, extras={})
+    parts, units = head_parts(head, neutral, neutral), head.expression_names
+    facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
+    data = glb_bytes(parts, {"diffuse_albedo": picture}, units=units, **facts)
     issues = validator_report(data, tmp_path)["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
     assert len(data) - len(picture.data) < 3_000_000
@@ -326,9 +332,10 @@ def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tm
     broken = avatar.fit.neutral.copy()
     broken[0, 0] = np.nan
     with pytest.raises(NumericFault):
-        glb_bytes(avatar.head, broken, picture, **facts)
+        head_parts(avatar.head, avatar.fit.vertices, broken)
     still = replace(avatar.head, expression=avatar.head.expression[:0], expression_names=())
-    content = Glb.read(glb_bytes(still, avatar.fit.neutral, picture, **facts)).json
+    parts = head_parts(still, avatar.fit.vertices, avatar.fit.neutral)
+    content = Glb.read(glb_bytes(parts, {"diffuse_albedo": picture}, units=(), **facts)).json
     assert all("targets" not in mesh["primitives"][0] and "extras" not in mesh for mesh in content["meshes"])
 
 
