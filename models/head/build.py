@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from models.head.bases import Bases
 from models.head.chart.build import build_chart
+from models.head.closures import closing, with_bases
 from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
 from models.head.digest import BASE_NAME, LICENCE, write_digest
 from models.head.embedding import Embedding, load_embedding
@@ -103,7 +104,7 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     bases = Bases(mean, identity.components.astype(np.float64), units)
     bases = settle(bases, part_members(crop.polygons, part), regions, ARKIT)
     embedding = embedding or Embedding.empty()
-    return HeadModel(
+    head = HeadModel(
         name=BASE_NAME,
         licence=LICENCE,
         mean=bases.mean.astype(np.float32),
@@ -121,6 +122,7 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
         **triangle_fields(polygons, polygon_uv, part),
         **embedding.fields(),
     )
+    return with_bases(head, closing(bases, head))
 
 
 def main() -> None:

@@ -11,13 +11,13 @@ Topology and chart do not change, and only vertices within some rows of the seam
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
+from models.head.quads import Quads, columns, rows_round
 from service.errors import ModelFault
 
 Float = npt.NDArray[np.float64]
@@ -38,6 +38,9 @@ BOW_MM = ((0.0, -0.65), (3.0, -0.5), (5.7, -0.2), (11.2, 0.75), (16.0, 0.65), (2
 """Pairs of distance from the midline and height added to the seam: the tubercle of the upper lip hangs down in the
 middle, to both sides the seam rises (the shape of a cupid's bow)."""
 
+SINK_M = 3e-5
+"""How far the upper lip goes below the seam; where edges only meet, rounding leaves cracks."""
+
 INNER = (1.0, 1.0, 0.7, 0.4, 0.15)
 OUTER = (0.6, 0.3, 0.1, 0.0, 0.0, 0.0, 0.0)
 """Shares of the contact row's move that the rows behind it (from the nearest one on) and before it take."""
@@ -47,7 +50,7 @@ ROUND_OUTER = (0.95, 0.85, 0.7, 0.5, 0.3, 0.15, 0.05)
 
 ROUND = {"jawOpen": (1.0, 0.75), "mouthFunnel": (0.78, 0.85)}
 """Openings made round at the corners: half their width as a share of the mouth's, and the exponent e of their height
-(1 - (x / half width)^2)^e; an ellipse has 0.5. The base mesh's jawOpen has 1 and its mouthFunnel a point in the middle."""
+(1 - (x / half width)^2)^e; an ellipse has 0.5, the base mesh's jawOpen 1, and its mouthFunnel comes to a point."""
 
 LOWER_SHARE = 0.6
 """Share of the lower lip in that."""
@@ -59,8 +62,8 @@ that leave the lips closed, and the three before it: with more the lips would pi
 OPENS = (0.02, 0.25)
 """Share of a unit's largest opening up to which the lips go together, and from which on they move on their own."""
 
-ROLL = {"mouthRollUpper": 0.5, "mouthRollLower": 0.7}
-"""Factor on units that would pull the lips through the teeth: by 9.6 mm and by 4.6 mm."""
+MILDER = {"mouthRollUpper": 0.5, "mouthRollLower": 0.7, "mouthShrugLower": 0.8}
+"""Factor on units that would pull the lips through the teeth, by 9.6 mm and 4.6 mm, or through each other."""
 
 CLEAR_MM = {"inner": ((0.30, 0.9), (0.45, 1.3)), "outer": ((0.8, 1.6), (0.8, 1.6))}
 """Least distance from the seam's height of the first and second row behind it and before it, of the upper lip and of
@@ -143,6 +146,7 @@ class Lips:
         # The bow, too, has to be straight between the vertices of the lower lip.
         seam[:, 1] += self.seam[0] @ bow
         self._spread(out, seam - row)
+        out[self.contact[self.upper], 1] -= SINK_M
         side = np.where(self.upper, 1.0, -1.0)
         # Towards the corners the lips taper.
         taper = np.clip((np.abs(seam[:, 0]).max() - np.abs(seam[:, 0])) / 0.0035, 0.0, 1.0)
@@ -178,7 +182,7 @@ def seal(bases: Bases, quads: Int, regions: dict[str, Float], expression_names: 
         expression_names: the 52 units of ARKit, in any order.
     """
     jaw = expression_names.index("jawOpen")
-    lips = find_lips(bases.mean, quads, regions, -bases.expression[jaw, :, 1])
+    lips = find_lips(bases.mean, quads, regions)
     identity = np.stack([lips.sealed(component) for component in bases.identity])
     expression = bases.expression.copy()
     for index, name in enumerate(expression_names):
@@ -187,9 +191,9 @@ def seal(bases: Bases, quads: Int, regions: dict[str, Float], expression_names: 
             if name in ROUND:
                 expression[index] = lips.parted(lips.rounded(expression[index], bases.mean, *ROUND[name]))
         elif name not in ("mouthClose", "tongueOut"):
-            rolled = ROLL.get(name, 1.0) * bases.expression[index]
+            milder = MILDER.get(name, 1.0) * bases.expression[index]
             reach = ROUND_OUTER if name in LED_BY_UPPER else OUTER
-            expression[index] = lips.sealed(rolled, LED_BY_UPPER.get(name, 0.5), reach)
+            expression[index] = lips.sealed(milder, LED_BY_UPPER.get(name, 0.5), reach)
     close, out = (expression_names.index(name) for name in ("mouthClose", "tongueOut"))
     together = bases.expression[jaw] + bases.expression[close]
     expression[close] = lips.sealed(together) - expression[jaw]
@@ -198,42 +202,31 @@ def seal(bases: Bases, quads: Int, regions: dict[str, Float], expression_names: 
     return Bases(lips.shaped(bases.mean), identity, expression)
 
 
-def find_lips(mean: Float, quads: Int, regions: dict[str, Float], jaw_drop: Float) -> Lips:
+def find_lips(mean: Float, quads: Int, regions: dict[str, Float]) -> Lips:
     """The rows of the lips.
 
     Args:
         mean: (V, 3) metres.
         quads: (Q, 4) of the skin.
         regions: (V,) masks by name.
-        jaw_drop: (V,) metres by which ``jawOpen`` lowers each vertex.
 
     Raises:
         ModelFault: the mesh has no closed rows of vertices round the opening.
     """
-    mesh = _Quads(quads)
-    lips, rim = regions["lips"] > 0.25, regions["mouth_inner"] > 0.5
-    rows: list[set[int]] = []
-    taken = rim.copy()
-    while len(rows) <= CONTACT:
-        reached = np.unique(quads[taken[quads].any(1)])
-        row = reached[lips[reached] & ~taken[reached]]
-        taken[reached] = True
-        rows.append({int(v) for v in row})
+    mesh = Quads(quads)
+    rows = rows_round(quads, regions["mouth_inner"] > 0.5, regions["lips"] > 0.25, CONTACT + 1)
     ring = mesh.cycle(rows[CONTACT], mean)
-    inner, outer = [], []
-    for vertex in ring:
-        behind = [n for n in mesh.beside[vertex] if n in rows[CONTACT - 1]]
-        if len(behind) != 1:
-            raise ModelFault(f"vertex {vertex} of the lips has {len(behind)} neighbours in the row behind; wanted 1")
-        inner.append(mesh.walk(vertex, behind[0], len(INNER)))
-        before = mesh.ahead(behind[0], vertex)
-        outer.append(mesh.walk(vertex, before, len(OUTER)))
+    inner, outer = columns(mesh, ring, rows[CONTACT - 1], len(INNER), len(OUTER))
     contact = np.array(ring)
     x = mean[contact, 0]
     corners = sorted((int(np.argmax(x)), int(np.argmin(x))))
     upper = np.zeros(len(ring), bool)
     upper[corners[0] + 1 : corners[1]] = True
-    return Lips(contact, np.array(inner), np.array(outer), upper, _seam(mean[contact], upper, corners))
+    # Where the lips touch, the rows before them tell which one is the upper lip.
+    if mean[outer[upper, 1], 1].mean() < mean[outer[~upper, 1], 1].mean():
+        upper = ~upper
+        upper[corners] = False
+    return Lips(contact, inner, outer, upper, _seam(mean[contact], upper, corners))
 
 
 def _seam(row: Float, upper: npt.NDArray[np.bool_], corners: list[int]) -> Float:
@@ -257,45 +250,3 @@ def _seam(row: Float, upper: npt.NDArray[np.bool_], corners: list[int]) -> Float
             share = (row[j, 0] - a) / (b - a)
             out[lead, j] = (1 - share) * rows[k - 1] + share * rows[k]
     return out
-
-
-class _Quads:
-    """Neighbours in a mesh of quads."""
-
-    def __init__(self, quads: Int) -> None:
-        self.beside: dict[int, set[int]] = defaultdict(set)
-        self.faces: dict[frozenset[int], set[int]] = defaultdict(set)
-        for number, quad in enumerate(quads.tolist()):
-            for k in range(4):
-                a, b = quad[k], quad[(k + 1) % 4]
-                self.beside[a].add(b)
-                self.beside[b].add(a)
-                self.faces[frozenset((a, b))].add(number)
-
-    def ahead(self, a: int, b: int) -> int:
-        """The vertex straight on from an edge."""
-        met = self.faces[frozenset((a, b))]
-        found = [c for c in self.beside[b] if c != a and not self.faces[frozenset((b, c))] & met]
-        if len(found) != 1:
-            raise ModelFault(f"no edge goes straight on from {a} to {b}: is this the hm08 base mesh?")
-        return found[0]
-
-    def walk(self, start: int, second: int, count: int) -> list[int]:
-        """``count`` vertices straight on from an edge, its second end first."""
-        path = [start, second]
-        while len(path) <= count:
-            path.append(self.ahead(path[-2], path[-1]))
-        return path[1:]
-
-    def cycle(self, members: set[int], mean: Float) -> list[int]:
-        """The members in order round the opening, from the lowest of the midline towards +x."""
-        near = {v: [n for n in self.beside[v] if n in members] for v in members}
-        if any(len(n) != 2 for n in near.values()):
-            raise ModelFault("a row of the lips is no closed curve: is this the hm08 base mesh?")
-        start = min(members, key=lambda v: (abs(mean[v, 0]) > 1e-6, mean[v, 1]))
-        path = [start, max(near[start], key=lambda v: float(mean[v, 0]))]
-        while True:
-            after = next(n for n in near[path[-1]] if n != path[-2])
-            if after == start:
-                return path
-            path.append(after)
