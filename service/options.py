@@ -14,11 +14,12 @@ from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
-from service.reflectance.plan import NETWORKS, ROLES, Plan
+from service.reflectance.plan import NETWORKS, ROLES, SURFACE, Plan
 
 REFLECTANCE_MAPS = ROLES
+SURFACE_MAPS = tuple(SURFACE)
 TEXTURE_MAPS = ("texture", "confidence", "shape_normal")
-MAP_NAMES = (*REFLECTANCE_MAPS, *TEXTURE_MAPS)
+MAP_NAMES = (*REFLECTANCE_MAPS, *SURFACE_MAPS, *TEXTURE_MAPS)
 """Maps that can be asked for, in the order of the archive."""
 
 SMALLEST_WIDTH = 96
@@ -134,7 +135,7 @@ class Options(Checked):
     @property
     def texture_size(self) -> Size:
         """(width, height) of texture, confidence and shape normals."""
-        if not set(self.maps) & set(REFLECTANCE_MAPS):
+        if not set(self.maps) & {*REFLECTANCE_MAPS, *SURFACE_MAPS}:
             return self.size or TEXTURE_SIZE
         return min(self.map_size, TEXTURE_SIZE)
 

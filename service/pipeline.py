@@ -34,6 +34,7 @@ from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
+from service.reflectance.surface.make import surface_maps
 from service.runtime.ahead import loading_ahead
 from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
@@ -135,6 +136,7 @@ def make_avatar(
                 stages=stages,
             )
             timings |= reflectance.timings_s
+        surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
     return Avatar(
         photo=photo,
         face=face,
@@ -146,6 +148,7 @@ def make_avatar(
         models=model_cards(head, head_file, plan.networks),
         similarity=similarity,
         reflectance=reflectance,
+        surface=surface,
         warnings=warnings,
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

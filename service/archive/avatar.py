@@ -13,6 +13,7 @@ from service.head.model import HeadModel
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.reflectance.result import Reflectance
+from service.reflectance.surface.make import SurfaceMaps
 from service.texture.result import Texture
 
 
@@ -84,6 +85,7 @@ class Avatar:
         seed: of every random choice.
         models: data files that were used.
         reflectance: maps computed by the networks, or None where none was requested.
+        surface: roughness, cavity and thickness, or None where none was requested.
         given: None for a photo. Otherwise nothing was fitted: of ``photo``, ``face`` and ``fit`` only the texture's
             pixels and the vertices are meaningful, and the manifest has null for them.
         parts: meshes beside the head's own: hair, lashes, teeth and the like; ``check_parts`` holds for them.
@@ -106,6 +108,7 @@ class Avatar:
     similarity: Similarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None
+    surface: SurfaceMaps | None = None
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)

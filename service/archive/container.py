@@ -28,20 +28,27 @@ MEMBER_NAMES = (
     "maps/diffuse_normal.png",
     "maps/specular_normal.png",
     "maps/displacement.png",
+    "maps/roughness.png",
+    "maps/cavity.png",
+    "maps/thickness.png",
     "maps/texture.png",
     "maps/confidence.png",
     "maps/shape_normal.png",
     "mesh/head.obj",
     "mesh/head.mtl",
+    "mesh/specular_normal.exr",
+    "mesh/specular_albedo.exr",
+    "mesh/roughness.exr",
     "mesh/head.glb",
     "mesh/head.usda",
+    "mesh/head.mtlx",
     "mesh/head_fine.obj",
     "preview/overlay.jpg",
     "preview/sheet.jpg",
 )
 """Every name that an archive may contain, in the order of the file; textures of parts follow the maps."""
 
-PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.png")
+PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.(png|exr)")
 """Name of a texture of a part's own."""
 
 

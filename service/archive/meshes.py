@@ -9,9 +9,10 @@ from service.archive.images import encode_png
 from service.archive.licences import COPYRIGHT
 from service.archive.map_files import MapFiles
 from service.archive.maps import MAPS, fine_mesh_wanted, in_object_space, map_wanted
-from service.archive.mtl import mtl_bytes
+from service.archive.mtl import data_maps, mtl_bytes
+from service.archive.mtlx import mtlx_bytes
 from service.archive.obj import obj_bytes
-from service.archive.pictures import chart_pictures
+from service.archive.pictures import chart_pictures, chart_values
 from service.archive.usd import usda_bytes
 from service.archive.version import GENERATOR
 from service.materials.of_head import head_parts
@@ -27,9 +28,11 @@ def meshes(avatar: Avatar) -> dict[str, bytes]:
     head, fit, made = avatar.head, avatar.fit, avatar.reflectance
     title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
     parts, maps = drawn_parts(avatar), map_files(avatar)
+    materials = [part.material for part in parts]
     files = {
         "mesh/head.obj": obj_bytes(head, fit.vertices, title, avatar.parts),
-        "mesh/head.mtl": mtl_bytes([part.material for part in parts], maps),
+        "mesh/head.mtl": mtl_bytes(materials, maps),
+        "mesh/head.mtlx": mtlx_bytes(materials, maps),
         "mesh/head.glb": glb_bytes(
             parts,
             chart_pictures(avatar),
@@ -43,7 +46,7 @@ def meshes(avatar: Avatar) -> dict[str, bytes]:
     }
     if made is not None and made.displacement is not None and fine_mesh_wanted(avatar):
         files["mesh/head_fine.obj"] = fine_obj_bytes(head, fit.vertices, made.displacement, title)
-    return files | _textures(avatar)
+    return files | data_maps(materials, maps, chart_values(avatar)) | _textures(avatar)
 
 
 def drawn_parts(avatar: Avatar) -> list[MeshPart]:

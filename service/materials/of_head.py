@@ -16,8 +16,15 @@ SKIN = Material(
     "skin",
     colour_map=COLOUR,
     roughness=0.55,
+    specular=0.65,
     specular_map=ChartMap("specular_albedo"),
     normal_map=ChartMap("specular_normal"),
+    roughness_map=ChartMap("roughness"),
+    displacement_map=ChartMap("displacement"),
+    cavity_map=ChartMap("cavity"),
+    thickness_map=ChartMap("thickness"),
+    # Diffuse mean free path of skin (Jensen et al. 2001, "skin1": 1 / sigma_tr).
+    subsurface_mm=(3.67, 1.37, 0.68),
 )
 _BY_PREFIX = {
     "skin": SKIN,
