@@ -2,7 +2,8 @@
 
 ::
 
-    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --unwrap, complete--> Texture
+    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --compare styles--> Hair
+    Fit, Hair --unwrap, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
@@ -18,7 +19,9 @@ from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from service.archive.avatar import Avatar
+from service.anatomy.hair.find import find_hair
+from service.anatomy.hair.make import worn
+from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face
@@ -45,7 +48,7 @@ from service.texture.make import make_texture
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
 
-STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare": 0.85}
+STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "hair": 0.6, "texture": 0.75, "compare": 0.85}
 """Stages before the networks in their order, with the share of the work done after each; the rest is writing."""
 
 SMALL_TILES = "small-tiles"
@@ -115,11 +118,18 @@ def make_avatar(
             if reader_job is not None:
                 reading = stages.keep("read", lambda: read_face(photo.pixels, face.landmarks, reader_job.result()))
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings(), reading))
+        with stage("hair"):
+            hair = stages.keep("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
         with stage("texture"):
-            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without, reading))
+            make = lambda: make_texture(photo, head, fit, chart, options.without, reading, hair)  # noqa: E731
+            texture = stages.keep("texture", make)
+
+        def compare(recogniser: Recogniser) -> Similarity:
+            parts = worn(hair, head, fit, texture.texture, texture.lit_skin, None, brows=False)
+            return likeness(photo, face, head, fit, texture.texture, recogniser, parts)
+
         with stage("compare"):
-            compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
-            similarity = stages.keep("compare", compare)
+            similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
         reflectance = None
         if plan.stages:
             reflectance = make_reflectance(
@@ -137,6 +147,8 @@ def make_avatar(
             )
             timings |= reflectance.timings_s
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
+    albedo = None if reflectance is None else reflectance.diffuse_albedo
+    parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     return Avatar(
         photo=photo,
         face=face,
@@ -146,6 +158,8 @@ def make_avatar(
         options=options.to_json(),
         seed=options.seed,
         models=model_cards(head, head_file, plan.networks),
+        parts=parts,
+        hair=hair,
         similarity=similarity,
         reflectance=reflectance,
         surface=surface,

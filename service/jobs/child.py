@@ -89,6 +89,10 @@ def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
     from service.anatomy.eyes.gaze import Gaze
     from service.anatomy.eyes.iris import Iris
+    from service.anatomy.hair.choose import Choice
+    from service.anatomy.hair.colour import HairColour
+    from service.anatomy.hair.find import Hair
+    from service.anatomy.hair.skull import Cut
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
@@ -99,7 +103,10 @@ def kinds() -> dict[str, type]:
     from service.photo.photo import Photo
     from service.texture.result import Texture
 
-    found = (Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)
+    found = (
+        Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture, Similarity,
+        Applied,
+    )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 
 

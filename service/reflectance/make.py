@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
-from service.anatomy.lashes.cards import colour_cards
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
@@ -38,7 +37,7 @@ from service.reflectance.relief.displacement import MOST_MM, Steps, displacement
 from service.reflectance.relief.seams import Seams, join
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.specular_albedo import specular_albedo
-from service.reflectance.subject import CLUES, GEOMETRY, Subject, margin
+from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import MapInputs
 from service.runtime.networks import Engine, lacks_openvino
@@ -122,7 +121,7 @@ def make_reflectance(
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None and ledger.runs(PHOTO_NOISE):
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
-            plain = colour_cards(pad_skin(plain, subject), subject.chart, margin(size[0]))
+            plain = pad_skin(plain, subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied
 
