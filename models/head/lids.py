@@ -45,7 +45,7 @@ CORNEA_DEG = (38.0, 60.0)
 """Angles from the line of sight up to which all of it is added, and from which on none is: an eye turns by 30."""
 
 NEAR_M = (0.0008, 0.0030)
-"""Angles from the line of sight up to which all of it is added, and from which on none is; an eye turns by 30."""
+"""Distance from the ball up to which skin keeps its distance in all identities, and from which on it is free."""
 
 
 @dataclass(frozen=True)
