@@ -150,9 +150,9 @@ def make_avatar(
                 stages=stages,
             )
             timings |= reflectance.timings_s
-        albedo = None if reflectance is None else reflectance.diffuse_albedo
-        parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
+    albedo = None if reflectance is None else reflectance.diffuse_albedo
+    parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     return Avatar(
         photo=photo,
         face=face,
