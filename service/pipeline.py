@@ -39,6 +39,7 @@ from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail
 from service.texture.make import make_texture
 
 Progress = Callable[[str, float], None]
@@ -130,6 +131,7 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
+                own=OwnDetail.of(photo, head, fit, texture),
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,

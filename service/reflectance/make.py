@@ -44,6 +44,7 @@ from service.reflectance.translate import MapInputs
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail
 
 T = TypeVar("T")
 
@@ -61,6 +62,7 @@ def make_reflectance(
     seed: int = 0,
     detail: float = 1.0,
     without: Collection[str] = (),
+    own: OwnDetail | None = None,
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: Stages = Unkept(),  # noqa: B008 - holds nothing
@@ -76,6 +78,7 @@ def make_reflectance(
         seed: of made-up detail.
         detail: its strength in [0, 1]; 0 for none.
         without: names of corrections that do not run (``service.corrections``).
+        own: the photo's detail beyond the texture; None: there is no photo.
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
@@ -116,6 +119,8 @@ def make_reflectance(
 
         def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...]]:
             ledger = Ledger(without)
+            if own is not None and "super_resolution" in plan.stages:
+                own.onto(full)
             plain = diffuse_albedo(full, job(told), ledger)
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):

@@ -1,0 +1,247 @@
+"""The photo's own detail on a map: octave by octave, as much of it as the photo truly holds there.
+
+Photo and map are split into octaves (``service.texture.detail.octaves``) down to the scale of the texture of 576 x 384;
+what is coarser stays the map's. In each octave and texel
+
+    result = g p + h z,    g = seen * w * min(4 H^2, 1),    h = sqrt(1 - seen * w * H^2),
+
+with the photo's octave p and the map's own z, which super-resolution made up. H^2 is the share of the power that blur
+and spacing of the pixels leave (``sharpness``), w = 1 - N / E that of the signal in the power E found around the texel,
+with the noise N of sensor and compression: Wiener's filter for p, and for z what is left of the skin's power, so that
+both sides of a border have equal grain. In the coarsest octave, which the map took from the photo as well, h = 1 - g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Float32, UInt8
+from service.colour import FULL_CODE, Codes, luma
+from service.face.fit.result import Fit
+from service.head.model import HeadModel
+from service.levels import TEXTURE_SIZE
+from service.photo.photo import Photo
+from service.texture.detail.octaves import halo, joined, split
+from service.texture.detail.places import Places
+from service.texture.detail.reading import Reader, stretched
+from service.texture.detail.sharpness import Sharpness, measure
+from service.texture.result import SEEN, Texture
+
+STRIP = 512
+"""Rows at a time."""
+AROUND = 2.5
+"""Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured."""
+FACE_BORDER = 8
+"""Pixels around the face that its sharpness is measured on."""
+SOFT = 2.0
+"""Standard deviation, texels of the texture, over which the photo's share fades out."""
+SIZES = (576, 1152, 2304, 4608, 6144)
+"""Widths of a texture that follows the photo's resolution."""
+DENSE = 0.9
+"""Quantile over the seen skin of the photo's pixels per texel that decides the size."""
+
+
+@dataclass(frozen=True)
+class Octave:
+    """What of an octave is the photo's.
+
+    Attributes:
+        period_mm: shortest and longest period on the face.
+        share: of the seen part of the head in the power of the octave, in [0, 1], by area; 0 where nothing is seen.
+    """
+
+    period_mm: tuple[float, float]
+    share: float
+
+
+@dataclass(frozen=True)
+class OwnDetail:
+    """A photo's detail on its head.
+
+    Attributes:
+        photo: upright.
+        places: of the head in it.
+        sharpness: of the photo at the face.
+        seen: (h, w) float32 in [0, 1], of the texture's size: how far texels show the photo.
+    """
+
+    photo: Photo
+    places: Places
+    sharpness: Sharpness
+    seen: Float32
+
+    @classmethod
+    def of(cls, photo: Photo, head: HeadModel, fit: Fit, texture: Texture) -> OwnDetail:
+        """Measure the photo where the texture shows it."""
+        import cv2
+
+        places = Places.of(head, fit)
+        code = texture.confidence.astype(np.float32)
+        shown = np.asarray(np.clip((code - SEEN) / np.float32(255 - SEEN), 0, 1) * texture.mask, np.float32)
+        reach = 2 * round(SOFT) + 1
+        core = np.asarray(cv2.erode(shown, np.ones((reach, reach), np.uint8)), np.float32)
+        seen = np.minimum(shown, np.asarray(cv2.GaussianBlur(core, (0, 0), SOFT), np.float32))
+        return cls(photo, places, measure(_face(photo, places, seen), photo.steps), seen)
+
+    def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
+        """(width, height) of a texture that loses nothing of what the photo holds on most of the seen skin.
+
+        Args:
+            most: width that it must not exceed.
+        """
+        import cv2
+
+        size = self.places.finest.shape[::-1]
+        seen = np.asarray(cv2.resize(self.seen, size)) > 0.5
+        if not seen.any():
+            return TEXTURE_SIZE
+        pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
+        width = float(np.quantile(pixels, DENSE)) * size[0]
+        fitting = [one for one in SIZES if one <= most] or [min(SIZES[0], most)]
+        chosen = next((one for one in fitting if one >= width), fitting[-1])
+        return chosen, chosen * 2 // 3
+
+    def onto(self, codes: Codes, told: Callable[[float], None] = lambda done: None) -> tuple[Octave, ...]:
+        """Bring the photo's detail onto a map, in place; nothing coarser than the texture's texels changes.
+
+        Args:
+            codes: (H, W, 3) sRGB-coded colours of the head in the photo's light, 65535 = 1.
+            told: called with the share that is done.
+
+        Returns:
+            The octaves, finest first; none where the map is no larger than the texture.
+        """
+        height, width = codes.shape[:2]
+        count = octaves_of(width)
+        if not count:
+            return ()
+        work = _Work(self, (width, height), count)
+        box = work.box
+        if box is not None:
+            untouched: Codes | None = None  # rows above a strip that the strip before has changed
+            for top in range(box[0], box[1], STRIP):
+                untouched = work.strip(codes, top, min(top + STRIP, box[1]), box[2:], untouched)
+                told((top - box[0]) / (box[1] - box[0]))
+        return work.octaves()
+
+
+def octaves_of(width: int) -> int:
+    """Octaves of a map of this width that the texture of 576 x 384 does not hold, or holds in part."""
+    finer = np.log2(width / TEXTURE_SIZE[0])
+    return 0 if finer < 0.5 else round(finer) + 1
+
+
+def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
+    """The part of the photo that most seen texels lie in."""
+    import cv2
+
+    shown = np.asarray(cv2.resize(seen, places.finest.shape[::-1])) > 0.5
+    if not shown.any():
+        return photo.pixels[:0, :0]
+    low, high = (np.quantile(places.pixel[shown], q, axis=0) for q in (0.02, 0.98))
+    left, top = (max(int(v) - FACE_BORDER, 0) for v in low)
+    right, bottom = (int(v) + FACE_BORDER for v in high)
+    return photo.pixels[top:bottom, left:right]
+
+
+class _Work:
+    """One map that gets a photo's detail."""
+
+    def __init__(self, own: OwnDetail, size: tuple[int, int], octaves: int) -> None:
+        self._own, self._size, self._octaves = own, size, octaves
+        self._reader = Reader.of(own.photo, own.places, size)
+        self._halo = 2 * halo(octaves)
+        self._power = np.zeros(octaves)
+        self._area = 0.0
+
+    @property
+    def box(self) -> tuple[int, int, int, int] | None:
+        """First row, row after the last, first column, column after the last that show the photo; all multiples of
+        the coarsest texel."""
+        shown = self._own.seen > 0
+        if not shown.any():
+            return None
+        ends = []
+        for axis, whole in ((1, self._size[1]), (0, self._size[0])):
+            where = np.flatnonzero(shown.any(axis))
+            scale, grid = whole / shown.shape[1 - axis], 2**self._octaves
+            first = max(int((where[0] - 1) * scale) // grid * grid, 0)
+            last = min(-int(-(where[-1] + 2) * scale // grid) * grid, whole)
+            ends += [first, last]
+        return ends[0], ends[1], ends[2], ends[3]
+
+    def strip(self, codes: Codes, top: int, bottom: int, columns: tuple[int, ...], above: Codes | None) -> Codes:
+        """Change rows ``top`` to ``bottom`` of a map; returns what the last of them were, for the next strip."""
+        reach = self._halo
+        first, last = max(top - reach, 0), min(bottom + reach, self._size[1])
+        begin, end = max(columns[0] - reach, 0), min(columns[1] + reach, self._size[0])
+        window = (first, last, begin, end)
+        part = codes[first:last, begin:end].copy()
+        if above is not None:
+            part[: top - first] = above
+        map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
+        seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
+        photo = self._reader.rows(first, last, (begin, end))
+        inside = (slice(top - first, bottom - first), slice(columns[0] - begin, columns[1] - begin))
+        ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
+        theirs, _ = split(map_, self._octaves)
+        pixels = stretched(self._own.places.coarsest, self._size, window)
+        pixels = pixels * np.float32(self._own.places.coarsest.shape[1] / self._size[0])
+        side = stretched(self._own.places.texel_mm, self._size, window)
+        change = []
+        for index, (p, z) in enumerate(zip(ours, theirs, strict=True)):
+            share, gain = self._shares(index, p, seen, pixels)
+            rest = 1 - gain if index == self._octaves - 1 else np.sqrt(np.maximum(1 - share, 0))
+            change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
+            self._count(index, share, seen, side, inside)
+        change_map = joined(change)
+        new = map_[inside] + change_map[inside]
+        codes[top:bottom, columns[0] : columns[1]] = np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE))
+        return part[bottom - reach - first : bottom - first]
+
+    def _shares(self, index: int, band: Float32, seen: Float32, pixels: Float32) -> tuple[Float32, Float32]:
+        """(h, w) share of the photo in the power of an octave, and gain of the photo, at the octave's own level."""
+        import cv2
+
+        size = band.shape[1::-1]
+        here = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        spacing = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.float32)
+        lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(spacing, np.float32(1e-4))
+        sharp = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
+        grey = luma(band)
+        power = np.asarray(cv2.GaussianBlur(grey * grey, (0, 0), AROUND), np.float32)
+        noise = self._own.sharpness.noise_power(lowest)
+        signal = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
+        trusted = here * signal
+        return trusted * sharp, trusted * np.minimum(4 * sharp, 1)
+
+    def _count(self, index: int, share: Float32, seen: Float32, side: Float32, inside: tuple[slice, slice]) -> None:
+        import cv2
+
+        size = share.shape[1::-1]
+        weight = np.asarray(cv2.resize(seen * side * side, size, interpolation=cv2.INTER_AREA), np.float64)
+        scale = 2**index
+        own = tuple(slice(part.start // scale, part.stop // scale) for part in inside)
+        self._power[index] += float((share[own] * weight[own]).sum()) * scale**2
+        if index == 0:
+            self._area += float(weight[own].sum())
+
+    def octaves(self) -> tuple[Octave, ...]:
+        """What was done."""
+        texel = self._texel_mm()
+        share = self._power / self._area if self._area > 0 else self._power
+        return tuple(
+            Octave((round(texel * 2 ** (k + 1), 3), round(texel * 2 ** (k + 2), 3)), round(float(min(s, 1.0)), 4))
+            for k, s in enumerate(share)
+        )
+
+    def _texel_mm(self) -> float:
+        """Median side of a texel of this map on the seen skin."""
+        import cv2
+
+        side = self._own.places.texel_mm
+        shown = np.asarray(cv2.resize(self._own.seen, side.shape[::-1])) > 0.5
+        return float(np.median(side[shown])) * side.shape[1] / self._size[0] if shown.any() else 0.0
