@@ -94,12 +94,17 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken) -> Comp
     assert made is not None and made.diffuse_albedo is not None  # noqa: S101 - asked for
     confidence = at_chart(avatar.texture.confidence[..., None].astype(np.float32), view.uv)[..., 0]
     eyes = np.array([[0.0315, 0.0, 0.0], [-0.0315, 0.0, 0.0]])
-    mask = truth.skin & view.skin & (confidence >= SURE) & face_region(truth.position, truth.normal, eyes, 0.0)
+    seen = (truth.position.astype(np.float64), truth.normal.astype(np.float64))
+    mask = truth.skin & view.skin & (confidence >= SURE) & face_region(*seen, eyes, 0.0)
     per_mm = truth.per_mm
     true = _grey(linear_to_srgb(truth.albedo))
-    ours = _grey(at_chart(made.diffuse_albedo, view.uv) / 65535)
+    ours = _grey(at_chart(made.diffuse_albedo.astype(np.float32), view.uv) / 65535)
     shot = cv2.resize(pixels, size[::-1], interpolation=cv2.INTER_CUBIC)
-    fields = {"albedo": ours, "photo": _grey(shot / 255), "texture": _grey(at_chart(avatar.texture.texture, view.uv) / 255)}
+    fields = {
+        "albedo": ours,
+        "photo": _grey(shot / 255),
+        "texture": _grey(at_chart(avatar.texture.texture.astype(np.float32), view.uv) / 255),
+    }
     logs = {name: _log(field) for name, field in (fields | {"true": true}).items()}
     found = {
         name: tuple(agreement([logs[name]], [logs["true"]], mask, per_mm, limits) for limits in BANDS_MM)
@@ -134,7 +139,7 @@ def _normals(avatar: Avatar, view: View, codes: npt.NDArray[np.int16]) -> Array:
     """(H, W, 3) our unit normals in camera space, as the photo's pixels show them."""
     chart = Chart.build(avatar.head, *MAP)
     frame = chart.frame(avatar.fit.vertices)
-    local = unpack_normals(at_chart(codes, view.uv).astype(np.float32))
+    local = unpack_normals(at_chart(codes.astype(np.float32), view.uv).astype(np.float32))
     axes = [at_chart(chart.fill_outside(axis), view.uv) for axis in (frame.tangent, frame.bitangent, frame.normal)]
     normal = sum(local[..., k : k + 1] * axis for k, axis in enumerate(axes))
     normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)

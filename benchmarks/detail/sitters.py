@@ -24,6 +24,8 @@ Float = npt.NDArray[np.float64]
 SHAPES = {"hifi3d 1": 100, "hifi3d 2": 102, "hifi3d 3": 103}
 """Seed of the head of ICT-FaceKit that wears each skin."""
 NAMES = ("scan", *SHAPES)
+LIDS_M, LIPS_M = 0.021, 0.012
+"""Distance from eyeballs' centres and from the lips' outline within which a carried skin does not fit."""
 SMOOTHED = 12
 """Rounds in which the places on the chart, which were carried vertex by vertex, are brought nearer to their
 neighbours': else the texture would be crumpled."""
@@ -42,6 +44,7 @@ class Sitter:
         normal: (H', W', 3) unit, tangent space, +Y up.
         eyes: (2, 3) eyeball centres, subject's left first.
         eye_radius: metres.
+        unfit: (K, 4) centres and radii, metres, of balls in which a carried skin does not fit: lids and lips.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Sitter:
     normal: Float
     eyes: Float
     eye_radius: float
+    unfit: Float
 
 
 def sitter(name: str, data: Path, out: Path) -> Sitter:
@@ -76,7 +80,8 @@ def _scan(data: Path) -> Sitter:
     vertices, triangles = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     colour, relief = linear(read(folder / "color.jpg")), normals(read(folder / "normal.jpg"))
     middle = eyes.mean(0)
-    return Sitter("scan", metres * vertices - middle, triangles, uv, colour, relief, eyes - middle, 0.0115)
+    return Sitter("scan", metres * vertices - middle, triangles, uv, colour, relief, eyes - middle, 0.0115,
+                  np.zeros((0, 4)))  # fmt: skip
 
 
 def _carried(name: str, data: Path, out: Path) -> Sitter:
@@ -90,7 +95,10 @@ def _carried(name: str, data: Path, out: Path) -> Sitter:
     relief = normals(read(data / "hifi3d_uv" / HIFI3D[name].replace("albedo", "normal")))
     flat = relief[..., 2] < 0.2  # beside the face the file is black
     relief[flat] = (0.0, 0.0, 1.0)
-    return Sitter(name, fine, triangles, smoothed(places, triangles), albedo, relief, eyes, EYE_RADIUS_M)
+    mouth = vertices[ict.landmarks[48:60]]
+    balls = [*((eye, LIDS_M) for eye in eyes), *((corner, LIPS_M) for corner in mouth)]
+    unfit = np.array([[*centre, radius] for centre, radius in balls])
+    return Sitter(name, fine, triangles, smoothed(places, triangles), albedo, relief, eyes, EYE_RADIUS_M, unfit)
 
 
 def smoothed(values: Float, triangles: npt.NDArray[np.int64], rounds: int = SMOOTHED) -> Float:

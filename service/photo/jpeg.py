@@ -126,8 +126,8 @@ def walk_jpeg(data: bytes, limits: Limits) -> Container:
 def luma_steps(payload: bytes) -> npt.NDArray[np.float32] | None:
     """(8, 8) float32 steps of the first quantisation table of a walked JPEG file over 255, rows by vertical frequency.
 
-    That is by custom the table of luma. A coefficient of the orthonormal 8 x 8 cosine transform is rounded to a multiple
-    of its step. None where the file has no whole table (T.81, B.2.4.1).
+    That is by custom the table of luma. A coefficient of the orthonormal 8 x 8 cosine transform is rounded to a
+    multiple of its step. None where the file has no whole table (T.81, B.2.4.1).
     """
     position = 2
     while position + 4 <= len(payload) and payload[position] == 0xFF and payload[position + 1] != _SOS:

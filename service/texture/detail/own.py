@@ -3,12 +3,13 @@
 Photo and map are split into octaves (``service.texture.detail.octaves``) down to the scale of the texture of 576 x 384;
 what is coarser stays the map's. In each octave and texel
 
-    result = g p + h z,    g = seen * w * min(4 H^2, 1),    h = sqrt(1 - seen * w * H^2),
+    result = g p + h z,    g = seen sqrt(w) min(4 H^2, 1),    h^2 = (1 - t) (1 - g^2 E / Z)
 
 with the photo's octave p and the map's own z, which super-resolution made up. H^2 is the share of the power that blur
-and spacing of the pixels leave (``sharpness``), w = 1 - N / E that of the signal in the power E found around the texel,
-with the noise N of sensor and compression: Wiener's filter for p, and for z what is left of the skin's power, so that
-both sides of a border have equal grain. In the coarsest octave, which the map took from the photo as well, h = 1 - g.
+and spacing of the pixels leave (``sharpness``), E the power of p and Z that of z around the texel, N that of the noise
+of sensor and compression, and w = 1 - N / E. So p keeps the power of its signal (spectral subtraction, Boll 1979), and
+z fills up to the usual power as far as the photo does not tell; t = seen H^2 Z / (H^2 Z + N), Wiener's share, is what
+it tells. Both sides of a border have equal grain. In the two coarsest octaves, which the map took from the photo as well, h = 1 - g.
 """
 
 from __future__ import annotations
@@ -34,10 +35,14 @@ STRIP = 512
 """Rows at a time."""
 AROUND = 2.5
 """Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured."""
+USUAL = 0.003
+"""Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
 FACE_BORDER = 8
 """Pixels around the face that its sharpness is measured on."""
 SOFT = 2.0
 """Standard deviation, texels of the texture, over which the photo's share fades out."""
+LEAST_SEEN = 0.01
+"""Opacity of the photo below which a texel's detail is left alone."""
 SIZES = (576, 1152, 2304, 4608, 6144)
 """Widths of a texture that follows the photo's resolution."""
 DENSE = 0.9
@@ -119,19 +124,19 @@ class OwnDetail:
         if not count:
             return ()
         work = _Work(self, (width, height), count)
-        box = work.box
-        if box is not None:
-            untouched: Codes | None = None  # rows above a strip that the strip before has changed
-            for top in range(box[0], box[1], STRIP):
-                untouched = work.strip(codes, top, min(top + STRIP, box[1]), box[2:], untouched)
-                told((top - box[0]) / (box[1] - box[0]))
+        above: Codes | None = None  # of a strip, rows that the strip before has changed
+        for top in range(0, height, STRIP):
+            above = work.strip(codes, top, min(top + STRIP, height), above)
+            told(min(top + STRIP, height) / height)
         return work.octaves()
 
 
 def octaves_of(width: int) -> int:
-    """Octaves of a map of this width that the texture of 576 x 384 does not hold, or holds in part."""
+    """Octaves of a map of this width that the texture of 576 x 384 does not hold, or holds in part: its own two finest
+    are weakened by averaging and interpolation.
+    """
     finer = np.log2(width / TEXTURE_SIZE[0])
-    return 0 if finer < 0.5 else round(finer) + 1
+    return 0 if finer < 0.5 else round(finer) + 2
 
 
 def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
@@ -157,31 +162,30 @@ class _Work:
         self._power = np.zeros(octaves)
         self._area = 0.0
 
-    @property
-    def box(self) -> tuple[int, int, int, int] | None:
-        """First row, row after the last, first column, column after the last that show the photo; all multiples of
-        the coarsest texel."""
-        shown = self._own.seen > 0
-        if not shown.any():
+    def _columns(self, top: int, bottom: int) -> tuple[int, int] | None:
+        """First column and column after the last, multiples of the coarsest texel, where rows show the photo."""
+        scale = self._own.seen.shape[0] / self._size[1]
+        part = self._own.seen[max(int(top * scale) - 1, 0) : int(np.ceil(bottom * scale)) + 1]
+        where = np.flatnonzero((part > LEAST_SEEN).any(0))
+        if not len(where):
             return None
-        ends = []
-        for axis, whole in ((1, self._size[1]), (0, self._size[0])):
-            where = np.flatnonzero(shown.any(axis))
-            scale, grid = whole / shown.shape[1 - axis], 2**self._octaves
-            first = max(int((where[0] - 1) * scale) // grid * grid, 0)
-            last = min(-int(-(where[-1] + 2) * scale // grid) * grid, whole)
-            ends += [first, last]
-        return ends[0], ends[1], ends[2], ends[3]
+        across, grid = self._size[0] / self._own.seen.shape[1], 2**self._octaves
+        first = max(int((where[0] - 1) * across) // grid * grid, 0)
+        return first, min(-(-int((where[-1] + 2) * across) // grid) * grid, self._size[0])
 
-    def strip(self, codes: Codes, top: int, bottom: int, columns: tuple[int, ...], above: Codes | None) -> Codes:
+    def strip(self, codes: Codes, top: int, bottom: int, above: Codes | None) -> Codes:
         """Change rows ``top`` to ``bottom`` of a map; returns what the last of them were, for the next strip."""
-        reach = self._halo
+        reach, width = self._halo, self._size[0]
+        kept = codes[max(bottom - reach, 0) : bottom].copy()
+        columns = self._columns(top, bottom)
+        if columns is None:
+            return kept
         first, last = max(top - reach, 0), min(bottom + reach, self._size[1])
-        begin, end = max(columns[0] - reach, 0), min(columns[1] + reach, self._size[0])
+        begin, end = max(columns[0] - reach, 0), min(columns[1] + reach, width)
         window = (first, last, begin, end)
         part = codes[first:last, begin:end].copy()
         if above is not None:
-            part[: top - first] = above
+            part[: top - first] = above[len(above) - (top - first) :, begin:end]
         map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
         seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
         photo = self._reader.rows(first, last, (begin, end))
@@ -193,30 +197,38 @@ class _Work:
         side = stretched(self._own.places.texel_mm, self._size, window)
         change = []
         for index, (p, z) in enumerate(zip(ours, theirs, strict=True)):
-            share, gain = self._shares(index, p, seen, pixels)
-            rest = 1 - gain if index == self._octaves - 1 else np.sqrt(np.maximum(1 - share, 0))
+            share, gain, rest = self._shares(index, p, z, seen, pixels)
             change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
             self._count(index, share, seen, side, inside)
         change_map = joined(change)
         new = map_[inside] + change_map[inside]
         codes[top:bottom, columns[0] : columns[1]] = np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE))
-        return part[bottom - reach - first : bottom - first]
+        return kept
 
-    def _shares(self, index: int, band: Float32, seen: Float32, pixels: Float32) -> tuple[Float32, Float32]:
-        """(h, w) share of the photo in the power of an octave, and gain of the photo, at the octave's own level."""
+    def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,
+                pixels: Float32) -> tuple[Float32, Float32, Float32]:  # fmt: skip
+        """(h, w) what the photo tells of an octave, t; gains of the photo, g, and of what is made up, h."""
         import cv2
 
-        size = band.shape[1::-1]
-        here = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
-        spacing = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.float32)
-        lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(spacing, np.float32(1e-4))
-        sharp = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
-        grey = luma(band)
-        power = np.asarray(cv2.GaussianBlur(grey * grey, (0, 0), AROUND), np.float32)
+        def resized(plane: Float32) -> Float32:
+            return np.asarray(cv2.resize(plane, band.shape[1::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+        def power(octave: Float32) -> Float32:
+            grey = luma(octave)
+            return np.asarray(cv2.GaussianBlur(grey * grey, (0, 0), AROUND), np.float32)
+
+        here, least = resized(seen), np.float32(1e-10)
+        lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(resized(pixels), np.float32(1e-4))
+        left = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
         noise = self._own.sharpness.noise_power(lowest)
-        signal = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
-        trusted = here * signal
-        return trusted * sharp, trusted * np.minimum(4 * sharp, 1)
+        found, usual = power(band), np.maximum(power(made_up), USUAL**2)
+        signal = np.maximum(1 - noise / np.maximum(found, least), 0)
+        gain = here * np.sqrt(signal) * np.minimum(4 * left, 1)
+        told = here * left * usual / np.maximum(left * usual + noise, least)
+        if index >= self._octaves - 2:
+            return told, gain, 1 - gain
+        missing = np.clip(1 - gain * gain * found / usual, 0, 1)
+        return told, gain, np.sqrt((1 - told) * missing)
 
     def _count(self, index: int, share: Float32, seen: Float32, side: Float32, inside: tuple[slice, slice]) -> None:
         import cv2

@@ -51,7 +51,7 @@ class Places:
         pixel = chart.spread(np.where(ahead[:, None], position, 0.0))
         planes = np.concatenate([pixel, drawn, side[..., None]], -1).astype(np.float32)
         whole = chart.fill_outside(planes)
-        return cls(*(np.ascontiguousarray(whole[..., part]) for part in (slice(0, 2), 2, 3, 4)))  # type: ignore[arg-type]
+        return cls(*(np.ascontiguousarray(whole[..., part]) for part in (slice(0, 2), 2, 3, 4)))
 
     @property
     def per_mm(self) -> Float32:

@@ -1,8 +1,8 @@
 """Read the photo at the texels of a map, strip by strip.
 
-Where a texel is smaller than a pixel, pixels are interpolated bicubically; where it covers several, it reads between two
-levels of a pyramid of halved photos, averaged in linear light (Williams 1983), by its longer side: what is seen at a
-grazing angle is rather blurred than aliased.
+Where a texel is smaller than a pixel, pixels are interpolated bicubically; where it covers several, it reads between
+two levels of a pyramid of halved photos, averaged in linear light (Williams 1983), by its longer side: what is seen at
+a grazing angle is rather blurred than aliased.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ def stretched(plane: Float32, size: tuple[int, int], window: tuple[int, int, int
     matrix = np.array([[across, 0, (begin + 0.5) * across - 0.5], [0, down, (first + 0.5) * down - 0.5 - top]])
     way = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(
-        cv2.warpAffine(part, matrix, (end - begin, last - first), flags=way, borderMode=cv2.BORDER_REPLICATE), np.float32
+        cv2.warpAffine(part, matrix, (end - begin, last - first), flags=way, borderMode=cv2.BORDER_REPLICATE),
+        np.float32,
     )
 
 

@@ -2,8 +2,9 @@
 
 Blur: a second blur of known width weakens the gradient of a sharp edge more than that of a soft one; at an edge of
 standard deviation s, by sqrt(1 + t^2 / s^2) for a blur t (Zhuo and Sim 2011). The sharpest edges of a face, lashes,
-brows, the lines of lids and lips, tell what lens, motion, enlargement and denoising left. Noise: the response to a kernel
-that neither planes nor straight edges excite (Immerkaer 1996), its median over the face. JPEG: the file's own steps.
+brows, the lines of lids and lips, tell what lens, motion, enlargement and denoising left. Noise: the response to a
+kernel that neither planes nor straight edges excite (Immerkaer 1996), its median over the face. JPEG: the file's own
+steps.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Float32, UInt8
+from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import luma
 
 SECOND_BLUR = 1.0
@@ -27,6 +28,8 @@ ABOVE_NOISE = 6.0
 """Gradients below so many times the noise's are no edges."""
 LEAST_BLUR = 0.35
 """Standard deviation of a pixel's own area and of the best lens, pixels."""
+WIDE = 1.5
+"""Blur, pixels, from which on it is measured at half the size."""
 UNKNOWN_BLUR = 2.0
 """Where there are too few edges to tell."""
 QUIET = 1 / 255 / np.sqrt(12)
@@ -47,12 +50,12 @@ class Sharpness:
     noise: float
     steps: Float32 | None = None
 
-    def resolved(self, frequency: Float32) -> Float32:
+    def resolved(self, frequency: AnyFloat) -> Float32:
         """Share of the power of detail that is left at frequencies in cycles per pixel, 0 beyond 0.5."""
         left = np.exp(-((2 * np.pi * self.blur * frequency) ** 2))
         return np.asarray(np.where(frequency < 0.5, left, 0), np.float32)
 
-    def noise_power(self, frequency: Float32) -> Float32:
+    def noise_power(self, frequency: AnyFloat) -> Float32:
         """Variance of noise and quantisation in the octave that begins at ``frequency``, cycles per pixel."""
         begin, end = np.minimum(frequency, 0.5), np.minimum(2 * frequency, 0.5)
         area = np.pi * (end**2 - begin**2)
@@ -71,7 +74,7 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
 
     if min(face.shape[:2]) < 16:
         return Sharpness(UNKNOWN_BLUR, 0.01, steps)
-    grey = luma(face) * np.float32(1 / 255)
+    grey = luma(face.astype(np.float32)) * np.float32(1 / 255)
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     noise = 1.4826 * float(np.median(np.abs(cv2.filter2D(grey, -1, kernel)))) / 6
     noise = max(noise, QUIET)
@@ -85,7 +88,11 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
         return Sharpness(UNKNOWN_BLUR, noise, steps)
     ratio = steep[chosen] / np.maximum(softer[chosen], 1e-9)
     blur = SECOND_BLUR / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
-    return Sharpness(max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR), noise, steps)
+    found = max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR)
+    if found > WIDE and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
+        half = np.asarray(cv2.resize(face, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+        found = max(found, 2 * measure(half).blur)
+    return Sharpness(found, noise, steps)
 
 
 def _gradient(grey: Float32) -> Float32:
