@@ -154,7 +154,7 @@ def _with_relief(head: Sitter, base: Float, along: Float, uv: Float) -> Float:
     tangent = along - base * (base * along).sum(-1, keepdims=True)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)
     axes = (tangent, np.cross(base, tangent), base)
-    normal = sum(local[..., k : k + 1] * axis for k, axis in enumerate(axes))
+    normal: Float = sum(local[..., k : k + 1] * axis for k, axis in enumerate(axes))
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9), np.float32)
 
 

@@ -3,18 +3,20 @@
 Photo and map are split into octaves (``service.texture.detail.octaves``) down to the scale of the texture of 576 x 384;
 what is coarser stays the map's. In each octave and texel
 
-    result = g p + h z,    g = seen sqrt(w) min(4 H^2, 1),    h^2 = (1 - t) (1 - g^2 E / Z)
+    result = g p + h z,    g = seen sqrt(w) min(4 H^2, 1),    h^2 Z = (1 - t) (P - g^2 E),
+    P = t w E / H^2 + (1 - t) Z
 
 with the photo's octave p and the map's own z, which super-resolution made up. H^2 is the share of the power that blur
 and spacing of the pixels leave (``sharpness``), E the power of p and Z that of z around the texel, N that of the noise
 of sensor and compression, and w = 1 - N / E. So p keeps the power of its signal (spectral subtraction, Boll 1979), and
-z fills up to the usual power as far as the photo does not tell; t = seen H^2 Z / (H^2 Z + N), Wiener's share, is what
-it tells. Both sides of a border have equal grain. In the two coarsest octaves, which the map took from the photo as well, h = 1 - g.
+z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 Z / (H^2 Z + N), Wiener's share,
+is what it tells, and P the photo's power or the usual one by that. Both sides of a border have equal grain. In the two
+coarsest octaves, which the map took from the photo as well, h = 1 - g.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +24,15 @@ import numpy as np
 from service.arrays import Float32, UInt8
 from service.colour import FULL_CODE, Codes, luma
 from service.face.fit.result import Fit
+from service.geometry.chart import Chart
 from service.head.model import HeadModel
+from service.head.regions import vertex_mask
 from service.levels import TEXTURE_SIZE
 from service.photo.photo import Photo
 from service.texture.detail.octaves import halo, joined, split
 from service.texture.detail.places import Places
 from service.texture.detail.reading import Reader, stretched
+from service.texture.detail.result import Detail, Octave
 from service.texture.detail.sharpness import Sharpness, measure
 from service.texture.result import SEEN, Texture
 
@@ -37,29 +42,22 @@ AROUND = 2.5
 """Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured."""
 USUAL = 0.003
 """Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
+LEAST_LEFT = 0.1
+"""Share of the power left by the blur below which what was there before is not computed from it."""
 FACE_BORDER = 8
 """Pixels around the face that its sharpness is measured on."""
 SOFT = 2.0
 """Standard deviation, texels of the texture, over which the photo's share fades out."""
+REGIONS = ("forehead", "nose", "cheek_left", "cheek_right", "lips", "chin", "ear_left", "ear_right", "neck")
+SHOWN_SIZE = (288, 192)
+LEAST_TEXELS = 20
+"""Texels of that size with fewer of which a region is not reported."""
 LEAST_SEEN = 0.01
 """Opacity of the photo below which a texel's detail is left alone."""
 SIZES = (576, 1152, 2304, 4608, 6144)
 """Widths of a texture that follows the photo's resolution."""
 DENSE = 0.9
 """Quantile over the seen skin of the photo's pixels per texel that decides the size."""
-
-
-@dataclass(frozen=True)
-class Octave:
-    """What of an octave is the photo's.
-
-    Attributes:
-        period_mm: shortest and longest period on the face.
-        share: of the seen part of the head in the power of the octave, in [0, 1], by area; 0 where nothing is seen.
-    """
-
-    period_mm: tuple[float, float]
-    share: float
 
 
 @dataclass(frozen=True)
@@ -71,12 +69,14 @@ class OwnDetail:
         places: of the head in it.
         sharpness: of the photo at the face.
         seen: (h, w) float32 in [0, 1], of the texture's size: how far texels show the photo.
+        pixels_per_mm: of the photo on the surface, by region of the head, where the photo shows it.
     """
 
     photo: Photo
     places: Places
     sharpness: Sharpness
     seen: Float32
+    pixels_per_mm: Mapping[str, float]
 
     @classmethod
     def of(cls, photo: Photo, head: HeadModel, fit: Fit, texture: Texture) -> OwnDetail:
@@ -89,7 +89,7 @@ class OwnDetail:
         reach = 2 * round(SOFT) + 1
         core = np.asarray(cv2.erode(shown, np.ones((reach, reach), np.uint8)), np.float32)
         seen = np.minimum(shown, np.asarray(cv2.GaussianBlur(core, (0, 0), SOFT), np.float32))
-        return cls(photo, places, measure(_face(photo, places, seen), photo.steps), seen)
+        return cls(photo, places, measure(_face(photo, places, seen), photo.steps), seen, _per_mm(places, head, seen))
 
     def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
         """(width, height) of a texture that loses nothing of what the photo holds on most of the seen skin.
@@ -109,7 +109,7 @@ class OwnDetail:
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
 
-    def onto(self, codes: Codes, told: Callable[[float], None] = lambda done: None) -> tuple[Octave, ...]:
+    def onto(self, codes: Codes, told: Callable[[float], None] = lambda done: None) -> Detail:
         """Bring the photo's detail onto a map, in place; nothing coarser than the texture's texels changes.
 
         Args:
@@ -117,18 +117,36 @@ class OwnDetail:
             told: called with the share that is done.
 
         Returns:
-            The octaves, finest first; none where the map is no larger than the texture.
+            What was done; without octaves where the map is no larger than the texture.
         """
         height, width = codes.shape[:2]
         count = octaves_of(width)
         if not count:
-            return ()
+            return self._told(())
         work = _Work(self, (width, height), count)
         above: Codes | None = None  # of a strip, rows that the strip before has changed
         for top in range(0, height, STRIP):
             above = work.strip(codes, top, min(top + STRIP, height), above)
             told(min(top + STRIP, height) / height)
-        return work.octaves()
+        return self._told(work.octaves())
+
+    def _told(self, octaves: tuple[Octave, ...]) -> Detail:
+        return Detail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
+
+
+def own_texture_of(texture: Texture, own: OwnDetail, most: int) -> UInt8 | None:
+    """(H, W, 3) sRGB texture at the photo's resolution, at most ``most`` wide; None where it holds no more."""
+    import cv2
+
+    size = own.texture_size(most)
+    if size[0] <= texture.texture.shape[1]:
+        return None
+    codes = cv2.resize(texture.texture.astype(np.uint16) * np.uint16(257), size, interpolation=cv2.INTER_CUBIC)
+    own.onto(np.asarray(codes, np.uint16))
+    result = np.zeros(codes.shape, np.uint8)
+    for top in range(0, len(codes), STRIP):
+        result[top : top + STRIP] = np.rint(codes[top : top + STRIP] * np.float32(255 / FULL_CODE))
+    return result
 
 
 def octaves_of(width: int) -> int:
@@ -137,6 +155,21 @@ def octaves_of(width: int) -> int:
     """
     finer = np.log2(width / TEXTURE_SIZE[0])
     return 0 if finer < 0.5 else round(finer) + 2
+
+
+def _per_mm(places: Places, head: HeadModel, seen: Float32) -> dict[str, float]:
+    """Median pixels per millimetre of each of ``REGIONS`` of which the photo shows enough."""
+    import cv2
+
+    chart = Chart.build(head, *SHOWN_SIZE)
+    dense = np.asarray(cv2.resize(places.per_mm, SHOWN_SIZE))
+    shown = np.asarray(cv2.resize(seen, SHOWN_SIZE)) > 0.5
+    found = {}
+    for name in REGIONS:
+        inside = shown & (chart.interpolate(vertex_mask(head, name))[..., 0] > 0.5)
+        if int(inside.sum()) >= LEAST_TEXELS:
+            found[name] = round(float(np.median(dense[inside])), 3)
+    return found
 
 
 def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
@@ -227,8 +260,9 @@ class _Work:
         told = here * left * usual / np.maximum(left * usual + noise, least)
         if index >= self._octaves - 2:
             return told, gain, 1 - gain
-        missing = np.clip(1 - gain * gain * found / usual, 0, 1)
-        return told, gain, np.sqrt((1 - told) * missing)
+        own = signal * found / np.maximum(left, LEAST_LEFT)
+        missing = np.maximum(told * own + (1 - told) * usual - gain * gain * found, 0)
+        return told, gain, np.sqrt(np.clip((1 - told) * missing / usual, 0, 1))
 
     def _count(self, index: int, share: Float32, seen: Float32, side: Float32, inside: tuple[slice, slice]) -> None:
         import cv2
@@ -244,10 +278,11 @@ class _Work:
     def octaves(self) -> tuple[Octave, ...]:
         """What was done."""
         texel = self._texel_mm()
-        share = self._power / self._area if self._area > 0 else self._power
+        share = np.clip(self._power / self._area if self._area > 0 else self._power, 0, 1)
+        periods = [round(texel * 2 ** (k + 1), 3) for k in range(self._octaves + 1)]
         return tuple(
-            Octave((round(texel * 2 ** (k + 1), 3), round(texel * 2 ** (k + 2), 3)), round(float(min(s, 1.0)), 4))
-            for k, s in enumerate(share)
+            Octave(short, long, round(float(one), 4))
+            for short, long, one in zip(periods[:-1], periods[1:], share, strict=True)
         )
 
     def _texel_mm(self) -> float:

@@ -12,7 +12,7 @@ from service.geometry.camera import NEAREST_M
 from service.geometry.chart import Chart, chart_points, solve_affine
 from service.head.model import HeadModel
 
-SIZE = (1536, 1024)
+SIZE = (768, 512)
 """Chart on which places are drawn; between its texels they are interpolated, as triangles are several texels wide."""
 
 
