@@ -43,6 +43,7 @@ from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail, own_texture_of
 from service.texture.make import make_texture
 
 Progress = Callable[[str, float], None]
@@ -134,7 +135,12 @@ def make_avatar(
 
         with stage("compare"):
             similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
-        reflectance = None
+        reflectance, own_texture, own = None, None, None
+        if options.level.super_resolution:
+            own = OwnDetail.of(photo, head, fit, texture)
+            if "texture" in options.maps and options.own_texture_width > texture.texture.shape[1]:
+                sharp = lambda: own_texture_of(texture, own, options.own_texture_width)  # noqa: E731
+                own_texture = stages.keep("own_texture", sharp)
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -145,6 +151,7 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
+                own=own,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,
@@ -167,6 +174,7 @@ def make_avatar(
         similarity=similarity,
         reflectance=reflectance,
         surface=surface,
+        own_texture=own_texture,
         warnings=warnings,
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

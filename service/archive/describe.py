@@ -194,6 +194,14 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
             None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
         ),
         corrections=[m.Correction(one.name, one.changed, one.texels) for one in made.corrections],
+        detail=None
+        if made.detail is None
+        else m.Detail(
+            [m.Octave(one.shortest_mm, one.longest_mm, one.share) for one in made.detail.octaves],
+            made.detail.blur_px,
+            made.detail.noise,
+            dict(made.detail.pixels_per_mm),
+        ),
     )
 
 

@@ -157,6 +157,30 @@ class Correction(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Octave(_Strict):
+    """How much of the detail of some periods is the photo's own."""
+
+    shortest_mm: Annotated[float, Ge(0)]
+    longest_mm: Annotated[float, Ge(0)]
+    share: Fraction
+    """What the photo tells of it on skin that it shows, by area; the rest is made up, or smooth with --detail 0."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Detail(_Strict):
+    """The photo's own detail, beyond a texture of 576 x 384."""
+
+    octaves: list[Octave]
+    """Finest first."""
+    blur_px: Annotated[float, Ge(0)]
+    """Standard deviation of the photo's point spread at the face, in pixels."""
+    noise: Annotated[float, Ge(0)]
+    """Standard deviation of its noise there, of sRGB-coded luma, 1 = white."""
+    pixels_per_mm: dict[str, float]
+    """The photo's pixels per millimetre of the surface, by region; regions that it does not show are missing."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Reflectance(_Strict):
     """How the networks ran."""
 
@@ -178,6 +202,8 @@ class Reflectance(_Strict):
     integration: Integration | None
     corrections: list[Correction]
     """Those that ran, in order."""
+    detail: Detail | None
+    """Null where there was no photo, or the texture was only resampled."""
 
 
 @dataclasses.dataclass(frozen=True)

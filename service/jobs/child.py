@@ -103,11 +103,12 @@ def kinds() -> dict[str, type]:
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
+    from service.texture.detail.result import Detail, Octave
     from service.texture.result import Texture
 
     found = (
         Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture,
-        Similarity, Applied,
+        Similarity, Applied, Detail, Octave,
     )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 
