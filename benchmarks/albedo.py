@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -41,9 +41,11 @@ from service.colour import FULL_CODE, LUMA, srgb_to_linear
 from service.options import Options
 from service.pipeline import make_avatar
 from service.reflectance.make import make_reflectance
+from service.reflectance.result import Reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import MODELS
+from service.stages import Stages, Unkept
 
 T = TypeVar("T")
 Float = npt.NDArray[np.float64]
@@ -146,25 +148,27 @@ def judged(judge: Judge, albedo: npt.NDArray[np.floating], planes: Mapping[str, 
     return Found(judge.score(albedo), judge.flat(), regions, typology_angle(judge.truth.mean(0)))
 
 
-def albedo_of(avatar: Avatar) -> npt.NDArray[np.float64]:
-    """The map as floats in [0, 1]."""
-    if avatar.reflectance is None or avatar.reflectance.diffuse_albedo is None:
+def albedo_of(made: Reflectance | None) -> npt.NDArray[np.float64]:
+    """The map as floats in [0, 1].
+
+    Raises:
+        ValueError: it was not made.
+    """
+    if made is None or made.diffuse_albedo is None:
         raise ValueError("an avatar of this benchmark has to have the diffuse albedo")
-    return np.asarray(avatar.reflectance.diffuse_albedo / FULL_CODE, np.float64)
+    return np.asarray(made.diffuse_albedo / FULL_CODE, np.float64)
 
 
-def made(photo: Photo, models: Path, stages: Any) -> tuple[Avatar, npt.NDArray[np.float64]]:
+def made(photo: Photo, models: Path, stages: Stages) -> tuple[Avatar, npt.NDArray[np.float64]]:
     """The avatar, and its albedo by the networks of a folder."""
     options = Options(maps=("diffuse_albedo",), quality="draft", size=SIZE, face="largest")
-    avatar = make_avatar(photo.data, options, stages=stages) if stages else make_avatar(photo.data, options)
     if models == MODELS:
-        return avatar, albedo_of(avatar)
+        avatar = make_avatar(photo.data, options, stages=stages)
+        return avatar, albedo_of(avatar.reflectance)
+    avatar = make_avatar(photo.data, replace(options, maps=("texture",)), stages=stages)
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     engine = choose_engine(options.runtime, precision=options.level.precision, folder=models)
-    other = make_reflectance(avatar.texture.texture, subject, options.plan(), SIZE, engine)
-    if other.diffuse_albedo is None:
-        raise ValueError("the plan of this benchmark has to make the diffuse albedo")
-    return avatar, np.asarray(other.diffuse_albedo / FULL_CODE, np.float64)
+    return avatar, albedo_of(make_reflectance(avatar.texture.texture, subject, options.plan(), SIZE, engine))
 
 
 def tone_of(angle: float) -> str:
@@ -174,7 +178,10 @@ def tone_of(angle: float) -> str:
 
 def tables(found: Mapping[str, Found]) -> list[str]:
     """Markdown."""
-    lines = ["| photo | tone | raw dB | best gain dB | Delta E | flat: raw dB | best gain dB | Delta E |", "|---" * 8 + "|"]
+    lines = [
+        "| photo | tone | raw dB | best gain dB | Delta E | flat: raw dB | best gain dB | Delta E |",
+        "|---" * 8 + "|",
+    ]
 
     def numbers(one: Found) -> list[float]:
         return [one.score.raw, one.score.best, one.score.delta_e, one.flat.raw, one.flat.best, one.flat.delta_e]
@@ -185,7 +192,11 @@ def tables(found: Mapping[str, Found]) -> list[str]:
         if chosen:
             lines.append(f"| **mean** | {tone} ({len(chosen)}) | {_row(np.mean(chosen, 0))} |")
     names = [name for name in regions_of() if name != "cheeks"]
-    lines += ["", "| brightness over the cheeks', ours / truth | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    lines += [
+        "",
+        "| brightness over the cheeks', ours / truth | " + " | ".join(names) + " |",
+        "|---" * (len(names) + 1) + "|",
+    ]
     for photo, one in found.items():
         lines.append(f"| {photo} | " + " | ".join(_ratio(one.regions.get(name)) for name in names) + " |")
     off = [_within([one.regions[name] for one in found.values() if name in one.regions]) for name in names]
@@ -219,7 +230,7 @@ def main(
     folder, planes, found = data_folder(None if data is None else str(data)), regions_of(), {}
     cache.mkdir(parents=True, exist_ok=True)
     for photo in photos(folder, cache, wanted.split(",")):
-        stages = OnDisk(cache / "stages" / photo.name) if keep else None
+        stages = OnDisk(cache / "stages" / photo.name) if keep else Unkept()
         avatar, albedo = made(photo, models, stages)
         found[photo.name] = judged(Judge.of(photo, avatar), albedo, planes)
         typer.echo(f"{photo.name}: {found[photo.name].score.raw:.1f} dB", err=True)
