@@ -4,8 +4,8 @@ DIR is that of ``benchmarks.corrections``, whose rendered photos of real heads a
 Each avatar is made by ``service.pipeline.make_avatar``. Two tables:
 
 - how far the albedo of the skin that a photo shows is from the truth: PSNR of sRGB-coded values as they are (*raw*),
-  after the one gain of linear values that fits best, and CIEDE2000; beside it one flat colour, the true mean; with
-  means by skin tone.
+  after the one gain of linear values that fits best, and CIEDE2000; after that gain on the face's skin that the photo
+  does not show (*unseen*); beside it one flat colour, the true mean; with means by skin tone.
 - how bright a region is over the cheeks, ours over the truth's: 1 is right. Beards and brows that are taken for shade
   come out above 1, highlights that stay on the ridge of the nose likewise, shade that stays below.
 
@@ -30,6 +30,7 @@ from benchmarks.corrections.__main__ import CACHE
 from benchmarks.corrections.photos import Photo, photos
 from benchmarks.corrections.rules import SIZE
 from benchmarks.corrections.score import Judge, Score
+from benchmarks.corrections.table import known_mean
 from benchmarks.metrics import at_chart
 from benchmarks.shoot import data_folder
 from models.networks.context import HEIGHT, WIDTH
@@ -179,18 +180,19 @@ def tone_of(angle: float) -> str:
 def tables(found: Mapping[str, Found]) -> list[str]:
     """Markdown."""
     lines = [
-        "| photo | tone | raw dB | best gain dB | Delta E | flat: raw dB | best gain dB | Delta E |",
-        "|---" * 8 + "|",
+        "| photo | tone | raw dB | best gain | Delta E | unseen | flat: raw dB | best gain | Delta E | unseen |",
+        "|---" * 10 + "|",
     ]
 
     def numbers(one: Found) -> list[float]:
-        return [one.score.raw, one.score.best, one.score.delta_e, one.flat.raw, one.flat.best, one.flat.delta_e]
+        return [value for s in (one.score, one.flat) for value in (s.raw, s.best, s.delta_e, s.unseen)]
 
     lines += [f"| {name} | {tone_of(one.angle)} | {_row(numbers(one))} |" for name, one in found.items()]
     for tone in (*(name for name, *_ in TONES), "all"):
         chosen = [numbers(one) for one in found.values() if tone in (tone_of(one.angle), "all")]
         if chosen:
-            lines.append(f"| **mean** | {tone} ({len(chosen)}) | {_row(np.mean(chosen, 0))} |")
+            means = [known_mean(column) for column in zip(*chosen, strict=True)]
+            lines.append(f"| **mean** | {tone} ({len(chosen)}) | {_row(means)} |")
     names = [name for name in regions_of() if name != "cheeks"]
     lines += [
         "",
@@ -203,8 +205,8 @@ def tables(found: Mapping[str, Found]) -> list[str]:
     return [*lines, "| mean of abs(log) | " + " | ".join(off) + " |"]
 
 
-def _row(values: Sequence[float] | Float) -> str:
-    return " | ".join(f"{value:.1f}" for value in values)
+def _row(values: Sequence[float]) -> str:
+    return " | ".join(f"{value:.1f}" if np.isfinite(value) else "-" for value in values)
 
 
 def _ratio(value: float | None) -> str:
