@@ -146,9 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--pause", type=float, default=1.0, help="seconds between two photos")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="kill no more after so many")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-postgres-"))
-    findings = run(folder, asked.kills, asked.jobs, asked.workers, asked.pause)
+    findings = run(folder, asked.kills, asked.jobs, asked.workers, asked.pause, asked.minutes)
     if findings.well():
         shutil.rmtree(folder)
     print(f"{findings.points.total()} workers killed in {findings.seconds:.0f} s")
@@ -162,7 +163,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     raise SystemExit(0 if findings.well() else 1)
 
 
-def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> Findings:
+def run(
+    folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0, minutes: float = float("inf")
+) -> Findings:
     """Run it.
 
     Args:
@@ -171,6 +174,7 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
         jobs: post on until so many were accepted.
         count: workers.
         pause: seconds between two photos.
+        minutes: after which no more is killed.
     """
     start = time.monotonic()
     postgres = Postgres(folder)
@@ -195,7 +199,7 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
         for thread in threads:
             thread.start()
         try:
-            _disturb(workers, postgres, kills, findings, log)
+            _disturb(workers, postgres, kills, findings, log, start + minutes * 60)
             while len(findings.accepted) < jobs:
                 time.sleep(0.2)
         finally:
@@ -215,10 +219,14 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
             postgres.stop()
 
 
-def _disturb(workers: Workers, postgres: Postgres, kills: int, findings: Findings, log: Path) -> None:
+def _disturb(
+    workers: Workers, postgres: Postgres, kills: int, findings: Findings, log: Path, until: float
+) -> None:
     """Kill workers at each point in turn; freeze the last one in the middle third; restart Postgres in the middle."""
     names = list(workers.running)
     for number in range(kills):
+        if time.monotonic() > until:
+            break
         if number == kills // 3:
             workers.signal(names[-1], signal.SIGSTOP)
         if number == kills // 2:

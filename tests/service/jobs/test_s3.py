@@ -14,11 +14,13 @@ import pytest
 
 from benchmarks.toy_job import LOG, archive
 from service.jobs import janitor as janitor_module
-from service.jobs import runner as runner_module
-from service.jobs.artifacts import Artifacts, StoreFault, artifact_name
+from service.jobs import patience
+from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.clock import now
 from service.jobs.janitor import Janitor
+from service.jobs.remote import StoreFault
 from service.jobs.runner import Runner
+from service.jobs.strays import STRAY, Strays
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.s3 import S3, serve
@@ -140,13 +142,13 @@ def test_a_photo_whose_job_is_about_to_be_stored_is_not_taken_for_a_leftover(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The photo is there before its job. Nobody asks a store for the age of it, so what is unknown stays a while."""
-    janitor, name = Janitor(bench.runner, bench.queue), put(bench.artifacts, tmp_path)
-    janitor.strays()
+    strays, name = Strays(bench.settings, bench.store, bench.artifacts), put(bench.artifacts, tmp_path)
+    strays.sweep()
     assert bench.artifacts.exists(name)
-    later = time.monotonic() + janitor_module.STRAY
+    later = time.monotonic() + STRAY
     with monkeypatch.context() as patch:
         patch.setattr(time, "monotonic", lambda: later)
-        janitor.strays()
+        strays.sweep()
     assert not bench.artifacts.exists(name)
 
 
@@ -259,11 +261,11 @@ def test_a_store_that_stays_away_ends_the_worker_not_the_job(
         raise Ended(status)
 
     job = bench.add()
-    monkeypatch.setattr(runner_module, "PATIENCE", 0.0)
+    monkeypatch.setattr(patience, "PATIENCE", 0.0)
     monkeypatch.setattr(os, "_exit", end)
     s3.stop()
     try:
-        with pytest.raises(Ended, match=str(runner_module.TEMPORARY_FAILURE)):
+        with pytest.raises(Ended, match=str(patience.TEMPORARY_FAILURE)):
             bench.run(job)
     finally:
         s3.start()

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from service.jobs.store import KeyInUse
+from service.jobs.erasure import depart
+from service.jobs.new import KeyInUse
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -46,11 +47,11 @@ def test_what_is_gone_leaves_its_times(bench: Bench) -> None:
     """A client that erases what it has fetched must not take the measured times along, and nothing else may stay."""
     job = bench.add()
     bench.store.set(job, options=json.dumps({"quality": "draft", "size": None, "maps": ["texture"], "face": 3}))
-    bench.store.depart(job, "erased")
+    depart(bench.engine, job, "erased")
     assert bench.store.measured() == [], "it has not ended"
     bench.store.succeed(job, RESULT, 1e10)
     for _ in range(2):
-        bench.store.depart(job, "erased")
+        depart(bench.engine, job, "erased")
     (row,) = bench.store.measured()
     assert json.loads(row["options"]) == {"quality": "draft", "size": None, "maps": ["texture"]}
     assert bench.store.events(job, 0) == []
