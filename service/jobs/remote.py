@@ -12,7 +12,12 @@ from typing import Any
 BLOCK = 4 << 20
 """Bytes that are asked of a remote store at a time; its own default may be ten times as many for each reader."""
 
-S3 = {"config_kwargs": {"connect_timeout": 5, "read_timeout": 30, "retries": {"max_attempts": 2}}}
+S3 = {
+    "config_kwargs": {
+        "connect_timeout": 5, "read_timeout": 30, "retries": {"max_attempts": 2},
+        "signature_version": "s3v4",  # of signed addresses too, which are of version 2 else, and few stores take that
+    }
+}  # fmt: skip
 """A store that does not answer shall not hold a request for minutes; whoever can wait tries again."""
 
 

@@ -128,7 +128,7 @@ class Store(Lookups):
                 ``peak_rss_mb``; of a derived kind also ``facts``.
             expires_at: when it is erased.
         """
-        more = {"metadata": json.dumps(result["facts"])} if "facts" in result else {}
+        more: dict[str, Any] = {"metadata": json.dumps(result["facts"])} if "facts" in result else {}
         return self._end(
             job, state="succeeded", progress=1.0, **more, expires_at=expires_at, archive=result["archive"],
             archive_sha256=result["sha256"], archive_bytes=result["bytes"], warnings=json.dumps(result["warnings"]),

@@ -42,9 +42,9 @@ def add_routes(app: FastAPI) -> None:
         return JSONResponse(job_json(context.job(export, tenant, KIT.name)))
 
 
-def worked(api: Api) -> list[str]:
+def worked(api: Api, seconds: float = 200.0) -> list[str]:
     """What a worker does with all that waits, here; returns the ids."""
-    settings = dataclasses.replace(api.context.settings, render_program=TOY_PICTURE, render_seconds=1.0)
+    settings = dataclasses.replace(api.context.settings, render_program=TOY_PICTURE, render_seconds=seconds)
     runner = Runner(settings, api.context.store, api.context.artifacts)
     rows = api.context.store.where(JOBS.c.kind == KIT.name, JOBS.c.state == "queued")
     for row in rows:
@@ -82,7 +82,7 @@ def test_a_kit_is_a_job_like_others(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert links["kit"] == waiting.headers["location"] + "/kit.zip"
         assert links["avatar"] == f"/v1/avatars/{avatar}"
         assert ask(view="left").status_code == 202
-        worked(api)
+        worked(api, 1.0)
         late = client.get(f"/v1/exports/{api.context.store.where(JOBS.c.kind == KIT.name)[-1]['id']}").json()
         assert (late["state"], late["error"]["code"]) == ("failed", "export-timeout")
         assert "smaller maps" in late["error"]["detail"]
