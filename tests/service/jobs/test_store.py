@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from service.jobs.erasure import depart
+from service.jobs.erasure import checkpoint, depart
 from service.jobs.new import KeyInUse
 
 if TYPE_CHECKING:
@@ -112,3 +112,18 @@ def test_pages_meet_without_gap_or_repetition(bench: Bench) -> None:
         seen += [row["id"] for row in page]
         after = (page[-1]["created_at"], page[-1]["id"])
     assert seen == jobs[::-1]
+
+
+def test_a_cancelled_job_leaves_no_word_of_its_request(bench: Bench) -> None:
+    """Not in its earlier events either, which have the job as it was then."""
+    job = bench.add(metadata={"client": "words-of-the-owner"}, key="key-of-the-owner")
+    bench.store.begin(job)
+    bench.store.progress(job, "fit", 0.5)
+    assert len(bench.store.events(job, 0)) == 3
+    assert bench.store.cancel(job, 1e10)
+    (last,) = bench.store.events(job, 0)
+    assert json.loads(last["body"])["state"] == "cancelled"
+    bench.engine.dispose()
+    assert checkpoint(bench.engine)
+    stored = b"".join(path.read_bytes() for path in bench.settings.data.glob("jobs.sqlite*"))
+    assert b"-of-the-owner" not in stored
