@@ -51,8 +51,8 @@ FEWEST_LANDMARKS = 30
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores: Scores | None = None) -> Prior:
     """The fit's prior: portrait distance, focal length from EXIF where there is one, Gaussian shape coefficients.
 
-    Units of the expression have the mean that their scores say. Less scatter about it than without scores made the shape
-    of rendered heads at rest worse: the scores are seldom 0 on a face at rest.
+    Units of the expression have the mean that their scores say. Less scatter about it than without scores made the
+    shape of rendered heads at rest worse: the scores are seldom 0 on a face at rest.
     """
     focal = UNKNOWN_FOCAL * max(photo.size)
     focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
