@@ -16,8 +16,10 @@ from models.head.bases import Bases
 from models.head.digest import BASE_NAME, write_digest
 from models.head.expression import PARTNERS
 from models.head.lids import close
-from models.head.lips import seal
+from models.head.lining import clear_of_teeth
+from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.settle import part_members
+from service.anatomy.insets.inset import read_insets
 from service.errors import ModelFault
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
@@ -32,6 +34,16 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
     regions = dict(zip(head.region_names, head.regions.astype(np.float64), strict=True))
     balls = {side: members[f"eye_{side}"] for side in ("left", "right")}
     sealed = seal(bases, quads, regions, head.expression_names)
+    lips = find_lips(bases.mean, quads, regions)
+    inside = np.zeros(len(bases.mean), bool)
+    inside[quads] = (regions["mouth_inner"] > 0.5)[quads]
+    inside[lips.inner[:, :2]] = True
+    insets = read_insets()
+    rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
+    sealed = clear_of_teeth(
+        sealed, rows, insets.fitted_head.astype(np.float64), np.flatnonzero(inside), members, head.expression_names,
+        TONGUE_JAW,
+    )  # fmt: skip
     out = close(sealed, quads, balls, regions, head.expression_names)
     partners = [head.expression_names.index(PARTNERS[name]) for name in head.expression_names]
     # Rounding alone tells left from right here, but may choose another edge of the mesh.
