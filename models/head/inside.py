@@ -31,7 +31,7 @@ Int = npt.NDArray[np.int64]
 
 LOWER_SCALE, LOWER_SHIFT = np.array([0.94, 1.0, 1.0]), np.array([0.0, -0.0036, -0.0018])
 """Of the lower row: in MakeHuman both rows pass through each other in the middle of a bite."""
-GUM_M = {"teeth_upper": (np.inf, np.inf), "teeth_lower": (0.0065, 0.0026)}
+GUM_M = {"teeth_upper": (np.inf, np.inf), "teeth_lower": (0.0032, 0.0026)}
 """Gums farther than this from the row's teeth are left out, within the arch and before it: of the lower row the floor
 of the mouth, and what would reach through the fold below the lip."""
 AXIS = np.array([0.0, 0.0, -0.022])

@@ -34,6 +34,9 @@ BOUND_M = (0.003, 0.008)
 FLOOR_DROP = 0.2
 """Share of the jaw's largest drop from which lining within the lower arch is the floor of the mouth."""
 
+FLOOR_REACH_M = 0.007
+"""Horizontal distance within which gums keep the floor of the mouth below them."""
+
 DOWN_M = {"jawForward": 0.0035, "jawLeft": 0.0020, "jawRight": 0.0020}
 """How far the lower row sinks in units that would push it through the upper one: a jaw slides down along the incisors."""
 
@@ -109,6 +112,7 @@ def clear_of_teeth(
     outside = [_Outside.of(row, mean, lining, fitted) for row in rows]
     lower = next(row for row in rows if "lower" in row.name)
     floor, nearest = _floor(lower, mean, lining, fitted, -expression[index["jawOpen"], :, 1], outside)
+    mean[floor, 1] = np.minimum(mean[floor, 1], _below(lower, mean - fitted, mean[floor]))
     for name, k in index.items():
         expression[k, floor] = 0.0 if name == "mouthClose" else lower.moved(expression[k])[nearest]
     for one in outside:
@@ -133,6 +137,13 @@ def _floor(
     floor = lining[carried & ~np.isin(lining, before) & (mean[lining, 1] < teeth[:, 1].mean())]
     nearest = [int(((teeth - point) ** 2).sum(1).argmin()) for point in mean[floor]]
     return floor, np.array(nearest, np.int64)
+
+
+def _below(lower: Inset, offsets: Float, points: Float) -> Float:
+    """(N,) height under the gums near each point; infinity where there are none."""
+    gums = _row_at(lower, offsets)
+    flat = np.hypot(gums[None, :, 0] - points[:, None, 0], gums[None, :, 2] - points[:, None, 2])
+    return np.asarray(np.where(flat < FLOOR_REACH_M, gums[None, :, 1], np.inf).min(1) - CLEAR_M)
 
 
 def _bind(identity: Float, one: _Outside, mean: Float, fitted: Float) -> None:
