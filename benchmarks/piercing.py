@@ -1,8 +1,8 @@
 """Count triangles of the head's parts that cross: ``python -m benchmarks.piercing [--head FILE] [--heads N]``.
 
 For every single unit at 1 and for random mixtures, on the mean head and on random identities: the lips with each other,
-lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other. Teeth, gums
-and tongue are the meshes that avatars get. What is rooted in the skin, lashes and caruncle, is left out.
+lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other. Teeth,
+gums and tongue are the meshes that avatars get. What is rooted in the skin, lashes and caruncle, is left out.
 ``mouthClose`` takes back the opening of ``jawOpen`` and means nothing without it: alone it is shown with ``jawOpen`` at
 1, and in a mixture it is at most ``jawOpen``.
 """
@@ -35,7 +35,9 @@ def groups(head: HeadModel) -> dict[str, Int]:
     own = {name: own[name] for name in own if name.startswith("eye")}
     count = len(head.mean)
     for mesh in read_insets().meshes:
-        corners = mesh.faces if mesh.faces.shape[1] == 3 else np.concatenate([mesh.faces[:, :3], mesh.faces[:, [0, 2, 3]]])
+        corners = (
+            mesh.faces if mesh.faces.shape[1] == 3 else np.concatenate([mesh.faces[:, :3], mesh.faces[:, [0, 2, 3]]])
+        )
         own[mesh.name], count = corners.astype(np.int64) + count, count + len(mesh.rest)
     lips = (head.region("lips") > 0.25)[skin].any(1) & (head.region("mouth_inner") < 0.5)[skin].any(1)
     drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from models.head.bases import Bases
 from models.head.digest import BASE_NAME, write_digest
@@ -23,6 +24,9 @@ from service.anatomy.insets.inset import read_insets
 from service.errors import ModelFault
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+Int = npt.NDArray[np.integer]
 
 BEFORE = "avatarme-cc0-head-1"
 
@@ -50,9 +54,17 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
     flip, mirror = np.array([-1.0, 1.0, 1.0]), head.mirror
     return Bases(
         0.5 * (out.mean + out.mean[mirror] * flip),
-        out.identity,
+        np.stack([_evened(new, old, mirror) for new, old in zip(out.identity, bases.identity, strict=True)]),
         0.5 * (out.expression + out.expression[partners][:, mirror] * flip),
     )
+
+
+def _evened(component: Float, before: Float, mirror: Int) -> Float:
+    """A component (V, 3) as symmetric, or as antisymmetric, as it was before."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    image = before[mirror] * flip
+    sign = 1.0 if np.abs(image - before).max() < np.abs(image + before).max() else -1.0
+    return np.asarray(0.5 * (component + sign * component[mirror] * flip))
 
 
 def closed(head: HeadModel) -> HeadModel:

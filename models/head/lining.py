@@ -29,7 +29,7 @@ WINDOW_RAD, WINDOW_M = 0.20, 0.0045
 """Teeth within this angle about the axis and this height of a vertex are near it; the lining's quads are as large."""
 
 BOUND_M = (0.003, 0.008)
-"""Distance from the teeth up to which the lining follows them wholly from head to head, and from which on it is free."""
+"""Distance from the teeth up to which the lining follows them from head to head, and from which on it is free."""
 
 FLOOR_DROP = 0.2
 """Share of the jaw's largest drop from which lining within the lower arch is the floor of the mouth."""
@@ -38,7 +38,7 @@ FLOOR_REACH_M = 0.007
 """Horizontal distance within which gums keep the floor of the mouth below them."""
 
 DOWN_M = {"jawForward": 0.0035, "jawLeft": 0.0020, "jawRight": 0.0020}
-"""How far the lower row sinks in units that would push it through the upper one: a jaw slides down along the incisors."""
+"""How far the lower row sinks in units that would push it through the upper one, as a jaw slides on the incisors."""
 
 TONGUE_OUT = {"teeth_lower": 1.0, "tongue": 0.7}
 """Share of the jaw's part in ``tongueOut`` that the lower row and the tongue take."""

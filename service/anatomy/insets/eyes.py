@@ -1,8 +1,8 @@
 """Eyes of one head as meshes of their own: ball with the iris set back, cornea, tear line and caruncle.
 
-Everything is built about the head's own eyeballs and follows them affinely, so it turns with ``eyeLook*``; tear line and
-caruncle follow the lids. Measures are those of adults: cornea of 7.8 mm radius (Gullstrand's eye), iris plane at the
-limbus.
+Ball and cornea are built about the head's own eyeballs and follow them affinely, so they turn with ``eyeLook*``; tear
+line and caruncle follow the lids. Measures are those of adults: cornea of 7.8 mm radius (Gullstrand's eye), iris plane
+at the limbus.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def _tears(
     for row, sign in ((upper, -1.0), (lower, 1.0)):
         edge = row[np.argsort(head.mean[row, 0], kind="stable")]
         at = head.mean[edge].astype(np.float64)
-        onto = at + [0.0, sign * TEAR_M, 0.0]
+        onto = at + np.array([0.0, sign * TEAR_M, 0.0])
         on_ball = ball.centre + (ball.radius + FILM_M) * ball.rays(onto)
         middle = 0.5 * (at + on_ball) + 0.25 * (ball.centre + ball.radius * ball.rays(at) - at)
         strips += [at, middle, on_ball]
@@ -236,7 +236,7 @@ def _caruncle(name: str, head: HeadModel, fit: Fit, upper: Int64, lower: Int64, 
     own = edge[np.argsort(np.abs(head.mean[edge, 0]), kind="stable")[:CARUNCLE_AT]]
     corner = head.mean[own].astype(np.float64)
     side = float(np.sign(corner[:, 0].mean()))
-    middle = corner.mean(0) + [0.15 * side * CARUNCLE_M[0], 0.0, -CARUNCLE_BACK_M]
+    middle = corner.mean(0) + np.array([0.15 * side * CARUNCLE_M[0], 0.0, -CARUNCLE_BACK_M])
     theta = np.radians(np.linspace(15, 165, 8))[:, None]
     phi = 2 * np.pi * np.arange(16) / 16
     ring = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], -1)

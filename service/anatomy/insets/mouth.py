@@ -27,7 +27,7 @@ FITS_M = 0.02
 """Largest distance of a mean head's vertices from those of the head that the meshes were made for."""
 
 FRONT_M, LEAST_CROWN, LEAST_TEXELS = 0.008, 0.9, 20
-"""Depth behind the frontmost tooth and share of crown of the texels that tell the tooth's colour, and their least number."""
+"""Depth behind the frontmost tooth and share of crown of texels that tell the tooth's colour; their least number."""
 
 NECK, NECK_COLOUR = (0.62, 1.0), (0.10, 0.16, 0.26)
 """Places along a crown between which dentine shows through, and the share of red, green and blue that is lost there."""
@@ -65,7 +65,7 @@ def mouth_parts(head: HeadModel, fit: Fit, parts: UInt8 | None) -> tuple[MeshPar
 
 
 def fits(insets: Insets, head: HeadModel) -> bool:
-    """Whether a head has the vertices that the meshes follow, where they were made: other heads keep their own parts."""
+    """Whether a head has the vertices that the meshes follow; other heads keep their own parts."""
     same = insets.fitted_head.shape == head.mean.shape
     return bool(same and np.abs(insets.fitted_head - head.mean).max() < FITS_M)
 
@@ -92,7 +92,7 @@ def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: 
 
 
 def tooth_colour(head: HeadModel, parts: UInt8) -> Float32:
-    """(3,) linear albedo of the front teeth on a map (h, w, 3) of uint8 codes of sRGB: median of their brighter half."""
+    """(3,) linear albedo of the front teeth on a map (h, w, 3) of sRGB codes: median of their brighter half."""
     place = PartTexels.of(head, "teeth_upper", (parts.shape[1], parts.shape[0]))
     if place is None:
         return TOOTH

@@ -1,4 +1,4 @@
-"""Teeth, gums and tongue as meshes of their own: ``python -m models.head.inside --assets FOLDER``.
+"""Teeth, gums and tongue as meshes of their own: ``python -m models.people.inside --assets FOLDER``.
 
 Teeth and gums are MakeHuman's (``teeth/teeth_base`` of makehumancommunity/makehuman-assets, CC0), put where the head's
 own rows of teeth are and bound to them; the tongue is the head's own, refined and made narrow enough to lie within the
@@ -105,7 +105,7 @@ def tongue(head: HeadModel) -> Inset:
     below = np.cross(b - a, c - a)[:, 1] < 0
     flat = (points[:, [0, 2]] - low[[0, 2]]) / (high - low)[[0, 2]]
     top = flat * [0.44, 0.92] + [0.03, 0.04]
-    uv = np.concatenate([top, top + [0.5, 0.0]])
+    uv = np.concatenate([top, top + np.array([0.5, 0.0])])
     depth = (high[2] - points[:, 2]) / (high[2] - low[2])
     return Inset(
         name="tongue_body",
