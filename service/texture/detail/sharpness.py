@@ -91,7 +91,8 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     found = max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR)
     if found > WIDE and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
         half = np.asarray(cv2.resize(face, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-        found = max(found, 2 * measure(half).blur)
+        coarser = measure(half).blur
+        found = found if coarser == UNKNOWN_BLUR else max(found, 2 * coarser)
     return Sharpness(found, noise, steps)
 
 
