@@ -22,7 +22,7 @@ SHARPEST = 0.10
 """Quantile of the edges' blur that counts as the photo's: edges of a face may be soft themselves."""
 EDGES = 0.01
 """Share of the face's pixels, those of the steepest gradients, that count as edges."""
-LEAST_EDGES = 50
+LEAST_EDGES = 20
 """Edges with fewer of which the blur is not known."""
 ABOVE_NOISE = 6.0
 """Gradients below so many times the noise's are no edges."""
