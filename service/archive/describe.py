@@ -15,6 +15,8 @@ from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapSpec
 from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
+from service.materials.material import OwnMap
+from service.materials.part import MeshPart
 from service.reflectance.result import MID, SCALE_MM
 
 MEDIA_TYPES = {
@@ -69,6 +71,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
+        parts=[_part(part) for part in avatar.parts],
         hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
@@ -162,6 +165,21 @@ def _file(name: str, data: bytes) -> m.File:
     stem = name.rpartition("/")[2].partition(".")[0]
     role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
+
+
+def _part(part: MeshPart) -> m.Part:
+    material, picture = part.material, part.material.colour_map
+    return m.Part(
+        name=part.name,
+        material=material.name,
+        colour=list(material.colour),
+        texture=f"maps/parts/{picture.name}.png" if isinstance(picture, OwnMap) else None,
+        alpha=material.alpha,
+        cutoff=material.cutoff,
+        opacity=material.opacity,
+        double_sided=material.double_sided,
+        replaces=list(part.replaces),
+    )
 
 
 def _hair(hair: Hair) -> m.Hair:

@@ -255,6 +255,24 @@ class FitReport(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Part(_Strict):
+    """A mesh beside the head's own parts, an object of its name in every format."""
+
+    name: str
+    material: str
+    colour: Triple
+    """Linear RGB, a factor of the texture where there is one."""
+    texture: str | None
+    """Path of its own colours, sRGB with straight alpha; null where the head's chart or the colour alone is used."""
+    alpha: Literal["opaque", "mask", "blend"]
+    cutoff: Fraction
+    opacity: Fraction
+    double_sided: bool
+    replaces: list[str]
+    """The head's own parts in place of which it stands."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Hair(_Strict):
     """What the head wears, and how sure that is."""
 
@@ -313,6 +331,8 @@ class Manifest(_Strict):
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
+    parts: list[Part]
+    """Beside the head's own: hair, lashes, brows, bust and the like."""
     hair: Hair | None
     """Null for an external mesh."""
     effects: list[str]

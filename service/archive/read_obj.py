@@ -6,10 +6,11 @@ Libraries for OBJ merge, split or reorder vertices, whose order is the correspon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from service.arrays import Float64, Int32, UInt8
 from service.errors import BadMesh
@@ -40,6 +41,43 @@ class ObjMesh:
     polygon_uv: Int32
     part_names: tuple[str, ...]
     polygon_part: UInt8
+
+    def split(self, names: Collection[str]) -> tuple[ObjMesh, dict[str, ObjMesh]]:
+        """The mesh without the objects of these names, and each of those by itself.
+
+        What is left keeps its vertices in order up to the first that belongs to a named object.
+
+        Raises:
+            BadMesh: nothing is left.
+        """
+        named = np.isin(self.polygon_part, [i for i, name in enumerate(self.part_names) if name in names])
+        if named.all():
+            raise BadMesh("all objects of the mesh are parts beside the head; there is no head")
+        if not named.any():
+            return self, {}
+        others = {
+            name: self._only(self.polygon_part == i) for i, name in enumerate(self.part_names) if name in names
+        }
+        own = self.polygons[~named], self.polygon_uv[~named], self.polygon_part[~named]
+        ends = [int(rows.max()) + 1 for rows in own[:2]]
+        first = [int(rows[named][rows[named] >= 0].min(initial=len(all_rows))) for rows, all_rows in
+                 ((self.polygons, self.vertices), (self.polygon_uv, self.uv))]  # fmt: skip
+        until = [max(end, start) for end, start in zip(ends, first, strict=True)]
+        kept = [name for name in self.part_names if name not in names]
+        place = np.array([kept.index(name) if name in kept else 0 for name in self.part_names], np.uint8)
+        left = ObjMesh(self.vertices[: until[0]], self.uv[: until[1]], own[0], own[1], tuple(kept), place[own[2]])
+        return left, others
+
+    def _only(self, chosen: npt.NDArray[np.bool_]) -> ObjMesh:
+        """The polygons that are chosen, with their own vertices and texture coordinates."""
+        rows = []
+        for index, values in ((self.polygons[chosen], self.vertices), (self.polygon_uv[chosen], self.uv)):
+            used, local = np.unique(index[index >= 0], return_inverse=True)
+            short = np.full(index.shape, -1, np.int32)
+            short[index >= 0] = local
+            rows += [values[used], short]
+        names = (self.part_names[int(self.polygon_part[chosen][0])],)
+        return ObjMesh(rows[0], rows[2], rows[1], rows[3], names, np.zeros(int(chosen.sum()), np.uint8))
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from service.archive.container import unknown_names
+from service.archive.manifest import Part
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.errors import BadArchive, UsageError
@@ -18,6 +19,9 @@ from service.errors import BadArchive, UsageError
 MAX_MANIFEST = 16 << 20
 MAX_MAP = 512 << 20
 """Bytes of one map; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
+
+MAX_TEXTURE = 64 << 20
+"""Bytes of a part's own texture."""
 
 _MESH = "mesh/head.obj"
 
@@ -45,18 +49,35 @@ class StoredMap:
 
 
 @dataclass(frozen=True)
+class StoredPart:
+    """A mesh beside the head's own.
+
+    Attributes:
+        entry: of the manifest.
+        mesh: its polygons with their own texture coordinates.
+        png: its texture, still encoded; None where it has none of its own.
+    """
+
+    entry: Part
+    mesh: ObjMesh
+    png: bytes | None
+
+
+@dataclass(frozen=True)
 class AvatarFile:
     """The contents of an archive that a renderer needs.
 
     Attributes:
         manifest: as stored; only the keys that are used here were checked.
-        mesh: ``mesh/head.obj``.
+        mesh: the head of ``mesh/head.obj``.
         maps: by role.
+        parts: meshes beside the head's own, in the photo's expression, with their textures still encoded.
     """
 
     manifest: dict[str, Any]
     mesh: ObjMesh
     maps: dict[str, StoredMap]
+    parts: tuple[StoredPart, ...] = ()
 
 
 def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
@@ -77,8 +98,12 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         with zipfile.ZipFile(source) as archive:
             _check_names(archive)
             manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            mesh = read_obj(_member(archive, _MESH, MAX_OBJ))
-            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles))
+            mesh, others = read_obj(_member(archive, _MESH, MAX_OBJ)).split([entry.name for entry in _parts(manifest)])
+            parts = [
+                StoredPart(entry, others[entry.name], _texture(archive, entry))
+                for entry in _parts(manifest) if entry.name in others
+            ]  # fmt: skip
+            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles), tuple(parts))
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
         raise BadArchive(f"the archive cannot be read: {error}") from error
 
@@ -114,6 +139,26 @@ def _manifest(data: bytes) -> dict[str, Any]:
     if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
         raise BadArchive("the manifest's list of maps is missing or not a list of objects")
     return dict(content)
+
+
+def _parts(manifest: dict[str, Any]) -> list[Part]:
+    """Entries of the parts; older manifests have none.
+
+    Raises:
+        BadArchive: one of them is not as the schema says.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(list[Part]).validate_python(manifest.get("parts", []))
+    except ValidationError as error:
+        raise BadArchive(f"the manifest's list of parts cannot be used: {error.errors()[0]['msg']}") from error
+
+
+def _texture(archive: zipfile.ZipFile, entry: Part) -> bytes | None:
+    if entry.texture is None or entry.texture not in archive.namelist():
+        return None
+    return _member(archive, entry.texture, MAX_TEXTURE)
 
 
 def _maps(archive: zipfile.ZipFile, manifest: dict[str, Any], roles: tuple[str, ...]) -> dict[str, StoredMap]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from service.anatomy.lashes.line import lash_line
 from service.geometry.chart import Chart
 from service.head.files import load_head
