@@ -143,6 +143,15 @@ class Options(Checked):
         return min(self.map_size, TEXTURE_SIZE)
 
     @property
+    def own_texture_width(self) -> int:
+        """Most texels along the texture at the photo's resolution; where only the texture is made, its size is asked
+        for or follows the photo.
+        """
+        if not set(self.maps) & set(REFLECTANCE_MAPS) and self.size:
+            return self.size[0]
+        return self.map_size[0]
+
+    @property
     def normal_bits(self) -> int:
         """Bits per component of normal maps."""
         return self.bits or self.level.normal_bits

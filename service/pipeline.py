@@ -28,7 +28,7 @@ from service.face.choice import choose_face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
-from service.face.reading.reader import ReaderNetwork, read_face
+from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -43,6 +43,7 @@ from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail, own_texture_of
 from service.texture.make import make_texture
 
 Progress = Callable[[str, float], None]
@@ -56,6 +57,10 @@ SMALL_TILES = "small-tiles"
 
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
+
+
+READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes")
+"""Networks that read a face; without them the fit follows landmarks, outline and shading."""
 
 
 def make_avatar(
@@ -100,8 +105,8 @@ def make_avatar(
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
-        reads = options.fit != "landmarks" and installed(("reader",))
-        reader_job = pool.submit(ReaderNetwork) if reads else None
+        reads = options.fit != "landmarks" and installed(READERS)
+        reader_job = pool.submit(Readers) if reads else None
         head_job = pool.submit(_head_and_chart, options, head_file)
         pool.submit(import_module, "scipy.optimize")
         with stage("decode"):
@@ -130,7 +135,12 @@ def make_avatar(
 
         with stage("compare"):
             similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
-        reflectance = None
+        reflectance, own_texture, own = None, None, None
+        if options.level.super_resolution:
+            own = OwnDetail.of(photo, head, fit, texture)
+            if "texture" in options.maps and options.own_texture_width > texture.texture.shape[1]:
+                sharp = lambda: own_texture_of(texture, own, options.own_texture_width)  # noqa: E731
+                own_texture = stages.keep("own_texture", sharp)
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -141,14 +151,15 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
+                own=own,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,
             )
             timings |= reflectance.timings_s
-        albedo = None if reflectance is None else reflectance.diffuse_albedo
-        parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
+    albedo = None if reflectance is None else reflectance.diffuse_albedo
+    parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     return Avatar(
         photo=photo,
         face=face,
@@ -163,6 +174,7 @@ def make_avatar(
         similarity=similarity,
         reflectance=reflectance,
         surface=surface,
+        own_texture=own_texture,
         warnings=warnings,
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

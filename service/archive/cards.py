@@ -14,6 +14,10 @@ ROLES = {
     "face_detector": "finds faces",
     "face_mesh": "468 landmarks",
     "reader": "place of the head, normal and part of every pixel",
+    "lids": "edges of the lids",
+    "lips": "edges of the lips",
+    "face_landmarker": "478 points for the expression",
+    "face_blendshapes": "expression scores",
     "face_identity": "compares the result with the photo",
 }
 """Networks that run for every photo."""

@@ -6,11 +6,10 @@ Libraries for OBJ merge, split or reorder vertices, whose order is the correspon
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from service.arrays import Float64, Int32, UInt8
 from service.errors import BadMesh
@@ -42,42 +41,48 @@ class ObjMesh:
     part_names: tuple[str, ...]
     polygon_part: UInt8
 
-    def split(self, names: Collection[str]) -> tuple[ObjMesh, dict[str, ObjMesh]]:
-        """The mesh without the objects of these names, and each of those by itself.
+    def of_head(self, parts: Sequence[str], vertices: int) -> ObjMesh:
+        """The mesh without the parts beside the head's own, which come after the head's in the files of archives.
 
-        What is left keeps its vertices in order up to the first that belongs to a named object.
+        Args:
+            parts: names of the head's own.
+            vertices: how many the head has; a mesh that has fewer, or faces across, is returned as it is.
+        """
+        own = [index for index, name in enumerate(self.part_names) if name in parts]
+        chosen = np.isin(self.polygon_part, own)
+        corners = self.polygons[chosen]
+        if chosen.all() and len(self.vertices) == vertices:
+            return self
+        if not chosen.any() or len(self.vertices) < vertices or corners.max() >= vertices:
+            return self
+        places = self.polygon_uv[chosen]
+        renamed = {old: new for new, old in enumerate(own)}
+        return ObjMesh(
+            self.vertices[:vertices],
+            self.uv[: max(int(places.max()) + 1, 0)],
+            corners,
+            places,
+            tuple(self.part_names[index] for index in own),
+            np.array([renamed[int(index)] for index in self.polygon_part[chosen]], np.uint8),
+        )
+
+    def part(self, name: str) -> ObjMesh:
+        """One of the parts by itself, with its own vertices and texture coordinates.
 
         Raises:
-            BadMesh: nothing is left.
+            BadMesh: the mesh has no such part.
         """
-        named = np.isin(self.polygon_part, [i for i, name in enumerate(self.part_names) if name in names])
-        if named.all():
-            raise BadMesh("all objects of the mesh are parts beside the head; there is no head")
-        if not named.any():
-            return self, {}
-        others = {
-            name: self._only(self.polygon_part == i) for i, name in enumerate(self.part_names) if name in names
-        }
-        own = self.polygons[~named], self.polygon_uv[~named], self.polygon_part[~named]
-        ends = [int(rows.max()) + 1 for rows in own[:2]]
-        first = [int(rows[named][rows[named] >= 0].min(initial=len(all_rows))) for rows, all_rows in
-                 ((self.polygons, self.vertices), (self.polygon_uv, self.uv))]  # fmt: skip
-        until = [max(end, start) for end, start in zip(ends, first, strict=True)]
-        kept = [name for name in self.part_names if name not in names]
-        place = np.array([kept.index(name) if name in kept else 0 for name in self.part_names], np.uint8)
-        left = ObjMesh(self.vertices[: until[0]], self.uv[: until[1]], own[0], own[1], tuple(kept), place[own[2]])
-        return left, others
-
-    def _only(self, chosen: npt.NDArray[np.bool_]) -> ObjMesh:
-        """The polygons that are chosen, with their own vertices and texture coordinates."""
+        if name not in self.part_names:
+            raise BadMesh(f"the mesh has no part {name[:40]!r}; it has {', '.join(self.part_names)[:200]}")
+        chosen = self.polygon_part == self.part_names.index(name)
         rows = []
         for index, values in ((self.polygons[chosen], self.vertices), (self.polygon_uv[chosen], self.uv)):
             used, local = np.unique(index[index >= 0], return_inverse=True)
             short = np.full(index.shape, -1, np.int32)
             short[index >= 0] = local
-            rows += [values[used], short]
-        names = (self.part_names[int(self.polygon_part[chosen][0])],)
-        return ObjMesh(rows[0], rows[2], rows[1], rows[3], names, np.zeros(int(chosen.sum()), np.uint8))
+            rows += [(values[used], short)]
+        (points, polygons), (uv, places) = rows
+        return ObjMesh(points, uv, polygons, places, (name,), np.zeros(len(polygons), np.uint8))
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from service.archive.container import unknown_names
-from service.archive.manifest import Part
+from service.archive.container import PART_TEXTURE, unknown_names
+from service.archive.manifest import Material, Part
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.errors import BadArchive, UsageError
@@ -53,13 +53,15 @@ class StoredPart:
     """A mesh beside the head's own.
 
     Attributes:
-        entry: of the manifest.
+        name: of the part.
         mesh: its polygons with their own texture coordinates.
-        png: its texture, still encoded; None where it has none of its own.
+        material: its surface.
+        png: its own colours, still encoded; None where it has none.
     """
 
-    entry: Part
+    name: str
     mesh: ObjMesh
+    material: Material
     png: bytes | None
 
 
@@ -69,15 +71,17 @@ class AvatarFile:
 
     Attributes:
         manifest: as stored; only the keys that are used here were checked.
-        mesh: the head of ``mesh/head.obj``.
+        mesh: ``mesh/head.obj``, the head's own parts.
         maps: by role.
         parts: meshes beside the head's own, in the photo's expression, with their textures still encoded.
+        replaced: the head's own parts in place of which others stand.
     """
 
     manifest: dict[str, Any]
     mesh: ObjMesh
     maps: dict[str, StoredMap]
     parts: tuple[StoredPart, ...] = ()
+    replaced: tuple[str, ...] = ()
 
 
 def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
@@ -98,14 +102,50 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         with zipfile.ZipFile(source) as archive:
             _check_names(archive)
             manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            mesh, others = read_obj(_member(archive, _MESH, MAX_OBJ)).split([entry.name for entry in _parts(manifest)])
-            parts = [
-                StoredPart(entry, others[entry.name], _texture(archive, entry))
-                for entry in _parts(manifest) if entry.name in others
-            ]  # fmt: skip
-            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles), tuple(parts))
+            whole = read_obj(_member(archive, _MESH, MAX_OBJ))
+            mesh = _own(whole, manifest)
+            drawn, materials = _parts(manifest)
+            others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
+            stored = [_stored_part(archive, whole, part, materials) for part in others]
+            names = {part.name for part in drawn}
+            gone = tuple(name for name in mesh.part_names if names and name not in names)
+            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles), tuple(stored), gone)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
         raise BadArchive(f"the archive cannot be read: {error}") from error
+
+
+def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
+    """All parts of the files, and materials by name; none in the manifests of older versions.
+
+    Raises:
+        BadArchive: one of them is not as the schema says.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        parts = TypeAdapter(list[Part]).validate_python(manifest.get("parts", []))
+        materials = TypeAdapter(list[Material]).validate_python(manifest.get("materials", []))
+    except ValidationError as error:
+        raise BadArchive(f"the manifest's parts or materials cannot be used: {error.errors()[0]['msg']}") from error
+    return parts, {one.name: one for one in materials}
+
+
+def _stored_part(archive: zipfile.ZipFile, whole: ObjMesh, part: Part, materials: dict[str, Material]) -> StoredPart:
+    if part.material not in materials:
+        raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
+    material = materials[part.material]
+    path = material.maps.get("colour", "")
+    own = PART_TEXTURE.fullmatch(path) is not None and path in archive.namelist()
+    return StoredPart(part.name, whole.part(part.name), material, _member(archive, path, MAX_TEXTURE) if own else None)
+
+
+def _own(mesh: ObjMesh, manifest: dict[str, Any]) -> ObjMesh:
+    """The mesh without the parts beside the head's own, where the manifest says which those are."""
+    head = manifest.get("head")
+    parts, vertices = (head.get("parts"), head.get("vertices")) if isinstance(head, dict) else (None, None)
+    if not isinstance(parts, list) or not isinstance(vertices, int):
+        return mesh
+    return mesh.of_head([str(name) for name in parts], vertices)
 
 
 def _check_names(archive: zipfile.ZipFile) -> None:
@@ -139,26 +179,6 @@ def _manifest(data: bytes) -> dict[str, Any]:
     if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
         raise BadArchive("the manifest's list of maps is missing or not a list of objects")
     return dict(content)
-
-
-def _parts(manifest: dict[str, Any]) -> list[Part]:
-    """Entries of the parts; older manifests have none.
-
-    Raises:
-        BadArchive: one of them is not as the schema says.
-    """
-    from pydantic import TypeAdapter, ValidationError
-
-    try:
-        return TypeAdapter(list[Part]).validate_python(manifest.get("parts", []))
-    except ValidationError as error:
-        raise BadArchive(f"the manifest's list of parts cannot be used: {error.errors()[0]['msg']}") from error
-
-
-def _texture(archive: zipfile.ZipFile, entry: Part) -> bytes | None:
-    if entry.texture is None or entry.texture not in archive.namelist():
-        return None
-    return _member(archive, entry.texture, MAX_TEXTURE)
 
 
 def _maps(archive: zipfile.ZipFile, manifest: dict[str, Any], roles: tuple[str, ...]) -> dict[str, StoredMap]:

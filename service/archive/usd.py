@@ -16,7 +16,7 @@ from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.surface import vertex_normals
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import integers, numbers, tuples
-from service.arrays import Float32, Float64
+from service.arrays import Float32, Float64, Int64
 from service.head.files import split_polygons
 from service.materials.part import MeshPart
 
@@ -189,7 +189,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         normals=tuples(still, 4),
         st=tuples(part.uv[places[present]], 6),
         joints=integers(indices),
-        weights=numbers(influences, 3),
+        weights=numbers(influences, 7),
         influences=influences.shape[1],
         shapes=_tokens(list(shapes)),
         targets=", ".join(f"</Head/{part.name}/{name}>" for name in shapes),
@@ -197,11 +197,16 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
     )
 
 
-def _influences(weights: Float32) -> tuple[Float32, Float32]:
-    """The largest weights (N, k) of each vertex and their joints (N, k), with the least k that leaves nothing out."""
+def _influences(weights: Float32) -> tuple[Float32, Int64]:
+    """The largest weights (N, k) of each vertex and their joints (N, k), with the least k that leaves nothing out.
+
+    In steps of 1/64, short as text, that sum to 1 exactly: else the origin would pull at the vertices.
+    """
     count = max(int((weights > 0).sum(1).max()), 1)
     order = np.argsort(-weights, axis=1, kind="stable")[:, :count]
-    return np.take_along_axis(weights, order, 1), order
+    steps = np.rint(np.take_along_axis(weights, order, 1) * 64)
+    steps[:, 0] += 64 - steps.sum(1)
+    return np.asarray(steps / 64, np.float32), order
 
 
 def _shape(name: str, offsets: Float32, turned: Float32) -> str:

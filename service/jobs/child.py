@@ -96,16 +96,19 @@ def kinds() -> dict[str, type]:
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
+    from service.face.reading.openings import Opening
     from service.face.reading.reader import Reading
+    from service.face.reading.scores import Scores
     from service.face.region import Region
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
+    from service.texture.detail.result import Detail, Octave
     from service.texture.result import Texture
 
     found = (
-        Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture, Similarity,
-        Applied,
+        Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture,
+        Similarity, Applied, Detail, Octave,
     )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 

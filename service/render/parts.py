@@ -14,7 +14,7 @@ import numpy as np
 from service.archive.preview.parts import body_normals, painted, part_triangles
 from service.archive.reading import StoredPart
 from service.archive.unpack import unpack_texture
-from service.arrays import AnyFloat, Float32
+from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import srgb_to_linear
 from service.errors import BadArchive, NumericFault
 from service.geometry.camera import Camera
@@ -37,23 +37,22 @@ def mesh_part(stored: StoredPart) -> MeshPart:
     Raises:
         BadArchive: its mesh, material or texture cannot be used.
     """
-    entry, mesh = stored.entry, stored.mesh
+    given, mesh = stored.material, stored.mesh
     try:
-        picture = None if stored.png is None else OwnMap("own", unpack_texture(stored.png, entry.name))
-        red, green, blue = entry.colour
+        picture = None if stored.png is None else OwnMap("own", unpack_texture(stored.png, stored.name))
+        red, green, blue = given.colour
         material = Material(
-            "own", (red, green, blue), picture, opacity=entry.opacity, alpha=entry.alpha, cutoff=entry.cutoff,
-            double_sided=entry.double_sided,
+            "own", (red, green, blue), picture, opacity=given.opacity, alpha=given.alpha, cutoff=given.cutoff,
+            double_sided=given.double_sided,
         )  # fmt: skip
         points = mesh.vertices.astype(np.float32)
         has_uv = (mesh.polygon_uv[:, 0] >= 0).all()
         uv, uv_faces = (mesh.uv, mesh.polygon_uv) if has_uv else (np.zeros((len(points), 2)), None)
         return MeshPart(
-            entry.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces,
-            replaces=tuple(entry.replaces),
-        )  # fmt: skip
+            stored.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces
+        )
     except NumericFault as fault:
-        raise BadArchive(f"the part {entry.name[:40]!r} of the archive cannot be used: {fault}") from fault
+        raise BadArchive(f"the part {stored.name[:40]!r} of the archive cannot be used: {fault}") from fault
 
 
 @dataclass(frozen=True)
@@ -79,23 +78,23 @@ class PartLight:
 
 
 def parts_layer(
-    parts: Sequence[MeshPart], head: HeadModel, vertices: AnyFloat, camera: Camera, light: PartLight
-) -> Float32:
+    parts: Sequence[MeshPart], head: HeadModel, vertices: AnyFloat, camera: Camera, light: PartLight,
+    chart_albedo: UInt8,
+) -> Float32:  # fmt: skip
     """(h, w, 4) float32 linear radiance premultiplied by coverage, and coverage, of the parts before the head.
 
     Args:
-        parts: with textures of their own.
-        head: topology; parts of it that others replace hide nothing.
+        parts: with textures of their own or on the chart.
+        head: topology, without parts that others replace.
         vertices: (V, 3) metres.
         camera: of the picture.
         light: on the parts.
+        chart_albedo: (H, W, 3) uint8 sRGB, for parts that are coloured by the chart.
     """
     width, height = camera.width, camera.height
-    gone = {name for part in parts for name in part.replaces}
-    kept = np.array([name not in gone for name in head.part_names])[head.triangle_part]
     depth = camera.to_camera(vertices)[:, 2]
     nearest = rasterise(
-        camera.project(vertices), depth, head.triangles[kept], width, height, cull=True, perspective=True
+        camera.project(vertices), depth, head.triangles, width, height, cull=True, perspective=True
     ).depth
     pixels, depths, colours, alphas = [], [], [], []
     for part in parts:
@@ -106,7 +105,7 @@ def parts_layer(
         found = fragments(*flat, triangles, width, height, nearer=nearest)
         if not len(found.pixel):
             continue
-        colour, alpha = painted(part, interpolate(part.uv, places[found.triangle], found.barycentric), _NONE)
+        colour, alpha = painted(part, interpolate(part.uv, places[found.triangle], found.barycentric), chart_albedo)
         lit = light.on(part.vertices, body_normals(part, part.vertices, triangles))
         shade = interpolate(lit, triangles[found.triangle], found.barycentric)
         pixels.append(found.pixel)
@@ -119,7 +118,3 @@ def parts_layer(
     order = np.lexsort((np.concatenate(depths), pixel))
     over = composite(pixel[order], np.concatenate(colours)[order], np.concatenate(alphas)[order], width * height)
     return over.reshape(height, width, 4)
-
-
-_NONE = np.full((2, 3, 3), 128, np.uint8)
-"""Colours for a part of an archive that takes those of the head's chart, which no program writes."""

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -18,9 +18,11 @@ import numpy as np
 from service.archive.fine import subdivided
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
 from service.arrays import AnyFloat, Float32
+from service.colour import linear_to_srgb, to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.subdivide import Subdivision
+from service.head.files import triangle_fields
 from service.head.model import HeadModel
 from service.light.environment import illumination
 from service.light.environment import radiance as environment_radiance
@@ -111,7 +113,8 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     with clock.step("open"):
         avatar = open_avatar(source, ROLES)
     with clock.step("mesh"):
-        head, vertices = smoothed(avatar.mesh.as_head(*_named(avatar)), avatar.mesh.vertices)
+        whole = without_parts(avatar.mesh.as_head(*_named(avatar)), avatar.replaced)
+        head, vertices = smoothed(whole, avatar.mesh.vertices)
         parts = tuple(mesh_part(stored) for stored in avatar.parts)
     return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock, parts=parts)
 
@@ -130,6 +133,18 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     there[fine.triangles[np.isin(fine.triangle_part, skin)]] = True
     flat = Subdivision.of(head.polygons, len(vertices)).linear(vertices)
     return fine, np.where(there[:, None], smooth, flat)
+
+
+def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
+    """The head without some of its parts; its vertices and chart stay as they are."""
+    gone = [index for index, name in enumerate(head.part_names) if name in names]
+    kept = ~np.isin(head.polygon_part, gone)
+    if kept.all() or not kept.any():
+        return head
+    rows = head.polygons[kept], head.polygon_uv[kept], head.polygon_part[kept]
+    return dataclasses.replace(
+        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], **triangle_fields(*rows)
+    )
 
 
 def _named(avatar: AvatarFile) -> tuple[str, str]:
@@ -190,7 +205,7 @@ def render_head(
     with clock.step("develop"):
         picture, covered = resolved(np.maximum(radiance, 0.0), samples.index, samples.shape, request.samples)
         if parts:
-            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs))
+            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs), to_bytes(linear_to_srgb(surface.albedo)))
             picture = layer[..., :3] + (1 - layer[..., 3:]) * picture
             covered = layer[..., 3] + (1 - layer[..., 3]) * covered
         background = None

@@ -339,6 +339,27 @@ def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tm
     assert all("targets" not in mesh["primitives"][0] and "extras" not in mesh for mesh in content["meshes"])
 
 
+def test_usd_blendshapes_and_their_weights_give_the_photos_expression(
+    avatar: Avatar, members: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Baked by USD itself: blendshapes, and joints at rest that must not move anything."""
+    pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
+    Usd, UsdGeom, UsdSkel = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdSkel"))
+    (tmp_path / "head.usda").write_bytes(members["mesh/head.usda"])
+    stage: Any = Usd.Stage.Open(str(tmp_path / "head.usda"))
+    skeleton: Any = UsdSkel.Skeleton(stage.GetPrimAtPath("/Head/Skeleton"))
+    assert list(skeleton.GetJointsAttr().Get()) == [
+        "neck", "neck/head", "neck/head/jaw", "neck/head/eye_left", "neck/head/eye_right",
+    ]  # fmt: skip
+    animation: Any = UsdSkel.Animation(stage.GetPrimAtPath("/Head/Skeleton/Animation"))
+    assert list(animation.GetBlendShapesAttr().Get()) == list(avatar.head.expression_names)
+    assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetPrimAtPath("/Head")))
+    for index, name in enumerate(avatar.head.part_names):
+        own = np.unique(avatar.head.triangles[avatar.head.triangle_part == index])
+        points = np.array(UsdGeom.Mesh.Get(stage, f"/Head/{name}").GetPointsAttr().Get())
+        np.testing.assert_allclose(points, avatar.fit.vertices[own], atol=5e-6)
+
+
 def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], tmp_path: Path) -> None:
     usd: Any = pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
     modules: list[Any] = [importlib.import_module(f"{usd.__name__}.{name}") for name in ("Usd", "UsdGeom", "UsdShade")]
@@ -357,11 +378,11 @@ def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], 
         flat_uv = head.polygon_uv[head.polygon_part == index]
         points, corners = np.array(mesh.GetPointsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
         assert UsdGeom.Mesh.ValidateTopology(corners.tolist(), mesh.GetFaceVertexCountsAttr().Get(), len(points))[0]
-        np.testing.assert_allclose(points[corners], avatar.fit.vertices[polygons[polygons >= 0]], atol=1e-6)
+        np.testing.assert_allclose(points[corners], avatar.fit.neutral[polygons[polygons >= 0]], atol=1e-6)
         st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
         assert st.GetInterpolation() == "faceVarying"
         np.testing.assert_allclose(np.array(st.Get()), head.uv[flat_uv[flat_uv >= 0]], atol=1e-6)
         bound = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()[0]
         assert bound.GetPrim().GetName() == material_of(name).name
-    file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Texture").GetInput("file").Get()
+    file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Colour").GetInput("file").Get()
     assert Path(file.resolvedPath).resolve() == (tmp_path / "maps" / "texture.png").resolve()

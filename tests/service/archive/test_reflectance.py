@@ -147,8 +147,10 @@ def test_only_what_was_asked_for() -> None:
 
 def test_materials_lead_to_files_of_the_archive(members: dict[str, bytes]) -> None:
     lines = members["mesh/head.mtl"].decode().splitlines()
-    paths = {line.split()[1].removeprefix("../") for line in lines if line.startswith(("map_", "norm "))}
-    assert paths == {"maps/diffuse_albedo.png", "maps/specular_normal.png"}
+    named = {line.split()[-1] for line in lines if line.startswith(("map_", "norm "))}
+    paths = {name.removeprefix("../") if name.startswith("../") else f"mesh/{name}" for name in named}
+    assert paths == {"maps/diffuse_albedo.png", "mesh/specular_normal.exr", "mesh/specular_albedo.exr"}
+    assert "map_Bump -bm 1 specular_normal.exr" in lines, "Blender ignores norm"
     assert paths <= set(members)
 
 
