@@ -78,7 +78,6 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
         hair=None if avatar.hair is None else _hair(avatar.hair),
-        hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
         peak_rss_mb=avatar.peak_rss_mb if timings else None,
@@ -210,21 +209,6 @@ def _file(name: str, data: bytes) -> m.File:
     stem = name.rpartition("/")[2].partition(".")[0]
     role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
-
-
-def _hair(hair: Hair) -> m.Hair:
-    choice = hair.choice
-    return m.Hair(
-        style=None if choice.name is None else choice.name.partition("/")[2],
-        volume=choice.cut.volume,
-        length=choice.cut.length,
-        mirrored=choice.cut.mirrored,
-        agreement=round(choice.agreement, 4),
-        scalp_share=round(min(max(choice.share, 0.0), 1.0), 4),
-        colour=[round(float(value), 6) for value in hair.colour.usual],
-        grey=round(hair.colour.grey, 4),
-        doubts=list(hair.doubts),
-    )
 
 
 def _hair(hair: Hair) -> m.Hair:

@@ -350,30 +350,6 @@ class Hair(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
-class Hair(_Strict):
-    """What the head wears, and how sure that is."""
-
-    style: str | None
-    """Name of the style; null for a bald head."""
-    volume: Annotated[float, Gt(0)]
-    """Factor on the distance of the style's hair from the skull."""
-    length: Annotated[float, Gt(0)]
-    """Factor on how far it hangs below the ears."""
-    mirrored: bool
-    """Whether left and right of the style are exchanged."""
-    agreement: Fraction
-    """Intersection over union of its silhouette and the hair in the photo; 0 where none was compared."""
-    scalp_share: Fraction
-    """Share of the visible scalp that has hair on it."""
-    colour: Triple
-    """Mean of shaded and lit strands, linear RGB of the photo."""
-    grey: Fraction
-    """Share of lit strands without pigment."""
-    doubts: list[str]
-    """Stable codes: hair-unseen, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
-
-
-@dataclasses.dataclass(frozen=True)
 class Model(_Strict):
     """One data file of the program that was used."""
 
@@ -411,8 +387,6 @@ class Manifest(_Strict):
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
-    hair: Hair | None
-    """Null for an external mesh."""
     hair: Hair | None
     """Null for an external mesh."""
     effects: list[str]

@@ -135,7 +135,7 @@ def _stored_part(archive: zipfile.ZipFile, whole: ObjMesh, part: Part, materials
         raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
     material = materials[part.material]
     path = material.maps.get("colour", "")
-    own = PART_TEXTURE.fullmatch(path) is not None and path in archive.namelist()
+    own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.namelist()
     return StoredPart(part.name, whole.part(part.name), material, _member(archive, path, MAX_TEXTURE) if own else None)
 
 

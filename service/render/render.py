@@ -205,7 +205,8 @@ def render_head(
     with clock.step("develop"):
         picture, covered = resolved(np.maximum(radiance, 0.0), samples.index, samples.shape, request.samples)
         if parts:
-            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs), to_bytes(linear_to_srgb(surface.albedo)))
+            albedo = to_bytes(linear_to_srgb(surface.albedo))
+            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs), albedo)
             picture = layer[..., :3] + (1 - layer[..., 3:]) * picture
             covered = layer[..., 3] + (1 - layer[..., 3]) * covered
         background = None
