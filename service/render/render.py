@@ -142,9 +142,11 @@ def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
     if kept.all() or not kept.any():
         return head
     rows = head.polygons[kept], head.polygon_uv[kept], head.polygon_part[kept]
+    split = triangle_fields(*rows)
     return dataclasses.replace(
-        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], **triangle_fields(*rows)
-    )
+        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], triangles=split["triangles"],
+        triangle_uv=split["triangle_uv"], triangle_part=split["triangle_part"],
+    )  # fmt: skip
 
 
 def _named(avatar: AvatarFile) -> tuple[str, str]:

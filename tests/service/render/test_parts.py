@@ -37,7 +37,7 @@ def middle(*parts: MeshPart) -> np.ndarray:
     request = RenderRequest(scene=scene(EVEN), size=(48, 56), samples=1, background="transparent")
     made = render_head(HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=parts)
     assert (NO_SHADOWS in made.fallbacks) == bool(parts)
-    return made.light[28, 24]
+    return np.asarray(made.light[28, 24])
 
 
 def test_a_part_hides_what_lies_behind_it_by_its_alpha() -> None:
