@@ -24,7 +24,7 @@ VOLUMES = (0.7, 1.5, 1.9)
 LENGTHS = (0.6, 1.5)
 LEAST_HUNG = 0.01
 """Share of the frame from which on hair below the ears counts: a strand does not make it long."""
-FACE = 1.0
+FACE = 0.6
 """Weight of the share of seen skin above the ears that a style would cover: hair over the eyes is the worst mistake."""
 USUAL = {
     "hair/afro01": 0.6, "hair/bob01": 0.9, "hair/bob02": 0.95, "hair/braid01": 0.92, "hair/long01": 1.0,
@@ -84,7 +84,7 @@ def choose(
         hung = [float((each * known * frame.below).sum()) for each in (shown, mask)]
         roots = np.sqrt([*hung, LEAST_HUNG * frame.side**2])  # lengths, about
         length = 1.0 - abs(roots[0] - roots[1]) / max(roots)
-        face = skin * known * (1 - frame.below)
+        face = skin * (1 - shown) * known * (1 - frame.below)  # the reader is unsure where strands lie on cheeks
         bare = float((mask * face).sum()) / max(float(face.sum()), 1.0)
         return USUAL[name] * (0.5 * whole + 0.3 * above + 0.2 * length) - FACE * bare, whole
 
