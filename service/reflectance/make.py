@@ -36,6 +36,7 @@ from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
 from service.reflectance.result import Integration, Reflectance
+from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
@@ -128,7 +129,7 @@ def make_reflectance(
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None and ledger.runs(PHOTO_NOISE):
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
-            plain = pad_skin(plain, subject)
+            plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of
 

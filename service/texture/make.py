@@ -23,7 +23,7 @@ from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
-from service.texture.roots import over_roots, root_shadow
+from service.texture.roots import darkening, root_shadow
 from service.texture.segmentation.covered import covered, grown, parts_at
 from service.texture.segmentation.glasses import GLASSES, frames
 from service.texture.segmentation.skin import lit_skin, segment, worn_mask
@@ -84,9 +84,10 @@ def make_texture(
     on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
     completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, on_scalp)
+    roots = None
     if hair is not None and bald:
         shadow = root_shadow(chart, part, weight, zones, hair)
-        completed = replace(completed, colour=over_roots(completed.colour, shadow, hair))
+        roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
     parts = paint_parts(photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger)
 
@@ -107,7 +108,7 @@ def make_texture(
     warnings = tuple(name for name, true in found.items() if true)
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, worn,
-        to_bytes(parts.albedo), parts.iris, ledger.applied,
+        to_bytes(parts.albedo), parts.iris, roots, ledger.applied,
     )  # fmt: skip
 
 

@@ -1,4 +1,8 @@
-"""The shadow of hair's roots on bald skin, where the photo shows hair or the head would have it."""
+"""The shadow of hair's roots on bald skin, where the photo shows hair or the head would have it.
+
+It is pigment between pores and no relief: it darkens the albedo when that is made, and the networks of normals never
+see it.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import numpy as np
 
 from service.anatomy.hair.find import Hair
 from service.arrays import Float32
-from service.colour import linear_to_srgb
+from service.colour import srgb_to_linear
 from service.face.reading.parts import HAIR, SKIN
 from service.geometry.chart import Chart
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
@@ -51,11 +55,12 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
     return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
 
 
-def over_roots(colour: Float32, shadow: Float32, hair: Hair) -> Float32:
-    """(N, 3) sRGB skin with the shadow of the roots on it."""
-    root = linear_to_srgb(np.clip(hair.colour.usual * hair.colour.root * np.float32(DARKER), 0, 1))
-    darker = np.minimum(root, colour)  # pale hair casts a faint shadow too, and never lightens
-    return np.asarray(colour + shadow[:, None] * (darker - colour), np.float32)
+def darkening(colour: Float32, shadow: Float32, hair: Hair) -> Float32:
+    """(N, 3) float32 in [0, 1], linear: what the shadow leaves of the light from sRGB skin (N, 3)."""
+    root = np.clip(hair.colour.usual * hair.colour.root * np.float32(DARKER), 0, 1)
+    skin = srgb_to_linear(colour)
+    left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
+    return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
 
 
 def _soft(scalp: Float32) -> Float32:

@@ -26,8 +26,7 @@ class FitSettings(Checked):
         refine: "landmarks" stops after the landmarks, "dense" follows the reader with the model's components, "full"
             bends the head beyond them as well.
         identity_prior: weight of the Gaussian prior on identity, > 0; higher keeps nearer to the average head.
-        expression_prior: standard deviation of an expression unit, > 0.
-        score_prior: the same about the unit's score, where the expression was scored.
+        expression_prior: standard deviation of an expression unit about its score, or about 0 without one, > 0.
         distance_m: most likely distance of camera and face in metres, where EXIF does not give the focal length.
 
     Raises:
@@ -40,5 +39,4 @@ class FitSettings(Checked):
     refine: Refine = "full"
     identity_prior: Annotated[float, Strict(), Gt(0), Lt(1e6), Right("a number between 0 and 1e6")] = 1.0
     expression_prior: Annotated[float, Strict(), Gt(0), Lt(1e3), Right("a number between 0 and 1000")] = 0.5
-    score_prior: Annotated[float, Strict(), Gt(0), Lt(1e3), Right("a number between 0 and 1000")] = 0.3
     distance_m: Annotated[float, Strict(), Ge(0.2), Le(20), Right("a number from 0.2 to 20 metres")] = 1.2
