@@ -26,7 +26,7 @@ from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
 def sheet(z: float, code: tuple[int, int, int, int]) -> MeshPart:
     """A square of one colour across the head, at a depth."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.06)
-    points = (corners + [0, 0, z]).astype(np.float32)
+    points = corners + np.array([0, 0, z], np.float32)
     picture = OwnMap("sheet", np.tile(np.array(code, np.uint8), (4, 4, 1)))
     material = Material("sheet", colour_map=picture, alpha="blend", double_sided=True)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
