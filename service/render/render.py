@@ -96,6 +96,16 @@ class Picture:
         }
 
 
+@dataclass
+class Kept:
+    """What pictures of one head in one light have in common."""
+
+    surface: Surface | None = None
+    size: tuple[int, int] = (0, 0)
+    graphs: Graphs | None = None
+    visibility: Visibility | None = None
+
+
 def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> Picture:
     """A picture of the avatar in an archive.
 
@@ -113,10 +123,15 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     with clock.step("open"):
         avatar = open_avatar(source, ROLES)
     with clock.step("mesh"):
-        whole = without_parts(avatar.mesh.as_head(*_named(avatar)), avatar.replaced)
-        head, vertices = smoothed(whole, avatar.mesh.vertices)
-        parts = tuple(mesh_part(stored) for stored in avatar.parts)
+        head, vertices, parts = meshes(avatar)
     return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock, parts=parts)
+
+
+def meshes(avatar: AvatarFile) -> tuple[HeadModel, AnyFloat, tuple[MeshPart, ...]]:
+    """The smoothed head of an archive without what others replace, its vertices, and the meshes beside its own."""
+    whole = without_parts(avatar.mesh.as_head(*named(avatar)), avatar.replaced)
+    head, vertices = smoothed(whole, avatar.mesh.vertices)
+    return head, vertices, tuple(mesh_part(stored) for stored in avatar.parts)
 
 
 def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
@@ -149,7 +164,8 @@ def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
     )  # fmt: skip
 
 
-def _named(avatar: AvatarFile) -> tuple[str, str]:
+def named(avatar: AvatarFile) -> tuple[str, str]:
+    """Name and licence of an archive's head model."""
     head = avatar.manifest.get("head")
     facts = head if isinstance(head, dict) else {}
     return str(facts.get("name", "head")), str(facts.get("licence", "unknown"))
@@ -167,6 +183,7 @@ def render_head(
     without: tuple[str, ...] = (),
     clock: Clock | None = None,
     parts: Sequence[MeshPart] = (),
+    kept: Kept | None = None,
 ) -> Picture:
     """A picture of a head with its maps; raises as :func:`render_archive`.
 
@@ -181,6 +198,7 @@ def render_head(
         without: effects to leave out regardless of the plan, for comparisons.
         clock: holds the times of earlier steps.
         parts: meshes beside the head's own, with textures of their own.
+        kept: keeps what does not depend on the camera for the next picture of the same head.
     """
     clock = clock or Clock()
     viewpoint = _centre(camera) if camera else viewpoint_of(request.view, request.scene.viewpoints)
@@ -188,12 +206,16 @@ def render_head(
     light = illumination(scene)  # an unknown environment is refused before the maps are unpacked
     camera = camera or camera_at(viewpoint, framed(vertices, parts), *request.size)
     size = _chart_size(head, vertices, camera, detail.narrowest)
+    kept = kept or Kept()
     with clock.step("maps"):
-        surface = build_surface(head, vertices, maps, size)
+        surface = kept.surface if kept.surface is not None and kept.size >= size else None
+        size = kept.size if surface is not None else size
+        kept.surface = surface = surface or build_surface(head, vertices, maps, size)
+        kept.size = size
     with clock.step("samples"):
         samples = Samples.of(head, vertices, camera, request.samples)
-    graphs = Graphs(threads)
-    visibility = Visibility(head, vertices, graphs, detail)
+    kept.graphs = graphs = kept.graphs or Graphs(threads)
+    kept.visibility = visibility = kept.visibility or Visibility(head, vertices, graphs, detail)
     with clock.step("sky"):
         visibility.sky()
     with clock.step("plan"):
