@@ -21,7 +21,7 @@ ORDER = {
         "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
         "geometry", "materials", "anatomy", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "texture", "reflectance", "corrections", "archive",
+        "light", "face", "anatomy.hair", "anatomy.insets", "texture", "reflectance", "corrections", "archive",
         # The whole way, and who asks for it.
         "kits", "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
         "client", "batch", "cli", "__main__",

@@ -15,7 +15,7 @@ from models.colour import srgb
 from models.lightstage.light.bake import bake
 from models.lightstage.light.expose import expose
 from models.lightstage.light.geometry import Geometry
-from models.lightstage.light.prior import sample_scene
+from models.lightstage.light.prior import sample_hard_scene, sample_scene
 from models.lightstage.light.sclera import Whites
 from models.lightstage.light.survey import survey
 from models.lightstage.skin.streams import Stream
@@ -30,6 +30,7 @@ from service.light.scene import Scene
 from service.reflectance.subject import GEOMETRY_SIZE, Subject
 
 WHOLE = (288, 192)
+LIGHTS = 6
 SMALL = ChartWindow.whole(192, 128)
 MARGIN = 1
 """Cells of geometry around a window, for bilinear enlargement."""
@@ -42,14 +43,14 @@ class Recipe:
     """How much is drawn of each capture.
 
     Attributes:
-        lights: scenes the whole chart is baked under.
+        lights: scenes the whole chart is baked under; every other one is hard light.
         patch: side of a window.
         block: patches along each side of the block that is drawn at full resolution at once; 0 for none.
         lit: patches of the block that are baked, each under a scene of its own.
         draft_width: chart width of the extra patch at low resolution, whose scale draft quality works at; 0 for none.
     """
 
-    lights: int = 6
+    lights: int = LIGHTS
     patch: int = 512
     block: int = 2
     lit: int = 2
@@ -95,12 +96,15 @@ class Sitting:
         whites = Whites.of(stage.head, vertices)
         return cls(seed, pose, part, skin, geometry, skin.maps(SMALL), channels, whites)
 
-    def scene(self, number: int) -> Scene:
-        """The ``number``-th scene of this sitting that belongs to its part of the split, exposed."""
+    def scene(self, number: int, hard: bool = False) -> Scene:
+        """The ``number``-th scene of this sitting that belongs to its part of the split, exposed.
+
+        With ``hard`` it is lit by one small lamp (:func:`~models.lightstage.light.prior.sample_hard_scene`).
+        """
         found, candidate = -1, 0
         while True:
             seed = (self.seed * 8191 + candidate) * 31 + sum(self.pose.encode()) % 31
-            scene = sample_scene(seed)
+            scene = (sample_hard_scene if hard else sample_scene)(seed)
             name = scene.environment.name if scene.environment.name in names() else f"procedural-{seed}"
             found += light_part(str(name)) == self.part
             if found == number:
@@ -120,7 +124,7 @@ def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:
     recipe = recipe or Recipe()
     window = ChartWindow.whole(*WHOLE)
     maps = sitting.skin.maps(window)
-    scenes = [sitting.scene(i) for i in range(recipe.lights)]
+    scenes = [sitting.scene(i, hard=i % 2 == 1) for i in range(recipe.lights)]
     lit = torch.stack([sitting.baked(maps, window, scene) for scene in scenes])
     result: Arrays = {
         "whole_albedo": _byte(srgb(maps.diffuse_albedo)),

@@ -10,10 +10,12 @@ from torch import Tensor, nn
 from models.networks.configs import CONTEXT_CHANNELS
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.cover import Cover
-from models.training.degrade import blur, gain, half_mirrored, noisy
+from models.training.degrade import blur, gain, graded, half_mirrored, noisy
 from models.training.eyes import KNOWN, eye_light, lid_zones
+from models.training.facial_hair import Barber
 from models.training.paint import Painter
-from models.training.skins import SWAPPED, recalibrated, relit
+from models.training.shadows import hard_light
+from models.training.skins import SWAPPED, darkened, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, MOST_HELD_OUT, Batch, byte, channels, choice, psnr, uniform
 from service.reflectance.subject import EYES
@@ -46,7 +48,7 @@ class ContextTask:
 
     def __init__(self, data: Path) -> None:
         self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
-        self.lids, self.painter, self.cover = lid_zones(), Painter(), Cover()
+        self.lids, self.painter, self.barber, self.cover = lid_zones(), Painter(), Barber(), Cover()
 
     def refresh(self) -> None:
         """Read captures that came since the last time."""
@@ -67,8 +69,11 @@ class ContextTask:
             mirrored = half_mirrored([batch[n] for n in names], generator, [None, None])
             batch.update(zip(names, mirrored, strict=True))
         batch["texture"], batch["albedo"] = self.painter(batch["texture"], batch["albedo"], generator)
-        batch["texture"], batch["albedo"] = recalibrated(batch["texture"], batch["albedo"], generator)
-        texture = gain(batch["texture"], generator)
+        for skin in (darkened, recalibrated):
+            batch["texture"], batch["albedo"] = skin(batch["texture"], batch["albedo"], generator)
+        batch["texture"], batch["albedo"] = self.barber(batch["texture"], batch["albedo"], generator)
+        texture = hard_light(batch["texture"], batch["geometry"], generator)
+        texture = graded(gain(texture, generator), generator)
         batch["clean"] = texture
         known = (torch.rand(size, generator=generator) < KNOWN).float()
         batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, batch["whites"], known, generator)

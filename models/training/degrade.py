@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from models.training.tasks import uniform
+
 LARGEST_GAIN = 0.35
 
 PHOTOS_DETAIL = (3.0, 10.67)
@@ -21,6 +23,25 @@ def gain(texture: Tensor, generator: torch.Generator, strength: float = 0.12) ->
     tint = torch.randn(n, 3, 1, 1, generator=generator) * 0.25 * strength
     factor = torch.exp((common + tint).clamp(-LARGEST_GAIN, LARGEST_GAIN) / 2.2)
     return (texture * factor).clamp(0.0, 1.0)
+
+
+GRADED = 0.3
+"""Share of the charts whose photo has another tone curve than sRGB's."""
+
+
+def graded(texture: Tensor, generator: torch.Generator) -> Tensor:
+    """sRGB-coded textures (N, 3, h, w), some of them as cameras and films bend their tones, and clip them.
+
+    An S-shaped curve, an exponent for each channel, and a ceiling beyond which a channel is cut off.
+    """
+    n = len(texture)
+    contrast = uniform(generator, -0.2, 0.6, n, 1, 1, 1)
+    bend = torch.exp(0.07 * torch.randn(n, 3, 1, 1, generator=generator))
+    ceiling = uniform(generator, 0.8, 1.0, n, 1, 1, 1) * uniform(generator, 0.94, 1.0, n, 3, 1, 1)
+    coded = (texture / ceiling).clamp(0.0, 1.0) ** bend
+    coded = coded + contrast * (coded * coded * (3.0 - 2.0 * coded) - coded)
+    here = torch.rand(n, 1, 1, 1, generator=generator) < GRADED
+    return torch.where(here, coded, texture)
 
 
 def blur(image: Tensor, sigma: float) -> Tensor:

@@ -23,7 +23,7 @@ import typer
 from models.lightstage.poses import EXPRESSIONS
 from models.lightstage.split import FIRST_SEED, HELD_OUT, TRAIN, subject_part
 from models.lightstage.tones import TONES, tone
-from models.training.capture import Recipe, Sitting, Studio, capture
+from models.training.capture import LIGHTS, Recipe, Sitting, Studio, capture
 from service.errors import UsageError
 
 
@@ -81,6 +81,7 @@ def main(
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     threads: Annotated[int, typer.Option(min=1, help="Of each job.")] = 1,
     whole_only: Annotated[bool, typer.Option(help="No patches: a third of the time, for the context alone.")] = False,
+    lights: Annotated[int, typer.Option(min=1, help="Scenes of each whole chart; every other one is hard.")] = LIGHTS,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
     """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions.
@@ -88,7 +89,7 @@ def main(
     Raises:
         UsageError: there is no such part or tone.
     """
-    recipe = Recipe(block=0, draft_width=0) if whole_only else Recipe()
+    recipe = Recipe(lights, block=0, draft_width=0) if whole_only else Recipe(lights)
     seeds = list(islice(seeds_of(part, first, tone_class), count))
     for round_ in range(rounds):
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:

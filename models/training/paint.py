@@ -73,7 +73,7 @@ class Painter:
         for place, mark in zip(self.places, MARKS, strict=True):
             shift = mark.shift * torch.randn(count, 2, generator=generator) * torch.tensor([2.0 / width, 2.0 / height])
             size = torch.exp(0.1 * torch.randn(count, 2, generator=generator))
-            where = _moved(place.expand(count, 1, -1, -1), shift, size)
+            where = moved(place.expand(count, 1, -1, -1), shift, size)
             amount = uniform(generator, *mark.depth, count, 1, 1, 1)
             amount = amount * (torch.rand(count, 1, 1, 1, generator=generator) < PAINTED)
             patches = (1.0 + mark.patchy * smooth_field(shape, 40, generator)).clamp(min=0.0)
@@ -85,7 +85,7 @@ class Painter:
         return logs + depth * tint * smooth_field(shape, cells, generator)
 
 
-def _moved(image: Tensor, shift: Tensor, size: Tensor) -> Tensor:
+def moved(image: Tensor, shift: Tensor, size: Tensor) -> Tensor:
     """(N, 1, h, w) of which each is moved by (N, 2), halves of the chart, and enlarged by (N, 2) about its middle."""
     weight = image[:1].sum((0, 1))
     total = weight.sum().clamp(min=1e-6)

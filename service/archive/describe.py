@@ -7,6 +7,7 @@ import struct
 from collections.abc import Mapping
 
 from service import __version__
+from service.anatomy.hair.find import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
 from service.archive.container import in_order
@@ -76,6 +77,7 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
+        hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
         peak_rss_mb=avatar.peak_rss_mb if timings else None,
@@ -192,6 +194,14 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
             None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
         ),
         corrections=[m.Correction(one.name, one.changed, one.texels) for one in made.corrections],
+        detail=None
+        if made.detail is None
+        else m.Detail(
+            [m.Octave(one.shortest_mm, one.longest_mm, one.share) for one in made.detail.octaves],
+            made.detail.blur_px,
+            made.detail.noise,
+            dict(made.detail.pixels_per_mm),
+        ),
     )
 
 
@@ -199,6 +209,21 @@ def _file(name: str, data: bytes) -> m.File:
     stem = name.rpartition("/")[2].partition(".")[0]
     role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
+
+
+def _hair(hair: Hair) -> m.Hair:
+    choice = hair.choice
+    return m.Hair(
+        style=None if choice.name is None else choice.name.partition("/")[2],
+        volume=choice.cut.volume,
+        length=choice.cut.length,
+        mirrored=choice.cut.mirrored,
+        agreement=round(choice.agreement, 4),
+        scalp_share=round(min(max(choice.share, 0.0), 1.0), 4),
+        colour=[round(float(value), 6) for value in hair.colour.usual],
+        grey=round(hair.colour.grey, 4),
+        doubts=list(hair.doubts),
+    )
 
 
 def _fit(avatar: Avatar) -> m.FitReport:

@@ -157,6 +157,30 @@ class Correction(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Octave(_Strict):
+    """How much of the detail of some periods is the photo's own."""
+
+    shortest_mm: Annotated[float, Ge(0)]
+    longest_mm: Annotated[float, Ge(0)]
+    share: Fraction
+    """What the photo tells of it on skin that it shows, by area; the rest is made up, or smooth with --detail 0."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Detail(_Strict):
+    """The photo's own detail, beyond a texture of 576 x 384."""
+
+    octaves: list[Octave]
+    """Finest first."""
+    blur_px: Annotated[float, Ge(0)]
+    """Standard deviation of the photo's point spread at the face, in pixels."""
+    noise: Annotated[float, Ge(0)]
+    """Standard deviation of its noise there, of sRGB-coded luma, 1 = white."""
+    pixels_per_mm: dict[str, float]
+    """The photo's pixels per millimetre of the surface, by region; regions that it does not show are missing."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Reflectance(_Strict):
     """How the networks ran."""
 
@@ -178,6 +202,8 @@ class Reflectance(_Strict):
     integration: Integration | None
     corrections: list[Correction]
     """Those that ran, in order."""
+    detail: Detail | None
+    """Null where there was no photo, or the texture was only resampled."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -300,6 +326,30 @@ class Joint(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Hair(_Strict):
+    """What the head wears, and how sure that is."""
+
+    style: str | None
+    """Name of the style; null for a bald head."""
+    volume: Annotated[float, Gt(0)]
+    """Factor on the distance of the style's hair from the skull."""
+    length: Annotated[float, Gt(0)]
+    """Factor on how far it hangs below the ears."""
+    mirrored: bool
+    """Whether left and right of the style are exchanged."""
+    agreement: Fraction
+    """Intersection over union of its silhouette and the hair in the photo; 0 where none was compared."""
+    scalp_share: Fraction
+    """Share of the visible scalp that has hair on it."""
+    colour: Triple
+    """Mean of shaded and lit strands, linear RGB of the photo."""
+    grey: Fraction
+    """Share of lit strands without pigment."""
+    doubts: list[str]
+    """Stable codes: hair-unseen, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Model(_Strict):
     """One data file of the program that was used."""
 
@@ -337,6 +387,8 @@ class Manifest(_Strict):
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
+    hair: Hair | None
+    """Null for an external mesh."""
     effects: list[str]
     """Effects that the previews simulate."""
     timings_s: dict[str, float] | None

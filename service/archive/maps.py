@@ -162,7 +162,7 @@ MAPS = (
     ),
     MapSpec(
         "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
-        lambda avatar: Rows.of(avatar.texture.texture),
+        lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
     ),
     MapSpec(
         "confidence", "colour", "linear",

@@ -14,7 +14,8 @@ from service.archive.reading import open_avatar
 from service.arrays import AnyFloat, UInt8
 from service.errors import OutputFault, UsageError
 from service.geometry.camera import Camera
-from service.render.render import Kept, named, render_head, smoothed
+from service.materials.part import framed
+from service.render.render import Kept, meshes, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
 from service.render.view import camera_at, viewpoint_of
@@ -56,14 +57,14 @@ def turntable(
     """
     _check(target, request, count)
     avatar = open_avatar(archive, ROLES)
-    head, vertices = smoothed(avatar.mesh.as_head(*named(avatar)), avatar.mesh.vertices)
+    head, vertices, parts = meshes(avatar)
     start = np.degrees(np.arctan2(*np.array(viewpoint_of(request.view, request.scene.viewpoints))[[0, 2]]))
-    cameras = around(vertices, request, [float(start + 360 * index / count) for index in range(count)])
+    cameras = around(framed(vertices, parts), request, [float(start + 360 * index / count) for index in range(count)])
     pictures: list[UInt8] = []
     kept = Kept()
     for index, camera in enumerate(cameras):
         progress(f"picture {index + 1} of {count}", index / (count + 1))
-        made = render_head(head, vertices, avatar.maps, request, camera=camera, kept=kept)
+        made = render_head(head, vertices, avatar.maps, request, camera=camera, kept=kept, parts=parts)
         request = dataclasses.replace(request, scene=dataclasses.replace(request.scene, response=made.scene.response))
         pictures.append(_decoded(made.png))
     progress("film", count / (count + 1))

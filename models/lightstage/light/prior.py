@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.lightstage.skin.streams import Stream
@@ -82,6 +84,21 @@ def _views(s: Stream) -> tuple[Triple, ...]:
     return tuple((float(1.2 * np.sin(yaw)), -0.03, float(1.2 * np.cos(yaw))) for yaw in yaws)
 
 
+def _hard_lamps(s: Stream, level: float) -> tuple[PointLight, ...]:
+    """One small lamp from in front, a side or above; 15 % a flash beside the camera; 15 % from behind, with a fill."""
+    kind, width = s.one(), s.one(0.0, 0.08)
+    if kind < 0.15:
+        yaw, pitch = s.one(-8.0, 8.0), s.one(-5.0, 12.0)
+    elif kind < 0.3:
+        yaw, pitch = (1.0 if s.chance(0.5) else -1.0) * s.one(95.0, 150.0), s.one(0.0, 50.0)
+    else:
+        yaw, pitch = s.one(-85.0, 85.0), s.one(-15.0, 80.0)
+    key = replace(_lamp(s, yaw, pitch, level), radius_m=width)
+    if 0.15 <= kind < 0.3 or s.chance(0.3):
+        return key, _lamp(s, -np.sign(yaw) * s.one(0.0, 60.0), s.one(-10.0, 40.0), level * s.one(0.03, 0.3))
+    return (key,)
+
+
 def sample_scene(seed: int) -> Scene:
     """The scene named ``seed``: lamps, surroundings (half of them shipped panoramas), viewpoints and a camera.
 
@@ -105,3 +122,16 @@ def sample_scene(seed: int) -> Scene:
         gamma=s.one(0.9, 1.1),
     )
     return Scene(surroundings, lamps, _views(s), response)
+
+
+def sample_hard_scene(seed: int) -> Scene:
+    """The scene named ``seed`` in hard light: one small lamp in dim surroundings."""
+    s = Stream(seed, "hard scene")
+    usual = sample_scene(seed)
+    strength = float(s.log_normal(0.15, 0.6)[0])
+    return replace(
+        usual,
+        environment=replace(usual.environment, strength=strength),
+        lights=_hard_lamps(s, float(s.log_normal(2.5, 0.4)[0])),
+        response=replace(usual.response, target=s.one(0.6, 0.97)),
+    )

@@ -11,7 +11,8 @@ import numpy as np
 
 from service.arrays import Float32
 from service.ledger import Constant
-from service.reflectance.corrections.on_light import LightCorrection
+from service.reflectance.completion import AlbedoPrior, albedo_prior
+from service.reflectance.corrections.on_light import ChartLight, LightCorrection
 
 WIDEST = 64
 """Standard deviation of the widest blur that continues light, texels of the context."""
@@ -90,11 +91,19 @@ def with_shade_floor(everywhere: Float32, light: Float32, lit: Float32) -> Float
     return np.asarray(everywhere + more, np.float32)
 
 
-def as_seen_skin(light: Float32, texture: Float32, found: Float32, lit: Float32, inpainted: Float32) -> Float32:
-    """(3, h, w) light under which inpainted skin has the albedo of the seen skin around it, but for its own grain.
+def as_seen_skin(
+    light: Float32,
+    texture: Float32,
+    found: Float32,
+    lit: Float32,
+    inpainted: Float32,
+    prior: AlbedoPrior | None = None,
+) -> Float32:
+    """(3, h, w) light under which inpainted skin has the albedo that goes with the seen skin, but for its own grain.
 
     Inpainted colour is continued from the photo's, with the shade of a jaw or a fringe in it, and ends in the median
-    colour of the lit face. No smooth light takes both off.
+    colour of the lit face. No smooth light takes both off. The albedo is the likeliest given the seen skin; what that
+    has beside it is continued, so there is no step between both.
 
     Args:
         light: log light continued from lit skin (:func:`continued`).
@@ -102,11 +111,14 @@ def as_seen_skin(light: Float32, texture: Float32, found: Float32, lit: Float32,
         found: (3, h, w) log light as the network found it, to be believed where lit.
         lit: (h, w) in [0, 1]; without any lit skin the light is returned as it is.
         inpainted: (h, w) in [0, 1], inpainted skin.
+        prior: of whole albedo maps of this chart; None: the albedo of seen skin is continued alone.
     """
     if float(lit.sum()) < 1 or not inpainted.any():
         return light
     colour = np.log(np.maximum(texture, np.float32(DARKEST)))
-    wanted = continued(np.asarray(colour - found, np.float32), lit)
+    seen = np.asarray(colour - found, np.float32)
+    usual = np.zeros_like(seen) if prior is None else prior.complete(seen, lit)
+    wanted = usual + continued(seen - usual, lit)
     plain = _blurred(colour * inpainted, GRAIN) / np.maximum(_blurred(inpainted[None], GRAIN), np.float32(1e-6))
     share = np.minimum(_blurred(inpainted[None], 2.0), inpainted[None])
     return np.asarray(light + share * (plain - wanted - light), np.float32)
@@ -131,15 +143,20 @@ UNSEEN_LIGHT = LightCorrection(
     apply=lambda at: with_shade_floor(continued(at.light, at.lit), at.found, at.weight),
 )
 
+def completed(at: ChartLight) -> Float32:
+    """:func:`as_seen_skin` by the prior in the box, where the chart is the one that it was learnt on."""
+    prior = albedo_prior()
+    known = prior if prior.is_of(at.inside) else None
+    return as_seen_skin(at.light, at.texture, at.found, at.weight, at.inpainted, known)
+
+
 INPAINTED_SKIN = LightCorrection(
     name="inpainted-skin",
     mends="Inpainted skin keeps the shade of the photo's skin that it was continued from.",
     source="light",
     constants={"grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold")},
     cases=("hard",),
-    apply=lambda at: as_seen_skin(at.light, at.texture, at.found, at.lit, at.inpainted)
-    if at.inpainted.any()
-    else at.light,
+    apply=lambda at: completed(at) if at.inpainted.any() else at.light,
 )
 
 CHART_SEAM = LightCorrection(

@@ -9,7 +9,19 @@ torch = pytest.importorskip("torch")
 
 from models.colour import linear  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
-from models.training.skins import ALIKE, BRIGHTEST, HUE, SCALE, recalibrated, relit  # noqa: E402
+from models.training.skins import (  # noqa: E402
+    ALIKE,
+    BRIGHTEST,
+    DARK,
+    DARK_SCALE,
+    FAIR,
+    HUE,
+    SCALE,
+    darkened,
+    fairness,
+    recalibrated,
+    relit,
+)
 from models.training.store import Arrays  # noqa: E402
 from models.training.tasks import byte  # noqa: E402
 
@@ -44,7 +56,8 @@ def test_the_light_stays_when_the_skin_changes() -> None:
 def test_another_device_changes_the_albedo_and_not_the_exposure() -> None:
     """The texture keeps its brightness, so that what is taken for light makes up for the scale; drawn as documented."""
     n = 400
-    albedo, texture = torch.full((n, 3, 4, 6), 0.45), torch.full((n, 3, 4, 6), 0.6)
+    albedo, texture = torch.full((n, 3, 4, 6), 0.60), torch.full((n, 3, 4, 6), 0.6)
+    assert float(fairness(albedo).min()) == 1.0
     shown, skin = recalibrated(texture, albedo, torch.Generator().manual_seed(3))
     assert linear(shown).log().mean((1, 2, 3)).sub(linear(texture).log().mean()).abs().max() < 1e-4
     scale = (linear(skin) / linear(albedo)).log()
@@ -64,3 +77,27 @@ def test_no_skin_becomes_brighter_than_skin_and_black_stays_black() -> None:
     assert linear(pale).max() < BRIGHTEST
     for chart in recalibrated(dark, dark, torch.Generator().manual_seed(5)):
         assert torch.isfinite(chart).all() and float(chart.max()) < 1e-3
+
+
+def test_dark_skin_is_as_dark_as_it_was_measured() -> None:
+    """By the mean of fair skin the darkest of training was half as bright again, and dark faces came out too bright."""
+    albedo, texture = torch.full((400, 3, 4, 6), 0.22), torch.full((400, 3, 4, 6), 0.4)
+    assert float(fairness(albedo).max()) == 0.0
+    _, skin = recalibrated(texture, albedo, torch.Generator().manual_seed(6))
+    assert float((linear(skin) / linear(albedo)).log().mean()) == pytest.approx(DARK_SCALE, abs=0.06)
+    middle = torch.full((1, 3, 4, 6), float(np.exp((DARK + FAIR) / 2) ** (1 / 2.2)))
+    assert 0.3 < float(fairness(middle)) < 0.7
+
+
+def test_darker_skin_is_in_the_same_light() -> None:
+    """Fair skin gets melanin on some charts, redder and darker; skin that is dark already does not; black is no NaN."""
+    fair, texture = torch.full((200, 3, 4, 6), 0.75), torch.full((200, 3, 4, 6), 0.6)
+    shown, skin = darkened(texture, fair, torch.Generator().manual_seed(7))
+    assert torch.allclose(log_light(shown, skin), log_light(texture, fair), atol=2e-3)
+    left = (linear(skin) / linear(fair)).mean((2, 3))
+    changed = left[:, 1] < 0.99
+    assert 0.15 < float(changed.float().mean()) < 0.45
+    assert float(left[changed, 0].mean()) > float(left[changed, 2].mean()), "melanin absorbs blue most"
+    dark = torch.full((50, 3, 4, 6), 0.1)
+    assert torch.allclose(darkened(dark, dark, torch.Generator().manual_seed(8))[1], dark, atol=1e-4)
+    assert torch.isfinite(darkened(0 * dark, 0 * dark, torch.Generator().manual_seed(9))[1]).all()

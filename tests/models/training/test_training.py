@@ -17,7 +17,7 @@ from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
 from models.training.average import main as average  # noqa: E402
 from models.training.average import mean_of  # noqa: E402
 from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
-from models.training.degrade import blur, half_mirrored, lost_detail, noisy  # noqa: E402
+from models.training.degrade import GRADED, blur, graded, half_mirrored, lost_detail, noisy  # noqa: E402
 from models.training.factory import seeds_of  # noqa: E402
 from models.training.normals import NormalTask, angles  # noqa: E402
 from models.training.reflectance import local_strength  # noqa: E402
@@ -106,6 +106,17 @@ def test_degradations_keep_what_they_should() -> None:
     (mirrored,) = half_mirrored([vector], generator, [torch.tensor([-1.0])])
     ends = sorted([float(mirrored[0, 0, 0, 0]), float(mirrored[0, 0, 0, -1])])
     assert ends == [pytest.approx(-1.0, abs=1e-3), pytest.approx(1.0, abs=1e-3)]
+
+
+def test_some_photos_have_another_tone_curve_and_all_stay_codes() -> None:
+    """Black stays black; a curve is the same on all of a chart, so equal codes stay equal."""
+    texture = torch.linspace(0.0, 1.0, 48).view(1, 1, 1, 48).expand(200, 3, 4, 48).contiguous()
+    shown = graded(texture, torch.Generator().manual_seed(1))
+    assert float(shown.min()) == 0.0 and float(shown.max()) <= 1.0 + 1e-6
+    assert float(shown.diff(dim=3).min()) >= -1e-6, "brighter stays brighter"
+    changed = (shown - texture).abs().amax((1, 2, 3)) > 1e-3
+    assert float(changed.float().mean()) == pytest.approx(GRADED, abs=0.1)
+    assert torch.equal(shown[..., 0, :], shown[..., 3, :])
 
 
 def test_measures_against_closed_forms() -> None:

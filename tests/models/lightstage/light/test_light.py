@@ -20,7 +20,7 @@ from models.lightstage.light.expose import expose, level_of  # noqa: E402
 from models.lightstage.light.geometry import Geometry  # noqa: E402
 from models.lightstage.light.lobes import directional_albedo, fresnel, ggx  # noqa: E402
 from models.lightstage.light.plain import PlainSkin  # noqa: E402
-from models.lightstage.light.prior import blackbody, sample_scene  # noqa: E402
+from models.lightstage.light.prior import blackbody, sample_hard_scene, sample_scene  # noqa: E402
 from models.lightstage.light.relief import relief_shadow  # noqa: E402
 from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
@@ -335,6 +335,18 @@ def test_planned_stays_within_the_stated_bound(seed: int) -> None:
     planned = bake(skin(), geometry(), scene, chosen, WHOLE)
     face = geometry().face[0] > 0.5
     assert float((whole - planned).abs()[:, face].mean()) * 255 <= chosen.bound + 1e-3
+
+
+def test_hard_scenes_have_one_small_lamp_in_dim_surroundings() -> None:
+    """Some from behind or with a weak second lamp; the camera and viewpoints are those of the usual scene."""
+    scenes = [sample_hard_scene(seed) for seed in range(200)]
+    assert scenes[:5] == [sample_hard_scene(seed) for seed in range(5)]
+    assert {len(s.lights) for s in scenes} == {1, 2}
+    assert all(s.lights[0].radius_m <= 0.08 for s in scenes)
+    behind = np.mean([s.lights[0].position_m[2] < 0 for s in scenes])
+    assert 0.05 < behind < 0.3
+    assert np.median([s.environment.strength for s in scenes]) < 0.3
+    assert all(s.viewpoints == sample_scene(seed).viewpoints for seed, s in enumerate(scenes[:20]))
 
 
 def test_scenes_are_named_by_their_seed_and_cover_the_prior() -> None:
