@@ -41,8 +41,13 @@ def points(mesh) -> np.ndarray:
     return flat.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
 
 
+def units_of(armature) -> list:
+    """Names of the properties that drive it; an object of Blender has keys, but cannot be iterated."""
+    return [name for name, value in armature.items() if isinstance(value, float)]
+
+
 def posed(armature, weights: dict) -> None:
-    for unit in [name for name in armature if isinstance(armature[name], float)]:
+    for unit in units_of(armature):
         armature[unit] = float(weights.get(unit, 0.0))
     armature.update_tag()
     bpy.context.view_layer.update()
@@ -75,7 +80,7 @@ def main() -> None:
     scene = bpy.context.scene
     camera = scene.camera
     told = {
-        "units": len([name for name in armature if isinstance(armature[name], float)]),
+        "units": len(units_of(armature)),
         "bones": sorted(bone.name for bone in armature.data.bones),
         "drivers": {name: len(mesh.data.shape_keys.animation_data.drivers) for name, mesh in meshes.items()
                     if mesh.data.shape_keys},
