@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from service.kits.read_usd import read_parts
 from service.kits.unpacked import Source
 from service.materials.material import OwnMap
 from service.materials.of_head import head_parts
+from service.materials.part import MeshPart
 from tests.service.archive.test_meshes import Glb, validator_report
 from tests.service.archive.toys import toy_part, whole_avatar
 
@@ -92,10 +94,8 @@ def test_subdivision_moves_blendshapes_along() -> None:
     np.testing.assert_allclose(moved.neutral, fine.neutral + fine.targets["jawOpen"], atol=1e-7)
 
 
-def _with(part, neutral):  # type: ignore[no-untyped-def]
-    from dataclasses import replace
-
-    return replace(part, neutral=neutral.astype(np.float32), vertices=neutral.astype(np.float32), targets={})
+def _with(part: MeshPart, neutral: npt.NDArray[np.float32]) -> MeshPart:
+    return replace(part, neutral=neutral, vertices=neutral, targets={})
 
 
 def test_reduced_parts_keep_vertices_uv_and_blendshapes() -> None:

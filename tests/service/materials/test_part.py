@@ -31,7 +31,7 @@ def test_a_material_out_of_range_is_refused(wrong: dict[str, object], said: str)
 
 
 @pytest.mark.parametrize("pixels", [np.zeros((4, 4), np.float32), np.zeros((4, 4, 2), np.uint8), np.zeros(4, np.uint8)])
-def test_a_texture_of_another_kind_is_refused(pixels: np.ndarray) -> None:  # type: ignore[type-arg]
+def test_a_texture_of_another_kind_is_refused(pixels: np.ndarray) -> None:
     with pytest.raises(NumericFault, match=r"\(h, w"):
         OwnMap("t", pixels)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from service.geometry.chart import Chart
+from service.head.model import HeadModel
 from service.materials.of_head import SKIN, material_of
 from service.options import Options
 from service.reflectance.plan import Plan
@@ -52,7 +53,7 @@ def test_cavity_is_open_where_flat_or_raised_and_dark_in_pits() -> None:
     assert np.isfinite(cavity(encode(height), 0.0, (90, 60))).all(), "a chart without a size"
 
 
-def regioned():  # type: ignore[no-untyped-def]
+def regioned() -> HeadModel:
     head = sphere_head(24, 48)
     up = np.clip(head.mean[:, 1] / 0.05, 0, 1)
     down = np.clip(-head.mean[:, 1] / 0.05, 0, 1)
