@@ -1,10 +1,10 @@
 """The albedo's error by skin tone, all else equal.
 
-``python -m benchmarks.fairness --data DIR [--write docs/fairness.md]``. One head with one skin in six tones, the classes
-of the individual typology angle (Chardon 1991; Del Bino 2013), which go roughly with the types of Fitzpatrick, in the
-same lights before the same camera, which meters the face. Each avatar is made by ``service.pipeline.make_avatar``. Only
-melanin differs: shape, pattern and light are the same, so what differs in error is due to the tone. DIR is that of
-``benchmarks.corrections``.
+``python -m benchmarks.fairness --data DIR [--write docs/fairness.md]``. One head with one skin in six tones, the
+classes of the individual typology angle (Chardon 1991; Del Bino 2013), which go roughly with the types of Fitzpatrick,
+in the same lights before the same camera, which meters the face. Each avatar is made by
+``service.pipeline.make_avatar``. Only melanin differs: shape, pattern and light are the same, so what differs in error
+is due to the tone. DIR is that of ``benchmarks.corrections``.
 """
 
 from __future__ import annotations
