@@ -53,10 +53,10 @@ Float = npt.NDArray[np.float64]
 
 MARK = ("<!-- albedo -->", "<!-- /albedo -->")
 PHOTOS = (
-    "ffhq_soft", "ffhq_left", "hifi1_soft", "hifi2_left", "hifi3_overhead", "dark_soft", "dark_right", "scan_right",
-    "beard_soft", "beard_harsh", "brows_soft", "brows_left", "oily_overhead", "smile_soft", "shut_overhead",
+    "ffhq_soft", "ffhq_left", "hifi2_left", "hifi3_overhead", "dark_soft", "dark_right", "scan_right", "beard_soft",
+    "beard_harsh", "brows_soft", "brows_left", "smile_soft", "shut_overhead",
 )  # fmt: skip
-"""Of ``benchmarks.corrections.photos``: three skins and a scan, a dark tone, beards, brows and oil, in five lights."""
+"""Of ``benchmarks.corrections.photos``: four skins and a scan, a dark tone, beards, brows, a smile and shut eyes, in five lights."""
 
 TONES = (("dark", -90.0, 10.0), ("tan", 10.0, 41.0), ("light", 41.0, 90.0))
 """By the typology angle (Chardon 1991) of the true mean colour, degrees."""
