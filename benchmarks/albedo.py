@@ -56,7 +56,8 @@ PHOTOS = (
     "ffhq_soft", "ffhq_left", "hifi2_left", "hifi3_overhead", "dark_soft", "dark_right", "scan_right", "beard_soft",
     "beard_harsh", "brows_soft", "brows_left", "smile_soft", "shut_overhead",
 )  # fmt: skip
-"""Of ``benchmarks.corrections.photos``: four skins and a scan, a dark tone, beards, brows, a smile and shut eyes, in five lights."""
+"""Of ``benchmarks.corrections.photos``: four skins and a scan, a dark tone, beards, brows, a smile and shut eyes, in
+four lights."""
 
 TONES = (("dark", -90.0, 10.0), ("tan", 10.0, 41.0), ("light", 41.0, 90.0))
 """By the typology angle (Chardon 1991) of the true mean colour, degrees."""

@@ -33,6 +33,7 @@ import httpx
 from benchmarks.moments import POINTS, reached, redone
 from benchmarks.serving import Server, listed, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
+from service.jobs.view import FINAL
 
 FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
 """Seeds of jobs that have to fail, with the code that they have to fail with; see ``benchmarks.toy_job.FAULTS``."""
@@ -47,6 +48,7 @@ class Findings:
 
     Attributes:
         accepted: job -> (digest of the photo, seed).
+        asked: number of requests that were begun.
         kills: number of kills by kind.
         points: number of kills at each of ``POINTS``.
         states: number of jobs by their last state.
@@ -60,6 +62,7 @@ class Findings:
     """
 
     accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
+    asked: int = 0
     kills: Counter[str] = field(default_factory=Counter)
     points: Counter[str] = field(default_factory=Counter)
     states: Counter[str] = field(default_factory=Counter)
@@ -114,7 +117,7 @@ def chaos(
             if time.monotonic() - begin > minutes * 60:
                 break
             point = POINTS[number % len(POINTS)]
-            met = reached(point, log, lambda: len(findings.accepted)) is not None
+            met = reached(point, log, lambda: findings.asked) is not None
             findings.points[point if met else "elsewhere"] += 1
             time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
             kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
@@ -148,6 +151,7 @@ def _post(number: int, server: Server, findings: Findings, over: threading.Event
             seed = list(FAILING)[count // _EVERY % len(FAILING)] if count % _EVERY == 0 else count % 100
             digest = hashlib.sha256(photo).hexdigest()
             for _ in range(600):  # also when it is over: what may have been stored has to be known
+                findings.asked += 1
                 try:
                     answer = post(client, photo, seed, key)
                 except httpx.HTTPError:
@@ -192,7 +196,7 @@ def _look(server: Server, findings: Findings) -> None:
             elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
                 findings.wrong.append(job)
             told = client.get(f"/v1/avatars/{job}/events").text
-            if sum(told.count(f'"state": "{end}"') for end in ("succeeded", "failed", "cancelled")) != 1:
+            if sum(told.count(f'"state": "{end}"') for end in FINAL) != 1:
                 findings.twice.append(job)
         findings.twice += [job for job in listed(client) if job not in findings.accepted]
 

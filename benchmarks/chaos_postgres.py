@@ -36,6 +36,7 @@ from benchmarks.serving import Server, listed, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.process import descendants
 from service.jobs.settings import PREFIX
+from service.jobs.view import FINAL
 
 
 class Workers:
@@ -113,14 +114,18 @@ class Findings:
 
     Attributes:
         accepted: job -> (digest of the photo, seed).
+        asked: number of requests that were begun.
         points: number of kills at each of ``POINTS``.
         states: number of jobs by their last state.
-        lost: jobs that did not succeed; wrong: whose archive is another; twice: that nobody was told of.
+        lost: jobs that did not succeed.
+        wrong: jobs whose archive is not that of an undisturbed run.
+        twice: jobs whose end was told more than once, or that nobody was told of: made twice of one request.
         after: seconds from the last kill to the end of the last job.
         seconds: of the run.
     """
 
     accepted: dict[str, tuple[str, int]] = field(default_factory=dict)
+    asked: int = 0
     points: Counter[str] = field(default_factory=Counter)
     states: Counter[str] = field(default_factory=Counter)
     lost: list[str] = field(default_factory=list)
@@ -141,9 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--pause", type=float, default=1.0, help="seconds between two photos")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="kill no more after so many")
     asked = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chaos-postgres-"))
-    findings = run(folder, asked.kills, asked.jobs, asked.workers, asked.pause)
+    findings = run(folder, asked.kills, asked.jobs, asked.workers, asked.pause, asked.minutes)
     if findings.well():
         shutil.rmtree(folder)
     print(f"{findings.points.total()} workers killed in {findings.seconds:.0f} s")
@@ -157,7 +163,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     raise SystemExit(0 if findings.well() else 1)
 
 
-def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> Findings:
+def run(
+    folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0, minutes: float = float("inf")
+) -> Findings:
     """Run it.
 
     Args:
@@ -166,6 +174,7 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
         jobs: post on until so many were accepted.
         count: workers.
         pause: seconds between two photos.
+        minutes: after which no more is killed.
     """
     start = time.monotonic()
     postgres = Postgres(folder)
@@ -184,13 +193,13 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
     try:
         server.wait("readyz")
         threads = [
-            threading.Thread(target=_post, args=(server, findings.accepted, over, pause)),
+            threading.Thread(target=_post, args=(server, findings, over, pause)),
             threading.Thread(target=_disturb_line, args=(line, over)),
         ]
         for thread in threads:
             thread.start()
         try:
-            _disturb(workers, postgres, kills, findings, log)
+            _disturb(workers, postgres, kills, findings, log, start + minutes * 60)
             while len(findings.accepted) < jobs:
                 time.sleep(0.2)
         finally:
@@ -210,10 +219,14 @@ def run(folder: Path, kills: int, jobs: int, count: int, pause: float = 1.0) -> 
             postgres.stop()
 
 
-def _disturb(workers: Workers, postgres: Postgres, kills: int, findings: Findings, log: Path) -> None:
+def _disturb(
+    workers: Workers, postgres: Postgres, kills: int, findings: Findings, log: Path, until: float
+) -> None:
     """Kill workers at each point in turn; freeze the last one in the middle third; restart Postgres in the middle."""
     names = list(workers.running)
     for number in range(kills):
+        if time.monotonic() > until:
+            break
         if number == kills // 3:
             workers.signal(names[-1], signal.SIGSTOP)
         if number == kills // 2:
@@ -223,7 +236,7 @@ def _disturb(workers: Workers, postgres: Postgres, kills: int, findings: Finding
         if number == kills * 2 // 3:
             workers.signal(names[-1], signal.SIGCONT)
         point = POINTS[number % len(POINTS)]
-        met = reached(point, log, lambda: len(findings.accepted))
+        met = reached(point, log, lambda: findings.asked)
         victim = workers.owner(met) if met else None
         findings.points[point if met is not None else "elsewhere"] += 1
         time.sleep(random.uniform(0.0, 2.5 if point == "starting" else 0.1))  # noqa: S311 - no secret
@@ -246,18 +259,19 @@ def _disturb_line(line: Line, over: threading.Event, whole: float = 40.0) -> Non
     line.delay = 0.0
 
 
-def _post(server: Server, accepted: dict[str, tuple[str, int]], over: threading.Event, pause: float) -> None:
+def _post(server: Server, findings: Findings, over: threading.Event, pause: float) -> None:
     count = 0
     with httpx.Client(base_url=server.url, timeout=30) as client:
         while not over.is_set():
             count += 1
             photo = small_photo(count)
-            while not over.is_set():
+            for _ in range(600):  # also when it is over: what may have been stored has to be known
+                findings.asked += 1
                 with contextlib.suppress(httpx.HTTPError):
                     seed = count % 100  # above are the faults of the small job
                     answer = post(client, photo, seed, f"key-{count}")
                     if answer.status_code == 202:
-                        accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), seed)
+                        findings.accepted[answer.json()["id"]] = (hashlib.sha256(photo).hexdigest(), seed)
                         break
                 time.sleep(0.5)
             over.wait(pause)
@@ -273,6 +287,9 @@ def _look(server: Server, findings: Findings) -> None:
                 findings.lost.append(f"{job}: {state}")
             elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
                 findings.wrong.append(job)
+            told = client.get(f"/v1/avatars/{job}/events").text
+            if sum(told.count(f'"state": "{end}"') for end in FINAL) != 1:
+                findings.twice.append(job)
         findings.twice += [job for job in listed(client) if job not in findings.accepted]
 
 

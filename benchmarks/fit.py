@@ -27,7 +27,8 @@ from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.fit.settings import FitSettings
-from service.face.reading.reader import ReaderNetwork, Reading, read_face
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import Reading
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo
@@ -79,11 +80,11 @@ class Result:
     seconds: float
 
 
-def load_shots(folder: Path, reader: ReaderNetwork | None = None) -> tuple[list[Shot], int]:
-    """Photos in which a face was found, read by ``reader`` (None: the shipped one), and how many have none."""
+def load_shots(folder: Path, readers: Readers | None = None) -> tuple[list[Shot], int]:
+    """Photos in which a face was found, read by ``readers`` (None: the shipped ones), and how many have none."""
     import cv2
 
-    finder, network, shots, missed = FaceFinder(), reader or ReaderNetwork(), [], 0
+    finder, networks, shots, missed = FaceFinder(), readers or Readers(), [], 0
     for path in sorted(folder.glob("*_*_*.npz")):
         image = cv2.imread(str(path.with_suffix(".png")))
         if image is None:
@@ -92,7 +93,7 @@ def load_shots(folder: Path, reader: ReaderNetwork | None = None) -> tuple[list[
         faces = finder.find(pixels)
         missed += not faces
         if faces:
-            reading = read_face(pixels, faces[0].landmarks, network)
+            reading = read_face(pixels, faces[0].landmarks, networks)
             shots.append(Shot(path.stem, Photo(pixels), faces[0], reading, Truth.load(str(path))))
     return shots, missed
 

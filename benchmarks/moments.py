@@ -15,13 +15,13 @@ POINTS = ("taking in", *STAGES, "publishing", "starting")
 """Where the kills meet the service, in turn: in the request, in each stage, after the last one, after a start."""
 
 
-def reached(point: str, log: Path, accepted: Callable[[], int], within: float = 60.0) -> str | None:
+def reached(point: str, log: Path, asked: Callable[[], int], within: float = 60.0) -> str | None:
     """Wait until the service comes to a point.
 
     Args:
         point: one of ``POINTS``.
         log: of the toy job.
-        accepted: says how many jobs were accepted so far.
+        asked: says how many requests were begun so far.
         within: seconds.
 
     Returns:
@@ -31,10 +31,10 @@ def reached(point: str, log: Path, accepted: Callable[[], int], within: float = 
     if point == "starting":
         return ""
     mark = {"publishing": f" kept {STAGES[-1]} "}.get(point, f" begin {point} ")
-    before, known, deadline = _size(log), accepted(), time.monotonic() + within
+    before, known, deadline = _size(log), asked(), time.monotonic() + within
     while time.monotonic() < deadline:
         if point == "taking in":
-            if accepted() > known:
+            if asked() > known:
                 return ""
         elif _size(log) > before:
             with log.open("rb") as stream:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from service.errors import AvatarError
 from service.face.finder import FaceFinder
 from service.face.reading.parts import PARTS, READ
-from service.face.reading.reader import CHART_MM, SIDE, ReaderNetwork, Reading, read_face
+from service.face.reading.reader import CHART_MM, SIDE, ReaderNetwork, Reading, crop_of
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.gate import read_photo
@@ -97,7 +97,8 @@ def main() -> None:
             sys.stdout.write(f"| {path.name} | {fault} | | |\n")
             continue
         faces = finder.find(pixels)
-        reading = read_face(pixels, faces[0].landmarks, network) if faces else None
+        region = crop_of(faces[0].landmarks) if faces else None
+        reading = None if region is None else network(pixels, region)
         if reading is None:
             sys.stdout.write(f"| {path.name} | no face | | |\n")
             continue

@@ -158,7 +158,7 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
     """Render ``out.png`` and ``out.npz`` (written last, so that its presence means done)."""
     import cv2
 
-    mi = _mitsuba()
+    mi = mitsuba()
     scene = _scene(mi, head, shot, out)
     integrator = mi.load_dict({"type": "path", "max_depth": 4})
     image = np.array(mi.render(scene, integrator=integrator, spp=samples))[..., :3]
@@ -210,7 +210,7 @@ def expose(head: TexturedHead, shot: Shot, look: Look, scratch: Path, samples: i
     """Render a head with all that is known of it; ``scratch`` is a path for meshes that are removed again."""
     from scipy.spatial import cKDTree
 
-    mi = _mitsuba()
+    mi = mitsuba()
     scene = _scene(mi, head, shot, scratch, look)
     integrator = mi.load_dict({"type": "path", "max_depth": 4})
     radiance = np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)[..., :3]
@@ -249,7 +249,7 @@ def newest_llvm(folders: tuple[str, ...] = ("/usr/lib/*-linux-gnu", "/usr/lib64"
 
 def _llvm(mi: Any) -> bool:
     """True where the vectorised variant finds an LLVM library that it can use: older ones abort the process."""
-    library = newest_llvm()
+    library = os.environ.get("DRJIT_LIBLLVM_PATH") or newest_llvm()
     if library is None:
         return False
     os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
@@ -262,7 +262,8 @@ def _llvm(mi: Any) -> bool:
         return False
 
 
-def _mitsuba() -> Any:
+def mitsuba() -> Any:
+    """Mitsuba with its variant chosen: vectorised where an LLVM library allows it."""
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb" if _llvm(mi) else "scalar_rgb")
@@ -301,7 +302,7 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path, look: Look = Look
         write_ply(path, vertices, triangles, colours)
         scene[name] = {"type": "ply", "filename": str(path), "bsdf": bsdf}
     for number, (where, radius, radiance) in enumerate(lamps_of(shot.light, shot.seed)):
-        lamp = {"type": "sphere", "center": list(where), "radius": radius, "emitter": _emitter(radiance)}
+        lamp = {"type": "sphere", "center": list(where), "radius": radius, "emitter": emitter(radiance)}
         scene[f"lamp{number}"] = lamp
     loaded = mi.load_dict(scene)
     for name in meshes:
@@ -309,5 +310,6 @@ def _scene(mi: Any, head: TexturedHead, shot: Shot, out: Path, look: Look = Look
     return loaded
 
 
-def _emitter(radiance: tuple[float, float, float]) -> dict[str, Any]:
+def emitter(radiance: tuple[float, float, float]) -> dict[str, Any]:
+    """Mitsuba's description of a surface that emits this radiance."""
     return {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ class Server:
         settings: further settings by name.
         environment: further variables.
         with_worker: False for a server without a worker.
+        within: makes of the command one that runs it within limits.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class Server:
         environment: dict[str, str] | None = None,
         *,
         with_worker: bool = True,
+        within: Callable[[list[str]], list[str]] = list,
     ) -> None:
         self.data = data
         self.port = free_port()
@@ -63,7 +65,8 @@ class Server:
         chosen = {"data": data, "port": self.port, "program": TOY, "reserve_mb": 1, "niceness": 0, **(settings or {})}
         self._environment = {**os.environ, **(environment or {})}
         self._environment |= {PREFIX + name.upper(): str(value) for name, value in chosen.items()}
-        self._command = [sys.executable, "-m", "service", "serve", *(() if with_worker else ("--no-worker",))]
+        command = [sys.executable, "-m", "service", "serve", *(() if with_worker else ("--no-worker",))]
+        self._command = within(command)
         self.log = data.with_name(data.name + ".log")
         self.process: subprocess.Popen[bytes] | None = None
 

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from service.anatomy.lashes.line import LASH_LINE
 from service.ledger import Correction
 from service.reflectance.chart_light import EVERYWHERE, ON_LIT_SKIN
 from service.reflectance.corrections.highlights import HIGHLIGHTS
@@ -18,7 +17,6 @@ from service.texture.segmentation.small_components import SMALL_COMPONENTS
 REGISTRY: tuple[Correction, ...] = (
     GLASSES,
     SMALL_COMPONENTS,
-    LASH_LINE,
     SCLERA_DEPTH,
     *ON_LIT_SKIN,
     *EVERYWHERE,

@@ -6,9 +6,12 @@ rendered in the photo's own pose, any shape would reproduce the photo that was p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from service.archive.avatar import Similarity
+from service.archive.preview.parts import Shown
 from service.archive.preview.render import render, turned_camera
 from service.arrays import UInt8
 from service.face.face import Face
@@ -17,6 +20,7 @@ from service.face.fit.result import Fit
 from service.face.identity import Recogniser, centred_cosine, distance, population
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
+from service.materials.part import MeshPart
 from service.photo.photo import Photo
 
 SIZE = (240, 300)
@@ -24,7 +28,10 @@ SIZE = (240, 300)
 GREY = np.full((1, 1, 3), 0.5, np.float32)
 
 
-def likeness(photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser) -> Similarity:
+def likeness(
+    photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser,
+    parts: Sequence[MeshPart] = (),
+) -> Similarity:  # fmt: skip
     """Distance and centred cosine between the photo and a frontal render of the textured head.
 
     Args:
@@ -34,9 +41,12 @@ def likeness(photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8
         fit: the fitted head.
         texture: (h, w, 3) uint8 sRGB on the chart.
         recogniser: the identity network.
+        parts: hair and the like, coloured as in the photo's light.
     """
     camera = turned_camera(fit.vertices, 0.0, *SIZE)
-    picture = render(head, fit.vertices, vertex_normals(fit.vertices, head.triangles), camera, texture)
+    shown = Shown(parts, texture, None, np.ones(3, np.float32))
+    normals = vertex_normals(fit.vertices, head.triangles)
+    picture = render(head, fit.vertices, normals, camera, texture, parts=shown)
     pixels = np.clip(picture.over(GREY) * 255.0 + 0.5, 0, 255).astype(np.uint8)
     corners = head.triangles[head.landmark_triangle]
     landmarks = camera.project(at_barycentric(fit.vertices, corners, head.landmark_barycentric))

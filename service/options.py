@@ -10,15 +10,17 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AfterValidator, AllowInfNan, Strict
 from pydantic.dataclasses import dataclass
 
+from service.anatomy.hair.names import HairName
 from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
-from service.reflectance.plan import NETWORKS, ROLES, Plan
+from service.reflectance.plan import NETWORKS, ROLES, SURFACE, Plan
 
 REFLECTANCE_MAPS = ROLES
+SURFACE_MAPS = tuple(SURFACE)
 TEXTURE_MAPS = ("texture", "confidence", "shape_normal")
-MAP_NAMES = (*REFLECTANCE_MAPS, *TEXTURE_MAPS)
+MAP_NAMES = (*REFLECTANCE_MAPS, *SURFACE_MAPS, *TEXTURE_MAPS)
 """Maps that can be asked for, in the order of the archive."""
 
 SMALLEST_WIDTH = 96
@@ -100,6 +102,7 @@ class Options(Checked):
             the head beyond its components as well.
         identity_components: identity components to fit, >= 0; more than the head has means all.
         iterations: least-squares steps of the landmark stage, >= 1.
+        hair: "auto" wears the style that agrees best with the photo, or none on a bald head; "none"; or a style's name.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 
     Raises:
@@ -119,6 +122,7 @@ class Options(Checked):
     fit: Refine = _FIT.refine
     identity_components: IdentityComponents = _FIT.identity_components
     iterations: Iterations = _FIT.iterations
+    hair: HairName = "auto"
     without: _Without = ()
 
     @property
@@ -134,9 +138,18 @@ class Options(Checked):
     @property
     def texture_size(self) -> Size:
         """(width, height) of texture, confidence and shape normals."""
-        if not set(self.maps) & set(REFLECTANCE_MAPS):
+        if not set(self.maps) & {*REFLECTANCE_MAPS, *SURFACE_MAPS}:
             return self.size or TEXTURE_SIZE
         return min(self.map_size, TEXTURE_SIZE)
+
+    @property
+    def own_texture_width(self) -> int:
+        """Most texels along the texture at the photo's resolution; where only the texture is made, its size is asked
+        for or follows the photo.
+        """
+        if not set(self.maps) & set(REFLECTANCE_MAPS) and self.size:
+            return self.size[0]
+        return self.map_size[0]
 
     @property
     def normal_bits(self) -> int:

@@ -2,7 +2,8 @@
 
 ::
 
-    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --unwrap, complete--> Texture
+    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --compare styles--> Hair
+    Fit, Hair --unwrap, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
@@ -18,14 +19,16 @@ from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from service.archive.avatar import Avatar
+from service.anatomy.hair.find import find_hair
+from service.anatomy.hair.make import worn
+from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
-from service.face.reading.reader import ReaderNetwork, read_face
+from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -34,17 +37,19 @@ from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
 from service.reflectance.subject import Subject
+from service.reflectance.surface.make import surface_maps
 from service.runtime.ahead import loading_ahead
 from service.runtime.budget import within_budget
 from service.runtime.networks import choose_engine
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail, own_texture_of
 from service.texture.make import make_texture
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
 
-STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "texture": 0.75, "compare": 0.85}
+STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "hair": 0.6, "texture": 0.75, "compare": 0.85}
 """Stages before the networks in their order, with the share of the work done after each; the rest is writing."""
 
 SMALL_TILES = "small-tiles"
@@ -52,6 +57,10 @@ SMALL_TILES = "small-tiles"
 
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
+
+
+READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes")
+"""Networks that read a face; without them the fit follows landmarks, outline and shading."""
 
 
 def make_avatar(
@@ -96,8 +105,8 @@ def make_avatar(
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         finder_job = pool.submit(FaceFinder)
         recogniser_job = pool.submit(Recogniser)
-        reads = options.fit != "landmarks" and installed(("reader",))
-        reader_job = pool.submit(ReaderNetwork) if reads else None
+        reads = options.fit != "landmarks" and installed(READERS)
+        reader_job = pool.submit(Readers) if reads else None
         head_job = pool.submit(_head_and_chart, options, head_file)
         pool.submit(import_module, "scipy.optimize")
         with stage("decode"):
@@ -114,12 +123,24 @@ def make_avatar(
             if reader_job is not None:
                 reading = stages.keep("read", lambda: read_face(photo.pixels, face.landmarks, reader_job.result()))
             fit = stages.keep("fit", lambda: fit_face(face, photo, head, options.fit_settings(), reading))
+        with stage("hair"):
+            hair = stages.keep("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
         with stage("texture"):
-            texture = stages.keep("texture", lambda: make_texture(photo, head, fit, chart, options.without, reading))
+            make = lambda: make_texture(photo, head, fit, chart, options.without, reading, hair)  # noqa: E731
+            texture = stages.keep("texture", make)
+
+        def compare(recogniser: Recogniser) -> Similarity:
+            parts = worn(hair, head, fit, texture.texture, texture.lit_skin, None, brows=False)
+            return likeness(photo, face, head, fit, texture.texture, recogniser, parts)
+
         with stage("compare"):
-            compare = lambda: likeness(photo, face, head, fit, texture.texture, recogniser_job.result())  # noqa: E731
-            similarity = stages.keep("compare", compare)
-        reflectance = None
+            similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
+        reflectance, own_texture, own = None, None, None
+        if options.level.super_resolution:
+            own = OwnDetail.of(photo, head, fit, texture)
+            if "texture" in options.maps and options.own_texture_width > texture.texture.shape[1]:
+                sharp = lambda: own_texture_of(texture, own, options.own_texture_width)  # noqa: E731
+                own_texture = stages.keep("own_texture", sharp)
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -130,11 +151,15 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
+                own=own,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,
             )
             timings |= reflectance.timings_s
+        surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
+    albedo = None if reflectance is None else reflectance.diffuse_albedo
+    parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     return Avatar(
         photo=photo,
         face=face,
@@ -144,8 +169,12 @@ def make_avatar(
         options=options.to_json(),
         seed=options.seed,
         models=model_cards(head, head_file, plan.networks),
+        parts=parts,
+        hair=hair,
         similarity=similarity,
         reflectance=reflectance,
+        surface=surface,
+        own_texture=own_texture,
         warnings=warnings,
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

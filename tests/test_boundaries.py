@@ -19,9 +19,9 @@ ORDER = {
     "service": (
         # What everything stands on.
         "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
-        "geometry", "anatomy", "runtime",
+        "geometry", "materials", "anatomy", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "texture", "reflectance", "corrections", "archive",
+        "light", "face", "anatomy.hair", "texture", "reflectance", "corrections", "archive",
         # The whole way, and who asks for it.
         "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api", "client",
         "batch", "cli", "__main__",

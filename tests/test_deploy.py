@@ -5,7 +5,9 @@ from __future__ import annotations
 import fnmatch
 import importlib.util
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -386,3 +388,42 @@ def test_a_server_with_a_list_of_names_is_asked_by_its_address() -> None:
         assert script("healthcheck").healthy({"AVATARME_PORT": str(port), "AVATARME_ALLOWED_HOSTS": "a.example"})
     (host,) = hosts
     assert Hosts(Settings(allowed_hosts="a.example")).allow(host, "/readyz"), host
+
+
+# --- what other people's checkers say (make deploy-check installs them)
+
+CHECKERS = "is not installed: make deploy-check"
+
+
+def checker(program: str) -> str:
+    found = shutil.which(program, path=f"{Path(sys.executable).parent}:{os.environ.get('PATH', '')}")
+    if found is None:
+        pytest.skip(f"{program} {CHECKERS}")
+    return found
+
+
+def test_hadolint_has_no_remark() -> None:
+    said = subprocess.run([checker("hadolint"), "Dockerfile"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (said.returncode, said.stdout) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["compose.yaml", "deploy/compose.workers.yaml"])
+def test_compose_files_fit_the_specification(name: str) -> None:
+    command = [checker("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", name]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stdout
+
+
+def test_the_check_of_compose_files_sees_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "compose.yaml").write_text("services: {avatarme: {image: x, mem_limits: 2g}}\n")
+    command = [checker("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", str(tmp_path / "compose.yaml")]
+    assert subprocess.run(command, capture_output=True, check=False).returncode != 0
+
+
+@pytest.mark.parametrize("key", sorted(objects()), ids="/".join)
+def test_kubernetes_knows_every_field(key: tuple[str, str]) -> None:
+    kubernetes_validate = pytest.importorskip("kubernetes_validate", reason=f"kubernetes-validate {CHECKERS}")
+    newest = kubernetes_validate.latest_version()
+    kubernetes_validate.validate(objects()[key], newest, strict=True)
+    with pytest.raises(kubernetes_validate.ValidationError):
+        kubernetes_validate.validate({**objects()[key], "specs": {}}, newest, strict=True)

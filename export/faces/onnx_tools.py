@@ -56,14 +56,14 @@ def store_half(model: Any, smallest: int = 256) -> Any:
 
 
 def run_onnx(model_bytes: bytes, image: npt.NDArray[np.float32]) -> Arrays:
-    """Outputs by name of a serialised model with the single input ``image``."""
+    """Outputs by name of a serialised model with a single input."""
     import onnxruntime as ort
 
     options = ort.SessionOptions()
     options.intra_op_num_threads = 2
     session = ort.InferenceSession(model_bytes, options, providers=["CPUExecutionProvider"])
     names = [o.name for o in session.get_outputs()]
-    return dict(zip(names, session.run(names, {"image": image}), strict=True))
+    return dict(zip(names, session.run(names, {session.get_inputs()[0].name: image}), strict=True))
 
 
 def worst_difference(reference: Arrays, candidate: Arrays) -> float:

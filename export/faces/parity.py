@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from export.faces.onnx_tools import worst_difference
-from export.faces.probes import probes
+from export.faces.probes import point_probes, probes
 from service.runtime.sessions import MODELS, load_session
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
@@ -25,17 +26,29 @@ REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
 
 @dataclass(frozen=True)
 class Check:
-    """How a network is fed, and how far it may be off (units of its outputs)."""
+    """How a network is fed, and how far it may be off (units of its outputs).
+
+    ``size`` is the side of the image that goes in, or how many points where ``entry`` is "points".
+    """
 
     size: int
     low: float
     high: float
     bound: float
+    entry: str = "image"
+
+    def probes(self) -> list[npt.NDArray[np.float32]]:
+        """Inputs whose answers are kept."""
+        if self.entry == "points":
+            return point_probes(self.size)
+        return [(p * (self.high - self.low) + self.low)[None].astype(np.float32) for p in probes(self.size)]
 
 
 CHECKS = {
     "face_detector": Check(256, -1.0, 1.0, 5e-3),
     "face_mesh": Check(192, 0.0, 1.0, 2e-2),
+    "face_landmarker": Check(256, 0.0, 1.0, 2e-2),
+    "face_blendshapes": Check(146, 0.0, 1.0, 2e-3, "points"),
     "face_identity": Check(150, 0.0, 255.0, 2e-4),
 }
 """Regressors are pixels of a 256-pixel crop and landmarks of a 192-pixel one; descriptors have norm 1.4."""
@@ -52,9 +65,8 @@ def difference(name: str, folder: Path = MODELS) -> float:
     with np.load(REFERENCES / f"{name}.npz") as references:
         expected = {key: references[key] for key in references.files}
     worst = 0.0
-    for index, probe in enumerate(probes(check.size)):
-        image = (probe * (check.high - check.low) + check.low)[None].astype(np.float32)
-        found = dict(zip(session.outputs, session.run({"image": image}), strict=True))
+    for index, probe in enumerate(check.probes()):
+        found = dict(zip(session.outputs, session.run({check.entry: probe}), strict=True))
         worst = max(worst, worst_difference({key: values[index] for key, values in expected.items()}, found))
     return worst
 

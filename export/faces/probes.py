@@ -43,3 +43,13 @@ def probes(size: int) -> list[npt.NDArray[np.float32]]:
     """Six (size, size, 3) float32 images in [0, 1]: black, white, three noises, one real face."""
     flat = [np.full((size, size, 3), value, np.float32) for value in (0.0, 1.0)]
     return [*flat, *(noise(size, cells, cells) for cells in (4, 16, size)), face(size)]
+
+
+def point_probes(count: int) -> list[npt.NDArray[np.float32]]:
+    """Five (1, count, 2) float32 sets of points, pixels: on rings of several sizes, with noise."""
+    random = np.random.default_rng(7)
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn)], 1)
+    sizes = (20.0, 60.0, 100.0, 400.0, 2000.0)
+    sets = [128.0 + size * ring + random.normal(0.0, size / 3, ring.shape) for size in sizes]
+    return [points[None].astype(np.float32) for points in sets]

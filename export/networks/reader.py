@@ -6,19 +6,16 @@ agree with torch on onnxruntime, on crops and on constants.
 
 from __future__ import annotations
 
-import io
 import json
-import warnings
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import torch
 import typer
 
-from export.faces.onnx_tools import ParityError, store_half
 from export.faces.registry import MODELS, register
-from export.networks.convert import BOUND, LICENCE, OPSET, rounded
+from export.networks.convert import LICENCE, OPSET, rounded
+from export.networks.whole import convert
 from models.networks.reader import SIDE, Reader, ReaderSize
 from service.archive.container import replace_file
 from service.errors import ModelFault
@@ -43,45 +40,6 @@ def load_run(folder: Path) -> tuple[Reader, int, float]:
     return network.eval(), int(content["step"]), float(content["seconds"]) / 60.0
 
 
-def to_onnx(network: Reader) -> Any:
-    """ONNX model with input ``crop`` (1, 3, 256, 256) sRGB in [0, 1] and the fields of ``Read``."""
-    import onnx
-
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # deprecation of the exporter that needs no further packages
-        torch.onnx.export(
-            network, (torch.zeros(1, 3, SIDE, SIDE),), buffer, input_names=["crop"], output_names=list(OUTPUTS),
-            opset_version=OPSET, dynamo=False, do_constant_folding=False,
-        )  # fmt: skip
-    model = store_half(onnx.load_from_string(buffer.getvalue()))
-    onnx.checker.check_model(model, full_check=True)
-    return model
-
-
-def check(network: Reader, data: bytes) -> float:
-    """Largest difference from torch on onnxruntime, relative to each output's scale.
-
-    Raises:
-        ParityError: values that are not finite, or a difference over the bound of all networks.
-    """
-    import onnxruntime as ort
-
-    session = ort.InferenceSession(data, providers=["CPUExecutionProvider"])
-    noise = torch.rand(1, 3, SIDE, SIDE, generator=torch.Generator().manual_seed(5))
-    worst = 0.0
-    for crop in (noise, torch.zeros_like(noise), torch.nn.functional.avg_pool2d(noise, 9, 1, 4)):
-        with torch.no_grad():
-            expected = [value.numpy() for value in network(crop)]
-        for name, one, other in zip(OUTPUTS, session.run(list(OUTPUTS), {"crop": crop.numpy()}), expected, strict=True):
-            if one.shape != other.shape or not np.isfinite(one).all():
-                raise ParityError(f"reader: {name} is {one.shape} instead of {other.shape}, or not finite")
-            worst = max(worst, float(np.abs(one - other).max()) / SCALES.get(name, 1.0))
-    if not worst <= BOUND:
-        raise ParityError(f"reader: off by {worst:.1e}, at most {BOUND} is allowed; nothing written")
-    return worst
-
-
 def write(folder: Path, output: Path) -> str:
     """Convert, check, write and register; a line that says what was done.
 
@@ -90,8 +48,7 @@ def write(folder: Path, output: Path) -> str:
     """
     network, steps, minutes = load_run(folder)
     network = rounded(network)
-    data: bytes = to_onnx(network).SerializeToString(deterministic=True)
-    worst = check(network, data)
+    data, worst = convert(network, "crop", torch.zeros(1, 3, SIDE, SIDE), OUTPUTS, SCALES)
     output.mkdir(parents=True, exist_ok=True)
     path = output / "reader.onnx"
     replace_file(path, lambda stream: stream.write(data))

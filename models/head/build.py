@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from models.head.bases import Bases
 from models.head.chart.build import build_chart
+from models.head.closures import closing, with_bases
 from models.head.crop import EYE_PARTS, PART_NAMES, Crop, crop_head
 from models.head.digest import BASE_NAME, LICENCE, write_digest
 from models.head.embedding import Embedding, load_embedding
@@ -22,7 +24,7 @@ from models.head.expression import ARKIT, read_units
 from models.head.identity import align, identity_basis, vertex_areas
 from models.head.regions import build_regions, rigid_groups
 from models.head.sample import Population
-from models.head.settle import Bases, part_members, settle
+from models.head.settle import part_members, settle
 from models.head.source import UNIT_M, find_data, read_base
 from service.head.files import DEFAULT_HEAD, save_head, split_polygons, triangle_fields
 from service.head.model import HeadModel
@@ -102,7 +104,7 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
     bases = Bases(mean, identity.components.astype(np.float64), units)
     bases = settle(bases, part_members(crop.polygons, part), regions, ARKIT)
     embedding = embedding or Embedding.empty()
-    return HeadModel(
+    head = HeadModel(
         name=BASE_NAME,
         licence=LICENCE,
         mean=bases.mean.astype(np.float32),
@@ -120,6 +122,7 @@ def build(data: Path, embedding: Embedding | None, samples: int = SAMPLES, seed:
         **triangle_fields(polygons, polygon_uv, part),
         **embedding.fields(),
     )
+    return with_bases(head, closing(bases, head))
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from pathlib import Path
 
-BASE_NAME = "avatarme-cc0-head-1"
+BASE_NAME = "avatarme-cc0-head-2"
 LICENCE = "CC0-1.0"
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from models.head.bases import Bases
 from models.head.crop import EYE_PARTS, PART_NAMES
 from models.head.digest import write_digest
 from models.head.eyes import RINGS_DEG, affine_weights, sphere
@@ -62,15 +63,6 @@ and the tongue lies below both."""
 OUT = (-0.025, 0.005)
 """Depth (z, metres) from which the tongue begins to rise again when it is put out, and from which on it does wholly: it
 has to pass over the lower teeth, as before."""
-
-
-@dataclass(frozen=True)
-class Bases:
-    """mean (V, 3), identity (K, V, 3), expression (E, V, 3), metres."""
-
-    mean: Float
-    identity: Float
-    expression: Float
 
 
 def settle(

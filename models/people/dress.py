@@ -17,7 +17,7 @@ from models.people.occluders import hand, screen, shade
 from models.people.person import Person, the_head
 from models.people.shells import cap, fur, mask, scarf
 from models.people.skins import Skin
-from models.people.wardrobe import Item, Wardrobe
+from service.anatomy.hair.item import Item, Items
 from service.face.reading import parts as labels
 from service.geometry.normals import vertex_normals
 
@@ -75,7 +75,7 @@ def _pick(s: Stream, names: list[str]) -> str:
     return names[int(s.one() * len(names))]
 
 
-def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, light_level: float) -> Outfit:
+def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, light_level: float) -> Outfit:
     """All that the person named ``seed`` has on and before the face.
 
     Args:
@@ -120,7 +120,7 @@ def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe
     return out
 
 
-def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe) -> float | str | None:
+def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items) -> float | str | None:
     """A hat, cap or scarf; what of the hair it hides: all, that above a height (metres), or nothing."""
     kind = s.one()
     if kind < 0.06:
@@ -140,7 +140,7 @@ def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe) -> fl
 
 
 def _hair(
-    s: Stream, out: Outfit, person: Person, wardrobe: Wardrobe, colour: tuple[float, ...], top: float | str | None
+    s: Stream, out: Outfit, person: Person, wardrobe: Items, colour: tuple[float, ...], top: float | str | None
 ) -> None:
     """Hair of the wardrobe, or fur on the scalp."""
     if s.chance(0.2) and top is None:

@@ -15,7 +15,7 @@ from models.lightstage.skin.streams import Stream
 from models.people.draw import Mesh
 from models.people.person import Person, lid_openings, the_head
 from models.people.skins import Skin
-from models.people.wardrobe import Wardrobe
+from service.anatomy.hair.item import Items
 from service.colour import srgb_to_linear
 from service.face.reading import parts as labels
 from service.geometry.normals import vertex_normals
@@ -89,7 +89,7 @@ def neck_colour(skin: Skin, person: Person) -> Float:
     return np.asarray(colour * person.tint, np.float32)
 
 
-def figure(person: Person, skin: Skin, hair: Float, wardrobe: Wardrobe, seed: int) -> list[Mesh]:
+def figure(person: Person, skin: Skin, hair: Float, wardrobe: Items, seed: int) -> list[Mesh]:
     """Meshes of the head and the chest."""
     s = Stream(seed, "figure")
     head = the_head()

@@ -18,7 +18,8 @@ from models.people.light import AMBIENT_SIZE, add_ambient, ambient_matrices, dra
 from models.people.person import draw_person, lid_openings, the_head
 from models.people.pose import contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
-from models.people.wardrobe import Item, load_wardrobe
+from models.people.wardrobe import load_wardrobe
+from service.anatomy.hair.item import Item
 from service.face.reading import parts as labels
 from service.geometry.camera import Camera
 

@@ -13,7 +13,7 @@ from models.lightstage.skin.streams import Stream
 from models.people.develop import clutter
 from models.people.draw import Mesh
 from models.people.figure import smooth_normals
-from models.people.wardrobe import Wardrobe
+from service.anatomy.hair.item import Items
 from service.face.reading import parts as labels
 
 Float = npt.NDArray[np.float32]
@@ -31,7 +31,7 @@ TARGETS = (
 """Where hands go, head space (left side): chin, cheek, eye, mouth, forehead, jaw, temple."""
 
 
-def hand(seed: int, wardrobe: Wardrobe, colour: Float) -> Mesh:
+def hand(seed: int, wardrobe: Items, colour: Float) -> Mesh:
     """A hand that covers a part of the face, bent about it; its arm reaches away."""
     s = Stream(seed, "hand")
     item = wardrobe.items["hand/left"]

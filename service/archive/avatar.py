@@ -7,11 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from service.anatomy.hair.find import Hair
+from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
+from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.reflectance.result import Reflectance
+from service.reflectance.surface.make import SurfaceMaps
 from service.texture.result import Texture
 
 
@@ -83,8 +87,12 @@ class Avatar:
         seed: of every random choice.
         models: data files that were used.
         reflectance: maps computed by the networks, or None where none was requested.
+        surface: roughness, cavity and thickness, or None where none was requested.
         given: None for a photo. Otherwise nothing was fitted: of ``photo``, ``face`` and ``fit`` only the texture's
             pixels and the vertices are meaningful, and the manifest has null for them.
+        parts: meshes beside the head's own: hair, lashes, teeth and the like; ``check_parts`` holds for them.
+        hair: what the photo told of the hair; None for an external mesh.
+        own_texture: (H, W, 3) sRGB, the texture at the photo's resolution; None: it has no more than the texture.
         similarity: identity check, or None where it did not run.
         effects: names of the effects that are simulated in the previews, empty while there are none.
         warnings: stable codes of the run; :meth:`all_warnings` adds those of photo, face, fit and texture.
@@ -100,9 +108,13 @@ class Avatar:
     options: Mapping[str, Any]
     seed: int
     models: tuple[ModelCard, ...]
+    parts: tuple[MeshPart, ...] = ()
+    hair: Hair | None = None
     similarity: Similarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None
+    surface: SurfaceMaps | None = None
+    own_texture: UInt8 | None = None
     effects: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from service.anatomy.hair.item import FILE as HAIR_FILE
 from service.archive.avatar import ModelCard
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
@@ -13,6 +14,10 @@ ROLES = {
     "face_detector": "finds faces",
     "face_mesh": "468 landmarks",
     "reader": "place of the head, normal and part of every pixel",
+    "lids": "edges of the lids",
+    "lips": "edges of the lips",
+    "face_landmarker": "478 points for the expression",
+    "face_blendshapes": "expression scores",
     "face_identity": "compares the result with the photo",
 }
 """Networks that run for every photo."""
@@ -48,6 +53,9 @@ def model_cards(
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
     cards = [ModelCard(head.name, digest, head.licence, "head model")]
+    if photo:
+        digest = sha256(HAIR_FILE.read_bytes()).hexdigest()
+        cards.append(ModelCard("makehuman-hair", digest, "CC0-1.0", "hair, lashes, brows and bust"))
     for name, role in ((ROLES if photo else {}) | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
         if name in table:
             cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))

@@ -1,19 +1,20 @@
 """Deterministic zip archives, written atomically.
 
 Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
-mode 0644. Names come from that list only, so no input can cause a path traversal at extraction.
+mode 0644. Names come from that list, or are ``PART_TEXTURE``, so no input can cause a path traversal at extraction.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, BinaryIO
 
@@ -27,18 +28,49 @@ MEMBER_NAMES = (
     "maps/diffuse_normal.png",
     "maps/specular_normal.png",
     "maps/displacement.png",
+    "maps/roughness.png",
+    "maps/cavity.png",
+    "maps/thickness.png",
     "maps/texture.png",
     "maps/confidence.png",
     "maps/shape_normal.png",
     "mesh/head.obj",
     "mesh/head.mtl",
+    "mesh/specular_normal.exr",
+    "mesh/specular_albedo.exr",
+    "mesh/roughness.exr",
     "mesh/head.glb",
     "mesh/head.usda",
+    "mesh/head.mtlx",
     "mesh/head_fine.obj",
     "preview/overlay.jpg",
     "preview/sheet.jpg",
 )
-"""Every name that an archive may contain, in the order of the file."""
+"""Every name that an archive may contain, in the order of the file; textures of parts follow the maps."""
+
+PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.(png|exr)")
+"""Name of a texture of a part's own."""
+
+
+def unknown_names(names: Iterable[str]) -> list[str]:
+    """Those that no archive contains, sorted."""
+    return sorted(name for name in set(names) - set(MEMBER_NAMES) if not PART_TEXTURE.fullmatch(name))
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Names of members in the order of the file.
+
+    Raises:
+        ValueError: one is not a name of the archive.
+    """
+    present = set(names)
+    unknown = unknown_names(present)
+    if unknown:
+        raise ValueError(f"not a name of the archive: {', '.join(unknown)}")
+    own = sorted(present - set(MEMBER_NAMES))
+    listed = [name for name in MEMBER_NAMES if name in present]
+    after = sum(not name.startswith(("mesh/", "preview/")) for name in listed)
+    return [*listed[:after], *own, *listed[after:]]
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
@@ -51,16 +83,13 @@ def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
     """Write ``members`` (name -> content) as a zip to a seekable binary stream.
 
     Raises:
-        ValueError: a name is not in ``MEMBER_NAMES`` (a bug: names do not depend on input).
+        ValueError: a name is not the archive's (a bug: names do not depend on input).
         OSError: as the stream raises it.
     """
-    unknown = sorted(set(members) - set(MEMBER_NAMES))
-    if unknown:
-        raise ValueError(f"not a name of the archive: {', '.join(unknown)}")
+    order = in_order(members)
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-        for name in MEMBER_NAMES:
-            if name in members:
-                archive.writestr(_entry(name), members[name])
+        for name in order:
+            archive.writestr(_entry(name), members[name])
 
 
 def write_file(path: Path, members: Mapping[str, bytes]) -> None:

@@ -7,13 +7,18 @@ import struct
 from collections.abc import Mapping
 
 from service import __version__
+from service.anatomy.hair.find import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
-from service.archive.container import MEMBER_NAMES
+from service.archive.container import in_order
 from service.archive.glb import weights_by_name
+from service.archive.map_files import MapFiles
 from service.archive.maps import MAPS, MapSpec
+from service.archive.meshes import drawn_parts, map_files
+from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
+from service.materials.material import Material
 from service.reflectance.result import MID, SCALE_MM
 
 MEDIA_TYPES = {
@@ -23,6 +28,8 @@ MEDIA_TYPES = {
     "mtl": "model/mtl",
     "glb": "model/gltf-binary",
     "usda": "model/vnd.usda",
+    "mtlx": "model/mtlx+xml",
+    "exr": "image/x-exr",
     "md": "text/markdown",
     "json": "application/json",
 }
@@ -33,7 +40,11 @@ ROLES = {
     "mesh/head.obj": "mesh, photo's expression",
     "mesh/head.mtl": "materials of head.obj",
     "mesh/head.glb": "mesh, neutral with blendshapes",
-    "mesh/head.usda": "mesh, photo's expression",
+    "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",
+    "mesh/head.mtlx": "materials as MaterialX",
+    "mesh/specular_normal.exr": "normals for head.mtl",
+    "mesh/specular_albedo.exr": "specular level for head.mtl",
+    "mesh/roughness.exr": "roughness for head.mtl",
     "mesh/head_fine.obj": "mesh, photo's expression, subdivided and displaced",
     "preview/overlay.jpg": "preview of the fit",
     "preview/sheet.jpg": "preview of the result",
@@ -45,7 +56,7 @@ _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.Manifest:
     """Manifest of ``avatar`` whose archive holds ``files`` (name -> content, without the manifest itself)."""
-    names = [name for name in MEMBER_NAMES if name in files]
+    parts, where = drawn_parts(avatar), map_files(avatar)
     return m.Manifest(
         schema_version=m.SCHEMA_VERSION,
         generator=m.Generator(PROGRAM, __version__),
@@ -59,10 +70,14 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         forward="+Z",
         head=_head(avatar),
         maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
-        files=[_file(name, files[name]) for name in names],
+        files=[_file(name, files[name]) for name in in_order(files)],
+        parts=[m.Part(part.name, part.material.name, part.bone) for part in parts],
+        materials=[_material(one, where) for one in {part.material.name: part.material for part in parts}.values()],
+        joints=_joints(avatar),
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
         fit=None if avatar.given else _fit(avatar),
+        hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
         peak_rss_mb=avatar.peak_rss_mb if timings else None,
@@ -124,6 +139,37 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
     )
 
 
+def _material(material: Material, where: MapFiles) -> m.Material:
+    slots = {
+        "colour": material.colour_map, "roughness": material.roughness_map, "specular": material.specular_map,
+        "normal": material.normal_map, "displacement": material.displacement_map, "cavity": material.cavity_map,
+        "thickness": material.thickness_map,
+    }  # fmt: skip
+    paths = {slot: where.path(one) for slot, one in slots.items()}
+    return m.Material(
+        name=material.name,
+        colour=list(material.colour),
+        opacity=material.opacity,
+        alpha=material.alpha,
+        cutoff=material.cutoff,
+        double_sided=material.double_sided,
+        roughness=material.roughness,
+        ior=material.ior,
+        specular=material.specular,
+        subsurface_mm=list(material.subsurface_mm),
+        transmission=material.transmission,
+        maps={slot: path.removeprefix("../") for slot, path in paths.items() if path is not None},
+    )
+
+
+def _joints(avatar: Avatar) -> list[m.Joint]:
+    made = skeleton(avatar.head, avatar.fit.neutral)
+    return [
+        m.Joint(name, None if parent < 0 else JOINTS[parent], [round(float(value), 6) for value in position])
+        for name, parent, position in zip(JOINTS, PARENTS, made.positions, strict=True)
+    ]
+
+
 def _reflectance(avatar: Avatar) -> m.Reflectance | None:
     made = avatar.reflectance
     if made is None:
@@ -148,12 +194,36 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
             None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
         ),
         corrections=[m.Correction(one.name, one.changed, one.texels) for one in made.corrections],
+        detail=None
+        if made.detail is None
+        else m.Detail(
+            [m.Octave(one.shortest_mm, one.longest_mm, one.share) for one in made.detail.octaves],
+            made.detail.blur_px,
+            made.detail.noise,
+            dict(made.detail.pixels_per_mm),
+        ),
     )
 
 
 def _file(name: str, data: bytes) -> m.File:
-    role = ROLES.get(name) or name.rpartition("/")[2].partition(".")[0]
+    stem = name.rpartition("/")[2].partition(".")[0]
+    role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
+
+
+def _hair(hair: Hair) -> m.Hair:
+    choice = hair.choice
+    return m.Hair(
+        style=None if choice.name is None else choice.name.partition("/")[2],
+        volume=choice.cut.volume,
+        length=choice.cut.length,
+        mirrored=choice.cut.mirrored,
+        agreement=round(choice.agreement, 4),
+        scalp_share=round(min(max(choice.share, 0.0), 1.0), 4),
+        colour=[round(float(value), 6) for value in hair.colour.usual],
+        grey=round(hair.colour.grey, 4),
+        doubts=list(hair.doubts),
+    )
 
 
 def _fit(avatar: Avatar) -> m.FitReport:

@@ -157,6 +157,30 @@ class Correction(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Octave(_Strict):
+    """How much of the detail of some periods is the photo's own."""
+
+    shortest_mm: Annotated[float, Ge(0)]
+    longest_mm: Annotated[float, Ge(0)]
+    share: Fraction
+    """What the photo tells of it on skin that it shows, by area; the rest is made up, or smooth with --detail 0."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Detail(_Strict):
+    """The photo's own detail, beyond a texture of 576 x 384."""
+
+    octaves: list[Octave]
+    """Finest first."""
+    blur_px: Annotated[float, Ge(0)]
+    """Standard deviation of the photo's point spread at the face, in pixels."""
+    noise: Annotated[float, Ge(0)]
+    """Standard deviation of its noise there, of sRGB-coded luma, 1 = white."""
+    pixels_per_mm: dict[str, float]
+    """The photo's pixels per millimetre of the surface, by region; regions that it does not show are missing."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Reflectance(_Strict):
     """How the networks ran."""
 
@@ -178,6 +202,8 @@ class Reflectance(_Strict):
     integration: Integration | None
     corrections: list[Correction]
     """Those that ran, in order."""
+    detail: Detail | None
+    """Null where there was no photo, or the texture was only resampled."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,6 +281,75 @@ class FitReport(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Material(_Strict):
+    """A surface, from which the materials of all files are written; maps are paths in the archive."""
+
+    name: str
+    colour: Triple
+    """Linear RGB; multiplies the map."""
+    opacity: Fraction
+    """Multiplies the alpha of the colour map."""
+    alpha: Literal["opaque", "mask", "blend"]
+    cutoff: Fraction
+    """Alpha below which a mask is cut off."""
+    double_sided: bool
+    roughness: Fraction
+    """Square root of GGX alpha, where there is no map."""
+    ior: Annotated[float, Ge(1)]
+    specular: Fraction
+    """Share of the F0 that ior gives, where there is no map."""
+    subsurface_mm: Triple
+    """Mean free path of red, green and blue."""
+    transmission: Fraction
+    maps: dict[str, str]
+    """By what they are for: colour, roughness, specular, normal, displacement, cavity, thickness."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Part(_Strict):
+    """A mesh of the files under mesh/."""
+
+    name: str
+    material: str
+    bone: Literal["neck", "head", "jaw", "eye_left", "eye_right"]
+    """The joint that carries it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint(_Strict):
+    """A joint of the skeleton in mesh/head.usda."""
+
+    name: str
+    parent: str | None
+    position: Triple
+    """Metres."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hair(_Strict):
+    """What the head wears, and how sure that is."""
+
+    style: str | None
+    """Name of the style; null for a bald head."""
+    volume: Annotated[float, Gt(0)]
+    """Factor on the distance of the style's hair from the skull."""
+    length: Annotated[float, Gt(0)]
+    """Factor on how far it hangs below the ears."""
+    mirrored: bool
+    """Whether left and right of the style are exchanged."""
+    agreement: Fraction
+    """Intersection over union of its silhouette and the hair in the photo; 0 where none was compared."""
+    scalp_share: Fraction
+    """Share of the visible scalp that has hair on it."""
+    colour: Triple
+    """Mean of shaded and lit strands, linear RGB of the photo."""
+    grey: Fraction
+    """Share of lit strands without pigment."""
+    doubts: list[str]
+    """Stable codes: hair-unseen, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Model(_Strict):
     """One data file of the program that was used."""
 
@@ -285,10 +380,15 @@ class Manifest(_Strict):
     maps: list[Map]
     files: list[File]
     """Every file of the archive except this one."""
+    parts: list[Part]
+    materials: list[Material]
+    joints: list[Joint]
     displacement: Displacement | None
     reflectance: Reflectance | None
     """Null where only texture, confidence and shape normals were requested."""
     fit: FitReport | None
+    hair: Hair | None
+    """Null for an external mesh."""
     effects: list[str]
     """Effects that the previews simulate."""
     timings_s: dict[str, float] | None

@@ -16,6 +16,7 @@ from service.archive.png import Rows
 from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
+from service.reflectance.surface.make import CODES_PER_MM
 from service.texture.result import MIRRORED, SEEN
 
 
@@ -25,7 +26,8 @@ class MapSpec:
 
     Attributes:
         role: its name in options and manifest.
-        kind: what its values are: "colour" in [0, 1], "normal" components, "height" in mm.
+        kind: what its values are: "colour" in [0, 1], "normal" components, "height" and
+            "length" in mm.
         colour_space: "srgb", "linear" or "data" (vectors).
         meaning: of the value.
         codes: avatar -> rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
@@ -33,7 +35,7 @@ class MapSpec:
     """
 
     role: str
-    kind: Literal["colour", "normal", "height"]
+    kind: Literal["colour", "normal", "height", "length"]
     colour_space: Literal["srgb", "linear", "data"]
     meaning: str
     codes: Callable[[Avatar], Rows | None]
@@ -48,6 +50,8 @@ class MapSpec:
         """``zero`` and ``scale`` in value = (code - zero) / scale."""
         if self.kind == "normal":
             return normal_coding(bits)
+        if self.kind == "length":
+            return (0, CODES_PER_MM)
         return (MID, round(1 / SCALE_MM)) if self.kind == "height" else (0, 2**bits - 1)
 
     def frame(self, avatar: Avatar) -> Literal["object", "tangent"] | None:
@@ -65,6 +69,12 @@ def normal_bits(avatar: Avatar) -> int:
 def in_object_space(avatar: Avatar) -> bool:
     """Whether the options request object-space normals."""
     return avatar.options.get("normals") == "object"
+
+
+def map_wanted(avatar: Avatar, role: str) -> bool:
+    """Whether the options request a map; without a list they request all."""
+    chosen = avatar.options.get("maps")
+    return chosen is None or role in chosen
 
 
 def fine_mesh_wanted(avatar: Avatar) -> bool:
@@ -139,8 +149,20 @@ MAPS = (
         lambda avatar: _as_they_are(_of(lambda made: made.displacement)(avatar)),
     ),
     MapSpec(
+        "roughness", "colour", "linear", "square root of GGX alpha, of one lobe for both of the skin's, in [0, 1]",
+        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),
+    ),
+    MapSpec(
+        "cavity", "colour", "linear", "share of the sky that the relief leaves open, in [0, 1]",
+        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.cavity),
+    ),
+    MapSpec(
+        "thickness", "length", "linear", "millimetres of flesh under the skin; the last code is that or more",
+        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
+    ),
+    MapSpec(
         "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
-        lambda avatar: Rows.of(avatar.texture.texture),
+        lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
     ),
     MapSpec(
         "confidence", "colour", "linear",

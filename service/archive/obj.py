@@ -1,4 +1,4 @@
-"""``mesh/head.obj`` and ``head.mtl``: the head with the photo's expression.
+"""``mesh/head.obj``: the head with the photo's expression, and the parts beside it.
 
 Metres, +Y up, +Z out of the face, unposed (the camera holds the pose). The original polygons, a ``vt`` per chart
 vertex with its origin bottom left, one object, group and material per part. OBJ has no unit, so the header names it.
@@ -6,17 +6,17 @@ vertex with its origin bottom left, one object, group and material per part. OBJ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from service.archive.materials import Material, material_of
 from service.archive.surface import vertex_normals
 from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
+from service.head.files import split_polygons
 from service.head.model import HeadModel
-
-TEXTURE_FROM_MESH = "../maps/texture.png"
+from service.materials.of_head import material_of
+from service.materials.part import MeshPart
 
 _HEADER = """\
 # {title}
@@ -26,37 +26,30 @@ mtllib head.mtl
 """
 
 
-def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
-    """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, to the micrometre.
+def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str, parts: Sequence[MeshPart] = ()) -> bytes:
+    """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, and of other parts, to the micrometre.
 
-    Vertex order is the head model's, so the same line of two archives is the same point of two heads.
+    The vertices of the head come first, in the head model's order, so the same line of two archives is the same point
+    of two heads. Faces of parts that others replace are left out.
 
     Raises:
         NumericFault: a vertex is not finite.
     """
     if not np.isfinite(vertices).all():
         raise NumericFault(f"vertex {int(np.argwhere(~np.isfinite(vertices))[0, 0])} of the head is not finite")
-    normals = vertex_normals(vertices, head.triangles)
-    header = _HEADER.format(title=title, vertices=len(vertices), polygons=len(head.polygons))
-    blocks = [header, _lines("v %.6f %.6f %.6f\n", vertices), _lines("vt %.6f %.6f\n", head.uv)]
-    blocks += [_lines("vn %.4f %.4f %.4f\n", normals), *_parts(head)]
+    normals = [vertex_normals(vertices, head.triangles)]
+    normals += [vertex_normals(part.vertices, split_polygons(part.polygons)) for part in parts]
+    points, charts = [vertices, *(part.vertices for part in parts)], [head.uv, *(part.uv for part in parts)]
+    header = _HEADER.format(
+        title=title,
+        vertices=sum(map(len, points)),
+        polygons=len(head.polygons) + sum(len(part.faces) for part in parts),
+    )
+    blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
+    blocks += [_lines("vt %.6f %.6f\n", rows) for rows in charts]
+    blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
+    blocks += [*_own(head, {name for part in parts for name in part.replaces}), *_others(head, parts)]
     return "".join(blocks).encode("ascii")
-
-
-def mtl_bytes(
-    head: HeadModel, *, textured: bool = True, texture: str = TEXTURE_FROM_MESH, normal: str | None = None
-) -> bytes:
-    """Materials of the parts.
-
-    Args:
-        head: the head model.
-        textured: False where the archive has no ``texture``.
-        texture: relative path of the colours.
-        normal: relative path of tangent-space normals for the skin (``norm``, of the PBR extension to MTL).
-    """
-    used = {material_of(name).name: material_of(name) for name in head.part_names}
-    files = (texture if textured else None, normal)
-    return "\n".join(_material(material, *files) for material in used.values()).encode("ascii")
 
 
 def _lines(pattern: str, rows: AnyFloat) -> str:
@@ -64,40 +57,38 @@ def _lines(pattern: str, rows: AnyFloat) -> str:
     return (pattern * len(values)) % tuple(values.ravel().tolist())
 
 
-def _parts(head: HeadModel) -> Iterator[str]:
+def _own(head: HeadModel, without: set[str]) -> Iterator[str]:
     for index, name in enumerate(head.part_names):
         chosen = head.polygon_part == index
-        if chosen.any():
-            yield f"o {name}\ng {name}\nusemtl {material_of(name).name}\ns 1\n"
-            yield from _faces(head.polygons[chosen], head.polygon_uv[chosen])
+        if chosen.any() and name not in without:
+            yield _begin(name, material_of(name).name)
+            yield _faces(head.polygons[chosen], head.polygon_uv[chosen], (0, 0))
 
 
-def _faces(polygons: Int32, uv: Int32) -> Iterator[str]:
-    """Lines ``f v/vt/vn ...``, in the order of the model; a vertex and its normal have the same index."""
-    corners = np.stack([polygons, uv, polygons], 2).astype(np.int64) + 1
+def _others(head: HeadModel, parts: Sequence[MeshPart]) -> Iterator[str]:
+    before, before_uv = len(head.mean), len(head.uv)
+    for part in parts:
+        yield _begin(part.name, part.material.name)
+        yield _faces(part.polygons, part.polygons_uv, (before, before_uv))
+        before, before_uv = before + len(part.vertices), before_uv + len(part.uv)
+
+
+def _begin(name: str, material: str) -> str:
+    return f"o {name}\ng {name}\nusemtl {material}\ns 1\n"
+
+
+def _faces(polygons: Int32, uv: Int32, before: tuple[int, int]) -> str:
+    """Lines ``f v/vt/vn ...`` in the order given; a vertex and its normal have the same index.
+
+    Args:
+        polygons: (Q, 4), -1 in the last column marks a triangle.
+        uv: (Q, 4) likewise.
+        before: vertices and chart vertices written for other parts.
+    """
+    present = np.repeat(polygons >= 0, 3, axis=1)
+    vertices = polygons.astype(np.int64) + before[0]
+    corners = np.stack([vertices, uv.astype(np.int64) + before[1], vertices], 2) + 1
     quad = "f %d/%d/%d %d/%d/%d %d/%d/%d %d/%d/%d\n"
     triangle = "f %d/%d/%d %d/%d/%d %d/%d/%d\n"
-    is_triangle = polygons[:, 3] < 0
-    patterns = np.where(is_triangle, triangle, quad)
-    present = np.repeat(polygons >= 0, 3, axis=1)
-    yield "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())
-
-
-def _material(material: Material, texture: str | None, normal: str | None) -> str:
-    red, green, blue = material.colour
-    # Phong exponent whose lobe is about as wide as that of GGX with alpha = roughness^2.
-    exponent = 2.0 / max(material.roughness, 0.05) ** 4 - 2.0
-    lines = [
-        f"newmtl {material.name}",
-        "Ka 0 0 0",
-        f"Kd {red:g} {green:g} {blue:g}",
-        "Ks 0.04 0.04 0.04",
-        f"Ns {min(exponent, 1000.0):.1f}",
-        f"d {material.opacity:g}",
-        "illum 2",
-    ]
-    if texture is not None and material.textured:
-        lines.append(f"map_Kd {texture}")
-    if normal is not None and material.detailed:
-        lines.append(f"norm {normal}")
-    return "\n".join(lines) + "\n"
+    patterns = np.where(polygons[:, 3] < 0, triangle, quad)
+    return "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())

@@ -8,15 +8,56 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
-from service.archive.glb import Picture
+from service.archive.gltf_materials import Picture
 from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
-from service.arrays import UInt8
+from service.arrays import Float32, UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 GLB_TEXTURE_PX = 2048
 """Longest side of a texture in the GLB; many viewers refuse more than 4096."""
+
+
+def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
+    """Textures of the chart by role, as ``gltf_materials.Materials`` wants them.
+
+    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo.
+    """
+    made = avatar.reflectance
+    packed = surface_picture(avatar)
+    found: dict[str, Picture | None] = {"diffuse_albedo": colours(avatar), "roughness": packed}
+    if avatar.surface is not None and avatar.surface.cavity is not None:
+        found["cavity"] = packed
+    if made is not None:
+        found |= {"specular_normal": normal_picture(made), "specular_albedo": specular_picture(made)}
+    return {role: picture for role, picture in found.items() if picture is not None}
+
+
+def chart_values(avatar: Avatar) -> dict[str, Float32]:
+    """Maps of the chart that are no colours, no wider than ``GLB_TEXTURE_PX``, by role.
+
+    Normals (h, w, 3) in [-1, 1], specular albedo and roughness (h, w) in [0, 1].
+    """
+    made, found = avatar.reflectance, {}
+    if made is not None and made.specular_normal is not None:
+        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal))
+    if made is not None and made.specular_albedo is not None:
+        found["specular_albedo"] = _fitting(made.specular_albedo) / np.float32(65535)
+    if avatar.surface is not None and avatar.surface.roughness is not None:
+        found["roughness"] = avatar.surface.roughness / np.float32(255)
+    return {role: np.asarray(values, np.float32) for role, values in found.items()}
+
+
+def surface_picture(avatar: Avatar) -> Picture | None:
+    """Cavity in red, roughness in green, metallic (none) in blue, as 8-bit PNG; None where there is no roughness."""
+    surface = avatar.surface
+    if surface is None or surface.roughness is None:
+        return None
+    channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
+    channels[..., 0] = 255 if surface.cavity is None else surface.cavity
+    channels[..., 1] = surface.roughness
+    return Picture(encode_png(channels, srgb=False), "image/png")
 
 
 def colours(avatar: Avatar) -> Picture:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from service.archive.container import MEMBER_NAMES
+from service.archive.container import unknown_names
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.errors import BadArchive, UsageError
@@ -50,7 +50,7 @@ class AvatarFile:
 
     Attributes:
         manifest: as stored; only the keys that are used here were checked.
-        mesh: ``mesh/head.obj``.
+        mesh: ``mesh/head.obj``, the head's own parts.
         maps: by role.
     """
 
@@ -77,15 +77,24 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         with zipfile.ZipFile(source) as archive:
             _check_names(archive)
             manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            mesh = read_obj(_member(archive, _MESH, MAX_OBJ))
+            mesh = _own(read_obj(_member(archive, _MESH, MAX_OBJ)), manifest)
             return AvatarFile(manifest, mesh, _maps(archive, manifest, roles))
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
         raise BadArchive(f"the archive cannot be read: {error}") from error
 
 
+def _own(mesh: ObjMesh, manifest: dict[str, Any]) -> ObjMesh:
+    """The mesh without the parts beside the head's own, where the manifest says which those are."""
+    head = manifest.get("head")
+    parts, vertices = (head.get("parts"), head.get("vertices")) if isinstance(head, dict) else (None, None)
+    if not isinstance(parts, list) or not isinstance(vertices, int):
+        return mesh
+    return mesh.of_head([str(name) for name in parts], vertices)
+
+
 def _check_names(archive: zipfile.ZipFile) -> None:
     names = archive.namelist()
-    unknown = sorted(set(names) - set(MEMBER_NAMES))
+    unknown = unknown_names(names)
     if unknown or len(set(names)) != len(names):
         odd = repr(unknown[0][:60]) if unknown else "a duplicate name"
         raise BadArchive(f"the zip contains {odd}; an archive of avatarme has manifest.json, maps/ and mesh/ only")

@@ -1,19 +1,30 @@
-"""``mesh/head.usda``: the same head as ``head.obj`` for USD tools, as text.
+"""``mesh/head.usda``: the neutral head for USD tools, with blendshapes whose weights give the photo's expression.
 
-Original polygons with ``subdivisionScheme = "none"``, chart as face-varying ``primvars:st`` (origin bottom left), one
-Mesh and one UsdPreviewSurface material per part.
+A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as face-varying
+``primvars:st``, origin bottom left), the ARKit units as UsdSkel blendshapes, a skeleton, and one material per kind of
+surface.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from service.archive.materials import Material, material_of
-from service.archive.obj import TEXTURE_FROM_MESH
+from service.archive.map_files import MapFiles
+from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.surface import vertex_normals
-from service.arrays import AnyFloat, AnyInt, Float32, Int32
-from service.errors import NumericFault
-from service.head.model import HeadModel
+from service.archive.usd_materials import material_text
+from service.archive.usd_text import integers, numbers, tuples
+from service.arrays import Float32, Float64, Int64
+from service.head.files import split_polygons
+from service.materials.part import MeshPart
+
+SMALLEST_OFFSET_M = 5e-6
+"""Shorter offsets of a blendshape are left out."""
+
+REST = "rest_of_the_photo"
+"""Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""
 
 _STAGE = """\
 #usda 1.0
@@ -24,15 +35,33 @@ _STAGE = """\
     upAxis = "Y"
 )
 
-def Xform "Head" (
+def SkelRoot "Head" (
     kind = "component"
 )
 {{
 """
 
+_SKELETON = """\
+    def Skeleton "Skeleton" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {{
+        uniform token[] joints = [{joints}]
+        uniform matrix4d[] bindTransforms = [{bind}]
+        uniform matrix4d[] restTransforms = [{rest}]
+        rel skel:animationSource = </Head/Skeleton/Animation>
+
+        def SkelAnimation "Animation"
+        {{
+            uniform token[] blendShapes = [{shapes}]
+            float[] blendShapeWeights = [{weights}]
+        }}
+    }}
+"""
+
 _MESH = """\
     def Mesh "{name}" (
-        prepend apiSchemas = ["MaterialBindingAPI"]
+        prepend apiSchemas = ["MaterialBindingAPI", "SkelBindingAPI"]
     )
     {{
         uniform bool doubleSided = {double_sided}
@@ -47,120 +76,148 @@ _MESH = """\
         texCoord2f[] primvars:st = [{st}] (
             interpolation = "faceVarying"
         )
+        int[] primvars:skel:jointIndices = [{joints}] (
+            elementSize = {influences}
+            interpolation = "vertex"
+        )
+        float[] primvars:skel:jointWeights = [{weights}] (
+            elementSize = {influences}
+            interpolation = "vertex"
+        )
+        uniform token[] skel:blendShapes = [{shapes}]
+        rel skel:blendShapeTargets = [{targets}]
+        rel skel:skeleton = </Head/Skeleton>
         rel material:binding = </Head/Materials/{material}>
-    }}
+{blendshapes}    }}
 """
 
-_MATERIAL = """\
-        def Material "{name}"
+_SHAPE = """\
+        def BlendShape "{name}"
         {{
-            token outputs:surface.connect = </Head/Materials/{name}/Surface.outputs:surface>
-
-            def Shader "Surface"
-            {{
-                uniform token info:id = "UsdPreviewSurface"
-                color3f inputs:diffuseColor{diffuse}
-                float inputs:roughness = {roughness:g}
-                float inputs:metallic = 0
-                float inputs:opacity = {opacity:g}
-                token outputs:surface
-            }}
-{texture}        }}
-"""
-
-_TEXTURE = """
-            def Shader "Chart"
-            {{
-                uniform token info:id = "UsdPrimvarReader_float2"
-                string inputs:varname = "st"
-                float2 outputs:result
-            }}
-
-            def Shader "Texture"
-            {{
-                uniform token info:id = "UsdUVTexture"
-                asset inputs:file = @{path}@
-                token inputs:sourceColorSpace = "sRGB"
-                token inputs:wrapS = "clamp"
-                token inputs:wrapT = "clamp"
-                float2 inputs:st.connect = </Head/Materials/{name}/Chart.outputs:result>
-                float3 outputs:rgb
-            }}
+            uniform vector3f[] offsets = [{offsets}]
+            uniform vector3f[] normalOffsets = [{turned}]
+            uniform int[] pointIndices = [{indices}]
+        }}
 """
 
 
 def usda_bytes(
-    head: HeadModel,
-    vertices: AnyFloat,
+    parts: Sequence[MeshPart],
+    files: MapFiles,
     title: str,
     *,
-    textured: bool = True,
-    texture: str = TEXTURE_FROM_MESH,
+    units: Sequence[str],
+    expression: Mapping[str, float],
+    joints: Skeleton,
+    weights: Mapping[str, Float32],
 ) -> bytes:
-    """USD text of ``vertices`` (V, 3) metres, head space.
+    """USD text of the parts.
 
-    Raises:
-        NumericFault: a vertex is not finite.
+    Args:
+        parts: meshes in the order of the file.
+        files: where the maps lie.
+        title: for the stage's documentation.
+        units: names of the blendshapes.
+        expression: weight of each in the photo; 0 where it has none.
+        joints: positions of the skeleton.
+        weights: (N, 5) by which the vertices of a part follow the joints, by the part's name; parts without follow
+            their bone.
     """
-    if not np.isfinite(vertices).all():
-        raise NumericFault("a vertex of the head is not finite")
-    normals = vertex_normals(vertices, head.triangles)
-    blocks = [_STAGE.format(title=title)]
-    for index, name in enumerate(head.part_names):
-        chosen = head.polygon_part == index
-        if chosen.any():
-            blocks.append(_mesh(name, head.polygons[chosen], head.polygon_uv[chosen], head.uv, vertices, normals))
-    used = {material_of(name).name: material_of(name) for name in head.part_names}
-    blocks += [
-        '    def Scope "Materials"\n    {\n',
-        *(_material(material, textured, texture) for material in used.values()),
-    ]
+    shapes = {part.name: _blendshapes(part, units, expression) for part in parts}
+    names = [*units, *([REST] if any(REST in one for one in shapes.values()) else [])]
+    values = [1.0 if name == REST else float(expression.get(name, 0.0)) for name in names]
+    blocks = [_STAGE.format(title=title), _skeleton(joints, names, values)]
+    blocks += [_mesh(part, shapes[part.name], weights.get(part.name)) for part in parts]
+    used = {part.material.name: part.material for part in parts}
+    blocks += ['    def Scope "Materials"\n    {\n', *(material_text(material, files) for material in used.values())]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
-def _mesh(
-    name: str,
-    polygons: Int32,
-    polygon_uv: Int32,
-    uv: Float32,
-    vertices: AnyFloat,
-    normals: AnyFloat,
-) -> str:
-    present = polygons >= 0
-    own, local = np.unique(polygons[present], return_inverse=True)
-    material = material_of(name)
+def joint_paths() -> list[str]:
+    """Names of the joints as paths from the root."""
+    paths: list[str] = []
+    for name, parent in zip(JOINTS, PARENTS, strict=True):
+        paths.append(name if parent < 0 else f"{paths[parent]}/{name}")
+    return paths
+
+
+def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -> str:
+    parents = [np.zeros(3) if parent < 0 else joints.positions[parent] for parent in PARENTS]
+    return _SKELETON.format(
+        joints=_tokens(joint_paths()),
+        bind=", ".join(_moved(one) for one in joints.positions),
+        rest=", ".join(_moved(one - before) for one, before in zip(joints.positions, parents, strict=True)),
+        shapes=_tokens(names),
+        weights=numbers(np.array(values), 6),
+    )
+
+
+def _moved(by: Float64) -> str:
+    rows = np.eye(4)
+    rows[3, :3] = by
+    return f"({tuples(rows, 6)})"
+
+
+def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, float]) -> dict[str, Float32]:
+    """Offsets (N, 3) of each blendshape that moves the part."""
+    found = {unit: part.targets[unit] for unit in units if unit in part.targets}
+    posed = part.neutral + sum((np.float32(expression.get(unit, 0)) * found[unit] for unit in found), np.float32(0))
+    rest = part.vertices - posed
+    if np.abs(rest).max() > SMALLEST_OFFSET_M:
+        found[REST] = np.asarray(rest, np.float32)
+    return {name: offsets for name, offsets in found.items() if np.abs(offsets).max() > SMALLEST_OFFSET_M}
+
+
+def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> str:
+    polygons, places = part.polygons, part.polygons_uv
+    present, corners = polygons >= 0, split_polygons(polygons)
+    still = vertex_normals(part.neutral, corners)
+    if weights is None:
+        weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
+    influences, indices = _influences(weights)
+    both = np.concatenate([part.vertices, part.neutral])
+    turned = vertex_normals(part.neutral + np.stack(list(shapes.values())), corners) - still if shapes else ()
+    blocks = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
     return _MESH.format(
+        name=part.name,
+        material=part.material.name,
+        double_sided="true" if part.material.double_sided else "false",
+        extent=tuples([both.min(0), both.max(0)], 6),
+        counts=integers(present.sum(1)),
+        indices=integers(polygons[present]),
+        points=tuples(part.neutral, 6),
+        normals=tuples(still, 4),
+        st=tuples(part.uv[places[present]], 6),
+        joints=integers(indices),
+        weights=numbers(influences, 7),
+        influences=influences.shape[1],
+        shapes=_tokens(list(shapes)),
+        targets=", ".join(f"</Head/{part.name}/{name}>" for name in shapes),
+        blendshapes="".join(blocks),
+    )
+
+
+def _influences(weights: Float32) -> tuple[Float32, Int64]:
+    """The largest weights (N, k) of each vertex and their joints (N, k), with the least k that leaves nothing out.
+
+    In steps of 1/64, short as text, that sum to 1 exactly: else the origin would pull at the vertices.
+    """
+    count = max(int((weights > 0).sum(1).max()), 1)
+    order = np.argsort(-weights, axis=1, kind="stable")[:, :count]
+    steps = np.rint(np.take_along_axis(weights, order, 1) * 64)
+    steps[:, 0] += 64 - steps.sum(1)
+    return np.asarray(steps / 64, np.float32), order
+
+
+def _shape(name: str, offsets: Float32, turned: Float32) -> str:
+    moved = np.flatnonzero((np.abs(offsets) > SMALLEST_OFFSET_M).any(1))
+    return _SHAPE.format(
         name=name,
-        material=material.name,
-        double_sided="true" if material.double_sided else "false",
-        extent=_tuples([vertices[own].min(0), vertices[own].max(0)], 6),
-        counts=_integers(present.sum(1)),
-        indices=_integers(local),
-        points=_tuples(vertices[own], 6),
-        normals=_tuples(normals[own], 4),
-        st=_tuples(uv[polygon_uv[present]], 6),
+        offsets=tuples(np.round(offsets[moved], 6), 4),
+        turned=tuples(np.round(turned[moved], 2), 2),
+        indices=integers(moved),
     )
 
 
-def _material(material: Material, textured: bool, texture: str) -> str:
-    with_texture = textured and material.textured
-    connected = f".connect = </Head/Materials/{material.name}/Texture.outputs:rgb>"
-    constant = " = (" + ", ".join(f"{value:g}" for value in material.colour) + ")"
-    return _MATERIAL.format(
-        name=material.name,
-        diffuse=connected if with_texture else constant,
-        roughness=material.roughness,
-        opacity=material.opacity,
-        texture=_TEXTURE.format(name=material.name, path=texture) if with_texture else "",
-    )
-
-
-def _tuples(rows: AnyFloat | list[AnyFloat], digits: int) -> str:
-    values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
-    number = f"%.{digits}g"
-    pattern = "(" + ", ".join([number] * values.shape[1]) + ")"
-    return ", ".join([pattern] * len(values)) % tuple(values.ravel().tolist())
-
-
-def _integers(values: AnyInt) -> str:
-    return ", ".join(map(str, np.asarray(values).ravel().tolist()))
+def _tokens(names: Sequence[str]) -> str:
+    return ", ".join(f'"{name}"' for name in names)

@@ -88,6 +88,9 @@ def make(
     fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
+    hair: Annotated[
+        str | None, typer.Option(metavar="auto|none|NAME", help="Style of hair: as the photo's, none, or long01 ...")
+    ] = None,
     without: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="For experts: corrections not to make; docs/corrections.md.")
     ] = None,
@@ -119,6 +122,7 @@ def make(
             fit=fit,
             identity_components=identity_components,
             iterations=iterations,
+            hair=hair,
             without=without,
         )
         run(photo, output, Options(**given), head=head, as_json=as_json)

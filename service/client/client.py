@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import io
-import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -14,20 +11,16 @@ from typing import Any, Self
 from service.client.download import Download
 from service.client.errors import JobExpired, NoSuchJob, UnexpectedAnswer
 from service.client.events import Event
+from service.client.photos import canonical, idempotency_key, opened, photo_sha256
+from service.client.pictures import rendered
 from service.client.retry import AGAIN, Retry
 from service.client.state import Job, checked_id, share
-from service.client.transport import Transport, picture, picture_or_job
+from service.client.transport import Transport
 from service.client.waiting import Follower
 from service.errors import UsageError
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
-
-_BLOCK = 1 << 20
-
-_RENDER_LOOK_S = 1.0
-"""Seconds between two looks at a picture that takes long."""
-
 
 class Client:
     """A server of this service. Threads may share one client.
@@ -78,7 +71,7 @@ class Client:
 
         @contextlib.contextmanager
         def body() -> Iterator[Mapping[str, Any]]:
-            with _opened(photo) as stream:
+            with opened(photo) as stream:
                 yield {
                     "files": {
                         "options": (None, wanted, "application/json"),
@@ -190,25 +183,7 @@ class Client:
         """
         _path(job_id)
         wanted = canonical({"avatar": job_id, **({} if scene is None else {"scene": scene}), **options})
-
-        @contextlib.contextmanager
-        def body() -> Iterator[Mapping[str, Any]]:
-            yield {"content": wanted.encode()}
-
-        headers = {"Content-Type": "application/json"}
-        made = self._transport.answer(picture_or_job, "POST", "/v1/renders", headers=headers, body=body)
-        return made if isinstance(made, bytes) else self._picture_of(made)
-
-    def _picture_of(self, answer: Any) -> bytes:
-        """The picture of a job that was not ready when the server answered."""
-        job = Job.parse(answer)
-        while not job.ended:
-            self._transport.retry.sleep(_RENDER_LOOK_S)
-            job = Job.parse(self._transport.json("GET", f"/v1/renders/{job.id}"))
-        fault = job.fault()
-        if fault is not None:
-            raise fault
-        return self._transport.answer(picture, "GET", f"/v1/renders/{job.id}/picture.png")
+        return rendered(self._transport, wanted)
 
     def quality(self) -> Mapping[str, Any]:
         """Levels of quality with the times that the server measured on its machine."""
@@ -232,51 +207,6 @@ class Client:
         if not isinstance(content, dict):
             raise UnexpectedAnswer(f"{path} answered with {type(content).__name__} instead of an object")
         return content
-
-
-def canonical(options: Mapping[str, Any]) -> str:
-    """Options as JSON text, the same for the same options.
-
-    Raises:
-        UsageError: a value is none of JSON's.
-    """
-    try:
-        return json.dumps(options, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"options are no JSON: {error}", field="options") from error
-
-
-def photo_sha256(photo: Path | bytes) -> str:
-    """Hex sha256 of a photo, read in blocks.
-
-    Raises:
-        UsageError: there is no such file.
-    """
-    digest = hashlib.sha256()
-    with _opened(photo) as stream:
-        while block := stream.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def idempotency_key(photo_digest: str, options: str, *more: str | int) -> str:
-    """A key for one photo and its options.
-
-    Args:
-        photo_digest: of :func:`photo_sha256`.
-        options: of :func:`canonical`.
-        more: whatever else makes a job another job, for example the number of an attempt.
-    """
-    return hashlib.sha256(json.dumps([photo_digest, options, *more]).encode()).hexdigest()
-
-
-def _opened(photo: Path | bytes) -> contextlib.AbstractContextManager[io.BufferedIOBase]:
-    if isinstance(photo, bytes):
-        return io.BytesIO(photo)
-    try:
-        return photo.open("rb")
-    except OSError as error:
-        raise UsageError(f"cannot read {photo}: {error.strerror}", field="photo") from error
 
 
 def _path(job_id: str) -> str:

@@ -18,9 +18,10 @@ from pathlib import Path
 
 import httpx
 
+from service.client.answers import refused, unreachable
 from service.client.errors import DownloadFailed, ServerBusy, ServerUnreachable, UnexpectedAnswer
 from service.client.retry import AGAIN, retry_after_s
-from service.client.transport import Transport, TransportFault, refused, unreachable
+from service.client.transport import Transport, TransportFault
 from service.client.whole import check_archive, file_sha256
 from service.errors import AvatarError, OutputFault
 

@@ -1,9 +1,8 @@
-"""Requests with retries: the only file that touches httpx."""
+"""Requests with retries."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -11,19 +10,16 @@ from urllib.parse import urlsplit
 import httpx
 
 from service import __version__
-from service.client.errors import ServerBusy, ServerUnreachable, UnexpectedAnswer, refusal
-from service.client.problem import Problem
+from service.client.answers import json_of, refused, unreachable
+from service.client.errors import ServerBusy
 from service.client.retry import AGAIN, Retry, retry_after_s
-from service.errors import AvatarError, UsageError
+from service.errors import UsageError
 
 Sender = Callable[[], contextlib.AbstractContextManager[Mapping[str, Any]]]
 """Opens the body of one attempt: further arguments of the request (content, files)."""
 
 TransportFault = httpx.TransportError
 """The connection failed, now or in the middle of a stream."""
-
-_LARGEST_ANSWER = 16 << 20
-_LARGEST_PICTURE = 128 << 20
 
 Answer = TypeVar("Answer")
 
@@ -65,7 +61,7 @@ class Transport:
         again: Iterable[int] = AGAIN,
     ) -> Any:
         """One request that answers with JSON; None where the answer has no body; see :meth:`answer`."""
-        return self.answer(_json, method, path, headers=headers, body=body, again=again)
+        return self.answer(json_of, method, path, headers=headers, body=body, again=again)
 
     def answer(
         self,
@@ -147,24 +143,6 @@ class Transport:
             yield response
 
 
-def refused(response: httpx.Response) -> AvatarError:
-    """The exception for an answer that is no success; reads the problem object."""
-    status = response.status_code
-    if response.is_redirect:
-        where = response.headers.get("Location", "another address")[:200]
-        return UnexpectedAnswer(f"the server answered with a redirection to {where}; give that address instead")
-    content = None
-    with contextlib.suppress(UnexpectedAnswer):
-        content = _json(response)
-    return refusal(Problem.parse(content, status))
-
-
-def unreachable(server: str, error: httpx.TransportError | None) -> ServerUnreachable:
-    """The exception for a connection that failed; None where it just ended too soon."""
-    reason = "the answer ended too soon" if error is None else str(error) or type(error).__name__
-    return ServerUnreachable(f"no answer from {server}: {reason}", server=server)
-
-
 def _nothing() -> contextlib.nullcontext[Mapping[str, Any]]:
     return contextlib.nullcontext({})
 
@@ -172,49 +150,6 @@ def _nothing() -> contextlib.nullcontext[Mapping[str, Any]]:
 def _hopeless(error: httpx.TransportError) -> bool:
     """A certificate that is wrong stays wrong; a request that cannot be written is our fault."""
     return isinstance(error, httpx.LocalProtocolError | httpx.UnsupportedProtocol) or "CERTIFICATE" in str(error)
-
-
-def picture(response: httpx.Response) -> bytes:
-    """A PNG.
-
-    Raises:
-        UnexpectedAnswer: the answer is none, or longer than 128 MiB.
-    """
-    data = _content(response, _LARGEST_PICTURE)
-    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
-        raise UnexpectedAnswer("the server's answer is no PNG; is it this service?")
-    return data
-
-
-def picture_or_job(response: httpx.Response) -> Any:
-    """A PNG, or where the answer is 202 the JSON of its job.
-
-    Raises:
-        UnexpectedAnswer: the answer is neither.
-    """
-    return _json(response) if response.status_code == 202 else picture(response)
-
-
-def _content(response: httpx.Response, most: int) -> bytes:
-    data = bytearray()
-    for chunk in response.iter_raw():
-        data += chunk
-        if len(data) > most:
-            raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
-    return bytes(data)
-
-
-def _json(response: httpx.Response) -> Any:
-    data = _content(response, _LARGEST_ANSWER)
-    if not data:
-        return None
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        kind = response.headers.get("Content-Type", "no type")[:80]
-        raise UnexpectedAnswer(
-            f"the server answered with {kind} instead of JSON (status {response.status_code}); is it this service?"
-        ) from error
 
 
 def _checked_address(server: str) -> str:

@@ -6,11 +6,12 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from service.client.answers import refused
 from service.client.errors import UnexpectedAnswer, WaitTimedOut
 from service.client.events import Event, EventParser
 from service.client.retry import AGAIN
 from service.client.state import Job
-from service.client.transport import Transport, TransportFault, refused
+from service.client.transport import Transport, TransportFault
 
 ENDED = ("succeeded", "failed", "cancelled", "expired")
 

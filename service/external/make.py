@@ -37,6 +37,7 @@ from service.pipeline import Progress
 from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
 from service.reflectance.subject import Subject
+from service.reflectance.surface.make import surface_maps
 from service.runtime.networks import choose_engine
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
@@ -125,6 +126,7 @@ def make_external(
         seed=options.seed,
         models=model_cards(head, head_file, plan.networks, photo=False),
         reflectance=reflectance,
+        surface=surface_maps(head, vertices, reflectance, options.maps, options.map_size),
         given=Given.of(texture, mesh, image.size),
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),

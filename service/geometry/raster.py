@@ -84,6 +84,64 @@ def rasterise(
     return _resolve(buffer, planes, keep, width, height, first_row, perspective)
 
 
+@dataclass(frozen=True)
+class Fragments:
+    """Every pixel centre that every triangle covers, ordered by pixel and there from near to far.
+
+    Attributes:
+        pixel: (N,) int64 flat index, row by row.
+        triangle: (N,) int64 its triangle.
+        barycentric: (N, 3) float32 weights of the triangle's corners, in [0, 1], sum 1.
+        depth: (N,) float32 in the unit of the input.
+    """
+
+    pixel: Int64
+    triangle: Int64
+    barycentric: Float32
+    depth: Float32
+
+
+def fragments(
+    points_2d: AnyFloat, depth: AnyFloat, triangles: AnyInt, width: int, height: int, *, nearer: Float32 | None = None
+) -> Fragments:
+    """All surfaces behind each pixel, for what is partly transparent; both sides of triangles are drawn.
+
+    Perspective, edges and what is left out are as in :func:`rasterise`. Of fragments at the same depth that of the
+    lower triangle comes first.
+
+    Args:
+        points_2d: (V, 2) pixels.
+        depth: (V,) metres along the optical axis.
+        triangles: (T, 3) vertex indices.
+        width: columns.
+        height: rows.
+        nearer: (height, width) only fragments nearer than this are returned; None: all.
+    """
+    points, z = np.asarray(points_2d, np.float64), np.asarray(depth, np.float64)
+    faces = np.asarray(triangles, np.int64).reshape(-1, 3)
+    keep = _usable(points, z, faces, cull=False, perspective=True)
+    keep = keep[_touches(points, faces[keep], width, height, 0)]
+    planes = _Planes.through(points[faces[keep]], 1.0 / z[faces[keep]])
+    pixels, owners, weights, depths = [], [], [], []
+    limit = None if nearer is None else np.asarray(nearer, np.float32).ravel()
+    for rows in _spans(planes.corners, width, height, 0):
+        span, step = _expand(rows.stop - rows.start)
+        t, x, y = rows.triangle[span], rows.start[span] + step, rows.y[span]
+        share = _barycentric(planes, t, (x + 0.5).astype(np.float64), (y + 0.5).astype(np.float64), True)
+        far = np.asarray(np.einsum("nk,nk->n", share, z[faces[keep[t]]]), np.float32)
+        pixel = y * width + x
+        shown = slice(None) if limit is None else np.flatnonzero(far < limit[pixel])
+        pixels.append(pixel[shown])
+        owners.append(keep[t[shown]])
+        weights.append(share[shown].astype(np.float32))
+        depths.append(far[shown])
+    pixel, triangle = (np.concatenate([np.zeros(0, np.int64), *each]) for each in (pixels, owners))
+    share32 = np.concatenate([np.zeros((0, 3), np.float32), *weights])
+    far32 = np.concatenate([np.zeros(0, np.float32), *depths])
+    order = np.lexsort((triangle, far32, pixel))
+    return Fragments(pixel[order], triangle[order], share32[order], far32[order])
+
+
 def interpolate(values: Float32, corners: AnyInt, weights: Float32) -> Float32:
     """(N, C) float32 of ``values`` (V, C) at barycentric ``weights`` (N, 3) of vertices ``corners`` (N, 3)."""
     # np.take: several times faster than values[corners] on rows.

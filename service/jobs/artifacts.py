@@ -7,30 +7,18 @@ not at all. Erasing a job is erasing its folder.
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
-import io
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, cast
 
+from service.jobs.remote import BLOCK, S3, Stream, translated
+
 _NAME = re.compile(r"[0-9a-f]{32}/[a-z][a-z0-9_]{0,40}-[0-9a-f]{64}\.[a-z]{1,5}\Z")
 _JOB = re.compile(r"[0-9a-f]{32}\Z")
-
-_BLOCK = 4 << 20
-"""Bytes that are asked of a remote store at a time; its own default may be ten times as many for each reader."""
-
-_S3 = {"config_kwargs": {"connect_timeout": 5, "read_timeout": 30, "retries": {"max_attempts": 2}}}
-"""A store that does not answer shall not hold a request for minutes; whoever can wait tries again."""
-
-
-class StoreFault(OSError):
-    """A remote store cannot be reached, or refuses; what each library raises for it is something else."""
-
 
 class Artifacts:
     """Files of all jobs.
@@ -46,7 +34,7 @@ class Artifacts:
         from fsspec.core import url_to_fs
 
         # No cache of listings: other processes write here, and what they wrote would not be there.
-        more = _S3 if url.startswith(("s3:", "s3a:")) else {}
+        more = S3 if url.startswith(("s3:", "s3a:")) else {}
         self._fs, self._root = url_to_fs(url, use_listings_cache=False, **more)
         self._local = Path(self._root) if "file" in _protocols(self._fs) else None
         if self._local is not None:
@@ -96,7 +84,7 @@ class Artifacts:
         if self._local is not None:
             return Path(address).open("rb")
         with self._asking():
-            return cast(IO[bytes], _Stream(self, self._fs.open(address, "rb", block_size=_BLOCK)))
+            return cast(IO[bytes], Stream(self._fs.open(address, "rb", block_size=BLOCK)))
 
     def signed(self, name: str, seconds: int, disposition: str) -> str | None:
         """An address at the store that gives out a file for so long; None where the store cannot sign.
@@ -156,19 +144,9 @@ class Artifacts:
         with contextlib.suppress(FileNotFoundError), self._asking():
             self._fs.rm_file(address)
 
-    @contextlib.contextmanager
-    def _asking(self, *, missing: bool = True) -> Iterator[None]:
-        """Faults of a remote store leave as :class:`StoreFault`.
-
-        Args:
-            missing: what is not there is no fault.
-        """
-        try:
-            yield
-        except Exception as error:
-            if self._local is not None or (missing and isinstance(error, FileNotFoundError)):
-                raise
-            raise StoreFault(errno.EIO, f"the store of files fails: {type(error).__name__}: {error}") from error
+    def _asking(self, *, missing: bool = True) -> contextlib.AbstractContextManager[None]:
+        """Faults of a remote store leave as :class:`StoreFault`; a disk's are what they are."""
+        return contextlib.nullcontext() if self._local is not None else translated(missing=missing)
 
     def _address(self, name: str) -> str:
         if not _NAME.match(name):
@@ -179,35 +157,6 @@ class Artifacts:
         if not _JOB.match(job):
             raise ValueError(f"not a job: {job!r}")
         return f"{self._root}/{job}"
-
-
-class _Stream(io.BufferedIOBase):
-    """A file of a remote store, with its faults as :class:`StoreFault`."""
-
-    def __init__(self, store: Artifacts, file: Any) -> None:
-        super().__init__()
-        self._store, self._file = store, file
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        with self._store._asking(missing=False):
-            return bytes(self._file.read(-1 if size is None else size))
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        with self._store._asking(missing=False):
-            return int(self._file.seek(offset, whence))
-
-    def tell(self) -> int:
-        return int(self._file.tell())
-
-    def close(self) -> None:
-        self._file.close()
-        super().close()
 
 
 def artifact_name(job: str, kind: str, digest: str, suffix: str) -> str:

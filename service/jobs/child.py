@@ -89,17 +89,27 @@ def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
     from service.anatomy.eyes.gaze import Gaze
     from service.anatomy.eyes.iris import Iris
+    from service.anatomy.hair.choose import Choice
+    from service.anatomy.hair.colour import HairColour
+    from service.anatomy.hair.find import Hair
+    from service.anatomy.hair.skull import Cut
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
+    from service.face.reading.openings import Opening
     from service.face.reading.reader import Reading
+    from service.face.reading.scores import Scores
     from service.face.region import Region
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
+    from service.texture.detail.result import Detail, Octave
     from service.texture.result import Texture
 
-    found = (Photo, Face, Reading, Region, Fit, Gaze, Iris, Camera, Texture, Similarity, Applied)
+    found = (
+        Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture,
+        Similarity, Applied, Detail, Octave,
+    )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 
 

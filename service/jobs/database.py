@@ -59,9 +59,9 @@ JOBS = sa.Table(
     sa.Index("avatarme_jobs_state", "state", "expires_at"),
     sa.Index("avatarme_jobs_turn", "turn"),
 )
-"""``kind`` is "avatar" or "render", ``source`` the job whose result is rendered, ``turn`` the place in the queue
-(:mod:`service.jobs.admission`), ``metadata`` the owner's own words as JSON, ``webhook`` the address that wants to know,
-``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
+"""``kind`` is one of :mod:`service.jobs.kinds`, ``source`` the job of whose result it is made, ``turn`` the place in
+the queue (:mod:`service.jobs.admission`), ``metadata`` the own words of the owner as JSON, of a derived kind the facts,
+``webhook`` the address that wants to know, ``trace`` the trace of the request (``traceparent`` of W3C Trace Context).
 """
 
 TALLIES = sa.Table(

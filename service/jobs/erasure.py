@@ -1,15 +1,29 @@
-"""Letting go of a job and of all that was made from it."""
+"""Letting go of a job, of all that was made of it, and of what the database knows of both."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import sqlite3
+
+import sqlalchemy as sa
+
 from service.jobs.clock import now
-from service.jobs.database import JOBS
+from service.jobs.database import EVENTS, JOBS, MESSAGES
+from service.jobs.lookups import Row, workflows
 from service.jobs.queue import Queue
-from service.jobs.store import Row, Store, workflows
+from service.jobs.store import OWNERS, Store
+from service.jobs.view import FINAL
+
+MEASURED = ("quality", "size", "maps")
+"""Options that say what the time of a job was needed for."""
+
+_FOLD_S = 0.25
+"""Longest time in seconds that emptying the write-ahead log waits for readers."""
 
 
 def let_go(store: Store, queue: Queue, row: Row, reason: str, expires: float | None = None) -> list[str]:
-    """Cancel a job that is unfinished, forget the result of one that has ended; the same for its pictures.
+    """Cancel a job that is unfinished, forget the result of one that has ended; the same for what was made of it.
 
     Files are removed by whoever sweeps afterwards.
 
@@ -23,11 +37,50 @@ def let_go(store: Store, queue: Queue, row: Row, reason: str, expires: float | N
     Returns:
         Ids of the jobs whose files may go.
     """
-    pictures = store.where(JOBS.c.source == row["id"], JOBS.c.gone.is_(None)) if row["kind"] == "avatar" else []
-    for one in (*pictures, row):
+    derived = store.where(JOBS.c.source == row["id"], JOBS.c.gone.is_(None))
+    for one in (*derived, row):
         if store.cancel(one["id"], now() if expires is None else expires):
             queue.cancel(one["workflow"])
         elif one["gone"] is None:
-            store.depart(one["id"], reason)
+            depart(store.engine, one["id"], reason)
             queue.delete(workflows(one))  # results of steps name files by their hashes
-    return [one["id"] for one in (*pictures, row)]
+    return [one["id"] for one in (*derived, row)]
+
+
+def depart(engine: sa.Engine, job: str, reason: str) -> None:
+    """Results are no longer given out; ``reason`` is "expired" or "erased".
+
+    What stays are the times, what they belong to, and what a quota counts; hashes, key and names go.
+    """
+    with engine.begin() as connection:
+        where = (JOBS.c.id == job, JOBS.c.gone.is_(None), JOBS.c.state.in_(FINAL))
+        options = connection.execute(sa.select(JOBS.c.options).where(*where)).scalar_one_or_none()
+        if options is None:
+            return
+        kept = {name: value for name, value in json.loads(options).items() if name in MEASURED}
+        values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": json.dumps(kept)}
+        values |= {**OWNERS, "archive": None, "archive_sha256": None, "archive_bytes": None, "webhook": None}
+        connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values))
+        connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
+        connection.execute(sa.delete(MESSAGES).where(MESSAGES.c.job == job))
+
+
+def forget(engine: sa.Engine, job: str) -> None:
+    """Remove the row and the events."""
+    with engine.begin() as connection:
+        connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
+        connection.execute(sa.delete(JOBS).where(JOBS.c.id == job))
+
+
+def checkpoint(engine: sa.Engine) -> bool:
+    """Fold SQLite's write-ahead log into the database and empty it: what was overwritten is nowhere any more.
+
+    Returns:
+        Whether the log is empty; not so while somebody reads.
+    """
+    if engine.dialect.name != "sqlite":
+        return True
+    made = sqlite3.connect(str(engine.url.database), timeout=_FOLD_S)
+    with contextlib.closing(made) as connection, contextlib.suppress(sqlite3.Error):
+        return not connection.execute("pragma wal_checkpoint(truncate)").fetchone()[0]
+    return False

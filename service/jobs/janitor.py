@@ -4,34 +4,24 @@ from __future__ import annotations
 
 import logging
 import time
-from pathlib import Path
 
 import sqlalchemy as sa
 
 from service.jobs.admission import UNFINISHED
 from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS, seconds_of_database
-from service.jobs.erasure import let_go
+from service.jobs.erasure import checkpoint, forget, let_go
+from service.jobs.lookups import Row, workflows
 from service.jobs.problems import problem
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL
 
 log = logging.getLogger(__name__)
 
 SETTLED = 5.0
 """Seconds after a change before leftovers of a job are looked for."""
-
-STRAY = 3600.0
-"""Age in seconds of an upload that nobody finished."""
-
-SEEN = 300.0
-"""Seconds between the first look at something that nobody knows and its end.
-
-A clock that is set by a day makes an upload under way look old; none takes that long (``Settings.body_seconds``).
-"""
 
 LOST = 30.0
 """Seconds after which a job that this worker should run, and does not, means that the worker has to be restarted."""
@@ -57,7 +47,6 @@ class Janitor:
         self._store = runner.store
         self._queue = queue
         self._missing: dict[str, float] = {}
-        self._unknown: dict[str, float] = {}
 
     def expire(self) -> None:
         """Erase results whose time is over, and after a while all memory of them."""
@@ -67,8 +56,8 @@ class Janitor:
         tombstone = moment - self._runner.settings.tombstone_hours * 3600
         for row in self._store.where(JOBS.c.gone.is_not(None), JOBS.c.updated_at < tombstone):
             self._queue.delete(workflows(row))
-            self._store.forget(row["id"])
-        self._store.checkpoint()
+            forget(self._store.engine, row["id"])
+        checkpoint(self._store.engine)
 
     def tidy(self) -> None:
         """Erase photos and stages of jobs that ended while nobody could do it."""
@@ -76,35 +65,9 @@ class Janitor:
         for row in rows:
             if row["id"] in self._runner.active:
                 continue
-            if row["gone"] is not None:
+            if row["gone"] is not None or row["state"] == "cancelled":
                 self._queue.delete(workflows(row))  # results of steps name files by their hashes
             self._runner.tidy(row["id"])
-
-    def strays(self) -> None:
-        """Remove uploads that never became a job, and files of jobs that nobody knows."""
-        incoming, artifacts = self._runner.settings.incoming, self._runner.artifacts
-        unknown: dict[str, float] = {}
-        for job in artifacts.jobs():
-            if self._store.get(job) is None:
-                age = None if artifacts.folder is None else _age(artifacts.folder / job)
-                if self._is_stray(job, age, unknown):
-                    artifacts.sweep(job, set())
-        for path in incoming.glob("*") if incoming.is_dir() else ():
-            if self._is_stray(path.name, _age(path), unknown):
-                path.unlink(missing_ok=True)
-        self._unknown = unknown
-
-    def _is_stray(self, name: str, age: float | None, unknown: dict[str, float]) -> bool:
-        """Whether something is old by the clock on the wall, and was seen long ago by the one that does not jump.
-
-        Args:
-            name: of it; when it was first seen is noted in ``unknown``.
-            age: in seconds by the clock on the wall; None where only being seen tells, as on a remote store.
-            unknown: of this look.
-        """
-        unknown[name] = self._unknown.get(name, time.monotonic())
-        patience = max(STRAY if age is None else SEEN, 2 * self._runner.settings.body_seconds)
-        return (age is None or age >= STRAY) and time.monotonic() - unknown[name] >= patience
 
     def adopt(self) -> None:
         """Begin unfinished jobs of older versions of the program again, unless a worker of that version lives."""
@@ -196,10 +159,3 @@ class Janitor:
     def _by_workflow(self, workflow: str) -> Row | None:
         rows = self._store.where(JOBS.c.workflow == workflow)
         return rows[0] if rows else None
-
-
-def _age(path: Path) -> float:
-    try:
-        return time.time() - path.stat().st_mtime
-    except OSError:
-        return 0.0

@@ -9,10 +9,9 @@ from typing import Any
 import sqlalchemy as sa
 from dbos import DBOSClient, Serializer
 
-APPLICATION = "avatarme"
-QUEUES = {"avatar": "avatars", "render": "renders"}
-"""Kind of a job -> its queue: a picture of some seconds does not wait for a head of some minutes."""
+from service.jobs.kinds import KINDS
 
+APPLICATION = "avatarme"
 WORKFLOW = "avatar"
 
 
@@ -59,7 +58,7 @@ class Queue:
             version: of the program that is to take it; None for any.
         """
         options: Any = {
-            "queue_name": QUEUES[job["kind"]], "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
+            "queue_name": KINDS[job["kind"]].place, "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
             "priority": job["turn"],
         }  # fmt: skip
         if version is not None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.jobs.kinds import KINDS, Kind
+
 FINAL = ("succeeded", "failed", "cancelled")
 """States that a job does not leave."""
 
@@ -20,9 +22,10 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
     Args:
         row: a row of ``service.jobs.database.JOBS``.
     """
-    if row["kind"] == "render":
-        return _render_json(row)
-    address = f"/v1/avatars/{row['id']}"
+    kind = KINDS[row["kind"]]
+    address = f"/v1/{kind.place}/{row['id']}"
+    if kind.derived:
+        return _derived_json(row, kind, address)
     done = row["state"] == "succeeded" and row["gone"] is None
     error = json.loads(row["error"]) if row["error"] else None
     return {
@@ -49,8 +52,7 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
     }
 
 
-def _render_json(row: sa.RowMapping) -> dict[str, Any]:
-    address = f"/v1/renders/{row['id']}"
+def _derived_json(row: sa.RowMapping, kind: Kind, address: str) -> dict[str, Any]:
     done = row["state"] == "succeeded" and row["gone"] is None
     error = json.loads(row["error"]) if row["error"] else None
     times = {name: stamp(row[name]) for name in ("created_at", "started_at", "finished_at", "expires_at")}
@@ -61,7 +63,7 @@ def _render_json(row: sa.RowMapping) -> dict[str, Any]:
         "links": {
             "self": address,
             "avatar": f"/v1/avatars/{row['source']}",
-            "picture": f"{address}/picture.png" if done else None,
+            kind.artifact: f"{address}/{kind.file}" if done else None,
         },
         "error": {**error, "instance": address} if error else None,
         "request": json.loads(row["options"]).get("request", {}),

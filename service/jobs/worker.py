@@ -1,39 +1,30 @@
-"""The process that takes jobs from the queue: ``python -m service.jobs.worker``, settings as JSON on standard input."""
+"""A worker: takes jobs from the queue, and does what has to be done beside them."""
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import shutil
-import signal
-import sys
-import threading
 import time
 from collections.abc import Callable
-from types import FrameType
 
 import sqlalchemy as sa
 
-from service.errors import AvatarError
 from service.jobs import logs
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import TABLES, WORKERS, add_columns, connect, seconds_of_database
+from service.jobs.database import WORKERS, connect, seconds_of_database
 from service.jobs.janitor import Janitor, LostJob
-from service.jobs.locks import TABLES_PATIENCE, DatabaseLock, FileLock
+from service.jobs.locks import DatabaseLock, FileLock
+from service.jobs.patience import PATIENCE, TEMPORARY_FAILURE
 from service.jobs.queue import Queue
-from service.jobs.runner import PATIENCE, TEMPORARY_FAILURE, Runner
-from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
+from service.jobs.runner import Runner
+from service.jobs.settings import PIPELINE_VERSION, Settings
 from service.jobs.store import Store
+from service.jobs.strays import Strays
+from service.jobs.tables import create_tables
+from service.jobs.webhooks.teller import Teller
 
 log = logging.getLogger(__name__)
-
-CHORES = {
-    "beat": 2.0, "tidy": 5.0, "take_over": 5.0, "reconcile": 10.0, "expire": 30.0, "recheck": 30.0, "strays": 600.0,
-    "tell": 2.0,
-}  # fmt: skip
-"""Name of each chore and the seconds between two times of doing it."""
-
 
 class Worker:
     """One worker, from its start to its end.
@@ -58,7 +49,6 @@ class Worker:
         self._ready = False
         self._fault: str | None = None
         self._failing_since: float | None = None
-        self._telling: threading.Thread | None = None
 
     def run(self) -> None:
         """Work until the process is told to end."""
@@ -67,16 +57,26 @@ class Worker:
         self.beat()
         if self._fault is None:
             self._launch()
-        next_time = {**dict.fromkeys(CHORES, 0.0), "recheck": time.monotonic() + CHORES["recheck"]}
+        chores = self._chores()
+        next_time = {**dict.fromkeys(chores, 0.0), self.recheck: time.monotonic() + chores[self.recheck]}
         while not self.runner.stopping.wait(0.5):
             self.runner.warm()
             if self.runner.doubt.is_set():
-                next_time["recheck"] = 0.0
-            for chore, interval in CHORES.items():
+                next_time[self.recheck] = 0.0
+            for chore, interval in chores.items():
                 if time.monotonic() >= next_time[chore]:
                     next_time[chore] = time.monotonic() + interval
-                    self._do(getattr(self, chore))
+                    self._do(chore)
             self.runner.warm()
+
+    def _chores(self) -> dict[Callable[[], None], float]:
+        """What is done beside the jobs, and the seconds between two times of doing it."""
+        strays = Strays(self.settings, self.runner.store, self.runner.artifacts)
+        teller = Teller(self._engine, self.settings)
+        return {
+            self.beat: 2.0, self._janitor.tidy: 5.0, self.take_over: 5.0, self.reconcile: 10.0,
+            self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0, teller.tell: 2.0,
+        }  # fmt: skip
 
     def beat(self) -> None:
         """Give a sign of life, and end where the lock on the name is lost."""
@@ -90,38 +90,12 @@ class Worker:
             if not connection.execute(query).rowcount:
                 connection.execute(sa.insert(WORKERS).values(name=self.settings.worker, **values))
 
-    def tidy(self) -> None:
-        """As :meth:`Janitor.tidy`."""
-        self._janitor.tidy()
-
-    def expire(self) -> None:
-        """As :meth:`Janitor.expire`."""
-        self._janitor.expire()
-
-    def strays(self) -> None:
-        """As :meth:`Janitor.strays`."""
-        self._janitor.strays()
-
     def reconcile(self) -> None:
         """As :meth:`Janitor.reconcile`, :meth:`Janitor.adopt` and :meth:`Janitor.lead`."""
         self._janitor.reconcile(working=self._fault is None)
         self._janitor.adopt()
         if self._fault is None:
             self._janitor.lead()
-
-    def tell(self) -> None:
-        """Send what webhooks wait for, in a thread: whoever is told may take its time."""
-        if self.settings.webhook_hosts and (self._telling is None or not self._telling.is_alive()):
-            self._telling = threading.Thread(target=self._tell, name="webhooks", daemon=True)
-            self._telling.start()
-
-    def _tell(self) -> None:
-        from service.jobs.webhooks.deliver import deliver
-
-        try:
-            deliver(self._engine, self.settings)
-        except (sa.exc.SQLAlchemyError, OSError) as error:
-            log.warning("webhooks cannot be sent: %s", error)
 
     def take_over(self) -> None:
         """Put the jobs of dead workers back into the queue: those whose lock is free, or that are silent."""
@@ -196,69 +170,3 @@ class Worker:
         log.critical("this worker ends: %s", reason)
         self.stop()
         os._exit(TEMPORARY_FAILURE)
-
-
-def create_tables(engine: sa.Engine, settings: Settings) -> None:
-    """Make the tables of the service and of DBOS where they are missing; several processes may do it at once."""
-    from dbos import DBOS
-
-    held = FileLock(settings.data, "tables", TABLES_PATIENCE) if settings.database_url.startswith("sqlite") else None
-    try:
-        with engine.begin() as connection:
-            if engine.dialect.name != "sqlite":
-                connection.execute(sa.text("select pg_advisory_xact_lock(4242001)"))
-            TABLES.create_all(connection)
-            add_columns(connection)
-        logging.getLogger("dbos").setLevel(logging.WARNING)
-        DBOS.migrate(settings.database_url)
-    finally:
-        if held is not None:
-            held.release()
-
-
-def main() -> int:
-    """Read the settings and work."""
-    logs.set_up()
-    settings = from_json(sys.stdin.buffer.readline().decode())
-    if threading.current_thread() is threading.main_thread() and len(sys.argv) > 1:
-        _end_with_parent(int(sys.argv[1]))
-    try:
-        worker = Worker(settings)
-    except AvatarError as error:
-        log.critical("%s", error.message)
-        return error.exit_status
-    stopped = threading.Event()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        worker.runner.stopping.set()
-        if stopped.is_set():
-            os._exit(0)
-        stopped.set()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, end)
-    try:
-        worker.run()
-    except (sa.exc.SQLAlchemyError, OSError) as error:
-        log.critical("this worker cannot start or go on: %s", error)
-        worker.stop()
-        os._exit(TEMPORARY_FAILURE)
-    worker.stop()
-    with contextlib.suppress(OSError):
-        shutil.rmtree(worker.runner.scratch, ignore_errors=True)
-    logs.flush()
-    os._exit(0)  # threads of steps wait for this
-
-
-def _end_with_parent(parent: int) -> None:
-    if sys.platform != "linux":
-        return
-    import ctypes
-
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

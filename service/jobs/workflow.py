@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 from dbos import DBOS, DBOSConfig
 
 from service.jobs.database import LINE
+from service.jobs.kinds import KINDS
 from service.jobs.problems import from_error
-from service.jobs.queue import APPLICATION, QUEUES, WORKFLOW, JsonSerializer
+from service.jobs.queue import APPLICATION, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings
 
@@ -53,11 +54,12 @@ def launch(settings: Settings, runner: Runner) -> None:
     DBOS(config=config)
     _register(runner)
     DBOS.launch()
-    for kind, most in (("avatar", settings.jobs), ("render", settings.renders)):
-        if most:
+    for kind in KINDS.values():
+        if kind.most(settings):
             DBOS.register_queue(
-                QUEUES[kind], worker_concurrency=most, polling_interval_sec=POLL, on_conflict="always_update"
-            )
+                kind.place, worker_concurrency=kind.most(settings), polling_interval_sec=POLL,
+                on_conflict="always_update",
+            )  # fmt: skip
 
 
 def take_over(worker: str) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 
 from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
 from service.photo.container import MAX_EXIF_BYTES, Codec, Container
-from service.photo.jpeg import walk_jpeg
+from service.photo.jpeg import luma_steps, walk_jpeg
 from service.photo.limits import Limits, check_bytes, check_size
 from service.photo.no_colour import lacks_colour
 from service.photo.photo import Photo
@@ -79,7 +79,9 @@ def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) ->
         warnings.append("no-colour")
     if sys.platform != "linux":
         warnings.append("decoder-not-limited")
-    return Photo(pixels, reply.focal_35mm or None, hashlib.sha256(data).hexdigest(), tuple(dict.fromkeys(warnings)))
+    steps = luma_steps(container.payload) if container.codec == Codec.JPEG else None
+    digest = hashlib.sha256(data).hexdigest()
+    return Photo(pixels, reply.focal_35mm or None, digest, tuple(dict.fromkeys(warnings)), steps)
 
 
 def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 - frozen

@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from typing import NoReturn
 
+import numpy as np
+import numpy.typing as npt
+
 from service.errors import CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.container import MAX_ICC_BYTES, Codec, Container
 from service.photo.limits import Limits
@@ -118,6 +121,38 @@ def walk_jpeg(data: bytes, limits: Limits) -> Container:
         else:
             walk.application(marker, body)
     raise TooComplex(f"the JPEG file has more than {MAX_SEGMENTS} segments")
+
+
+def luma_steps(payload: bytes) -> npt.NDArray[np.float32] | None:
+    """(8, 8) float32 steps of the first quantisation table of a walked JPEG file over 255, rows by vertical frequency.
+
+    That is by custom the table of luma. A coefficient of the orthonormal 8 x 8 cosine transform is rounded to a
+    multiple of its step. None where the file has no whole table (T.81, B.2.4.1).
+    """
+    position = 2
+    while position + 4 <= len(payload) and payload[position] == 0xFF and payload[position + 1] != _SOS:
+        marker, length = payload[position + 1], int.from_bytes(payload[position + 2 : position + 4], "big")
+        body = payload[position + 4 : position + 2 + length]
+        if marker == _DQT and body:
+            wide = body[0] >> 4
+            if len(body) < 1 + 64 * (1 + wide):
+                return None
+            steps = np.frombuffer(body[1 : 1 + 64 * (1 + wide)], ">u2" if wide else ">u1").astype(np.float32)
+            table = np.zeros(64, np.float32)
+            table[_ZIGZAG] = steps
+            return np.asarray(table.reshape(8, 8) / np.float32(255), np.float32)
+        position += 2 + length
+    return None
+
+
+def _zigzag() -> npt.NDArray[np.int64]:
+    """(64,) place, row by row, of the coefficients in the order of a table (T.81, figure A.6)."""
+    places = [(row, column) for row in range(8) for column in range(8)]
+    places.sort(key=lambda at: (sum(at), at[0] if sum(at) % 2 else at[1]))
+    return np.array([8 * row + column for row, column in places])
+
+
+_ZIGZAG = _zigzag()
 
 
 def _scan(walk: _Walk, header: bytes, position: int) -> int:

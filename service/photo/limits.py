@@ -22,7 +22,8 @@ class Limits:
             hundreds of them costs many seconds.
         memory_bytes: address space of the decoding process.
         cpu_seconds: processor time of the decoding process, whole seconds.
-        wall_seconds: time from its start to its last byte.
+        wall_seconds: time from its start to its last byte; many times the processor time, as a busy machine gives a
+            process a small share of a processor, which is no fault of the photo.
 
     Raises:
         UsageError: a bound is not positive, or the bounds on a side exclude each other.
@@ -36,7 +37,7 @@ class Limits:
     max_scans: int = 100
     memory_bytes: int = 2 * 1024**3
     cpu_seconds: int = 10
-    wall_seconds: float = 15.0
+    wall_seconds: float = 60.0
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -17,12 +17,15 @@ class Photo:
         focal_35mm: 35 mm equivalent focal length from EXIF in mm, or None where unknown.
         sha256: hex digest of the bytes that came in.
         warnings: stable codes (``no-colour``, ``transparent``, ``icc-ignored`` ...), each also in the manifest.
+        steps: (8, 8) float32 quantisation steps of a JPEG file's luma in coded values (1 = white), row = vertical
+            frequency of the upright photo's file; None for other formats.
     """
 
     pixels: npt.NDArray[np.uint8]
     focal_35mm: float | None = None
     sha256: str = ""
     warnings: tuple[str, ...] = ()
+    steps: npt.NDArray[np.float32] | None = None
 
     @property
     def size(self) -> tuple[int, int]:

@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
-from service.anatomy.lashes.cards import colour_cards
 from service.anatomy.teeth.draw import draw_teeth
 from service.colour import Codes
 from service.geometry.chart import NO_PART
@@ -37,13 +36,16 @@ from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
 from service.reflectance.result import Integration, Reflectance
+from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
-from service.reflectance.subject import CLUES, GEOMETRY, Subject, margin
+from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import MapInputs
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stages import Stages, Unkept
+from service.texture.detail.own import OwnDetail
+from service.texture.detail.result import Detail
 
 T = TypeVar("T")
 
@@ -61,6 +63,7 @@ def make_reflectance(
     seed: int = 0,
     detail: float = 1.0,
     without: Collection[str] = (),
+    own: OwnDetail | None = None,
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
     stages: Stages = Unkept(),  # noqa: B008 - holds nothing
@@ -76,6 +79,7 @@ def make_reflectance(
         seed: of made-up detail.
         detail: its strength in [0, 1]; 0 for none.
         without: names of corrections that do not run (``service.corrections``).
+        own: the photo's detail beyond the texture; None: there is no photo.
         tile: inner side of tiles in texels; the result does not depend on it.
         progress: told when a stage begins and after each tile.
         stages: keeps the maps of finished stages.
@@ -99,6 +103,7 @@ def make_reflectance(
     skin = subject.skin(size)
     made = _Maps()
     corrections: tuple[Applied, ...] = ()
+    found_detail: Detail | None = None
 
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
@@ -114,19 +119,21 @@ def make_reflectance(
         if subject.parts is not None:
             planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
 
-        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...]]:
+        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None]:
             ledger = Ledger(without)
+            enlarged = "super_resolution" in plan.stages
+            told_of = own.onto(full) if own is not None and enlarged else None
             plain = diffuse_albedo(full, job(told), ledger)
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
             if grey is not None and ledger.runs(PHOTO_NOISE):
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
-            plain = colour_cards(pad_skin(plain, subject), subject.chart, margin(size[0]))
+            plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return pad_parts(drawn, subject), grey, ledger.applied
+            return pad_parts(drawn, subject), grey, ledger.applied, told_of
 
-        made.diffuse_albedo, grey, corrections = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections, found_detail = run("diffuse_albedo", unlit)
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -160,6 +167,7 @@ def make_reflectance(
         engines=engine.told(plan.networks),
         integration=made.integration,
         corrections=summed((*subject.corrections, *corrections)),
+        detail=found_detail,
         timings_s=run.timings,
     )
 

@@ -13,6 +13,9 @@ STAGES = (
 ROLES = STAGES[1:]
 """Reflectance maps that can be requested."""
 
+SURFACE: dict[str, tuple[str, ...]] = {"roughness": (), "cavity": ("displacement",), "thickness": ()}
+"""Maps made without networks (``service.reflectance.surface``), and the reflectance map that each needs."""
+
 NEEDS: dict[str, tuple[str, ...]] = {
     "super_resolution": (),
     "diffuse_albedo": ("super_resolution",),
@@ -55,7 +58,7 @@ class Plan:
     @classmethod
     def of(cls, roles: Collection[str], *, super_resolution: bool = True, keep_cliffs: bool = False) -> Plan:
         """Stages that the maps ``roles`` need; names of other maps are ignored."""
-        wanted = {role for role in roles if role in ROLES}
+        wanted = {need for role in roles for need in SURFACE.get(role, (role,)) if need in ROLES}
         waiting = list(wanted)
         while waiting:
             new = [stage for stage in NEEDS[waiting.pop()] if stage not in wanted]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from service.arrays import Float32, UInt16
 from service.ledger import Applied
+from service.texture.detail.result import Detail
 
 NORMAL_ONE = 32767
 """Code of 1 in the int16 components of normals."""
@@ -61,6 +62,7 @@ class Reflectance:
         models: names of the networks that ran.
         integration: of the displacement.
         corrections: those that ran, in order, with the number of texels that each changed.
+        detail: what of the fine detail is the photo's; None: there was no photo, or the texture was only resampled.
         timings_s: seconds of each stage.
     """
 
@@ -79,6 +81,7 @@ class Reflectance:
     engines: Mapping[str, str] = field(default_factory=dict)
     integration: Integration | None = None
     corrections: tuple[Applied, ...] = ()
+    detail: Detail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 

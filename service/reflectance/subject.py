@@ -81,6 +81,7 @@ class Subject:
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
+        roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
         corrections: those that ran before the networks.
     """
@@ -94,6 +95,7 @@ class Subject:
     inpainted: Float32 | None = None
     worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
+    roots: npt.NDArray[np.uint8] | None = None
     pixel_mm: float | None = None
     corrections: tuple[Applied, ...] = ()
 
@@ -137,6 +139,7 @@ class Subject:
             worn=worn,
             parts=texture.parts,
             iris=texture.iris,
+            roots=texture.roots,
             pixel_mm=pixel_mm,
             corrections=ran,
         )

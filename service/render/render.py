@@ -15,7 +15,6 @@ from typing import IO, Any
 import numpy as np
 
 from service.archive.fine import subdivided
-from service.archive.materials import material_of
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
 from service.arrays import AnyFloat, Float32
 from service.errors import NumericFault
@@ -27,6 +26,7 @@ from service.light.environment import radiance as environment_radiance
 from service.light.graphs import Graphs
 from service.light.plan import Plan, plan
 from service.light.scene import Scene, Triple
+from service.materials.of_head import material_of
 from service.render.light import Detail, Visibility
 from service.render.picture import behind, coded, resolved
 from service.render.planning import exposed, samples_of

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.materials import material_of
 from service.archive.reading import StoredMap
 from service.archive.unpack import unpack_map
 from service.arrays import AnyFloat, Bool, Float32
@@ -15,6 +14,7 @@ from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
+from service.materials.of_head import material_of
 
 Size = tuple[int, int]
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.materials import material_of
 from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.errors import UsageError
 from service.geometry.camera import NEAREST_M, Camera
@@ -15,6 +14,7 @@ from service.geometry.raster import interpolate, rasterise
 from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
+from service.materials.of_head import material_of
 
 VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
 """Azimuth of the camera in degrees, positive towards the subject's left."""

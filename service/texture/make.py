@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from service.anatomy.hair.find import Hair
 from service.arrays import AnyFloat, Bool, Float32, Float64
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
@@ -22,7 +23,8 @@ from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
-from service.texture.segmentation.covered import covered, parts_at
+from service.texture.roots import darkening, root_shadow
+from service.texture.segmentation.covered import covered, grown, parts_at
 from service.texture.segmentation.glasses import GLASSES, frames
 from service.texture.segmentation.skin import lit_skin, segment, worn_mask
 from service.texture.segmentation.zones import Zones
@@ -40,8 +42,9 @@ LITTLE_SEEN = 0.25
 
 
 def make_texture(
-    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (), reading: Reading | None = None
-) -> Texture:
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (),
+    reading: Reading | None = None, hair: Hair | None = None,
+) -> Texture:  # fmt: skip
     """Unwrap the photo on the fitted head and inpaint the rest.
 
     Args:
@@ -51,6 +54,8 @@ def make_texture(
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
         without: names of corrections that do not run.
         reading: says what hides the head in the photo; without one only colours tell.
+        hair: of the photo. Where it is worn as a mesh the skin beneath is bald, with the shadow of the roots; without
+            it the photo's hair stays on the scalp, as on a shaved head.
 
     Raises:
         NumericFault: vertices, camera or a map are not finite.
@@ -63,20 +68,26 @@ def make_texture(
     if ledger.runs(GLASSES):
         glasses = frames(chart, unwrapped, zones)
         ledger.count(GLASSES, int(glasses.sum()), glasses.size)
-    scalp = zones.scalp
+    scalp, part, weight = zones.scalp, None, unwrapped.weight
+    bald = hair is not None and hair.bald_beneath
     if reading is not None:
         part = parts_at(reading, fit, unwrapped)
-        hidden = covered(part, zones)
+        hidden = covered(part, zones, bald=bald)
+        hidden = grown(chart, hidden) if bald else hidden
         bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
         unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - hidden), visible=bare)
         scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     clear = np.where(glasses, np.float32(0), np.float32(1))
-    trust, seen, skin = segment(chart, unwrapped, zones, ledger)
+    trust, seen, skin = segment(chart, unwrapped, zones, ledger, bald=bald)
     trust, seen = trust * clear, seen * clear
     lit = lit_skin(chart, unwrapped, zones, skin) * clear
-    hair = _scalp_colour(unwrapped, scalp, zones.skin)
+    on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if skin is None else skin.colour
-    completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, hair)
+    completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, on_scalp)
+    roots = None
+    if hair is not None and bald:
+        shadow = root_shadow(chart, part, weight, zones, hair)
+        roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
     parts = paint_parts(photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger)
 
@@ -97,7 +108,7 @@ def make_texture(
     warnings = tuple(name for name, true in found.items() if true)
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, worn,
-        to_bytes(parts.albedo), parts.iris, ledger.applied,
+        to_bytes(parts.albedo), parts.iris, roots, ledger.applied,
     )  # fmt: skip
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from service.anatomy.eyes import colours as eye
 from service.anatomy.eyes.measure import measure_eyes
 from service.anatomy.eyes.paint import alike, lid_shade, on_eyeball, paint_eye, sight_angle
-from service.anatomy.lashes.line import COLOUR as LASHES
-from service.anatomy.lashes.line import LASH_LINE, lash_line
+from service.anatomy.hair.parts import LASH
 from service.anatomy.mouth.paint import paint_lining, paint_tongue
 from service.anatomy.teeth.colours import TOOTH
 from service.anatomy.teeth.measure import toothlike
@@ -19,7 +18,7 @@ from service.arrays import Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart, nearest_inside
-from service.ledger import SEEN_CHANGE, Ledger
+from service.ledger import Ledger
 from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import opacity
 from service.texture.result import SEEN
@@ -128,10 +127,6 @@ def paint_parts(
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
     work.over_skin(socket, linear_to_srgb(eye.SOCKET), np.float32(BETWEEN_LIDS))
-    if ledger.runs(LASH_LINE):
-        lashes = lash_line(chart) * zones.skin * (1 - seen)
-        work.colour += lashes[:, None] * (light.on(light.of_photo(linear_to_srgb(LASHES))) - work.colour)
-        ledger.count(LASH_LINE, int((lashes > SEEN_CHANGE).sum()), len(lashes))
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
     # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
@@ -147,7 +142,7 @@ def paint_parts(
             share = eyes_seen[texels] * (alike(unwrapped.colour[texels], shown) if irises else 1.0)
             work.part(texels, painted, shown, share, unwrapped.colour)
         else:
-            painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASHES)[None]
+            painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASH)[None]
             work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
     teeth = Teeth(chart)
     if len(teeth.own):

@@ -43,6 +43,8 @@ class Texture:
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.
         iris: (3,) float32 linear RGB >= 0, albedo of the irises; None for an external texture.
+        roots: (H, W, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the skin albedo; None: it has
+            none, or the hair stays on the skin.
         corrections: those that ran, in order, with the number of texels that each changed.
     """
 
@@ -58,4 +60,5 @@ class Texture:
     worn: UInt8 | None = None
     parts: UInt8 | None = None
     iris: Float32 | None = None
+    roots: UInt8 | None = None
     corrections: tuple[Applied, ...] = ()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from service.jobs.database import connect
 from service.jobs.settings import Settings
-from service.jobs.worker import create_tables
+from service.jobs.tables import create_tables
 
 
 @functools.cache

@@ -7,6 +7,8 @@ camera sees it, is brought to the rim that the landmark network found.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from service.anatomy.eyes.eyeball import SIDES
@@ -40,6 +42,7 @@ def lids_on_rims(
     expression: Float64,
     camera: Camera,
     landmarks: AnyFloat,
+    exact: Collection[str] = (),
 ) -> Float64:
     """(E,) expression, all in [0, 1], whose lids end at the rims of the photo's eyes.
 
@@ -49,6 +52,7 @@ def lids_on_rims(
         expression: (E,) activations fitted to landmarks and gaze.
         camera: of the fit.
         landmarks: (468, >= 2) photo pixels.
+        exact: sides whose rims lie on the edges of the lids; the others' upper rims lie on the roots of the lashes.
     """
     out = np.array(expression, np.float64)
     for side in SIDES:
@@ -56,5 +60,6 @@ def lids_on_rims(
         rim = Rim.of(np.asarray(landmarks, np.float64)[list(RIMS[side]), :2], camera.rotation[:2, 1], FITTED)
         if edges is not None and rim is not None:
             names = {f"{unit}{side.capitalize()}" for unit in LID_UNITS}
-            out = fit_to_rim(rim.lower_above(LASH_ROOTS), edges, names, head, neutral, out, camera)
+            rim = rim if side in exact else rim.lower_above(LASH_ROOTS)
+            out = fit_to_rim(rim, edges, names, head, neutral, out, camera)
     return out

@@ -32,6 +32,9 @@ LEFT_OPEN = 0.02
 CLOSED = 0.085
 """Gap, as a share of the width, below which a mouth that shows no teeth is closed."""
 
+SHUT = 0.02
+"""The same of a rim that lies on the edges of the lips, teeth or not."""
+
 
 def lips_on_rim(
     head: HeadModel,
@@ -40,6 +43,8 @@ def lips_on_rim(
     camera: Camera,
     rim_points: AnyFloat,
     teeth_seen: bool,
+    *,
+    exact: bool = False,
 ) -> Float64:
     """(E,) expression, all in [0, 1], whose lips end at the rim of the photo's mouth.
 
@@ -50,6 +55,7 @@ def lips_on_rim(
         camera: of the fit.
         rim_points: (20, 2) photo pixels of the opening, in the order of ``MOUTH_RIM``.
         teeth_seen: whether the photo shows teeth in it.
+        exact: whether the rim lies on the edges of the lips, as the landmark network's does not.
     """
     # Rim.of expects the lower edge first: start at the subject's left corner.
     points = np.roll(np.asarray(rim_points, np.float64), len(rim_points) // 2, axis=0)
@@ -57,7 +63,8 @@ def lips_on_rim(
     if edges is None or rim is None:
         return np.array(expression, np.float64)
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length
-    closed = gap < CLOSED and not teeth_seen
+    closed = gap < SHUT if exact else gap < CLOSED and not teeth_seen
+    extra = 0.0 if exact else LEFT_OPEN
     return fit_to_rim(
-        rim.narrower((1.0 if closed else LEFT_OPEN) * rim.length), edges, UNITS, head, neutral, expression, camera
+        rim.narrower((1.0 if closed else extra) * rim.length), edges, UNITS, head, neutral, expression, camera
     )

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.materials import material_of
 from service.arrays import AnyFloat, Bool, Float32
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
 from service.light.scene import Triple
+from service.materials.of_head import material_of
 
 CLAY = (0.50, 0.47, 0.44)
 """Linear albedo of the untextured skin."""
@@ -46,19 +46,17 @@ class Lamps:
     lamps: tuple[tuple[Triple, Triple], ...]
     ambient: Triple
 
-    def on(self, head: HeadModel, in_camera: AnyFloat, normals: AnyFloat) -> tuple[Float32, Float32]:
+    def on(self, in_camera: AnyFloat, normals: AnyFloat, sheets: Bool) -> tuple[Float32, Float32]:
         """(V, 3) linear radiance of a white diffuse surface, and (V, 1) of the highlight.
 
         Args:
-            head: its double-sided parts are shaded on both sides.
             in_camera: (V, 3) vertices, camera axes.
             normals: (V, 3) unit, camera axes.
+            sheets: (V, 1) vertices of double-sided parts, which are shaded on both sides.
         """
         view = normalise(-in_camera, _NOWHERE)
         # Only double-sided parts show back faces. Elsewhere normals that face away lie at the silhouette; turned, they
         # would flash.
-        sheets = np.zeros((len(normals), 1), bool)
-        sheets[head.triangles[double_sided(head)]] = True
         facing = np.where(sheets & ((normals * view).sum(1, keepdims=True) < 0), -normals, normals)
         light = np.tile(np.array(self.ambient), (len(facing), 1))
         towards = normalise(np.array([direction for direction, _ in self.lamps]), _NOWHERE)
@@ -99,6 +97,13 @@ def clay_colours(head: HeadModel) -> Float32:
     for index, name in enumerate(head.part_names):
         colours[head.triangles[head.triangle_part == index]] = _PART_CLAY.get(material_of(name).name, CLAY)
     return colours
+
+
+def sheets_of(head: HeadModel) -> Bool:
+    """(V, 1) True for vertices of double-sided parts."""
+    sheets = np.zeros((len(head.mean), 1), bool)
+    sheets[head.triangles[double_sided(head)]] = True
+    return sheets
 
 
 def double_sided(head: HeadModel) -> Bool:

@@ -8,8 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from service.anatomy.hair.make import to_albedo
 from service.archive.avatar import Avatar
 from service.archive.preview.page import Image, backdrop, to_pixels
+from service.archive.preview.parts import Shown
 from service.archive.preview.render import render, turned_camera
 from service.archive.preview.shading import side_lamp
 from service.archive.surface import vertex_normals
@@ -34,11 +36,12 @@ def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
     fit = avatar.fit
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind = backdrop(*TILE)
+    behind, around = backdrop(*TILE), framed(avatar)
+    parts = Shown(avatar.parts, avatar.texture.texture, None, photo_light(avatar))
 
     def view(yaw: int) -> tuple[str, Image]:
-        camera = turned_camera(fit.vertices, yaw, *TILE)
-        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture)
+        camera = turned_camera(around, yaw, *TILE)
+        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture, parts=parts)
         side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
         return side, to_pixels(drawn.over(behind))
 
@@ -52,16 +55,34 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         return
     albedo = small_albedo(made.diffuse_albedo, VIEWED)
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind = backdrop(*TILE)
+    behind, around = backdrop(*TILE), framed(avatar)
 
     def view(what: tuple[int, int]) -> tuple[str, Image]:
         yaw, azimuth = what
-        camera = turned_camera(fit.vertices, yaw, *TILE)
-        drawn = render(avatar.head, fit.vertices, normals, camera, albedo, lamps=side_lamp(azimuth))
+        camera, lamps = turned_camera(around, yaw, *TILE), side_lamp(azimuth)
+        parts = Shown(avatar.parts, albedo, lamps, np.ones(3, np.float32))
+        drawn = render(avatar.head, fit.vertices, normals, camera, albedo, lamps=lamps, parts=parts)
         side = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
         return f"Albedo, lamp {side}", to_pixels(drawn.over(behind))
 
     yield from _side_by_side(view, RELIT)
+
+
+def framed(avatar: Avatar) -> Float32:
+    """(N, 3) points that views show: the head, and its hair as far as it does not hang below the neck."""
+    lowest = float(avatar.fit.vertices[:, 1].min())
+    sheets = [part.vertices for part in avatar.parts if part.material.double_sided]
+    return np.concatenate([avatar.fit.vertices, *(points[points[:, 1] >= lowest] for points in sheets)])
+
+
+def photo_light(avatar: Avatar) -> Float32:
+    """(3,) factors from the parts' albedo to their colours in the photo's light, in which the texture is."""
+    made, texture = avatar.reflectance, avatar.texture
+    if made is None or made.diffuse_albedo is None:
+        return np.ones(3, np.float32)
+    height, width = texture.texture.shape[:2]
+    light = to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
+    return np.asarray(1 / light, np.float32)
 
 
 def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:

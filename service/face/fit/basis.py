@@ -43,6 +43,7 @@ class LandmarkModel:
     def __init__(self, head: HeadModel, identity_components: int) -> None:
         self.identity_count = min(identity_components, len(head.identity))
         self.expression_count = len(head.expression)
+        self.expression_names = head.expression_names
         self._contour = head.contour_landmarks
         self._yaw = np.asarray(head.contour_yaw_deg, np.float64)
         corners = head.triangles[head.landmark_triangle]

@@ -22,7 +22,9 @@ from service.face.fit.pixelwise import Refiner
 from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.terms import Prior
+from service.face.reading.openings import Openings, with_openings
 from service.face.reading.reader import Reading
+from service.face.reading.scores import Scores
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from service.light.white_reference import cheek_colour, light_from_sclera_and_teeth
@@ -46,8 +48,12 @@ FEWEST_LANDMARKS = 30
 """Fewest finite landmarks that a fit needs."""
 
 
-def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prior:
-    """The fit's prior: portrait distance, focal length from EXIF where there is one, Gaussian shape coefficients."""
+def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores: Scores | None = None) -> Prior:
+    """The fit's prior: portrait distance, focal length from EXIF where there is one, Gaussian shape coefficients.
+
+    Units of the expression have the mean that their scores say. Less scatter about it than without scores made the
+    shape of rendered heads at rest worse: the scores are seldom 0 on a face at rest.
+    """
     focal = UNKNOWN_FOCAL * max(photo.size)
     focal_sigma, distance_sigma = UNKNOWN_FOCAL_SIGMA, UNKNOWN_FOCAL_DISTANCE_SIGMA
     if photo.focal_35mm:
@@ -55,11 +61,21 @@ def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings) -> Prio
         focal_sigma, distance_sigma = EXIF_FOCAL_SIGMA, EXIF_DISTANCE_SIGMA
     precision = np.full(model.shape_count, settings.identity_prior)
     precision[model.identity_count :] = settings.expression_prior**-2
-    return Prior(float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision)
+    mean = np.zeros(model.shape_count)
+    for k, name in enumerate(model.expression_names, model.identity_count):
+        if scores is not None and name in scores.units:
+            mean[k] = scores.units[name]
+    return Prior(
+        float(np.log(settings.distance_m)), distance_sigma, float(np.log(focal)), focal_sigma, precision, mean
+    )
 
 
 def fit_face(
-    face: Face, photo: Photo, head: HeadModel, settings: FitSettings | None = None, reading: Reading | None = None
+    face: Face,
+    photo: Photo,
+    head: HeadModel,
+    settings: FitSettings | None = None,
+    reading: Reading | None = None,
 ) -> Fit:
     """Place the head model in the photo.
 
@@ -68,8 +84,10 @@ def fit_face(
         photo: the photo they were found in.
         head: any head model with the 468-landmark embedding.
         settings: iterations, size of the basis, weights of the prior.
-        reading: what the reader says of the photo (:func:`service.face.reading.reader.read_face`). Without one, or
-            where it and the landmarks see different faces, silhouette and shading alone refine the landmark fit.
+        reading: what was read off the photo (:func:`service.face.reading.read.read_face`). Its scores are the prior of
+            the expression, its openings place lids and lips; what is missing comes from the landmarks. Without places
+            of pixels, or where these and the landmarks see different faces, silhouette and shading alone refine the
+            landmark fit.
 
     Returns:
         A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where no reading
@@ -87,45 +105,50 @@ def fit_face(
     width, height = photo.size
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
-    prior = prior_for(photo, model, settings)
+    scores = None if reading is None else reading.scores
+    openings = {} if reading is None else reading.openings
+    prior = prior_for(photo, model, settings, scores)
     initial = fit_landmarks(model, face.landmarks, middle, prior, settings)
     if settings.refine == "landmarks":
-        return _result(face, photo, head, model, initial)
+        return _result(face, photo, head, model, initial, openings)
     if reading is not None:
         refiner = Refiner(head, settings)
         found = refiner.refine(initial, face.landmarks, photo.pixels, reading, prior)
         if found is not None:
-            fit = _result(face, photo, refiner.head, refiner.model, found)
+            fit = _result(face, photo, refiner.head, refiner.model, found, openings)
             light = light_of(refiner.head, found.state, photo.pixels, middle)
             return replace(
                 fit, identity=fit.identity[: model.identity_count], light=light,
                 warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"),
             )  # fmt: skip
     state, light = PixelRefiner(head, model).refine(initial, photo.pixels, middle)
-    fit = _result(face, photo, head, model, replace(initial, state=state))
+    fit = _result(face, photo, head, model, replace(initial, state=state), openings)
     return replace(fit, light=light, warnings=(*fit.warnings, "not-read", *(("no-light",) if light is None else ())))
 
 
-def _result(face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit) -> Fit:
+def _result(
+    face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit, openings: Openings
+) -> Fit:
+    rims = with_openings(face.landmarks, openings)
     state, basis, weight = found.state, found.basis, found.weight
     camera = state.camera(*photo.size)
     identity, expression = np.split(state.coefficients, [model.identity_count])
     neutral = head.shape(identity)
     if not np.isfinite(neutral).all():
         raise FitFailed("the fitted head is not finite")
-    gaze = find_gaze(photo.pixels, face.landmarks, head, neutral, camera)
+    gaze = find_gaze(photo.pixels, rims, head, neutral, camera)
     if gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
     # The landmark error is measured before lids and lips are moved: the embedding was calibrated on rendered heads, so
     # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
-    expression = lids_on_rims(head, neutral, expression, camera, face.landmarks)
-    mouth_rim = face.landmarks[list(MOUTH_RIM), :2]
+    expression = lids_on_rims(head, neutral, expression, camera, rims, openings)
+    mouth_rim = rims[list(MOUTH_RIM), :2]
     inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
-    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen)
+    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in openings)
     vertices = head.shape(identity, expression)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)

@@ -94,5 +94,10 @@ class Refiner:
         return replace(state, coefficients=np.concatenate([identity, np.zeros(self.beyond), expression]))
 
     def _prior(self, prior: Prior) -> Prior:
-        identity, expression = np.split(prior.shape_precision, [self.components])
-        return replace(prior, shape_precision=np.concatenate([identity, np.ones(self.beyond), expression]))
+        def widened(values: Float64, beyond: float) -> Float64:
+            identity, expression = np.split(values, [self.components])
+            return np.concatenate([identity, np.full(self.beyond, beyond), expression])
+
+        return replace(
+            prior, shape_precision=widened(prior.shape_precision, 1.0), shape_mean=widened(prior.shape_mean, 0.0)
+        )

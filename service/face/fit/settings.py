@@ -26,7 +26,7 @@ class FitSettings(Checked):
         refine: "landmarks" stops after the landmarks, "dense" follows the reader with the model's components, "full"
             bends the head beyond them as well.
         identity_prior: weight of the Gaussian prior on identity, > 0; higher keeps nearer to the average head.
-        expression_prior: standard deviation of an expression unit, > 0.
+        expression_prior: standard deviation of an expression unit about its score, or about 0 without one, > 0.
         distance_m: most likely distance of camera and face in metres, where EXIF does not give the focal length.
 
     Raises:

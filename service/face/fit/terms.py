@@ -115,6 +115,7 @@ class Prior:
         log_distance, log_distance_sigma: metres.
         log_focal, log_focal_sigma: pixels.
         shape_precision: (K + E,) one over variance.
+        shape_mean: (K + E,) coefficients that are most likely.
     """
 
     log_distance: float
@@ -122,6 +123,7 @@ class Prior:
     log_focal: float
     log_focal_sigma: float
     shape_precision: Float64
+    shape_mean: Float64
 
     def _offsets(self, state: State) -> tuple[float, float]:
         a = (state.log_distance - self.log_distance) / self.log_distance_sigma
@@ -131,7 +133,8 @@ class Prior:
     def cost(self, state: State) -> float:
         """Half the weighted sum of squares."""
         a, b = self._offsets(state)
-        return 0.5 * float(a**2 + b**2 + (self.shape_precision * state.coefficients**2).sum())
+        off = state.coefficients - self.shape_mean
+        return 0.5 * float(a**2 + b**2 + (self.shape_precision * off**2).sum())
 
     def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
@@ -143,7 +146,7 @@ class Prior:
         gradient += rows.T @ np.array([a, b])
         index = np.arange(POSE, len(gradient))
         hessian[index, index] += self.shape_precision
-        gradient[POSE:] += self.shape_precision * state.coefficients
+        gradient[POSE:] += self.shape_precision * (state.coefficients - self.shape_mean)
 
 
 def energy(terms: Sequence[Term], state: State) -> float:

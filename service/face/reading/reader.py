@@ -6,19 +6,17 @@ trained on, and is read twice, as it is and mirrored: the average treats both si
 
 from __future__ import annotations
 
-import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from service.arrays import Float32, Float64, UInt8
-from service.errors import NumericFault
 from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH
+from service.face.reading.openings import Openings
+from service.face.reading.scores import Scores
 from service.face.region import Region, roll
 from service.geometry.rotation import ahead
 from service.runtime.sessions import Session, load_session
-
-log = logging.getLogger(__name__)
 
 SIDE, CELLS, PART_CELLS = 256, 64, 128
 """Pixels along the crop, cells of chart coordinates and normals, cells of parts."""
@@ -32,7 +30,7 @@ CHART_MM = (410.0, 273.0)
 
 @dataclass(frozen=True)
 class Reading:
-    """What the reader says of one photo.
+    """What the reader says of one photo, and the networks beside it of lids, lips and expression.
 
     Attributes:
         region: the crop in the photo.
@@ -41,6 +39,8 @@ class Reading:
         normal: (64, 64, 3) float64 unit, axes of the photo's x, y and of the ray to the crop's middle.
         normal_sine: (64, 64) float64 standard deviation of its components.
         parts: (128, 128, 13) float32 probabilities of ``service.face.reading.parts``.
+        openings: edges of lids and lips; those that could not be read are missing.
+        scores: of the expression; None where they could not be read.
     """
 
     region: Region
@@ -49,6 +49,8 @@ class Reading:
     normal: Float64
     normal_sine: Float64
     parts: Float32
+    openings: Openings = field(default_factory=dict)
+    scores: Scores | None = None
 
     @property
     def cells(self) -> Float64:
@@ -123,13 +125,3 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
     normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), one[2])
     chart_mm, sine = 0.5 * (one[1] + other[1]), 0.5 * (one[3] + other[3])
     return [chart, np.maximum(chart_mm, apart), normal, np.maximum(sine, turned), 0.5 * (one[4] + other[4])]
-
-
-def read_face(pixels: UInt8, landmarks: Float64, network: ReaderNetwork) -> Reading | None:
-    """Read the face with landmarks (L, 2 or 3); None where they give no crop or the network gives no numbers."""
-    region = crop_of(landmarks)
-    try:
-        return None if region is None else network(pixels, region)
-    except NumericFault as fault:
-        log.warning("the face is not read: %s", fault)
-        return None

@@ -8,6 +8,7 @@ from service.arrays import Float32
 from service.face.fit.result import Fit
 from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, OTHER
 from service.face.reading.reader import PART_CELLS, Reading
+from service.geometry.chart import Chart
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
@@ -15,6 +16,10 @@ BEFORE = (BACKGROUND, GLASSES, HAT, CLOTH, OTHER)
 """Parts that are never the head's own surface; hair is its own only on the scalp."""
 RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
+SHADOW = 0.009
+"""Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
+STRANDS = (0.08, 0.3)
+"""The same for hair alone: single strands before the forehead would be left as streaks."""
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
@@ -43,13 +48,31 @@ _LONGEST = 30_000
 """Rows that OpenCV remaps at a time: it counts them in 16 bits."""
 
 
-def covered(parts: Float32, zones: Zones) -> Float32:
+def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     """(N,) float32 in [0, 1], 1 where the photo shows something before the head.
 
     Args:
         parts: (N, 13) as :func:`parts_at` gives them.
         zones: of the same texels.
+        bald: hair hides the scalp too, as it is a mesh of its own.
     """
-    share = parts[:, list(BEFORE)].sum(1) + parts[:, HAIR] * (1 - zones.scalp)
-    t = np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0.0, 1.0)
+    share = parts[:, list(BEFORE)].sum(1)
+    if not bald:
+        return _ramp(share + parts[:, HAIR] * (1 - zones.scalp), RAMP)
+    return np.maximum(_ramp(share + parts[:, HAIR], RAMP), _ramp(parts[:, HAIR], STRANDS))
+
+
+def grown(chart: Chart, hidden: Float32) -> Float32:
+    """(N,) float32 what hides the head, larger by ``SHADOW``: hair throws a shadow on the skin before it."""
+    import cv2
+
+    reach = max(round(SHADOW * chart.width), 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
+    image = cv2.dilate(chart.spread(hidden[:, None])[..., 0], kernel)
+    soft = np.asarray(cv2.GaussianBlur(image, (0, 0), reach / 2), np.float32)
+    return np.maximum(soft.ravel()[chart.texels], hidden)
+
+
+def _ramp(share: Float32, between: tuple[float, float]) -> Float32:
+    t = np.clip((share - between[0]) / (between[1] - between[0]), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

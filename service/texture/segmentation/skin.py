@@ -18,9 +18,16 @@ FRONTAL = 0.3
 
 
 def segment(
-    chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger
+    chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger, *, bald: bool = False
 ) -> tuple[Float32, Float32, SkinModel | None]:
     """Where the photo is kept, and where it may be continued.
+
+    Args:
+        chart: of the head.
+        unwrapped: the photo on it.
+        zones: of the same texels.
+        ledger: says which corrections run, and records what they change.
+        bald: hair is a mesh of its own, so that the scalp is kept where it has the colour of skin only.
 
     Returns:
         (N,) float32 trust in [0, 1] with which a texel's colour may be continued and mirrored; (N,) float32 opacity of
@@ -38,11 +45,12 @@ def segment(
         likely[shown] = np.maximum(likely[shown], cover)
     likely = _despeckled(chart, likely, seen)
     # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: they count as likely.
-    exempt = np.maximum(zones.features, np.clip((zones.scalp - 0.4) / 0.4, 0, 1))
+    hairy = np.zeros_like(zones.scalp) if bald else zones.scalp
+    exempt = np.maximum(zones.features, np.clip((hairy - 0.4) / 0.4, 0, 1))
     likely = exempt + (1 - exempt) * likely
     # A fringe or make-up on the face belongs to the likeness; at the face's outline the same colours are background.
     frontal = opacity(unwrapped.weight - FRONTAL)
-    kept = np.maximum(np.maximum(zones.face * frontal, zones.scalp), zones.features)
+    kept = np.maximum(np.maximum(zones.face * (1 - bald * zones.scalp) * frontal, hairy), zones.features)
     visible = seen * (kept + (1 - kept) * likely)
     whole = np.ones(len(seen), bool)
     if ledger.runs(SMALL_COMPONENTS):

@@ -290,7 +290,7 @@ def test_the_service_has_nothing_to_fetch_with() -> None:
     import sys
     from pathlib import Path
 
-    modules = "sys, service.api.app, service.jobs.worker, service.jobs.child"
+    modules = "sys, service.api.app, service.jobs.worker_process, service.jobs.child"
     program = f"import {modules}; service.jobs.child.load(); print(*sys.modules)"
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not {"httpx", "requests", "urllib3", "aiohttp"} & set(child.stdout.split())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import io
-import os
 import struct
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from service.api.decoding import FIXED, MIB, MOST, DecodingMemory, budget, cost
 from service.jobs.settings import Settings
 from service.photo.limits import Limits
 from tests.service.api.conftest import TOY, is_problem, open_api
-from tests.service.jobs.test_machine import CGROUPS, kills
+from tests.service.cgroups import Group, group
 
 
 def blank_png(side: int, colour: int, depth: int) -> bytes:
@@ -131,23 +130,15 @@ def test_a_photo_that_never_fits_is_told_so(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def container() -> Iterator[Path]:
-    """A group of processes with the memory of the deployment files' server."""
-    group = CGROUPS / f"avatarme-api-{os.getpid()}"
-    try:
-        group.mkdir()
-        (group / "memory.limit_in_bytes").write_text(str(2 << 30))
-    except OSError as error:
-        pytest.skip(f"no memory cgroup can be made here: needs root and version 1, mounted at {CGROUPS}: {error}")
-    yield group
-    group.rmdir()
+def container() -> Iterator[Group]:
+    """With the memory that the deployment files give a server."""
+    yield from group(2 << 30)
 
 
 @pytest.mark.slow
-def test_a_server_stays_within_its_container(container: Path, tmp_path: Path) -> None:
+def test_a_server_stays_within_its_container(container: Group, tmp_path: Path) -> None:
     """Eight photos at once, each of which needs 0.7 GB to decode."""
-    server = Server(tmp_path / "data", with_worker=False)
-    server._command = ["sh", "-c", 'echo $$ > "$0" && exec "$@"', str(container / "cgroup.procs"), *server._command]
+    server = Server(tmp_path / "data", with_worker=False, within=container.command)
     server.start(ready=False)
     try:
         photo = blank_png(5500, 6, 16)
@@ -157,7 +148,7 @@ def test_a_server_stays_within_its_container(container: Path, tmp_path: Path) ->
             return httpx.post(f"{server.url}/v1/avatars", files=files, timeout=300).status_code
 
         assert in_threads(8, send) == [202] * 8
-        assert kills(container) == 0
-        assert int((container / "memory.max_usage_in_bytes").read_text()) <= 2 << 30
+        assert container.kills() == 0
+        assert container.most() <= 2 << 30
     finally:
         server.kill()

@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from service.api import avatars
+from service.api import accepting
 from service.api.glance import Glance
 from service.api.keys import new_key
 from service.jobs.database import EVENTS
+from service.jobs.erasure import depart
 from service.jobs.settings import Settings
 from tests.service.api.conftest import TOY, Api, is_problem, open_api
 
@@ -25,7 +26,7 @@ ARCHIVE: dict[str, Any] = {
 @pytest.fixture(autouse=True)
 def _photos_are_not_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that does it takes longer than all the rest here; ``test_bad_inputs.py`` is about it."""
-    monkeypatch.setattr(avatars, "check_photo", lambda data, limits: None)
+    monkeypatch.setattr(accepting, "check_photo", lambda data, limits: None)
 
 
 @pytest.fixture
@@ -94,7 +95,7 @@ def test_what_is_gone_or_not_there_is_a_problem_as_ever(api: Api) -> None:
 def test_what_has_expired_says_so(api: Api) -> None:
     job = api.post().json()["id"]
     api.client.delete(f"/v1/avatars/{job}")
-    api.context.store.depart(job, "expired")
+    depart(api.context.engine, job, "expired")
     for path in ("", "/archive.zip", "/files", "/events"):
         body = is_problem(api.client.get(f"/v1/avatars/{job}{path}"), 410, "gone")
         assert body["reason"] == "expired"

@@ -17,13 +17,14 @@ import pytest
 
 from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
 from benchmarks.toy_picture import picture
-from service.api import renders
+from service.api.derived import MAX_BODY
 from service.api.keys import new_key
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
-from service.jobs import pictures
+from service.jobs import derived
 from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
+from service.jobs.kinds import RENDER
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.render import child
@@ -132,8 +133,8 @@ def test_the_child_writes_the_picture_and_says_its_facts(
     source = api.context.store.get(finished)
     assert source is not None
     said = Said()
-    child.run(pictures.task(row, source, api.context.settings, tmp_path), said)  # type: ignore[arg-type]
-    png = (tmp_path / pictures.FILE).read_bytes()
+    child.run(derived.task(RENDER, row, source, api.context.settings, tmp_path), said)  # type: ignore[arg-type]
+    png = (tmp_path / RENDER.file).read_bytes()
     assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
     assert said.facts["exposure"] == 0.5
     api.client.delete(f"/v1/renders/{row['id']}")
@@ -274,7 +275,7 @@ def test_what_is_wrong_is_said(api: Api, content: Any, status: int, code: str, p
 
 def test_other_kinds_of_body_and_large_ones_are_refused(api: Api) -> None:
     is_problem(ask(api, "{}", **{"Content-Type": "text/plain"}), 415, "unsupported-media-type")
-    is_problem(ask(api, b" " * (renders.MAX_BODY + 1)), 413, "too-large")
+    is_problem(ask(api, b" " * (MAX_BODY + 1)), 413, "too-large")
 
 
 def test_an_unfinished_avatar_is_not_rendered(api: Api) -> None:

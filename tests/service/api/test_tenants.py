@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from service.api import avatars
+from service.api import accepting
 from service.api.keys import Keys, new_key
 from service.errors import UsageError
 from service.jobs.settings import Settings
@@ -27,7 +27,7 @@ def bearer(name: str) -> dict[str, str]:
 @pytest.fixture(autouse=True)
 def _photos_are_not_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that does it takes longer than all the rest here; ``test_bad_inputs.py`` is about it."""
-    monkeypatch.setattr(avatars, "check_photo", lambda data, limits: None)
+    monkeypatch.setattr(accepting, "check_photo", lambda data, limits: None)
 
 
 @pytest.fixture
@@ -144,12 +144,12 @@ def test_a_disk_that_fails_while_storing_takes_nothing(
 
 def test_a_disk_that_becomes_full_in_an_upload_is_said_to_be(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     """As an answer like others: after one to a mistake of ours the line is closed, and a next request on it is lost."""
-    from service.api import uploads
+    from service.api import bodies
 
     def full(self: object, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(uploads._Body, "_photo", full)
+    monkeypatch.setattr(bodies.Body, "_photo", full)
     answer = api.post(**bearer("ada"))
     is_problem(answer, 507, "no-space")
     assert answer.headers["retry-after"]

@@ -18,13 +18,16 @@ import pytest
 import trimesh
 
 from service.archive.avatar import Avatar
-from service.archive.glb import Picture, glb_bytes
+from service.archive.glb import glb_bytes
+from service.archive.gltf_materials import Picture
 from service.archive.images import encode_png
-from service.archive.materials import material_of
-from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.map_files import MapFiles
+from service.archive.mtl import mtl_bytes
+from service.archive.obj import obj_bytes
 from service.archive.pack import archive_members
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
+from service.materials.of_head import SKIN, head_parts, material_of
 from tests.service.archive.toys import toy_avatar, toy_head, toy_texture
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -177,8 +180,9 @@ def test_obj_refuses_nan(avatar: Avatar) -> None:
         obj_bytes(avatar.head, broken, "t")
 
 
-def test_materials_without_texture(avatar: Avatar) -> None:
-    assert b"map_Kd" in mtl_bytes(avatar.head) and b"map_Kd" not in mtl_bytes(avatar.head, textured=False)
+def test_materials_without_texture() -> None:
+    assert b"map_Kd ../maps/texture.png" in mtl_bytes([SKIN], MapFiles(["texture"]))
+    assert b"map_Kd" not in mtl_bytes([SKIN], MapFiles([]))
 
 
 def validator_report(data: bytes, folder: Path) -> dict[str, Any]:
@@ -215,7 +219,9 @@ def test_the_shipped_head_passes_too_and_is_small(tmp_path: Path) -> None:
     head = load_head()
     picture = Picture(encode_png(toy_texture(576, 384).texture, srgb=True), "image/png")
     neutral = head.shape(np.full(5, 0.7))
-    data = glb_bytes(head, neutral, picture, generator="g", copyright_notice="c", expression={}, extras={})
+    parts, units = head_parts(head, neutral, neutral), head.expression_names
+    facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
+    data = glb_bytes(parts, {"diffuse_albedo": picture}, units=units, **facts)
     issues = validator_report(data, tmp_path)["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
     assert len(data) - len(picture.data) < 3_000_000
@@ -326,10 +332,32 @@ def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tm
     broken = avatar.fit.neutral.copy()
     broken[0, 0] = np.nan
     with pytest.raises(NumericFault):
-        glb_bytes(avatar.head, broken, picture, **facts)
+        head_parts(avatar.head, avatar.fit.vertices, broken)
     still = replace(avatar.head, expression=avatar.head.expression[:0], expression_names=())
-    content = Glb.read(glb_bytes(still, avatar.fit.neutral, picture, **facts)).json
+    parts = head_parts(still, avatar.fit.vertices, avatar.fit.neutral)
+    content = Glb.read(glb_bytes(parts, {"diffuse_albedo": picture}, units=(), **facts)).json
     assert all("targets" not in mesh["primitives"][0] and "extras" not in mesh for mesh in content["meshes"])
+
+
+def test_usd_blendshapes_and_their_weights_give_the_photos_expression(
+    avatar: Avatar, members: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Baked by USD itself: blendshapes, and joints at rest that must not move anything."""
+    pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
+    Usd, UsdGeom, UsdSkel = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdSkel"))
+    (tmp_path / "head.usda").write_bytes(members["mesh/head.usda"])
+    stage: Any = Usd.Stage.Open(str(tmp_path / "head.usda"))
+    skeleton: Any = UsdSkel.Skeleton(stage.GetPrimAtPath("/Head/Skeleton"))
+    assert list(skeleton.GetJointsAttr().Get()) == [
+        "neck", "neck/head", "neck/head/jaw", "neck/head/eye_left", "neck/head/eye_right",
+    ]  # fmt: skip
+    animation: Any = UsdSkel.Animation(stage.GetPrimAtPath("/Head/Skeleton/Animation"))
+    assert list(animation.GetBlendShapesAttr().Get()) == list(avatar.head.expression_names)
+    assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetPrimAtPath("/Head")))
+    for index, name in enumerate(avatar.head.part_names):
+        own = np.unique(avatar.head.triangles[avatar.head.triangle_part == index])
+        points = np.array(UsdGeom.Mesh.Get(stage, f"/Head/{name}").GetPointsAttr().Get())
+        np.testing.assert_allclose(points, avatar.fit.vertices[own], atol=5e-6)
 
 
 def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], tmp_path: Path) -> None:
@@ -350,11 +378,11 @@ def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], 
         flat_uv = head.polygon_uv[head.polygon_part == index]
         points, corners = np.array(mesh.GetPointsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
         assert UsdGeom.Mesh.ValidateTopology(corners.tolist(), mesh.GetFaceVertexCountsAttr().Get(), len(points))[0]
-        np.testing.assert_allclose(points[corners], avatar.fit.vertices[polygons[polygons >= 0]], atol=1e-6)
+        np.testing.assert_allclose(points[corners], avatar.fit.neutral[polygons[polygons >= 0]], atol=1e-6)
         st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
         assert st.GetInterpolation() == "faceVarying"
         np.testing.assert_allclose(np.array(st.Get()), head.uv[flat_uv[flat_uv >= 0]], atol=1e-6)
         bound = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()[0]
         assert bound.GetPrim().GetName() == material_of(name).name
-    file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Texture").GetInput("file").Get()
+    file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Colour").GetInput("file").Get()
     assert Path(file.resolvedPath).resolve() == (tmp_path / "maps" / "texture.png").resolve()

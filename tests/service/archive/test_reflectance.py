@@ -147,8 +147,10 @@ def test_only_what_was_asked_for() -> None:
 
 def test_materials_lead_to_files_of_the_archive(members: dict[str, bytes]) -> None:
     lines = members["mesh/head.mtl"].decode().splitlines()
-    paths = {line.split()[1].removeprefix("../") for line in lines if line.startswith(("map_", "norm "))}
-    assert paths == {"maps/diffuse_albedo.png", "maps/specular_normal.png"}
+    named = {line.split()[-1] for line in lines if line.startswith(("map_", "norm "))}
+    paths = {name.removeprefix("../") if name.startswith("../") else f"mesh/{name}" for name in named}
+    assert paths == {"maps/diffuse_albedo.png", "mesh/specular_normal.exr", "mesh/specular_albedo.exr"}
+    assert "map_Bump -bm 1 specular_normal.exr" in lines, "Blender ignores norm"
     assert paths <= set(members)
 
 
@@ -163,11 +165,11 @@ def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> N
     length = int.from_bytes(data[12:16], "little")
     document = json.loads(data[20 : 20 + length])
     names = [texture["name"] for texture in document["textures"]]
-    assert names == ["texture", "normal", "specular"]
+    assert names == ["diffuse_albedo", "specular_normal", "specular_albedo"]
     skin = next(material for material in document["materials"] if material["name"] == "skin")
-    assert names[skin["normalTexture"]["index"]] == "normal"
+    assert names[skin["normalTexture"]["index"]] == "specular_normal"
     specular = skin["extensions"]["KHR_materials_specular"]["specularTexture"]["index"]
-    assert names[specular] == "specular" and document["extensionsUsed"] == ["KHR_materials_specular"]
+    assert names[specular] == "specular_albedo" and document["extensionsUsed"] == ["KHR_materials_specular"]
     assert sum("normalTexture" in material for material in document["materials"]) == 1
     made = toy_reflectance()
     binary = data[20 + length + 8 :]

@@ -12,6 +12,8 @@ from service.face.face import Face
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.texture.result import Texture
 from tests.toyhead import sphere_head
@@ -69,3 +71,27 @@ def toy_avatar(**changes: Any) -> Avatar:
         "peak_rss_mb": 321.0,
     }
     return Avatar(**(values | changes))
+
+
+def toy_part(**changes: Any) -> MeshPart:
+    """Two cards with alpha before the forehead, a quad and a triangle, that follow the jaw; they replace the lashes."""
+    rng = np.random.default_rng(9)
+    corners = np.array([[-1, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 1, 0], [0, 2, 0]], np.float32) * np.float32(0.02)
+    neutral = corners + np.array([0, 0.03, 0.03], np.float32)
+    jaw = np.array([0, -0.004, 0.001], np.float32) * np.ones((5, 1), np.float32)
+    pixels = rng.integers(0, 256, (8, 8, 4), np.uint8)
+    material = Material(
+        "toy_hair", (0.9, 0.8, 0.7), OwnMap("toy_hair", pixels), alpha="mask", cutoff=0.4, double_sided=True,
+        roughness=0.3, ior=1.55,
+    )  # fmt: skip
+    values: dict[str, Any] = {
+        "name": "toy_hair",
+        "vertices": neutral + np.float32(0.5) * jaw,
+        "neutral": neutral,
+        "faces": np.array([[0, 1, 2, 3], [3, 2, 4, -1]], np.int32),
+        "uv": np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 1]], np.float32),
+        "material": material,
+        "targets": {"jawOpen": jaw},
+        "replaces": ("lashes",),
+    }
+    return MeshPart(**(values | changes))

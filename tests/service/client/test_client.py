@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from service import errors
-from service.client.client import Client, canonical, idempotency_key, photo_sha256
+from service.client.client import Client
 from service.client.errors import (
     AccessDenied,
     JobCancelled,
@@ -24,6 +24,7 @@ from service.client.errors import (
     UnexpectedAnswer,
     WaitTimedOut,
 )
+from service.client.photos import canonical, idempotency_key, photo_sha256
 from service.client.retry import Retry
 from service.errors import UsageError
 from tests.service.client.fake import Fake, answer, hang_up, problem

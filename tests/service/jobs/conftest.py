@@ -11,11 +11,12 @@ import pytest
 from service.jobs.admission import Bounds
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect
+from service.jobs.new import NewJob
 from service.jobs.queue import Queue
 from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.jobs.store import NewJob, Store
-from service.jobs.worker import create_tables
+from service.jobs.store import Store
+from service.jobs.tables import create_tables
 from tests.service.databases import lay_out
 
 TOY = "benchmarks.toy_job"

@@ -47,7 +47,7 @@ def main() -> int:
     elif point:
         die_at(point)
     if role == "worker":
-        from service.jobs.worker import main as work
+        from service.jobs.worker_process import main as work
 
         return work()
     from service.api.server import serve

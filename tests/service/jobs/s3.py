@@ -1,20 +1,37 @@
-"""An S3 server on the loopback, for tests: what it holds stays when it is stopped and started."""
+"""S3 servers on the loopback, for tests: what one holds stays when it is stopped and started."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import pytest
 
 from benchmarks.serving import free_port
+from benchmarks.swift import Swift, missing
 
 REASON = "moto[s3], flask, flask-cors or s3fs is not installed: pip install -e '.[dev]'"
 
+SERVERS = ("moto", "swift")
+"""A mock that checks no signature, and a server that is used in earnest."""
 
-class S3:
-    """One server, with one bucket."""
+
+class S3(Protocol):
+    """One server."""
+
+    environment: dict[str, str]
+
+    def start(self) -> None:
+        """Start, and wait until it answers."""
+
+    def stop(self) -> None:
+        """End it at once."""
+
+
+class Moto:
+    """Moto's server."""
 
     def __init__(self) -> None:
         from moto.server import ThreadedMotoServer
@@ -22,7 +39,6 @@ class S3:
         logging.getLogger("werkzeug").setLevel(logging.ERROR)
         self._port = free_port()
         self._make: Any = ThreadedMotoServer
-        self.start()
         self.environment = {
             "AWS_ENDPOINT_URL": f"http://127.0.0.1:{self._port}", "AWS_ACCESS_KEY_ID": "x",
             "AWS_SECRET_ACCESS_KEY": "x", "AWS_DEFAULT_REGION": "us-east-1",
@@ -36,14 +52,22 @@ class S3:
         self._server.start()
 
 
-def serve() -> Iterator[S3]:
-    """For a fixture; the variables that lead to it are set meanwhile."""
+def serve(name: str, folder: Path) -> Iterator[S3]:
+    """For a fixture: a server with one bucket; the variables that lead to it are set meanwhile.
+
+    Args:
+        name: of ``SERVERS``.
+        folder: for its files.
+    """
     pytest.importorskip("moto.server", reason=REASON)
     s3fs = pytest.importorskip("s3fs", reason=REASON)
-    server = S3()
+    if name == "swift" and missing():
+        pytest.skip("Swift is not installed: apt-get install swift-proxy swift-account swift-container swift-object")
+    server: S3 = Swift(folder) if name == "swift" else Moto()
+    server.start()
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in server.environment.items():
-            patch.setenv(name, value)
+        for variable, value in server.environment.items():
+            patch.setenv(variable, value)
         s3fs.S3FileSystem.clear_instance_cache()
         s3fs.S3FileSystem().mkdir("bucket")
         yield server

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import time
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from service.jobs.clock import now
 from service.jobs.database import JOBS, WORKERS
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.worker import create_tables
+from service.jobs.tables import create_tables
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -57,33 +56,6 @@ def test_what_a_killed_worker_left_is_erased(bench: Bench, janitor: Janitor) -> 
     assert bench.artifacts.names(job), "the photo is still there"
     janitor.tidy()
     assert bench.artifacts.names(job) == []
-
-
-def test_uploads_that_became_no_job_go_after_an_hour(
-    bench: Bench, janitor: Janitor, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = bench.artifacts.folder
-    assert folder is not None
-    young, old = folder / ("c" * 32), folder / ("d" * 32)
-    bench.settings.incoming.mkdir()
-    part = bench.settings.incoming / "x.part"
-    for path in (young, old):
-        path.mkdir()
-        (path / f"photo-{'0' * 64}.bin").write_bytes(b"x")
-    part.write_bytes(b"x")
-    for path in (old, part):
-        os.utime(path, (time.time() - 2 * module.STRAY,) * 2)
-    job = bench.add()
-    janitor.strays()
-    assert old.exists(), "a clock that was set by a day makes everything old"
-    assert part.exists()
-    later = time.monotonic() + module.SEEN
-    monkeypatch.setattr(time, "monotonic", lambda: later)
-    janitor.strays()
-    assert young.exists()
-    assert not old.exists()
-    assert not part.exists()
-    assert bench.artifacts.names(job)
 
 
 def test_a_job_that_the_queue_forgot_is_put_back(bench: Bench, janitor: Janitor) -> None:

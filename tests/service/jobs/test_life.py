@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from service.jobs import tallies, traces
+from service.jobs.erasure import depart, forget
 from service.jobs.logs import calm
 from service.jobs.problems import problem
 from tests.service.jobs.conftest import Bench
@@ -68,8 +69,8 @@ def test_ends_are_counted_by_code_and_outlive_the_jobs(bench: Bench) -> None:
         bench.run(bench.add(seed))
     bench.store.cancel(bench.add(), 1e10)
     for row in bench.store.where():
-        bench.store.depart(row["id"], "erased")
-        bench.store.forget(row["id"])
+        depart(bench.engine, row["id"], "erased")
+        forget(bench.engine, row["id"])
     ended = tallies.counts(bench.engine, tallies.ENDED)
     assert ended == {"avatar/succeeded/": 2, "avatar/failed/no-face": 1, "avatar/cancelled/": 1}
 

@@ -20,42 +20,21 @@ import pytest
 
 from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import SECONDS, archive
+from tests.service.cgroups import Group, group
 from tests.service.jobs.processes import WITHIN
 
 pytestmark = pytest.mark.slow
 
 HOUR = 3600
 
-CGROUPS = Path("/sys/fs/cgroup/memory")
-
-
 @pytest.fixture
-def cgroup() -> Iterator[Path]:
-    """A group of processes that may have 600 MB together."""
-    group = CGROUPS / f"avatarme-test-{os.getpid()}"
-    try:
-        group.mkdir()
-        (group / "memory.limit_in_bytes").write_text(str(600 << 20))
-    except OSError as error:
-        pytest.skip(f"no memory cgroup can be made here: needs root and version 1, mounted at {CGROUPS}: {error}")
-    yield group
-    for _ in range(100):
-        with contextlib.suppress(OSError):
-            group.rmdir()
-            return
-        time.sleep(0.1)
+def cgroup() -> Iterator[Group]:
+    yield from group(600 << 20)
 
 
-def kills(group: Path) -> int:
-    """How many processes of a group the kernel has killed for their memory."""
-    lines = dict(line.split() for line in (group / "memory.oom_control").read_text().splitlines())
-    return int(lines["oom_kill"])
-
-
-def test_the_kernel_takes_the_job_and_not_the_server(cgroup: Path, tmp_path: Path) -> None:
+def test_the_kernel_takes_the_job_and_not_the_server(cgroup: Group, tmp_path: Path) -> None:
     """As in a container with a limit below that of a job; none of ours comes first."""
-    server = Server(tmp_path / "data", {"memory_mb": 0})
-    server._command = ["sh", "-c", 'echo $$ > "$0" && exec "$@"', str(cgroup / "cgroup.procs"), *server._command]
+    server = Server(tmp_path / "data", {"memory_mb": 0}, within=cgroup.command)
     server.start()
     before = (server.processes()[0], server.worker())
     photo = small_photo(1)
@@ -71,7 +50,7 @@ def test_the_kernel_takes_the_job_and_not_the_server(cgroup: Path, tmp_path: Pat
             assert "the system ended the computation" in endless["error"]["detail"]
             assert good["state"] == "succeeded"
             assert good["warnings"] == ["toy"]
-        assert kills(cgroup) == 3, "one of the first job, two of the second"
+        assert cgroup.kills() == 3, "one of the first job, two of the second"
         assert (server.processes()[0], server.worker()) == before, "neither server nor worker was started again"
         assert server.stop() == 0
     finally:

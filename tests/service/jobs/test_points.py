@@ -19,7 +19,7 @@ from benchmarks.serving import Server, post, small_photo, wait_for
 from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.admission import UNFINISHED
 from service.jobs.process import descendants
-from service.jobs.runner import LOSSES
+from service.jobs.suspicion import LOSSES
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 
 if TYPE_CHECKING:

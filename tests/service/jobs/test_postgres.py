@@ -190,8 +190,8 @@ def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, ver
 
 
 @pytest.fixture
-def s3() -> Iterator[S3]:
-    yield from serve()
+def s3(tmp_path: Path) -> Iterator[S3]:
+    yield from serve("moto", tmp_path)
 
 
 def test_a_job_goes_on_with_another_worker_and_what_lies_on_a_store(
@@ -236,7 +236,7 @@ def test_a_password_may_have_any_characters(tmp_path: Path) -> None:
         postgres.start()
         program = (
             "from pathlib import Path; from service.jobs.settings import Settings; "
-            "from service.jobs.database import connect; from service.jobs.worker import create_tables; import sys; "
+            "from service.jobs.database import connect; from service.jobs.tables import create_tables; import sys; "
             "s = Settings(data=Path(sys.argv[1]), database=sys.argv[2]); create_tables(connect(s.database_url), s)"
         )
         command = [sys.executable, "-c", program, str(tmp_path / "data"), postgres.url]

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from service.jobs.store import KeyInUse
+from service.jobs.erasure import checkpoint, depart
+from service.jobs.new import KeyInUse
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -46,11 +47,11 @@ def test_what_is_gone_leaves_its_times(bench: Bench) -> None:
     """A client that erases what it has fetched must not take the measured times along, and nothing else may stay."""
     job = bench.add()
     bench.store.set(job, options=json.dumps({"quality": "draft", "size": None, "maps": ["texture"], "face": 3}))
-    bench.store.depart(job, "erased")
+    depart(bench.engine, job, "erased")
     assert bench.store.measured() == [], "it has not ended"
     bench.store.succeed(job, RESULT, 1e10)
     for _ in range(2):
-        bench.store.depart(job, "erased")
+        depart(bench.engine, job, "erased")
     (row,) = bench.store.measured()
     assert json.loads(row["options"]) == {"quality": "draft", "size": None, "maps": ["texture"]}
     assert bench.store.events(job, 0) == []
@@ -111,3 +112,18 @@ def test_pages_meet_without_gap_or_repetition(bench: Bench) -> None:
         seen += [row["id"] for row in page]
         after = (page[-1]["created_at"], page[-1]["id"])
     assert seen == jobs[::-1]
+
+
+def test_a_cancelled_job_leaves_no_word_of_its_request(bench: Bench) -> None:
+    """Not in its earlier events either, which have the job as it was then."""
+    job = bench.add(metadata={"client": "words-of-the-owner"}, key="key-of-the-owner")
+    bench.store.begin(job)
+    bench.store.progress(job, "fit", 0.5)
+    assert len(bench.store.events(job, 0)) == 3
+    assert bench.store.cancel(job, 1e10)
+    (last,) = bench.store.events(job, 0)
+    assert json.loads(last["body"])["state"] == "cancelled"
+    bench.engine.dispose()
+    assert checkpoint(bench.engine)
+    stored = b"".join(path.read_bytes() for path in bench.settings.data.glob("jobs.sqlite*"))
+    assert b"-of-the-owner" not in stored

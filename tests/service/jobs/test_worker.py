@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from service.jobs import readiness, workflow
+from service.jobs.patience import TEMPORARY_FAILURE
 from service.jobs.problems import problem
-from service.jobs.runner import TEMPORARY_FAILURE
 from service.jobs.settings import Settings
 from service.jobs.worker import Worker
 from tests.service.databases import lay_out

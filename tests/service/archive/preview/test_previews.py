@@ -84,11 +84,11 @@ def test_lit_albedo_is_albedo_times_light() -> None:
 
 def test_a_lamp_at_the_surface_itself_and_vertices_at_the_camera_give_no_nan() -> None:
     """Directions of length 0 would divide by 0, and the whole view would be black or white."""
-    points = HEAD.mean * np.float32(0)
-    light, gloss = side_lamp(180).on(HEAD, points, np.zeros_like(points))
+    points, sheets = HEAD.mean * np.float32(0), np.zeros((len(HEAD.mean), 1), bool)
+    light, gloss = side_lamp(180).on(points, np.zeros_like(points), sheets)
     assert np.isfinite(light).all() and np.isfinite(gloss).all() and gloss.max() <= 1
     none = Lamps((((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), (0.1, 0.1, 0.1))
-    assert all(np.isfinite(values).all() for values in none.on(HEAD, HEAD.mean, NORMALS))
+    assert all(np.isfinite(values).all() for values in none.on(HEAD.mean, NORMALS, sheets))
 
 
 @pytest.mark.parametrize("yaw", TEXTURED_YAWS)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from service.anatomy.opening_edges import lid_edges
 from service.arrays import Float64
 from service.face.face import Face
 from service.face.fit.basis import LandmarkModel
@@ -14,8 +15,10 @@ from service.face.fit.dense import DenseTerms, correspondences
 from service.face.fit.fit import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import POSE, State
+from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.parts import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
+from service.face.reading.scores import Scores
 from service.geometry.camera import Camera
 from service.geometry.normals import area_normals
 from service.geometry.raster import rasterise
@@ -185,3 +188,37 @@ def test_half_of_the_face_hidden(head: HeadModel) -> None:
     parts[:, : PART_CELLS // 2] = np.eye(len(PARTS), dtype=np.float32)[-1]
     fit = fit_face(face, photo, head, None, replace(reading, parts=parts))
     assert "not-read" not in fit.warnings and error_mm(head, fit.neutral, truth) < 1.5
+
+
+def test_scores_decide_what_points_leave_open(head: HeadModel) -> None:
+    """Puffed cheeks hardly move a landmark: only the score tells of them."""
+    face, photo, reading = seen(head, np.asarray(head.mean, np.float64))
+    unit, points = head.expression_names.index("cheekPuff"), FitSettings(refine="landmarks")
+    scored = [
+        fit_face(face, photo, head, points, replace(reading, scores=Scores(face.landmarks, units)))
+        for units in ({"cheekPuff": 0.0}, {"cheekPuff": 0.8}, {"nobody's unit": 1.0})
+    ]
+    without, puffed, unknown = (fit.expression[unit] for fit in scored)
+    assert puffed > without + 0.2
+    assert abs(unknown - fit_face(face, photo, head, points).expression[unit]) < 1e-9
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_lids_close_where_their_edges_meet(head: HeadModel, side: str) -> None:
+    """Landmarks of an open eye, edges of a shut one: with the landmarks alone irises were painted on lids."""
+    face, photo, reading = seen(head, np.asarray(head.mean, np.float64), yaw=0.0)
+    corners = face.landmarks[list(EYE.corners[side]), :2]
+    line = corners[0] + STATIONS[:, None] * (corners[1] - corners[0]) + [0.0, 1.0]
+    shut = Opening(line, line, corners, np.full((2, 9), 0.01))
+    opened, closed = (
+        fit_face(face, photo, head, None, replace(reading, openings=openings)) for openings in ({}, {side: shut})
+    )
+    edges = lid_edges(head, side)
+    assert edges is not None
+
+    def height_mm(vertices: np.ndarray) -> float:
+        upper = min(float(np.median(vertices[row, 1])) for row in edges.upper)
+        return 1e3 * (upper - max(float(np.median(vertices[row, 1])) for row in edges.lower))
+
+    assert height_mm(opened.vertices) > 4.0
+    assert height_mm(closed.vertices) < 1.5

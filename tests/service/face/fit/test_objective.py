@@ -17,7 +17,7 @@ TERMS: dict[str, Term] = {
     "points": PointTerm(MEAN, MODES, TARGET, WEIGHT),
     "contour": PointTerm(MEAN, MODES, TARGET, WEIGHT, NORMAL),
     "depth": DepthTerm(MEAN, MODES, RNG.normal(size=COUNT) * 40, WEIGHT),
-    "prior": Prior(0.1, 0.4, 7.0, 0.3, np.linspace(0.5, 3, SHAPES)),
+    "prior": Prior(0.1, 0.4, 7.0, 0.3, np.linspace(0.5, 3, SHAPES), np.linspace(-1, 1, SHAPES)),
 }
 
 

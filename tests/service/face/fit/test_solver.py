@@ -70,7 +70,7 @@ def test_nothing_free_is_no_step() -> None:
 
 def test_focal_length_cannot_run_away() -> None:
     """Distance and focal length are nearly degenerate: on noise alone an unbounded solve drifts to infinity."""
-    prior = Prior(0.0, 10.0, 7.0, 10.0, np.ones(4))
+    prior = Prior(0.0, 10.0, 7.0, 10.0, np.ones(4), np.zeros(4))
     term = PointTerm(POINTS, MODES, RNG.normal(size=(40, 2)) * 300, np.full(40, 1.0))
     lower, upper = -EVERYTHING.copy(), EVERYTHING.copy()
     lower[6], upper[6] = np.log(0.15), np.log(20.0)

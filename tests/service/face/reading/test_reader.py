@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
+from service.face.reading.openings import OpeningsNetwork
 from service.face.reading.parts import CHARTED, PARTS, READ
-from service.face.reading.reader import CELLS, FILL, PART_CELLS, SIDE, ReaderNetwork, crop_of, middles, read_face
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import CELLS, FILL, PART_CELLS, SIDE, ReaderNetwork, crop_of, middles
+from service.face.reading.scores import Landmarker
 from service.face.region import Region
 from service.geometry.rotation import ahead, exp_rotation
+from tests.service.face.geometry import oval
 
 
 class Known:
@@ -34,15 +38,19 @@ class Known:
         return [a.astype(np.float32) for a in (chart, one * 2.0, normal, one * 0.1, parts)]
 
 
-def oval(angle: float, centre: tuple[float, float] = (300.0, 200.0)) -> np.ndarray:
-    """468 points in an oval of 100 x 140 pixels that is turned by ``angle``, eyes and mouth where they belong."""
-    t = np.linspace(0, 2 * np.pi, 468, endpoint=False)
-    points = np.stack([50 * np.cos(t), 70 * np.sin(t)], 1)
-    for pair, place in (((33, 133), (-20, -20)), ((362, 263), (20, -20)), ((13, 14), (0, 35))):
-        points[list(pair)] = place
-    cos, sin = np.cos(angle), np.sin(angle)
-    turned = points @ np.array([[cos, sin], [-sin, cos]]) + centre
-    return np.concatenate([turned, np.zeros((468, 1))], 1)
+class Faulty:
+    """Gives no numbers."""
+
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        raise NumericFault("NaN")
+
+
+def readers(pixels: Known) -> Readers:
+    """The network of pixels, and none that answers of lids, lips and expression."""
+    no = Faulty()
+    return Readers(
+        ReaderNetwork(pixels), OpeningsNetwork({"lids": no, "lips": no}), Landmarker((no, no))  # type: ignore[arg-type, dict-item]
+    )
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.2, 3.0])
@@ -60,7 +68,7 @@ def test_the_crop_stands_upright_on_the_face(angle: float) -> None:
 def test_landmarks_without_extent_give_no_crop(landmarks: np.ndarray) -> None:
     """A crop of no size would divide by zero."""
     assert crop_of(landmarks) is None
-    assert read_face(np.zeros((9, 9, 3), np.uint8), landmarks, ReaderNetwork(Known())) is None  # type: ignore[arg-type]
+    assert read_face(np.zeros((9, 9, 3), np.uint8), landmarks, readers(Known())) is None
 
 
 def test_what_is_mirrored_is_turned_back() -> None:
@@ -106,7 +114,7 @@ def test_a_network_without_numbers_is_no_reading() -> None:
         def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
             raise NumericFault("network reader: output chart has 4 of 8192 values that are NaN or Inf")
 
-    assert read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), ReaderNetwork(Broken())) is None  # type: ignore[arg-type]
+    assert read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Broken())) is None
 
 
 def test_middles_are_the_cells() -> None:
@@ -124,3 +132,8 @@ def test_parts_are_named_once() -> None:
 def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
     with pytest.raises(ValueError, match="forward"):
         ahead(np.array(ray))
+
+
+def test_pixels_are_read_though_lids_and_expression_are_not() -> None:
+    reading = read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Known()))
+    assert reading is not None and reading.openings == {} and reading.scores is None

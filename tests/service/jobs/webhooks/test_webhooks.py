@@ -19,6 +19,7 @@ import pytest
 from service.errors import UsageError
 from service.jobs.clock import now
 from service.jobs.database import MESSAGES
+from service.jobs.erasure import depart
 from service.jobs.settings import Settings
 from service.jobs.webhooks import deliver as delivering
 from service.jobs.webhooks.address import Target, resolved, target
@@ -128,7 +129,7 @@ def test_an_erased_job_is_told_of_no_more(bench: Bench, receiver: Receiver) -> N
     job = bench.add(webhook=receiver.url)
     bench.store.cancel(job, now() + 100)
     assert waiting(bench)
-    bench.store.depart(job, "erased")
+    depart(bench.engine, job, "erased")
     assert waiting(bench) == []
 
 

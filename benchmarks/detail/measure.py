@@ -1,0 +1,151 @@
+"""How much of the detail that a photo shows is in the maps: correlation and strength in bands of periods.
+
+All is compared in the photo's own frame, where map and photo lie on each other whatever the fit errs by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.detail.shoot import Taken
+from benchmarks.metrics import View, at_chart, face_region
+from service.archive.avatar import Avatar
+from service.colour import LUMA, linear_to_srgb
+from service.geometry.chart import Chart
+from service.reflectance.result import unpack_normals
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+BANDS_MM = ((0.6, 1.2), (1.2, 2.5), (2.5, 6.0))
+"""Periods on the face."""
+SURE = 180
+"""Confidence from which on a texel counts as seen."""
+EDGE_MM = 1.5
+"""Distance from what is not compared, so that no border is taken for detail."""
+MAP = (1536, 1024)
+"""Chart on which tangent frames are drawn."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of two fields in a band: correlation in [-1, 1], and the ratio of their root mean squares."""
+
+    correlation: float
+    strength: float
+
+
+def band(field: Array, mask: Mask, per_mm: float, limits: tuple[float, float]) -> Array:
+    """(H, W) part of a field whose periods lie in [low, high) mm; what is masked out is continued smoothly first."""
+    filled = _continued(field, mask, 2 * limits[1] * per_mm)
+    down, across = np.fft.fftfreq(field.shape[0])[:, None], np.fft.rfftfreq(field.shape[1])[None]
+    frequency = np.hypot(down, across) * per_mm
+    inside = (frequency > 1 / limits[1]) & (frequency <= 1 / limits[0])
+    return np.asarray(np.fft.irfft2(np.fft.rfft2(filled) * inside, field.shape))
+
+
+def _continued(field: Array, mask: Mask, sigma: float) -> Array:
+    weight = mask.astype(np.float32)
+    soft = cv2.GaussianBlur(np.dstack([field * weight, weight]).astype(np.float32), (0, 0), sigma)
+    mean = float(field[mask].mean()) if mask.any() else 0.0
+    smooth = (soft[..., 0] + 1e-3 * mean) / (soft[..., 1] + 1e-3)
+    return np.where(mask, field, smooth).astype(np.float64)
+
+
+def agreement(found: list[Array], truth: list[Array], mask: Mask, per_mm: float,
+              limits: tuple[float, float]) -> Agreement:  # fmt: skip
+    """Of fields, all components together, inside a mask and not near its border."""
+    reach = 2 * round(EDGE_MM * per_mm) + 1
+    core = cv2.erode(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+    a, b = (np.concatenate([band(one, mask, per_mm, limits)[core] for one in fields]) for fields in (found, truth))
+    power = float(np.sqrt((a * a).sum() * (b * b).sum()))
+    strength = float(np.sqrt((a * a).sum() / max(float((b * b).sum()), 1e-20)))
+    return Agreement(float((a * b).sum()) / power if power > 1e-20 else 0.0, strength)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Agreements by band of one photo: ours with the truth, and the photo's own with the truth."""
+
+    albedo: tuple[Agreement, ...]
+    photo: tuple[Agreement, ...]
+    texture: tuple[Agreement, ...]
+    normals: tuple[Agreement, ...]
+    error: float
+    """Root mean square error of coded albedo after the best gain, in 255ths, of all periods below 6 mm."""
+
+
+def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken) -> Compared:
+    """Compare an avatar's maps with the truth.
+
+    Args:
+        avatar: with diffuse albedo; where it has specular normals, these are compared too.
+        pixels: (h, w, 3) of the photo that it was made from, of any size.
+        truth: what the photo shows, pixel by pixel.
+    """
+    size = truth.skin.shape
+    scale = size[1] / pixels.shape[1]
+    view = View.of(avatar.fit, avatar.head, size, scale)
+    made = avatar.reflectance
+    assert made is not None and made.diffuse_albedo is not None  # noqa: S101 - asked for
+    confidence = at_chart(avatar.texture.confidence[..., None].astype(np.float32), view.uv)[..., 0]
+    eyes = np.array([[0.0315, 0.0, 0.0], [-0.0315, 0.0, 0.0]])
+    seen = (truth.position.astype(np.float64), truth.normal.astype(np.float64))
+    mask = truth.skin & view.skin & (confidence >= SURE) & face_region(*seen, eyes, 0.0)
+    per_mm = truth.per_mm
+    true = _grey(linear_to_srgb(truth.albedo))
+    ours = _grey(at_chart(made.diffuse_albedo.astype(np.float32), view.uv) / 65535)
+    shot = cv2.resize(pixels, size[::-1], interpolation=cv2.INTER_CUBIC)
+    fields = {
+        "albedo": ours,
+        "photo": _grey(shot / 255),
+        "texture": _grey(at_chart(avatar.texture.texture.astype(np.float32), view.uv) / 255),
+    }
+    logs = {name: _log(field) for name, field in (fields | {"true": true}).items()}
+    found = {
+        name: tuple(agreement([logs[name]], [logs["true"]], mask, per_mm, limits) for limits in BANDS_MM)
+        for name in fields
+    }
+    relief: tuple[Agreement, ...] = ()
+    if made.specular_normal is not None:
+        bent = _normals(avatar, view, made.specular_normal)
+        right = _in_camera(truth.normal, truth)
+        relief = tuple(
+            agreement([bent[..., k] for k in (0, 1)], [right[..., k] for k in (0, 1)], mask, per_mm, limits)
+            for limits in BANDS_MM
+        )
+    return Compared(found["albedo"], found["photo"], found["texture"], relief, _error(ours, true, mask, per_mm))
+
+
+def _grey(coded: npt.NDArray[np.floating]) -> Array:
+    return np.asarray(coded.astype(np.float64) @ LUMA)
+
+
+def _log(coded: Array) -> Array:
+    return np.log(np.maximum(coded, 0.02))
+
+
+def _error(ours: Array, true: Array, mask: Mask, per_mm: float) -> float:
+    wide = (0.3, 6.0)
+    difference = band(_log(ours), mask, per_mm, wide) - band(_log(true), mask, per_mm, wide)
+    return float(255 * np.sqrt(np.square(difference[mask] * true[mask]).mean()))
+
+
+def _normals(avatar: Avatar, view: View, codes: npt.NDArray[np.int16]) -> Array:
+    """(H, W, 3) our unit normals in camera space, as the photo's pixels show them."""
+    chart = Chart.build(avatar.head, *MAP)
+    frame = chart.frame(avatar.fit.vertices)
+    local = unpack_normals(at_chart(codes.astype(np.float32), view.uv).astype(np.float32))
+    axes = [at_chart(chart.fill_outside(axis), view.uv) for axis in (frame.tangent, frame.bitangent, frame.normal)]
+    normal = sum(local[..., k : k + 1] * axis for k, axis in enumerate(axes))
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    return np.asarray(normal @ avatar.fit.camera.rotation.T)
+
+
+def _in_camera(normal: npt.NDArray[np.float32], truth: Taken) -> Array:
+    """(H, W, 3) normals of the truth along the camera's right, down and forward."""
+    return np.asarray(normal.astype(np.float64) @ truth.axes.T)

@@ -1,0 +1,210 @@
+"""Sharp photos of the sitters with the truth of each pixel, by Mitsuba 3; each is rendered once and kept."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.detail.sitters import Sitter
+from benchmarks.render import Shot, emitter, environment, eyeball, lamps_of, mitsuba, write_ply
+from service.geometry.normals import vertex_normals
+
+Float = npt.NDArray[np.float32]
+
+DISTANCE_M, WIDTH_M = 1.2, 0.19
+"""Of the camera, and what the picture is wide there: a head fills it."""
+SAMPLES = 16
+"""Paths per pixel, stratified."""
+ROUGHNESS, SPECULAR = 0.42, 0.35
+"""Of the skin, in Disney's principled model."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """One square photo, (H, W, ...).
+
+    Attributes:
+        radiance: float32 linear RGB as it comes through the lens.
+        albedo: float32 linear RGB, averaged over the pixel.
+        normal: float32 unit, head frame, with the relief of the texture.
+        position: float32 metres, head frame.
+        skin: bool, the pixel shows the head, not its eyes and not the background.
+        axes: (3, 3) float64 rows: the camera's right, down and forward in the head's frame.
+    """
+
+    radiance: Float
+    albedo: Float
+    normal: Float
+    position: Float
+    skin: npt.NDArray[np.bool_]
+    axes: npt.NDArray[np.float64]
+
+    @property
+    def per_mm(self) -> float:
+        """Pixels per millimetre at the distance of the face."""
+        return float(self.skin.shape[1]) / WIDTH_M / 1000
+
+
+def shot(light: str, yaw: float, size: int) -> Shot:
+    """The camera of all photos."""
+    fov = float(np.degrees(2 * np.arctan(WIDTH_M / 2 / DISTANCE_M)))
+    return Shot(yaw, light, DISTANCE_M, fov, size, seed=7)
+
+
+def taken(head: Sitter, view: Shot, out: Path) -> Taken:
+    """The kept photo of a sitter, rendered where there is none."""
+    file = out / f"detail_{head.name.replace(' ', '')}_{view.light}_{view.yaw:g}_{view.size}.npz"
+    if not file.is_file():
+        found = render(head, view, out)
+        halves = {"radiance", "albedo", "normal"}
+        fields = {name: value.astype(np.float16) if name in halves else value for name, value in vars(found).items()}
+        part = file.with_name(f"{file.stem}.{os.getpid()}.part.npz")
+        np.savez(part, **fields)
+        part.replace(file)
+    with np.load(file) as kept:
+        fields = {name: kept[name] for name in kept.files}
+    fields["axes"] = axes_of(view)
+    return Taken(**{k: v if k in ("skin", "axes") else v.astype(np.float32) for k, v in fields.items()})
+
+
+def render(head: Sitter, view: Shot, scratch: Path) -> Taken:
+    """Render a sitter; ``scratch`` is a folder for meshes that are removed again."""
+    mi = mitsuba()
+    scene = mi.load_dict(_scene(mi, head, view, scratch))
+    path = mi.load_dict({"type": "path", "max_depth": 4})
+    radiance = _rendered(mi, scene, path, SAMPLES)[..., :3]
+    wanted = "p:position,n:sh_normal,u:uv,d:dp_du"
+    found = _rendered(mi, scene, mi.load_dict({"type": "aov", "aovs": wanted}), 1)[..., -11:]
+    position, base, uv, along = np.split(found, [3, 6, 8], -1)
+    colours = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
+    albedo = _rendered(mi, scene, colours, 16)[..., -3:]
+    apart = np.stack([np.linalg.norm(position - eye, axis=-1) for eye in head.eyes]).min(0)
+    skin = (np.linalg.norm(base, axis=-1) > 0.9) & (apart > 1.05 * head.eye_radius)
+    normal = _with_relief(head, base, along, uv)
+    return Taken(calm(radiance, albedo, normal, skin), albedo, normal, position, skin, axes_of(view))
+
+
+GUIDED = 9
+"""Side in pixels of the windows in which light is taken for a linear function of the normal."""
+RIDGE = 2e-4
+"""Variance of normals below which they tell nothing."""
+
+
+def calm(radiance: Float, albedo: Float, normal: Float, skin: npt.NDArray[np.bool_]) -> Float:
+    """Radiance (H, W, 3) without the renderer's noise: over the albedo it is light, and that depends on the normal.
+
+    Irradiance is a smooth function of the normal, which in a small window is taken for a linear one (the guided filter
+    of He et al. 2013 with the normals as its guide). So relief keeps its shade and colour its edges.
+    """
+    import cv2
+
+    weight = skin.astype(np.float32)
+
+    def mean(image: npt.NDArray[np.floating]) -> Float:
+        return np.asarray(cv2.boxFilter(image.astype(np.float32), -1, (GUIDED, GUIDED)), np.float32)
+
+    whole = np.maximum(mean(weight), 1e-3)[..., None]
+
+    def inside(image: npt.NDArray[np.floating]) -> Float:
+        found = mean(image * weight[..., None])
+        return np.asarray((found if found.ndim == 3 else found[..., None]) / whole, np.float32)
+
+    light = radiance / np.maximum(albedo, 0.02)
+    guide: Float = np.concatenate([normal, np.ones((*skin.shape, 1), np.float32)], -1)
+    square = inside((guide[..., :, None] * guide[..., None, :])[..., _UPPER[0], _UPPER[1]])
+    matrix = np.zeros((*skin.shape, 4, 4), np.float32)
+    matrix[..., _UPPER[0], _UPPER[1]] = matrix[..., _UPPER[1], _UPPER[0]] = square
+    matrix += np.diag([RIDGE, RIDGE, RIDGE, 1e-6]).astype(np.float32)
+    calmed = radiance.copy()
+    for channel in range(3):
+        target = inside(guide * light[..., channel : channel + 1])
+        slope = np.linalg.solve(matrix, target[..., None])[..., 0]
+        smooth = (inside(slope) * guide).sum(-1)
+        calmed[..., channel] = np.where(skin, smooth * np.maximum(albedo[..., channel], 0.02), radiance[..., channel])
+    return np.maximum(calmed, 0)
+
+
+_UPPER = np.triu_indices(4)
+
+
+def axes_of(view: Shot) -> npt.NDArray[np.float64]:
+    """(3, 3) rows: right, down and forward of a camera."""
+    forward = (view.target - view.origin) / np.linalg.norm(view.target - view.origin)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def _rendered(mi: Any, scene: Any, integrator: Any, samples: int) -> Float:
+    return np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)
+
+
+def _with_relief(head: Sitter, base: Float, along: Float, uv: Float) -> Float:
+    """(H, W, 3) unit normals: those of the texture in the frame that Mitsuba builds on the mesh's."""
+    import cv2
+
+    height, width = head.normal.shape[:2]
+    at = np.float32([width, height]) * uv - np.float32(0.5)  # v counts down here
+    local = cv2.remap(head.normal.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    tangent = along - base * (base * along).sum(-1, keepdims=True)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)
+    axes = (tangent, np.cross(base, tangent), base)
+    normal: Float = sum(local[..., k : k + 1] * axis for k, axis in enumerate(axes))
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9), np.float32)
+
+
+def _scene(mi: Any, head: Sitter, view: Shot, scratch: Path) -> dict[str, Any]:
+    def bitmap(pixels: npt.NDArray[np.floating]) -> dict[str, Any]:
+        return {"type": "bitmap", "bitmap": mi.Bitmap(pixels.astype(np.float32)), "raw": True}
+
+    skin = {"type": "principled", "roughness": ROUGHNESS, "specular": SPECULAR, "base_color": bitmap(head.albedo)}
+    relief = {"type": "normalmap", "normalmap": bitmap(head.normal * 0.5 + 0.5), "b": skin}
+    camera = mi.ScalarTransform4f().look_at(origin=view.origin.tolist(), target=view.target.tolist(), up=[0, 1, 0])
+    film = {"type": "hdrfilm", "width": view.size, "height": view.size, "rfilter": {"type": "box"}}
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "fov": view.fov,
+            "to_world": camera,
+            "film": film,
+            "sampler": {"type": "multijitter", "sample_count": SAMPLES},
+        },
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(environment(view.light, view.seed))},
+        "head": _mesh(mi, head.vertices, head.triangles, head.uv, {"type": "twosided", "b": relief}),
+    }
+    for number, centre in enumerate(head.eyes):
+        ball, faces, colours = eyeball(centre, head.eye_radius, np.array([0.06, 0.05, 0.05]))
+        path = scratch / f"eye{number}.{os.getpid()}.ply"
+        write_ply(path, ball, faces, colours)
+        colour = {"type": "mesh_attribute", "name": "vertex_color"}
+        wet = {"type": "principled", "roughness": 0.1, "specular": 0.5, "base_color": colour}
+        scene[f"eye{number}"] = mi.load_dict({"type": "ply", "filename": str(path), "bsdf": wet})
+        path.unlink()
+    for number, (where, radius, radiance) in enumerate(lamps_of(view.light, view.seed)):
+        scene[f"lamp{number}"] = {
+            "type": "sphere", "center": list(where), "radius": radius, "emitter": emitter(radiance),
+        }  # fmt: skip
+    return scene
+
+
+def _mesh(mi: Any, vertices: npt.NDArray[np.float64], triangles: npt.NDArray[np.int64],
+          uv: npt.NDArray[np.float64], bsdf: dict[str, Any]) -> Any:  # fmt: skip
+    """A Mitsuba mesh with normals and texture coordinates; v is turned to count down, as its bitmaps do."""
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    mesh = mi.Mesh("head", len(vertices), len(triangles), has_vertex_normals=True, has_vertex_texcoords=True,
+                   props=properties)  # fmt: skip
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = vertices.astype(np.float32).ravel()
+    values["vertex_normals"] = vertex_normals(vertices, triangles).astype(np.float32).ravel()
+    values["vertex_texcoords"] = (uv * [1, -1] + [0, 1]).astype(np.float32).ravel()
+    values["faces"] = triangles.astype(np.uint32).ravel()
+    values.update()
+    mesh.set_id("head")
+    return mesh

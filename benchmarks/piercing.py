@@ -1,0 +1,100 @@
+"""Count triangles of the head's parts that cross: ``python -m benchmarks.piercing [--head FILE] [--heads N]``.
+
+For every single unit at 1 and for random mixtures, on the mean head and on random identities: the lips with each other,
+lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other.
+``mouthClose`` takes back the opening of ``jawOpen`` and means nothing without it: alone it is shown with ``jawOpen`` at
+1, and in a mixture it is at most ``jawOpen``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from models.head.crossing import crossing_pairs
+from service.head.files import load_head
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int64]
+
+MIXTURES, MIXED_UNITS = 20, 8
+"""Random mixtures, and how many units of each are active."""
+
+
+def groups(head: HeadModel) -> dict[str, Int]:
+    """Triangles (T, 3) of the surfaces that may cross, by name."""
+    own = {name: head.triangles[head.triangle_part == k].astype(np.int64) for k, name in enumerate(head.part_names)}
+    skin = own.pop("skin")
+    own.pop("lashes", None)  # their roots lie in the lids
+    lips = (head.region("lips") > 0.25)[skin].any(1) & (head.region("mouth_inner") < 0.5)[skin].any(1)
+    drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]
+    lower = (drop > 0.25 * drop.max())[skin].all(1)
+    upper = (drop < 0.25 * drop.max())[skin].all(1)
+    return {"skin": skin, "lip_upper": skin[lips & upper], "lip_lower": skin[lips & lower], **own}
+
+
+def pairs_of(names: list[str]) -> list[tuple[str, str]]:
+    """Pairs of surfaces that must not cross."""
+    parts = [name for name in names if name not in ("skin", "lip_upper", "lip_lower")]
+    mouth = [name for name in parts if not name.startswith("eye")]
+    inside = [(a, b) for i, a in enumerate(mouth) for b in mouth[i + 1 :]]
+    return [("lip_upper", "lip_lower"), *(("skin", name) for name in parts), *inside]
+
+
+def poses(head: HeadModel, seed: int) -> dict[str, Float]:
+    """Activations (E,) by name: neutral, every unit, the random mixtures."""
+    names = head.expression_names
+    random = np.random.default_rng(seed)
+    jaw, close = names.index("jawOpen"), names.index("mouthClose")
+    out = {"neutral": np.zeros(len(names))}
+    for k, name in enumerate(names):
+        out[name] = np.zeros(len(names))
+        out[name][k] = 1.0
+    out["mouthClose"][jaw] = 1.0
+    for n in range(MIXTURES):
+        mix = np.zeros(len(names))
+        mix[random.choice(len(names), MIXED_UNITS, replace=False)] = random.uniform(0, 1, MIXED_UNITS)
+        mix[close] = min(mix[close], mix[jaw])
+        out[f"mixture {n + 1}"] = mix
+    return out
+
+
+def count(head: HeadModel, vertices: Float, surfaces: dict[str, Int]) -> dict[str, int]:
+    """Crossing triangles by "a x b", those without any left out."""
+    found = {}
+    for a, b in pairs_of(list(surfaces)):
+        crossing = crossing_pairs(vertices, surfaces[a], surfaces[b])
+        if len(crossing):
+            found[f"{a} x {b}"] = len(np.unique(crossing[:, 0])) + len(np.unique(crossing[:, 1]))
+    return found
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--head", type=Path, help="head model (default: the one in the box)")
+    parser.add_argument("--heads", type=int, default=4, help="random identities beside the mean one")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    head = load_head(options.head)
+    surfaces, random = groups(head), np.random.default_rng(options.seed)
+    identities = [np.zeros(0), *(random.normal(size=len(head.identity)) for _ in range(options.heads))]
+    print_ = sys.stdout.write
+    total = 0
+    for name, activation in poses(head, options.seed).items():
+        for number, identity in enumerate(identities):
+            found = count(head, head.shape(identity, activation).astype(np.float64), surfaces)
+            total += sum(found.values())
+            if found:
+                which = "mean head" if number == 0 else f"identity {number}"
+                print_(f"{name:22s} {which:12s} {', '.join(f'{k}: {v}' for k, v in found.items())}\n")
+    print_(f"{total} crossing triangles on {len(identities)} heads in {len(poses(head, options.seed))} poses\n")
+
+
+if __name__ == "__main__":
+    main()

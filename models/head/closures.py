@@ -1,0 +1,75 @@
+"""Lips and lids that close, put into a head file of before: ``python -m models.head.closures FILE``.
+
+The builder does it to every new head. A rebuild on another machine differs by rounding, which the chart's optimisation
+enlarges to some texels, and networks are trained on one chart; so a file that exists is changed in place.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from models.head.bases import Bases
+from models.head.digest import BASE_NAME, write_digest
+from models.head.expression import PARTNERS
+from models.head.lids import close
+from models.head.lips import seal
+from models.head.settle import part_members
+from service.errors import ModelFault
+from service.head.files import DEFAULT_HEAD, load_head, save_head
+from service.head.model import HeadModel
+
+BEFORE = "avatarme-cc0-head-1"
+
+
+def closing(bases: Bases, head: HeadModel) -> Bases:
+    """The bases of a head of our topology with lips and lids that close; ``head`` tells its polygons and regions."""
+    quads = head.polygons[head.polygon_part == 0].astype(np.int64)
+    members = part_members(head.polygons.astype(np.int64), head.polygon_part)
+    regions = dict(zip(head.region_names, head.regions.astype(np.float64), strict=True))
+    balls = {side: members[f"eye_{side}"] for side in ("left", "right")}
+    sealed = seal(bases, quads, regions, head.expression_names)
+    out = close(sealed, quads, balls, regions, head.expression_names)
+    partners = [head.expression_names.index(PARTNERS[name]) for name in head.expression_names]
+    # Rounding alone tells left from right here, but may choose another edge of the mesh.
+    flip, mirror = np.array([-1.0, 1.0, 1.0]), head.mirror
+    return Bases(
+        0.5 * (out.mean + out.mean[mirror] * flip),
+        out.identity,
+        0.5 * (out.expression + out.expression[partners][:, mirror] * flip),
+    )
+
+
+def closed(head: HeadModel) -> HeadModel:
+    """A head of before with lips and lids that close; topology, chart, landmarks and regions stay.
+
+    Raises:
+        ModelFault: it is not a head of before.
+    """
+    if head.name != BEFORE:
+        raise ModelFault(f"the head is {head.name}; {BEFORE} can be changed into {BASE_NAME}")
+    old = Bases(*(np.asarray(basis, np.float64) for basis in (head.mean, head.identity, head.expression)))
+    return with_bases(head, closing(old, head))
+
+
+def with_bases(head: HeadModel, bases: Bases) -> HeadModel:
+    """The head with other bases, rounded as a file keeps them, and the name of the present version."""
+    halves = (half.astype(np.float16).astype(np.float32) for half in (bases.identity, bases.expression))
+    identity, expression = halves
+    return replace(head, name=BASE_NAME, mean=bases.mean.astype(np.float32), identity=identity, expression=expression)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("head", type=Path, nargs="?", default=DEFAULT_HEAD)
+    path = parser.parse_args().head
+    save_head(closed(load_head(path)), path)
+    write_digest(path)
+
+
+if __name__ == "__main__":
+    main()

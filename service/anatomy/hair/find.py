@@ -1,0 +1,142 @@
+"""What a photo tells of somebody's hair: which style it is like, and its colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.anatomy.hair.choose import UNSEEN, Choice, choose, plain_mask
+from service.anatomy.hair.colour import HairColour, guessed, measure
+from service.anatomy.hair.item import Items, read_items
+from service.anatomy.hair.names import AUTO, NONE
+from service.anatomy.hair.silhouette import Frame, agreement
+from service.anatomy.hair.skull import Cut, Skull, fits, hair_on
+from service.arrays import Bool, Float32
+from service.colour import bytes_to_linear, srgb_to_linear
+from service.face.fit.result import Fit
+from service.face.reading.parts import BEARD, BROW, HAIR, HAT, IRIS, OTHER, SCLERA, SKIN
+from service.face.reading.reader import PART_CELLS, Reading, middles
+from service.head.model import HeadModel
+from service.head.regions import vertex_mask
+from service.photo.photo import Photo
+
+RAMP = (0.2, 0.55)
+"""Probability up to which a pixel shows no hair, and from which on it does: the reader is unsure at soft edges."""
+CERTAIN = 0.8
+"""Ramped probability from which on a pixel gives its colour."""
+BEFORE_M = 0.004
+"""How far behind the skin brows are still drawn: they lie on it."""
+USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
+"""Linear RGB of skin in a photo whose cheek was not seen."""
+
+
+@dataclass(frozen=True)
+class Hair:
+    """Hair of one photo.
+
+    Attributes:
+        asked: the option.
+        choice: the style, how it is worn, and doubts.
+        colour: in the photo's light.
+        brow: the shape of brows that agrees best with the photo's; None where it shows none.
+        brow_colour: (3,) linear RGB of the brows' dark pixels, in the photo's light.
+    """
+
+    asked: str
+    choice: Choice
+    colour: HairColour
+    brow: str | None = None
+    brow_colour: Float32 | None = None
+
+    @property
+    def bald_beneath(self) -> bool:
+        """Whether the skin is to be bald: hair is worn as a mesh, or is not wanted."""
+        return self.choice.name is not None or self.asked == NONE
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Stable codes for the manifest."""
+        guess = () if self.colour.measured or self.choice.name is None else ("hair-colour-guessed",)
+        return (*self.choice.doubts, *guess)
+
+
+def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: str) -> Hair:
+    """Hair of the person in a photo.
+
+    Args:
+        photo: that was fitted.
+        head: the head model.
+        fit: camera and vertices.
+        reading: of the photo; without one nothing is compared, and the shortest style is worn.
+        asked: "auto", "none" or the name of a style.
+    """
+    skin = USUAL_SKIN if fit.cheek is None else srgb_to_linear(fit.cheek)
+    items = read_items()
+    if not fits(items, head):
+        doubts = () if asked == NONE else ("hair-not-for-this-head",)
+        return Hair(asked, Choice(None, Cut(), 0.0, 0.0, doubts), guessed(skin))
+    named = None if asked in (AUTO, NONE) else [f"hair/{asked}"]
+    if reading is None:
+        name = None if asked == NONE else named[0] if named else UNSEEN
+        doubts = () if asked != AUTO else ("hair-unseen",)
+        return Hair(asked, Choice(name, Cut(), 0.0, 1.0, doubts), guessed(skin))
+    pixels = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))
+    shown, inside = _ramp(plain_mask(reading.parts, HAIR)), _in_photo(photo, reading)
+    certain = (shown > CERTAIN) & inside
+    frame = _frame(head, fit, reading)
+    brow_colour = _brow(pixels, reading, inside)
+    brow = None if brow_colour is None else _brow_shape(fit, reading, items, frame)
+    if asked == NONE:
+        choice, along = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown)
+    else:
+        choice, along = _choose(head, fit, reading, items, frame, shown, inside, named)
+    found = measure(pixels.reshape(-1, 3), along.ravel(), certain.ravel())
+    return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour)
+
+
+def _frame(head: HeadModel, fit: Fit, reading: Reading) -> Frame:
+    region, scalp = reading.region, vertex_mask(head, "scalp")
+    return Frame.of(fit.camera, lambda at: region.to_crop(at, PART_CELLS), PART_CELLS, head, fit.vertices, scalp)
+
+
+def _choose(
+    head: HeadModel, fit: Fit, reading: Reading, items: Items, frame: Frame, shown: Float32, inside: Bool,
+    named: list[str] | None,
+) -> tuple[Choice, Float32]:  # fmt: skip
+    """The style, and its coordinate from root to tip in the reader's cells, 0 beside it."""
+    known = np.asarray(inside * (1 - plain_mask(reading.parts, HAT, OTHER)), np.float32)
+    skin = _ramp(plain_mask(reading.parts, SKIN, BROW, BEARD, SCLERA, IRIS))
+    skull = Skull.of(head, fit.neutral)
+    choice = choose(items, skull, frame, shown, skin, known, named)
+    if choice.name is None:
+        return choice, np.zeros_like(shown)
+    item = items.items[choice.name]
+    return choice, frame.hair(item, hair_on(item, items, skull, choice.cut))[1]
+
+
+def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:
+    """The brows that overlap most with those of the photo."""
+    shown = _ramp(plain_mask(reading.parts, BROW))
+    moved = fit.vertices - items.fitted_head
+    masks = ((name, frame.hair(items.items[name], items.items[name].worn(moved), BEFORE_M)[0]) for name in
+             items.names("brow"))  # fmt: skip
+    return max((agreement(shown, mask, np.ones_like(shown)), name) for name, mask in masks)[1]
+
+
+def _ramp(share: Float32) -> Float32:
+    return np.asarray(np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0, 1), np.float32)
+
+
+def _in_photo(photo: Photo, reading: Reading) -> Bool:
+    """(128, 128) whether the middles of the reader's cells lie in the photo; it also reads the black around it."""
+    at = middles(reading.region, PART_CELLS)
+    return np.asarray(((at >= 0) & (at < photo.size)).all(1).reshape(PART_CELLS, PART_CELLS))
+
+
+def _brow(pixels: Float32, reading: Reading, inside: Bool) -> Float32 | None:
+    """(3,) linear RGB of the darker half of the brows; None where hardly any are seen."""
+    own = pixels[(plain_mask(reading.parts, BROW) > RAMP[1]) & inside]
+    if len(own) < 12:
+        return None
+    return np.asarray(np.median(own[own.sum(1) <= np.median(own.sum(1))], 0), np.float32)

@@ -1,0 +1,136 @@
+"""Hair, lashes, brows and bust of one head as meshes for files and pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.anatomy.hair.find import Hair
+from service.anatomy.hair.item import Item, Items, read_items
+from service.anatomy.hair.picture import hair_picture
+from service.anatomy.hair.skull import Skull, fits, hair_on, mirrored
+from service.arrays import AnyFloat, Float32, UInt8
+from service.colour import linear_to_srgb
+from service.face.fit.result import Fit
+from service.geometry.normals import area_normals
+from service.head.model import HeadModel
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
+
+LEAST_M = 1e-6
+"""Units that move a part by less are left out of its targets."""
+
+LASHES = "lash/eyelashes02"
+"""Upper and lower lashes of every head: even, of middle length."""
+LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
+"""Diffuse albedo of lashes, linear RGB."""
+
+BROW_LIFT_M = 0.0004
+"""Height of the brows' cards over where they were made: the skin of another head is curved differently."""
+CUTOFF = 0.35
+"""Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
+
+
+def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+    """The style as a mesh that stands still; None for a bald head.
+
+    Args:
+        hair: as :func:`service.anatomy.hair.find.find_hair` gives it.
+        head: topology of the head.
+        fit: its vertices.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    if hair.choice.name is None:
+        return None
+    items, cut = read_items(), hair.choice.cut
+    item = items.items[hair.choice.name]
+    skull = Skull.of(head, fit.neutral)
+    points = hair_on(item, items, skull, cut)
+    worn = mirrored(item, head) if cut.mirrored else item
+    picture = OwnMap("hair", hair_picture(item, hair.colour, light))
+    # Highlights of glossy hair are narrower.
+    roughness = float(np.clip(0.62 - 0.12 * (hair.colour.sheen - 1.0), 0.4, 0.62))
+    material = Material(
+        "hair", colour_map=picture, alpha="mask", cutoff=CUTOFF, double_sided=True, roughness=round(roughness, 3),
+        specular=0.6,
+    )  # fmt: skip
+    faces = outwards(points, worn, skull)
+    return MeshPart("hair", points, points, faces, item.uv, material)
+
+
+def outwards(points: Float32, item: Item, skull: Skull) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
+    """(T, 3) triangles of cards from the skin outwards, for viewers that blend them in the order of the file."""
+    middle = points[item.triangles].mean(1)
+    _, away, _ = skull.nearest(middle)
+    return np.ascontiguousarray(item.triangles[np.argsort(away, kind="stable")], np.int32)
+
+
+def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:
+    """Upper and lower lashes, which follow the lids; None for a head that they were not made for."""
+    items = read_items()
+    if not fits(items, head):
+        return None
+    colour = np.rint(255 * linear_to_srgb(LASH)).astype(np.uint8)
+    material = Material(
+        "lashes", colour_map=OwnMap("lashes", _in_colour(items.items[LASHES].picture[..., 0], colour)), alpha="blend",
+        double_sided=True, roughness=0.6,
+    )  # fmt: skip
+    return following("lash_cards", items.items[LASHES], items, head, fit, material, ("lashes",))
+
+
+def _in_colour(alpha: UInt8, colour: UInt8) -> UInt8:
+    """(h, w, 4) one sRGB colour (3,) with an alpha (h, w)."""
+    flat = np.broadcast_to(colour, (*alpha.shape, 3))
+    return np.ascontiguousarray(np.concatenate([flat, alpha[..., None]], 2))
+
+
+def following(
+    name: str, item: Item, items: Items, head: HeadModel, fit: Fit, material: Material, replaces: tuple[str, ...] = (),
+    lift: AnyFloat | float = 0.0,
+) -> MeshPart:  # fmt: skip
+    """An item that follows identity and expression.
+
+    Args:
+        name: of the part.
+        item: what.
+        items: the file that it is from.
+        head: topology and units.
+        fit: vertices of the head.
+        material: its surface.
+        replaces: parts of the head in whose place it stands.
+        lift: (N, 3) metres that its vertices are moved by.
+    """
+    targets = {}
+    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
+        moved = item.moved(offsets)
+        if np.abs(moved).max() > LEAST_M:
+            targets[unit] = moved
+    return MeshPart(
+        name,
+        np.asarray(item.worn(fit.vertices - items.fitted_head) + lift, np.float32),
+        np.asarray(item.worn(fit.neutral - items.fitted_head) + lift, np.float32),
+        item.triangles,
+        item.uv,
+        material,
+        targets=targets,
+        replaces=replaces,
+    )
+
+
+def brow_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+    """Brows over those of the skin, in the shape that agrees best with the photo's; None where none was compared.
+
+    Args:
+        hair: with the brows' shape and colour.
+        head: topology and units.
+        fit: vertices of the head.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    items = read_items()
+    if hair.brow is None or hair.brow_colour is None or not fits(items, head):
+        return None
+    item = items.items[hair.brow]
+    coded = linear_to_srgb(np.clip(hair.brow_colour * light, 0, 0.6).astype(np.float32))
+    picture = _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
+    material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
+    normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
+    return following("brow_cards", item, items, head, fit, material, lift=BROW_LIFT_M * normals)

@@ -1,0 +1,76 @@
+"""The texture of a style of hair in somebody's colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.anatomy.hair.colour import HairColour
+from service.anatomy.hair.item import Item
+from service.arrays import Float32, UInt8
+from service.colour import linear_to_srgb
+from service.geometry.raster import interpolate, rasterise
+
+BRIGHTEST = 0.75
+"""Largest albedo of hair, linear."""
+SPREAD = 0.008
+"""Blur of the coordinate from root to tip on the texture, over its width: cards that share texels differ."""
+HAIRLINE = 0.05
+"""Coordinate up to which cards fade in at the roots, strand by strand: a hairline is no edge."""
+STRANDS_PX = 3.0
+"""Standard deviation of the blur that strands are told from, texels of 512."""
+
+
+def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
+    """(H, W, 4) uint8 sRGB albedo with straight alpha, row 0 at v = 1.
+
+    The asset's own luminance says which strands are lit and which shaded; its ranks go to the photo's colours.
+
+    Args:
+        item: the style; its picture has grey and alpha.
+        colour: in the photo's light.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    grey, alpha = item.picture[..., 0], item.picture[..., -1]
+    solid = np.sort(grey[alpha > 127]) if (alpha > 127).any() else np.zeros(1, np.uint8)
+    table = np.searchsorted(solid, np.arange(256), "right") / len(solid)
+    # Half ranks, half levels: ranks alone would draw out what noise there is in an even picture.
+    low, high = (float(np.quantile(solid, q)) for q in (0.05, 0.95))
+    level = np.clip((np.arange(256) - low) / max(high - low, 8.0), 0, 1)
+    lit = (0.5 * table + 0.5 * level).astype(np.float32)[grey][..., None]
+    along = _on_texture(item)[..., None]
+    usual = colour.shaded + lit * (colour.lit - colour.shaded)
+    albedo = usual * (colour.root + along * (colour.tip - colour.root)) * light
+    coded = linear_to_srgb(np.clip(albedo, 0, np.float32(BRIGHTEST)).astype(np.float32))
+    opaque = np.rint(alpha * _fading(item, along[..., 0])).astype(np.uint8)
+    return np.concatenate([np.rint(255 * coded).astype(np.uint8), opaque[..., None]], 2)
+
+
+def _fading(item: Item, along: Float32) -> Float32:
+    """(H, W) factor on alpha in [0, 1]: 0 at the roots, 1 from ``HAIRLINE`` on, uneven from strand to strand."""
+    import cv2
+
+    if item.along is None:
+        return np.ones_like(along)
+    grey = item.picture[..., 0].astype(np.float32)
+    strands = grey - np.asarray(cv2.GaussianBlur(grey, (0, 0), STRANDS_PX * grey.shape[1] / 512))
+    uneven = strands / max(float(strands.std()), 1e-3)
+    t = np.clip(along / HAIRLINE + 0.25 * uneven * (along < HAIRLINE), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
+
+
+def _on_texture(item: Item) -> Float32:
+    """(H, W) the coordinate from root to tip of the cards, extended between them; 0.5 without one."""
+    import cv2
+
+    height, width = item.picture.shape[:2]
+    if item.along is None:
+        return np.full((height, width), 0.5, np.float32)
+    at = np.stack([item.uv[:, 0] * width, (1 - item.uv[:, 1]) * height], 1)
+    drawn = rasterise(at, np.zeros(len(at)), item.triangles, width, height)
+    shown = np.flatnonzero(drawn.mask)
+    both = np.zeros((height * width, 2), np.float32)
+    corners = item.triangles[drawn.triangle.ravel()[shown]]
+    both[shown, 0] = interpolate(item.along[:, None], corners, drawn.barycentric.reshape(-1, 3)[shown])[:, 0]
+    both[shown, 1] = 1
+    soft = np.asarray(cv2.GaussianBlur(both.reshape(height, width, 2), (0, 0), SPREAD * width))
+    return np.asarray(np.clip((soft[..., 0] + 1e-3 * 0.5) / (soft[..., 1] + 1e-3), 0, 1), np.float32)

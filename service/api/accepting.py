@@ -1,0 +1,151 @@
+"""Taking a photo in: refused at the door, looked through, on the disk, and only then a job."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+
+from service.api.admitting import bounds_of, no_room, sweep
+from service.api.context import Context
+from service.api.decoding import cost
+from service.api.keys import Tenant
+from service.api.options import parse_metadata
+from service.api.problems import ProblemError
+from service.api.upload import Upload
+from service.jobs.admission import Bounds, NoRoom
+from service.jobs.artifacts import artifact_name
+from service.jobs.lookups import Row
+from service.jobs.new import KeyInUse, NewJob
+from service.jobs.webhooks.address import target
+from service.photo.gate import check_photo
+
+_MAX_KEY = 255
+
+
+async def accept(context: Context, tenant: Tenant, key: str | None, upload: Upload, trace: str | None) -> Row:
+    """The job of a photo that has arrived: a new one, or the one that its key belongs to.
+
+    Args:
+        context: of the application.
+        tenant: who sent it.
+        key: of :func:`idempotency_key`.
+        upload: the photo and what was said beside it.
+        trace: header ``traceparent``.
+
+    Raises:
+        ProblemError, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
+    """
+    options = upload.chosen().to_json()
+    metadata = parse_metadata(upload.metadata)
+    if upload.webhook_url:
+        target(upload.webhook_url, context.settings.webhook_hosts, private=context.settings.webhook_private)
+    digest = _digest(upload, options, metadata)
+    if key is not None:
+        known = await run_in_threadpool(context.store.by_key, tenant.name, key)
+        if known is not None:
+            return _same(known, digest)
+    share = await run_in_threadpool(_cost, context, upload.path)
+    async with context.decoding.taken(share):
+        await run_in_threadpool(_look_through, context, upload.path)
+    job = secrets.token_hex(16)
+    new = NewJob(
+        id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
+        photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
+        priority=upload.priority, metadata=metadata, trace=trace,
+        webhook=upload.webhook_url or None,
+    )  # fmt: skip
+    return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
+
+
+def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
+    """First the photo on the disk, then the job and its place in the queue in one transaction."""
+    context.artifacts.put(path, new.photo)
+    try:
+        return context.store.add(new, context.queue.put, bounds, context.queue.move)
+    except KeyInUse as used:
+        sweep(context, new.id)
+        return _same(used.row, new.digest)
+    except NoRoom as full:
+        sweep(context, new.id)
+        raise no_room(full) from full
+    except BaseException:
+        sweep(context, new.id)
+        raise
+
+
+def _cost(context: Context, path: Path) -> int:
+    return cost(path.read_bytes(), context.limits)
+
+
+def _look_through(context: Context, path: Path) -> None:
+    check_photo(path.read_bytes(), context.limits)
+
+
+def admit(context: Context, tenant: Tenant, key: str | None) -> None:
+    """Refuse at the door what could not be done.
+
+    Raises:
+        ProblemError: the server is shutting down or full, or the tenant's quota is used up.
+    """
+    if context.draining.is_set():
+        raise ProblemError("draining", 503, headers={"Retry-After": "10"})
+    context.check_space()
+    if key is not None and context.store.by_key(tenant.name, key) is not None:
+        return  # it was let in before
+    try:
+        context.store.room(tenant.name, bounds_of(context, tenant))
+    except NoRoom as full:
+        raise no_room(full) from full
+
+
+@asynccontextmanager
+async def slot(context: Context) -> AsyncIterator[None]:
+    """One of the uploads that are received at the same time.
+
+    Raises:
+        ProblemError: there are as many as there may be.
+    """
+    if context.uploads >= context.settings.uploads:
+        raise ProblemError("busy", 503, headers={"Retry-After": "2"})
+    context.uploads += 1
+    try:
+        yield
+    finally:
+        context.uploads -= 1
+
+
+def _same(row: Row, digest: str) -> Row:
+    if row["digest"] != digest:
+        raise ProblemError("key-reuse", 422)
+    if row["gone"] is not None:
+        raise ProblemError("gone", 410, reason=row["gone"])
+    return row
+
+
+def _digest(upload: Upload, options: dict[str, Any], metadata: dict[str, Any]) -> str:
+    content = [upload.sha256, upload.keep_photo, options]
+    if metadata:
+        content.append(metadata)
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def idempotency_key(request: Request) -> str | None:
+    """The header of that name, None without one.
+
+    Raises:
+        ProblemError: it is none that can be kept.
+    """
+    key = request.headers.get("idempotency-key")
+    if key is None:
+        return None
+    if not 1 <= len(key) <= _MAX_KEY or not key.isascii() or not key.isprintable():
+        raise ProblemError("invalid-parameter", 400, f"Idempotency-Key has to be 1 to {_MAX_KEY} printable characters")
+    return key

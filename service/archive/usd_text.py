@@ -1,0 +1,85 @@
+"""Arrays and shading networks as USD text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from service.arrays import AnyFloat, AnyInt
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A connection to an output of another shader."""
+
+    shader: str
+    output: str
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A path of a file."""
+
+    path: str
+
+
+Value = float | int | str | tuple[float, ...] | Wire | Asset
+
+
+@dataclass(frozen=True)
+class Shader:
+    """One node of a shading network.
+
+    Attributes:
+        name: of the prim.
+        kind: its ``info:id``.
+        inputs: "type name" -> value, for example "float roughness" -> 0.5.
+        outputs: "type name" of each.
+    """
+
+    name: str
+    kind: str
+    inputs: Mapping[str, Value] = field(default_factory=dict)
+    outputs: Sequence[str] = ()
+
+    def text(self, parent: str, indent: str) -> str:
+        """The prim under a parent path."""
+        lines = [f'def Shader "{self.name}"', "{", f'    uniform token info:id = "{self.kind}"']
+        for name, value in self.inputs.items():
+            kind, _, called = name.partition(" ")
+            lines.append(f"    {kind} inputs:{called}{_assigned(value, parent)}")
+        for name in self.outputs:
+            kind, _, called = name.partition(" ")
+            lines.append(f"    {kind} outputs:{called}")
+        return "".join(f"{indent}{line}\n" for line in [*lines, "}"])
+
+
+def _assigned(value: Value, parent: str) -> str:
+    if isinstance(value, Wire):
+        return f".connect = <{parent}/{value.shader}.outputs:{value.output}>"
+    if isinstance(value, Asset):
+        return f" = @{value.path}@"
+    if isinstance(value, tuple):
+        return " = (" + ", ".join(f"{one:.7g}" for one in value) + ")"
+    return f' = "{value}"' if isinstance(value, str) else f" = {value:.7g}"
+
+
+def tuples(rows: AnyFloat | Sequence[AnyFloat], digits: int) -> str:
+    """Rows (N, C) as "(a, b), (c, d)" with so many significant digits."""
+    values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
+    number = f"%.{digits}g"
+    pattern = "(" + ", ".join([number] * values.shape[1]) + ")"
+    return ", ".join([pattern] * len(values)) % tuple(values.ravel().tolist())
+
+
+def numbers(values: AnyFloat, digits: int) -> str:
+    """Numbers of any shape, flat, as "a, b" with so many significant digits."""
+    flat = np.asarray(values, np.float64).ravel() + 0.0
+    return ", ".join([f"%.{digits}g"] * len(flat)) % tuple(flat.tolist())
+
+
+def integers(values: AnyInt) -> str:
+    """Integers of any shape, flat, as "a, b"."""
+    return ", ".join(map(str, np.asarray(values).ravel().tolist()))

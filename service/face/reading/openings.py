@@ -1,0 +1,172 @@
+"""Lids and lips as the photo shows them: networks that find both edges of an opening in a patch round its corners.
+
+Their recipe is ``models/training/openings.py``. The landmark network draws its rims round eyes that it expects to be
+open; these networks were taught on eyes and mouths in all states, closed ones and winks among them.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.anatomy.eyes.gaze import RIMS
+from service.anatomy.mouth.lips import MOUTH_RIM
+from service.arrays import Bool, Float64, UInt8
+from service.errors import NumericFault
+from service.face.region import Region
+from service.runtime.sessions import Session, load_session
+
+log = logging.getLogger(__name__)
+
+STATIONS: Float64 = np.linspace(0.1, 0.9, 9)
+"""Places from corner to corner at which the heights of both edges are read."""
+ENDS: Float64 = np.array([0.0, *STATIONS, 1.0])
+UNSURE = 0.09
+"""Median standard deviation, over the length of the opening, above which what was read is not used."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How the patch of one kind of opening is cut: the corners lie level in it.
+
+    Attributes:
+        name: of the network's file.
+        side: pixels of the square patch.
+        length: pixels between the corners.
+        level: row of the corners.
+        corners: landmarks of the corners, image-left first, by opening.
+        flipped: openings whose patches are mirrored, so that the outer corner comes first.
+    """
+
+    name: str
+    side: int
+    length: float
+    level: float
+    corners: dict[str, tuple[int, int]]
+    flipped: tuple[str, ...] = ()
+
+    def region(self, left: Float64, right: Float64) -> Region | None:
+        """The patch round two corners (2,), photo pixels; None where they coincide or are not finite."""
+        across = right - left
+        length = float(np.hypot(*across))
+        if not np.isfinite(length) or length < 1e-3:
+            return None
+        scale, angle = length / self.length, float(np.arctan2(across[1], across[0]))
+        down = np.array([-across[1], across[0]]) / length
+        middle = (left + right) / 2 + down * (self.side / 2 - self.level) * scale
+        return Region(float(middle[0]), float(middle[1]), self.side * scale, angle)
+
+
+EYE = Kind("lids", 48, 26.0, 24.0, {"right": (33, 133), "left": (362, 263)}, ("left",))
+MOUTH = Kind("lips", 64, 36.0, 26.0, {"mouth": (78, 308)})
+KINDS = (EYE, MOUTH)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Both edges of an opening in the photo.
+
+    Attributes:
+        upper, lower: (9, 2) photo pixels, at ``STATIONS`` from the image-left corner to the image-right one.
+        corners: (2, 2) photo pixels.
+        sigma: (2, 9) standard deviations of the heights, upper edge first, over the distance of the corners.
+    """
+
+    upper: Float64
+    lower: Float64
+    corners: Float64
+    sigma: Float64
+
+    @property
+    def sure(self) -> bool:
+        """Whether the network knows what it saw."""
+        return bool(np.median(self.sigma) < UNSURE)
+
+    def on_edges(self, points: Float64, upper: Bool) -> Float64:
+        """(K, 2) points moved up or down onto the upper edge, or onto the lower one where ``upper`` (K,) is False."""
+        across = self.corners[1] - self.corners[0]
+        square = float(across @ across)
+        up = np.array([across[1], -across[0]])
+        place = (points - self.corners[0]) @ across / square
+        heights = [
+            np.interp(place, ENDS, [0.0, *((edge - self.corners[0]) @ up / square), 0.0])
+            for edge in (self.lower, self.upper)
+        ]
+        height = np.where(upper, heights[1], heights[0])
+        return np.asarray(self.corners[0] + place[:, None] * across + height[:, None] * up)
+
+
+Openings = dict[str, Opening]
+"""By name: ``right`` and ``left`` eye of the subject, ``mouth``; those that could not be read are missing."""
+
+
+class OpeningsNetwork:
+    """The networks of both kinds."""
+
+    def __init__(self, sessions: dict[str, Session] | None = None, threads: int = 2) -> None:
+        self._sessions = sessions or {kind.name: load_session(kind.name, threads) for kind in KINDS}
+
+    def __call__(self, pixels: UInt8, landmarks: Float64) -> Openings:
+        """Read an (H, W, 3) uint8 sRGB photo with landmarks (468, >= 2) in its pixels.
+
+        Raises:
+            NumericFault: a network gives no numbers.
+        """
+        found: Openings = {}
+        for kind in KINDS:
+            for name, pair in kind.corners.items():
+                left, right = np.asarray(landmarks, np.float64)[list(pair), :2]
+                region = kind.region(left, right)
+                if region is not None:
+                    patch = region.cut(pixels, kind.side)
+                    found[name] = _placed(kind, self._heights(kind, patch, name in kind.flipped), left, right)
+        return found
+
+    def _heights(self, kind: Kind, patch: UInt8, flipped: bool) -> Float64:
+        """(4, 9): heights of upper and lower edge over the length, then their standard deviations."""
+        views = [patch[:, ::-1] if flipped else patch]
+        if not kind.flipped:  # an opening with two like sides is read from both
+            views.append(patch[:, ::-1])
+        out = []
+        for view in views:
+            image = np.ascontiguousarray(view.transpose(2, 0, 1), np.float32)[None] / np.float32(255)
+            heights, sigma = self._sessions[kind.name].run({"patch": image})
+            out.append(np.concatenate([heights[0], sigma[0]]).astype(np.float64))
+        if not kind.flipped:
+            out[1] = out[1][:, ::-1]
+        mean = np.mean(out, 0)
+        return np.asarray(mean[:, ::-1] if flipped else mean)
+
+
+def _placed(kind: Kind, read: Float64, left: Float64, right: Float64) -> Opening:
+    across = right - left
+    up = np.array([across[1], -across[0]])
+    base = left + STATIONS[:, None] * across
+    middle, half = (read[0] + read[1]) / 2, np.maximum(read[0] - read[1], 0.0) / 2
+    upper, lower = (base + (middle + sign * half)[:, None] * up for sign in (1.0, -1.0))
+    return Opening(upper, lower, np.stack([left, right]), read[2:])
+
+
+def read_openings(pixels: UInt8, landmarks: Float64, network: OpeningsNetwork) -> Openings:
+    """As the network reads them, without those it is not sure of; none where it gives no numbers."""
+    try:
+        found = network(pixels, landmarks)
+    except NumericFault as fault:
+        log.warning("lids and lips are not read: %s", fault)
+        return {}
+    return {name: opening for name, opening in found.items() if opening.sure}
+
+
+def with_openings(landmarks: Float64, openings: Openings) -> Float64:
+    """(468, 3) landmarks whose rims of eyes and mouth lie on the edges that were read; corners and depths stay."""
+    out = np.array(landmarks, np.float64)
+    for name, opening in openings.items():
+        rim = MOUTH_RIM if name == "mouth" else RIMS[name]
+        half = len(rim) // 2
+        # From corner to corner and back; the mouth's begin with the upper edge, those of eyes with the lower.
+        for part, first in ((rim[1:half], True), (rim[half + 1 :], False)):
+            index = list(part)
+            out[index, :2] = opening.on_edges(out[index, :2], np.full(len(index), first == (name == "mouth")))
+    return out

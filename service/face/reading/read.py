@@ -1,0 +1,53 @@
+"""All that is read off one face: every pixel's place, normal and part; edges of lids and lips; expression scores."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from service.arrays import Float64, UInt8
+from service.errors import NumericFault
+from service.face.reading.openings import OpeningsNetwork, read_openings
+from service.face.reading.reader import ReaderNetwork, Reading, crop_of
+from service.face.reading.scores import Landmarker, read_scores
+
+log = logging.getLogger(__name__)
+
+
+class Readers:
+    """The networks that read a face.
+
+    Args:
+        pixels: of places, normals and parts; None for the shipped one.
+        openings: of lids and lips; None for the shipped ones.
+        scores: of points and expression; None for the shipped ones.
+    """
+
+    def __init__(
+        self, pixels: ReaderNetwork | None = None, openings: OpeningsNetwork | None = None,
+        scores: Landmarker | None = None,
+    ) -> None:  # fmt: skip
+        self.pixels = pixels or ReaderNetwork()
+        self.openings = openings or OpeningsNetwork()
+        self.scores = scores or Landmarker()
+
+
+def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | None:
+    """Read the face with landmarks (468, 3) in an (H, W, 3) uint8 sRGB photo.
+
+    None where the landmarks give no crop or the network of pixels gives no numbers; openings and scores of which the
+    networks give none are missing.
+    """
+    region = crop_of(landmarks)
+    try:
+        reading = None if region is None else readers.pixels(pixels, region)
+    except NumericFault as fault:
+        log.warning("the face is not read: %s", fault)
+        return None
+    if reading is None:
+        return None
+    return replace(
+        reading,
+        openings=read_openings(pixels, landmarks, readers.openings),
+        scores=read_scores(pixels, landmarks, readers.scores),
+    )

@@ -1,0 +1,115 @@
+"""A mesh beside the head's own parts: hair, brows, lashes, teeth, eyes, with its material and blendshapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from service.arrays import Float32, Int32
+from service.errors import NumericFault
+from service.materials.material import Material, OwnMap, checked_name
+
+Bone = Literal["neck", "head", "jaw", "eye_left", "eye_right"]
+"""Joints of the skeleton."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshPart:
+    """One mesh with one material, in metres, head space. Arrays are not to be changed.
+
+    Attributes:
+        name: of the mesh in every format, unlike all other parts of the avatar and of the head.
+        vertices: (N, 3) float32 in the photo's expression; OBJ and previews show them.
+        neutral: (N, 3) float32 without expression; GLB shows them.
+        faces: (F, 3) or (F, 4) int32 vertex indices, counter-clockwise from outside; -1 in a fourth column marks a
+            triangle. They are drawn in this order, so blended cards go from the inside out.
+        uv: (U, 2) float32, origin bottom left. Of the part's own textures, or of the head's chart where the material's
+            maps are ``ChartMap``; outside [0, 1] the texture's border is repeated.
+        material: its surface.
+        uv_faces: as ``faces``, indices into ``uv``; None where every vertex has one place on the texture, N = U.
+        targets: (N, 3) float32 offsets from ``neutral`` at full activation, by ARKit's name of the unit; a unit that
+            does not move the part is left out.
+        bone: the joint that carries the part.
+        replaces: names of the head's own parts in place of which this one stands; files and pictures leave those out.
+    """
+
+    name: str
+    vertices: Float32
+    neutral: Float32
+    faces: Int32
+    uv: Float32
+    material: Material
+    uv_faces: Int32 | None = None
+    targets: Mapping[str, Float32] = field(default_factory=dict)
+    bone: Bone = "head"
+    replaces: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "a part")
+        count = len(self.vertices)
+        shaped = {"vertices": self.vertices, "neutral": self.neutral, **self.targets}
+        for what, rows in shaped.items():
+            if rows.shape != (count, 3) or not np.isfinite(rows).all():
+                raise NumericFault(f"{what} of the part {self.name} is {rows.shape}; finite ({count}, 3) is right")
+        if self.uv.ndim != 2 or self.uv.shape[1] != 2 or not np.isfinite(self.uv).all():
+            raise NumericFault(f"uv of the part {self.name} has shape {self.uv.shape}; finite (U, 2) is right")
+        _check_indices(self.name, self.faces, count)
+        if self.uv_faces is None and len(self.uv) != count:
+            raise NumericFault(f"the part {self.name} has {len(self.uv)} uv for {count} vertices, and no uv_faces")
+        if self.uv_faces is not None:
+            _check_indices(self.name, self.uv_faces, len(self.uv))
+            if self.uv_faces.shape != self.faces.shape:
+                raise NumericFault(f"faces and uv_faces of the part {self.name} differ in shape")
+
+    @property
+    def polygons(self) -> Int32:
+        """(F, 4) int32 faces, -1 in the last column marks a triangle."""
+        return _four(self.faces)
+
+    @property
+    def polygons_uv(self) -> Int32:
+        """(F, 4) int32 as :attr:`polygons`, indices into ``uv``."""
+        return _four(self.faces if self.uv_faces is None else self.uv_faces)
+
+    @property
+    def own_maps(self) -> tuple[OwnMap, ...]:
+        """Textures that become files of the archive."""
+        return tuple(one for one in self.material.maps if isinstance(one, OwnMap))
+
+
+def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
+    """Check that names of parts, materials and textures are unambiguous.
+
+    Args:
+        parts: all extra parts of an avatar.
+        taken: names of the head's own parts.
+
+    Raises:
+        NumericFault: two parts, two materials or two textures share a name.
+    """
+    names = [*taken, *(part.name for part in parts)]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        raise NumericFault(f"two parts of the avatar are named {doubled[0]}")
+    for things in ([part.material for part in parts], [one for part in parts for one in part.own_maps]):
+        known: dict[str, object] = {}
+        for thing in things:
+            if known.setdefault(thing.name, thing) != thing:
+                raise NumericFault(f"two materials or two textures of the avatar's parts are named {thing.name}")
+
+
+def _four(faces: Int32) -> Int32:
+    if faces.shape[1] == 4:
+        return faces
+    return np.concatenate([faces, np.full((len(faces), 1), -1, np.int32)], 1)
+
+
+def _check_indices(name: str, faces: Int32, count: int) -> None:
+    if faces.ndim != 2 or faces.shape[1] not in (3, 4) or not np.issubdtype(faces.dtype, np.integer) or not len(faces):
+        raise NumericFault(f"faces of the part {name} have shape {faces.shape}; (F, 3) or (F, 4) integers are right")
+    least = np.array([0, 0, 0, -1])[: faces.shape[1]]
+    if (faces < least).any() or (faces >= count).any():
+        raise NumericFault(f"a face of the part {name} points outside its {count} vertices")

@@ -1,0 +1,121 @@
+"""Read the photo at the texels of a map, strip by strip.
+
+Where a texel is smaller than a pixel, pixels are interpolated bicubically; where it covers several, it reads between
+two levels of a pyramid of halved photos, averaged in linear light (Williams 1983), by its longer side: what is seen at
+a grazing angle is rather blurred than aliased.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Float32, UInt8
+from service.colour import bytes_to_linear, linear_to_srgb, to_bytes
+from service.photo.photo import Photo
+from service.texture.detail.places import Places
+
+MARGIN = 8
+"""Pixels around what is read, for interpolation."""
+LEAST_LEVEL = 16
+"""Shortest side of a level of the pyramid, pixels."""
+ROWS = 1024
+"""Rows of the photo that are halved at a time."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """The photo as texels read it.
+
+    Attributes:
+        levels: (h, w, 3) uint8 sRGB, each half of the one before.
+        places: of the head in the photo.
+        size: (width, height) of the map whose texels are read.
+    """
+
+    levels: tuple[UInt8, ...]
+    places: Places
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, photo: Photo, places: Places, size: tuple[int, int]) -> Reader:
+        """Of a map of ``size``; as many levels are made as its texels need."""
+        ratio = places.finest.shape[1] / size[0]
+        largest = float(places.finest.max(initial=0.0)) * ratio
+        levels = [photo.pixels]
+        while 2 ** (len(levels) - 1) < largest and min(levels[-1].shape[:2]) >= 2 * LEAST_LEVEL:
+            levels.append(halved(levels[-1]))
+        return cls(tuple(levels), places, size)
+
+    def rows(self, first: int, last: int, columns: tuple[int, int] | None = None) -> Float32:
+        """(last - first, W, 3) sRGB-coded in [0, 1] of these rows; pixels beyond the photo's border repeat it."""
+        begin, end = columns or (0, self.size[0])
+        window = (first, last, begin, end)
+        x, y = (stretched(np.ascontiguousarray(self.places.pixel[..., k]), self.size, window) for k in (0, 1))
+        ratio = self.places.finest.shape[1] / self.size[0]
+        level = np.log2(np.maximum(stretched(self.places.finest, self.size, window) * np.float32(ratio), 1))
+        level = np.minimum(level, len(self.levels) - 1)
+        low = np.floor(level)
+        result = np.zeros((*level.shape, 3), np.float32)
+        for index in range(int(low.max(initial=-1)) + 1):
+            chosen = low == index
+            if not chosen.any():
+                continue
+            share = (level - np.float32(index))[..., None]
+            here = _read(self.levels[index], 2.0**index, x, y, chosen, cubic=index == 0)
+            if (share[chosen] > 0).any():
+                above = _read(self.levels[index + 1], 2.0 ** (index + 1), x, y, chosen, cubic=False)
+                here += share * (above - here)
+            np.copyto(result, here, where=chosen[..., None])
+        return np.clip(result, 0, 1, out=result)
+
+
+def _read(image: UInt8, scale: float, x: Float32, y: Float32, chosen: np.ndarray, *, cubic: bool) -> Float32:
+    """(h, w, 3) values of a level in [0, 1] at photo pixels; of the level only the rows that ``chosen`` reads."""
+    import cv2
+
+    across, down = x / np.float32(scale) - np.float32(0.5), y / np.float32(scale) - np.float32(0.5)
+    height, width = image.shape[:2]
+    place = []
+    for at, most in ((down, height), (across, width)):
+        inside = np.clip(at[chosen], 0, most - 1)
+        low, high = max(int(inside.min()) - MARGIN, 0), min(int(inside.max()) + MARGIN, most)
+        place.append(slice(low, max(high, low + 1)))
+    part = image[place[0], place[1]].astype(np.float32) * np.float32(1 / 255)
+    way = cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR
+    across, down = across - np.float32(place[1].start), down - np.float32(place[0].start)
+    return np.asarray(cv2.remap(part, across, down, way, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+def stretched(plane: Float32, size: tuple[int, int], window: tuple[int, int, int, int]) -> Float32:
+    """(rows, columns) float32 of a plane (h, w) of a chart at some texels of a larger map, bilinear.
+
+    Args:
+        plane: on the chart.
+        size: (width, height) of the map.
+        window: first row, row after the last, first column, column after the last.
+    """
+    import cv2
+
+    first, last, begin, end = window
+    down, across = plane.shape[0] / size[1], plane.shape[1] / size[0]
+    top = max(int(first * down) - 2, 0)
+    part = plane[top : min(int(np.ceil(last * down)) + 2, plane.shape[0])]
+    matrix = np.array([[across, 0, (begin + 0.5) * across - 0.5], [0, down, (first + 0.5) * down - 0.5 - top]])
+    way = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(
+        cv2.warpAffine(part, matrix, (end - begin, last - first), flags=way, borderMode=cv2.BORDER_REPLICATE),
+        np.float32,
+    )
+
+
+def halved(image: UInt8) -> UInt8:
+    """(h // 2, w // 2, 3) sRGB of (h, w, 3): means of 2 x 2 pixels in linear light."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    result = np.zeros((height, width, 3), np.uint8)
+    for top in range(0, height, ROWS // 2):
+        part = bytes_to_linear(image[2 * top : 2 * min(top + ROWS // 2, height), : 2 * width])
+        mean = part.reshape(part.shape[0] // 2, 2, width, 2, 3).mean((1, 3))
+        result[top : top + len(mean)] = to_bytes(linear_to_srgb(mean))
+    return result

@@ -1,0 +1,96 @@
+"""Choosing and fitting a style: the style that made a silhouette is found again from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from service.anatomy.hair.choose import BALD, UNSEEN, choose
+from service.anatomy.hair.item import read_items
+from service.anatomy.hair.silhouette import Frame, agreement
+from service.anatomy.hair.skull import CLEARANCE_M, Cut, Skull, fits, hair_on
+from service.archive.preview.render import turned_camera
+from service.arrays import Float32
+from service.head.files import load_head
+from service.head.regions import vertex_mask
+from tests.toyhead import sphere_head
+
+HEAD, ITEMS = load_head(), read_items()
+NEUTRAL = HEAD.shape(np.array([0.8, -0.6, 0.4]))
+SKULL = Skull.of(HEAD, NEUTRAL)
+SIDE = 96
+
+
+@pytest.fixture(scope="module")
+def frame() -> Frame:
+    camera = turned_camera(NEUTRAL, 12.0, SIDE, SIDE)
+    return Frame.of(camera, lambda at: at, SIDE, HEAD, NEUTRAL, vertex_mask(HEAD, "scalp"))
+
+
+def silhouette(frame: Frame, name: str, cut: Cut) -> tuple[Float32, Float32]:
+    """Hair of a style and the skin that it leaves free."""
+    shown, _ = frame.hair(ITEMS.items[name], hair_on(ITEMS.items[name], ITEMS, SKULL, cut))
+    return shown, np.asarray(np.isfinite(frame.behind) * (1 - shown), np.float32)
+
+
+@pytest.mark.parametrize("name", ["hair/bob02", "hair/long01", "hair/short02", "hair/braid01"])
+def test_a_style_is_found_again_from_its_silhouette(frame: Frame, name: str) -> None:
+    shown, skin = silhouette(frame, name, Cut())
+    found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown))
+    assert (found.name, found.cut) == (name, Cut())
+    assert found.agreement > 0.99 and not found.doubts
+
+
+def test_volume_and_the_side_of_the_parting_are_found_too(frame: Frame) -> None:
+    shown, skin = silhouette(frame, "hair/bob02", Cut(volume=1.35, mirrored=True))
+    found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown))
+    assert found.name == "hair/bob02" and found.cut.mirrored and found.cut.volume == 1.35
+
+
+def test_longer_hair_is_longer(frame: Frame) -> None:
+    short, long = (silhouette(frame, "hair/bob02", Cut(length=x))[0] for x in (0.6, 1.5))
+    assert (long * frame.below).sum() > 1.3 * (short * frame.below).sum() > 0
+
+
+def test_a_head_without_hair_wears_none(frame: Frame) -> None:
+    empty, skin = np.zeros((SIDE, SIDE), np.float32), np.isfinite(frame.behind).astype(np.float32)
+    found = choose(ITEMS, SKULL, frame, empty, skin, np.ones_like(empty))
+    assert found.name is None and found.share < BALD and not found.doubts
+
+
+def test_under_a_hat_the_shortest_is_worn_and_the_doubt_is_said(frame: Frame) -> None:
+    empty = np.zeros((SIDE, SIDE), np.float32)
+    known = np.where(frame.scalp > 0.05, 0, 1).astype(np.float32)
+    found = choose(ITEMS, SKULL, frame, empty, empty, known)
+    assert found.name == UNSEEN and found.doubts == ("hair-unseen",)
+
+
+def test_a_style_that_is_named_is_worn_whatever_is_seen(frame: Frame) -> None:
+    empty, skin = np.zeros((SIDE, SIDE), np.float32), np.isfinite(frame.behind).astype(np.float32)
+    found = choose(ITEMS, SKULL, frame, empty, skin, np.ones_like(empty), ["hair/afro01"])
+    assert found.name == "hair/afro01" and found.doubts == ("hair-style-poor",)
+
+
+@pytest.mark.parametrize("name", ITEMS.names("hair"))
+def test_hair_keeps_off_the_skin(name: str) -> None:
+    points = hair_on(ITEMS.items[name], ITEMS, SKULL)
+    _, away, _ = SKULL.nearest(points)
+    inside = (away < 0.5 * CLEARANCE_M) & (away > -0.02)
+    assert inside.mean() < 0.02
+
+
+def test_agreement_of_soft_masks() -> None:
+    a = np.array([[1.0, 0.5], [0.0, 0.0]], np.float32)
+    one = np.ones_like(a)
+    assert agreement(a, a, one) == 1.0
+    assert agreement(a, np.zeros_like(a), one) == 0.0
+    assert agreement(np.zeros_like(a), np.zeros_like(a), one) == 0.0
+    assert agreement(a, one, one) == pytest.approx(1.5 / 4)
+
+
+def test_another_head_wears_nothing() -> None:
+    assert fits(ITEMS, HEAD)
+    assert not fits(ITEMS, sphere_head(16, 24))
+    assert not fits(ITEMS, replace(HEAD, mean=HEAD.mean[::-1].copy()))

@@ -1,0 +1,83 @@
+"""Colours of hair: measured robustly, and carried by the texture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, guessed, measure
+from service.anatomy.hair.item import read_items
+from service.anatomy.hair.make import to_albedo
+from service.anatomy.hair.picture import hair_picture
+from service.colour import linear_to_srgb, luma, srgb_to_linear
+
+BROWN = np.array([0.08, 0.045, 0.02])
+
+
+def strands(colour: np.ndarray, count: int = 400, spread: float = 0.3) -> np.ndarray:
+    light = np.exp(np.random.default_rng(1).normal(0, spread, (count, 1)))
+    return (colour * light).astype(np.float32)
+
+
+def test_the_hue_survives_a_tenth_of_wrong_pixels() -> None:
+    pixels = strands(BROWN)
+    pixels[:40] = [0.9, 0.95, 1.0]  # sky between strands
+    found = measure(pixels, np.zeros(len(pixels), np.float32), np.ones(len(pixels), bool))
+    assert found is not None and found.measured
+    np.testing.assert_allclose(found.usual / luma(found.usual), BROWN / luma(BROWN.astype(np.float32)), rtol=0.03)
+    assert 0.7 < float(luma(found.usual) / luma(BROWN.astype(np.float32))) < 1.4
+    assert found.grey == 0.0 and found.sheen > 1.0
+
+
+def test_contrast_stays_within_what_hair_has() -> None:
+    for spread in (0.0, 2.0):
+        found = measure(strands(BROWN, spread=spread), np.zeros(400, np.float32), np.ones(400, bool))
+        assert found is not None
+        ratio = float(luma(found.lit) / luma(found.shaded))
+        assert CONTRAST[0] - 0.01 <= ratio <= CONTRAST[1] + 0.01
+
+
+def test_bleached_tips_are_told_from_roots() -> None:
+    along = np.linspace(0.01, 1, 400).astype(np.float32)
+    pixels = strands(BROWN, spread=0.1) * (1 + along[:, None])
+    found = measure(pixels, along, np.ones(400, bool))
+    assert found is not None and (found.tip > 1.1).all() and (found.root < 0.95).all()
+
+
+def test_grey_hair_is_grey() -> None:
+    found = measure(strands(np.array([0.3, 0.29, 0.28])), np.zeros(400, np.float32), np.ones(400, bool))
+    assert found is not None and found.grey == 1.0
+
+
+def test_too_little_hair_gives_no_colour() -> None:
+    few = strands(BROWN, LEAST_PIXELS - 1)
+    assert measure(few, np.zeros(len(few), np.float32), np.ones(len(few), bool)) is None
+    assert measure(few[:0], np.zeros(0, np.float32), np.zeros(0, bool)) is None
+    assert not guessed(np.full(3, 0.4, np.float32)).measured
+
+
+@pytest.mark.parametrize("name", ["hair/short02", "hair/long01"])
+def test_the_texture_has_the_colour_of_the_hair(name: str) -> None:
+    item = read_items().items[name]
+    found = measure(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
+    assert found is not None
+    light = np.array([1.5, 1.2, 1.0], np.float32)
+    picture = hair_picture(item, found, light)
+    assert picture.shape == (512, 512, 4) and picture.dtype == np.uint8
+    assert (picture[..., 3] <= item.picture[..., 1]).all()
+    solid = srgb_to_linear(picture[picture[..., 3] > 200][:, :3] / np.float32(255))
+    mean = np.median(solid, 0)
+    np.testing.assert_allclose(mean / luma(mean), found.usual * light / luma(found.usual * light), rtol=0.08)
+    assert 0.6 < float(luma(mean) / luma(found.usual * light)) < 1.6
+
+
+def test_the_photos_light_is_the_ratio_on_lit_skin() -> None:
+    rng = np.random.default_rng(2)
+    albedo = rng.uniform(0.3, 0.6, (20, 20, 3)).astype(np.float32)
+    light = np.array([0.8, 0.7, 0.5], np.float32)
+    coded = [np.rint(255 * linear_to_srgb(x)).astype(np.uint8) for x in (albedo, albedo * light)]
+    lit = np.full((20, 20), 255, np.uint8)
+    coded[1][:5] = 3  # hair, which is not lit skin
+    lit[:5] = 0
+    np.testing.assert_allclose(to_albedo(coded[1], coded[0], lit), 1 / light, rtol=0.02)
+    assert np.array_equal(to_albedo(coded[1], coded[0], np.zeros_like(lit)), np.ones(3))

@@ -1,0 +1,74 @@
+"""A part beside the head's own reaches every file, and the part that it replaces is in none."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from service.archive.container import in_order
+from service.archive.pack import archive_members
+from tests.service.archive.test_meshes import Glb, read_obj, validator_report
+from tests.service.archive.toys import toy_avatar, toy_part
+
+
+@pytest.fixture(scope="module")
+def members() -> dict[str, bytes]:
+    return archive_members(toy_avatar(parts=(toy_part(),)))
+
+
+def test_its_texture_is_a_file(members: dict[str, bytes]) -> None:
+    pixels = toy_part().own_maps[0].pixels
+    stored = cv2.imdecode(np.frombuffer(members["maps/parts/toy_hair.png"], np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(np.asarray(stored)[..., [2, 1, 0, 3]], pixels)
+    files = [file["path"] for file in json.loads(members["manifest.json"])["files"]]
+    assert files == in_order(files) and files.index("maps/parts/toy_hair.png") < files.index("mesh/head.obj")
+
+
+def test_obj_has_it_after_the_head(members: dict[str, bytes]) -> None:
+    avatar, part = toy_avatar(), toy_part()
+    obj = read_obj(members["mesh/head.obj"])
+    assert obj.objects == [*(name for name in avatar.head.part_names if name != "lashes"), "toy_hair"]
+    np.testing.assert_allclose(obj.v[: len(avatar.head.mean)], avatar.fit.vertices, atol=6e-7)
+    quad, triangle = obj.faces[-2:]
+    np.testing.assert_allclose(obj.v[[v for v, _, _ in quad]], part.vertices[part.faces[0]], atol=6e-7)
+    np.testing.assert_allclose(obj.vt[[t for _, t, _ in triangle]], part.uv[part.faces[1, :3]], atol=6e-7)
+    assert obj.material[-1] == "toy_hair" and len(triangle) == 3
+    material = members["mesh/head.mtl"].decode().split("newmtl toy_hair\n")[1]
+    assert "map_Kd ../maps/parts/toy_hair.png" in material
+
+
+def test_glb_has_it_with_alpha_and_targets(members: dict[str, bytes], tmp_path: Path) -> None:
+    glb, part = Glb.read(members["mesh/head.glb"]), toy_part()
+    names = [mesh["name"] for mesh in glb.json["meshes"]]
+    assert names[-1] == "toy_hair" and "lashes" not in names
+    mesh = glb.json["meshes"][-1]
+    primitive = mesh["primitives"][0]
+    assert mesh["extras"]["targetNames"] == glb.json["meshes"][0]["extras"]["targetNames"]
+    base = glb.accessor(primitive["attributes"]["POSITION"])
+    jaw = glb.accessor(primitive["targets"][mesh["extras"]["targetNames"].index("jawOpen")]["POSITION"])
+    triangles = glb.accessor(primitive["indices"]).reshape(-1, 3)
+    np.testing.assert_allclose(base[triangles][0], part.neutral[[0, 1, 2]], atol=1e-7)
+    np.testing.assert_allclose(jaw, np.tile(part.targets["jawOpen"][0], (len(base), 1)), atol=1e-7)
+    material = glb.json["materials"][primitive["material"]]
+    assert (material["alphaMode"], material["alphaCutoff"], material["doubleSided"]) == ("MASK", 0.4, True)
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.3
+    assert material["pbrMetallicRoughness"]["baseColorFactor"] == [0.9, 0.8, 0.7, 1.0]
+    assert material["extensions"]["KHR_materials_ior"] == {"ior": 1.55}
+    issues = validator_report(members["mesh/head.glb"], tmp_path)["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+
+
+def test_usd_has_it(members: dict[str, bytes], tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="USD is missing: pip install usd-core")
+    Usd, UsdShade = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdShade"))
+    (tmp_path / "head.usda").write_bytes(members["mesh/head.usda"])
+    stage: Any = Usd.Stage.Open(str(tmp_path / "head.usda"))
+    prim = stage.GetPrimAtPath("/Head/toy_hair")
+    assert prim and not stage.GetPrimAtPath("/Head/lashes")
+    assert UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPrim().GetName() == "toy_hair"

@@ -1,0 +1,129 @@
+"""The whole way from photo to fit on portraits of synthetic people that are hard to read (``models.people.cases``)."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.states import openings_mm
+from service.face.face import Face
+from service.face.finder import FaceFinder
+from service.face.fit.fit import fit_face
+from service.face.fit.result import Fit
+from service.face.reading.parts import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import Reading
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.photo.gate import read_photo
+from service.photo.photo import Photo
+from service.photo.wire import FOCAL_RANGE_MM
+
+PEOPLE = Path(__file__).parents[3] / "data" / "people"
+TRUTH = json.loads((PEOPLE / "truth.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+@lru_cache(maxsize=1)
+def networks() -> tuple[FaceFinder, Readers]:
+    return FaceFinder(), Readers()
+
+
+@lru_cache(maxsize=32)
+def read(name: str) -> tuple[Photo, Face, Reading]:
+    finder, readers = networks()
+    photo = read_photo((PEOPLE / f"{name}.jpg").read_bytes())
+    faces = finder.find(photo.pixels)
+    assert faces, f"{name}: no face"
+    reading = read_face(photo.pixels, faces[0].landmarks, readers)
+    assert reading is not None
+    return photo, faces[0], reading
+
+
+@lru_cache(maxsize=32)
+def fitted(name: str) -> Fit:
+    photo, face, reading = read(name)
+    return fit_face(face, photo, load_head(), None, reading)
+
+
+def share(name: str, *parts: int) -> float:
+    """Of the crop that the reader gives to some parts."""
+    return float(read(name)[2].parts[..., list(parts)].sum(-1).mean())
+
+
+def lids_mm(head: HeadModel, fit: Fit, side: str) -> float:
+    return openings_mm(head, fit.vertices)[side]
+
+
+@pytest.mark.parametrize("name", sorted(TRUTH))
+def test_every_case_gives_a_head(head: HeadModel, name: str) -> None:
+    """What breaks here is a solve or a division that met a face it had not been tried on."""
+    fit = fitted(name)
+    assert np.isfinite(fit.vertices).all() and np.isfinite(fit.neutral).all()
+    assert np.isfinite(fit.camera.translation).all() and fit.camera.translation[2] > 0
+    size = np.ptp(fit.neutral[np.unique(head.triangles[head.triangle_part == 0])], axis=0)
+    assert (size > [0.10, 0.18, 0.12]).all() and (size < [0.30, 0.45, 0.35]).all(), "no head has this size"
+
+
+@pytest.mark.parametrize("name", ["profile", "open", "closed", "winking", "beard", "glasses", "grey"])
+def test_the_head_is_turned_as_in_the_photo(name: str) -> None:
+    """Landmarks alone leave a profile at some 50 degrees."""
+    yaw = -fitted(name).camera.yaw_pitch_roll_deg()[0]
+    assert min(abs(yaw - TRUTH[name]["yaw_deg"]), abs(yaw + TRUTH[name]["yaw_deg"])) < 15
+
+
+def test_closed_eyes_are_closed_and_open_ones_open(head: HeadModel) -> None:
+    """Irises were painted on closed lids."""
+    for side in ("right", "left"):
+        assert lids_mm(head, fitted("closed"), side) < 2.0
+        assert lids_mm(head, fitted("open"), side) > 4.0
+
+
+def test_one_eye_winks(head: HeadModel) -> None:
+    right, left = (lids_mm(head, fitted("winking"), side) for side in ("right", "left"))
+    true_right, true_left = TRUTH["winking"]["lids_mm"]
+    assert (right < left) == (true_right < true_left) and abs(right - left) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [("glasses", (GLASSES,)), ("mirroring_lenses", (GLASSES,)), ("hair_over_brow", (HAIR,)),
+     ("half_hidden", (HAIR, HAT, OTHER)), ("full_beard", (BEARD,))],
+)  # fmt: skip
+def test_what_hides_the_face_is_no_skin(name: str, parts: tuple[int, ...]) -> None:
+    assert share(name, *parts) > 0.01
+    assert share(name, *parts) > share("open", *parts)
+
+
+def test_the_same_face_without_colour_has_the_same_shape(head: HeadModel) -> None:
+    face = head.region("face") > 0.5
+    apart = np.linalg.norm(fitted("grey").neutral[face] - fitted("open").neutral[face], axis=1)
+    assert 1e3 * float(np.median(apart)) < 2.5
+
+
+@pytest.mark.parametrize("sigma", [0.0, np.inf])
+def test_uncertainties_of_nothing_and_without_end(head: HeadModel, sigma: float) -> None:
+    """A precision is one over a variance."""
+    photo, face, reading = read("open")
+    all_of_it = np.full_like(reading.chart_mm, sigma)
+    odd = replace(reading, chart_mm=all_of_it, normal_sine=all_of_it)
+    assert np.isfinite(fit_face(face, photo, head, None, odd).vertices).all()
+
+
+@pytest.mark.parametrize("focal", FOCAL_RANGE_MM)
+def test_the_shortest_and_the_longest_lens_that_exif_may_claim(head: HeadModel, focal: float) -> None:
+    """Focal length and distance trade with each other: at the ends one of them ran away."""
+    photo, face, reading = read("open")
+    fit = fit_face(face, replace(photo, focal_35mm=focal), head, None, reading)
+    assert np.isfinite(fit.vertices).all() and 0.1 < fit.camera.translation[2] < 25
+
+
+def test_skin_is_most_of_an_open_face() -> None:
+    assert share("open", SKIN) > 0.2
