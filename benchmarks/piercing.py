@@ -1,7 +1,8 @@
 """Count triangles of the head's parts that cross: ``python -m benchmarks.piercing [--head FILE] [--heads N]``.
 
 For every single unit at 1 and for random mixtures, on the mean head and on random identities: the lips with each other,
-lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other.
+lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other. Teeth,
+gums and tongue are the meshes that avatars get. What is rooted in the skin, lashes and caruncle, is left out.
 ``mouthClose`` takes back the opening of ``jawOpen`` and means nothing without it: alone it is shown with ``jawOpen`` at
 1, and in a mixture it is at most ``jawOpen``.
 """
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.crossing import crossing_pairs
+from service.anatomy.insets.inset import read_insets
 from service.head.files import load_head
 from service.head.model import HeadModel
 
@@ -30,12 +32,24 @@ def groups(head: HeadModel) -> dict[str, Int]:
     """Triangles (T, 3) of the surfaces that may cross, by name."""
     own = {name: head.triangles[head.triangle_part == k].astype(np.int64) for k, name in enumerate(head.part_names)}
     skin = own.pop("skin")
-    own.pop("lashes", None)  # their roots lie in the lids
+    own = {name: own[name] for name in own if name.startswith("eye")}
+    count = len(head.mean)
+    for mesh in read_insets().meshes:
+        corners = (
+            mesh.faces if mesh.faces.shape[1] == 3 else np.concatenate([mesh.faces[:, :3], mesh.faces[:, [0, 2, 3]]])
+        )
+        own[mesh.name], count = corners.astype(np.int64) + count, count + len(mesh.rest)
     lips = (head.region("lips") > 0.25)[skin].any(1) & (head.region("mouth_inner") < 0.5)[skin].any(1)
     drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]
     lower = (drop > 0.25 * drop.max())[skin].all(1)
     upper = (drop < 0.25 * drop.max())[skin].all(1)
     return {"skin": skin, "lip_upper": skin[lips & upper], "lip_lower": skin[lips & lower], **own}
+
+
+def with_insets(head: HeadModel, vertices: Float) -> Float:
+    """(V + N, 3) vertices of the head, then those of teeth, gums and tongue."""
+    insets = read_insets()
+    return np.concatenate([vertices, *(m.rest + m.moved(vertices - insets.fitted_head) for m in insets.meshes)])
 
 
 def pairs_of(names: list[str]) -> list[tuple[str, str]]:
@@ -65,10 +79,10 @@ def poses(head: HeadModel, seed: int) -> dict[str, Float]:
 
 
 def count(head: HeadModel, vertices: Float, surfaces: dict[str, Int]) -> dict[str, int]:
-    """Crossing triangles by "a x b", those without any left out."""
-    found = {}
+    """Crossing triangles by "a x b" on a head (V, 3), those without any left out."""
+    found, points = {}, with_insets(head, vertices)
     for a, b in pairs_of(list(surfaces)):
-        crossing = crossing_pairs(vertices, surfaces[a], surfaces[b])
+        crossing = crossing_pairs(points, surfaces[a], surfaces[b])
         if len(crossing):
             found[f"{a} x {b}"] = len(np.unique(crossing[:, 0])) + len(np.unique(crossing[:, 1]))
     return found

@@ -21,6 +21,8 @@ from pathlib import Path
 
 from service.anatomy.hair.find import find_hair
 from service.anatomy.hair.make import worn
+from service.anatomy.insets.eyes import eye_parts
+from service.anatomy.insets.mouth import mouth_parts
 from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
@@ -160,6 +162,7 @@ def make_avatar(
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
     albedo = None if reflectance is None else reflectance.diffuse_albedo
     parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
+    parts += (*mouth_parts(head, fit, texture.parts), *eye_parts(head, fit, texture.iris))
     return Avatar(
         photo=photo,
         face=face,

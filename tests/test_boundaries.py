@@ -21,10 +21,10 @@ ORDER = {
         "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
         "geometry", "materials", "anatomy", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "anatomy.hair", "texture", "reflectance", "corrections", "archive",
+        "light", "face", "anatomy.hair", "anatomy.insets", "texture", "reflectance", "corrections", "archive",
         # The whole way, and who asks for it.
-        "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api", "client",
-        "batch", "cli", "__main__",
+        "kits", "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
+        "client", "batch", "cli", "__main__",
     ),
     "models": ("colour", "tables", "networks", "lightstage", "head", "people", "training"),
     "export": ("faces", "networks", "light"),

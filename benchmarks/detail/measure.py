@@ -79,13 +79,14 @@ class Compared:
     """Root mean square error of coded albedo after the best gain, in 255ths, of all periods below 6 mm."""
 
 
-def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken) -> Compared:
+def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken, unfit: Array) -> Compared:
     """Compare an avatar's maps with the truth.
 
     Args:
         avatar: with diffuse albedo; where it has specular normals, these are compared too.
         pixels: (h, w, 3) of the photo that it was made from, of any size.
         truth: what the photo shows, pixel by pixel.
+        unfit: (K, 4) centres and radii of balls, metres, that are left out.
     """
     size = truth.skin.shape
     scale = size[1] / pixels.shape[1]
@@ -96,6 +97,8 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken) -> Comp
     eyes = np.array([[0.0315, 0.0, 0.0], [-0.0315, 0.0, 0.0]])
     seen = (truth.position.astype(np.float64), truth.normal.astype(np.float64))
     mask = truth.skin & view.skin & (confidence >= SURE) & face_region(*seen, eyes, 0.0)
+    for ball in unfit:
+        mask &= np.linalg.norm(truth.position - ball[:3], axis=-1) > ball[3]
     per_mm = truth.per_mm
     true = _grey(linear_to_srgb(truth.albedo))
     ours = _grey(at_chart(made.diffuse_albedo.astype(np.float32), view.uv) / 65535)

@@ -149,7 +149,7 @@ def _with_relief(head: Sitter, base: Float, along: Float, uv: Float) -> Float:
     import cv2
 
     height, width = head.normal.shape[:2]
-    at = np.float32([width, height]) * uv - np.float32(0.5)  # v counts down here
+    at = np.array([width, height], np.float32) * uv - np.float32(0.5)  # v counts down here
     local = cv2.remap(head.normal.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
     tangent = along - base * (base * along).sum(-1, keepdims=True)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)

@@ -11,16 +11,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from models.head.bases import Bases
 from models.head.digest import BASE_NAME, write_digest
 from models.head.expression import PARTNERS
 from models.head.lids import close
-from models.head.lips import seal
+from models.head.lining import clear_of_teeth
+from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.settle import part_members
+from service.anatomy.insets.inset import read_insets
 from service.errors import ModelFault
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float64]
+Int = npt.NDArray[np.integer]
 
 BEFORE = "avatarme-cc0-head-1"
 
@@ -32,15 +38,33 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
     regions = dict(zip(head.region_names, head.regions.astype(np.float64), strict=True))
     balls = {side: members[f"eye_{side}"] for side in ("left", "right")}
     sealed = seal(bases, quads, regions, head.expression_names)
+    lips = find_lips(bases.mean, quads, regions)
+    inside = np.zeros(len(bases.mean), bool)
+    inside[quads] = (regions["mouth_inner"] > 0.5)[quads]
+    inside[lips.inner[:, :2]] = True
+    insets = read_insets()
+    rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
+    sealed = clear_of_teeth(
+        sealed, rows, insets.fitted_head.astype(np.float64), np.flatnonzero(inside), members, head.expression_names,
+        TONGUE_JAW,
+    )  # fmt: skip
     out = close(sealed, quads, balls, regions, head.expression_names)
     partners = [head.expression_names.index(PARTNERS[name]) for name in head.expression_names]
     # Rounding alone tells left from right here, but may choose another edge of the mesh.
     flip, mirror = np.array([-1.0, 1.0, 1.0]), head.mirror
     return Bases(
         0.5 * (out.mean + out.mean[mirror] * flip),
-        out.identity,
+        np.stack([_evened(new, old, mirror) for new, old in zip(out.identity, bases.identity, strict=True)]),
         0.5 * (out.expression + out.expression[partners][:, mirror] * flip),
     )
+
+
+def _evened(component: Float, before: Float, mirror: Int) -> Float:
+    """A component (V, 3) as symmetric, or as antisymmetric, as it was before."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    image = before[mirror] * flip
+    sign = 1.0 if np.abs(image - before).max() < np.abs(image + before).max() else -1.0
+    return np.asarray(0.5 * (component + sign * component[mirror] * flip))
 
 
 def closed(head: HeadModel) -> HeadModel:

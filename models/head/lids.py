@@ -38,7 +38,7 @@ OUTER = (1.0, 1.0, 1.0, 0.8, 0.55, 0.3, 0.1)
 FLATTEN_M = (0.0003, 0.0008, 0.0012, 0.0012, 0.0009, 0.0005, 0.0002)
 """How far the upper lid's rows before the contact row go back at 1, so that the lid lies on the ball."""
 
-CLEAR_M, CORNEA_M = 0.00015, 0.0009
+CLEAR_M, CORNEA_M = 0.00015, 0.0012
 """Distance of the skin from the ball, and what is added before the cornea, which bulges."""
 
 CORNEA_DEG = (38.0, 60.0)

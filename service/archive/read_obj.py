@@ -66,6 +66,24 @@ class ObjMesh:
             np.array([renamed[int(index)] for index in self.polygon_part[chosen]], np.uint8),
         )
 
+    def part(self, name: str) -> ObjMesh:
+        """One of the parts by itself, with its own vertices and texture coordinates.
+
+        Raises:
+            BadMesh: the mesh has no such part.
+        """
+        if name not in self.part_names:
+            raise BadMesh(f"the mesh has no part {name[:40]!r}; it has {', '.join(self.part_names)[:200]}")
+        chosen = self.polygon_part == self.part_names.index(name)
+        rows = []
+        for index, values in ((self.polygons[chosen], self.vertices), (self.polygon_uv[chosen], self.uv)):
+            used, local = np.unique(index[index >= 0], return_inverse=True)
+            short = np.full(index.shape, -1, np.int32)
+            short[index >= 0] = local
+            rows += [(values[used], short)]
+        (points, polygons), (uv, places) = rows
+        return ObjMesh(points, uv, polygons, places, (name,), np.zeros(len(polygons), np.uint8))
+
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.
 

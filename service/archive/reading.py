@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from service.archive.container import unknown_names
+from service.archive.container import PART_TEXTURE, unknown_names
+from service.archive.manifest import Material, Part
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.errors import BadArchive, UsageError
@@ -18,6 +19,9 @@ from service.errors import BadArchive, UsageError
 MAX_MANIFEST = 16 << 20
 MAX_MAP = 512 << 20
 """Bytes of one map; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
+
+MAX_TEXTURE = 64 << 20
+"""Bytes of a part's own texture."""
 
 _MESH = "mesh/head.obj"
 
@@ -45,6 +49,23 @@ class StoredMap:
 
 
 @dataclass(frozen=True)
+class StoredPart:
+    """A mesh beside the head's own.
+
+    Attributes:
+        name: of the part.
+        mesh: its polygons with their own texture coordinates.
+        material: its surface.
+        png: its own colours, still encoded; None where it has none.
+    """
+
+    name: str
+    mesh: ObjMesh
+    material: Material
+    png: bytes | None
+
+
+@dataclass(frozen=True)
 class AvatarFile:
     """The contents of an archive that a renderer needs.
 
@@ -52,11 +73,15 @@ class AvatarFile:
         manifest: as stored; only the keys that are used here were checked.
         mesh: ``mesh/head.obj``, the head's own parts.
         maps: by role.
+        parts: meshes beside the head's own, in the photo's expression, with their textures still encoded.
+        replaced: the head's own parts in place of which others stand.
     """
 
     manifest: dict[str, Any]
     mesh: ObjMesh
     maps: dict[str, StoredMap]
+    parts: tuple[StoredPart, ...] = ()
+    replaced: tuple[str, ...] = ()
 
 
 def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
@@ -77,10 +102,41 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         with zipfile.ZipFile(source) as archive:
             _check_names(archive)
             manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            mesh = _own(read_obj(_member(archive, _MESH, MAX_OBJ)), manifest)
-            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles))
+            whole = read_obj(_member(archive, _MESH, MAX_OBJ))
+            mesh = _own(whole, manifest)
+            drawn, materials = _parts(manifest)
+            others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
+            stored = [_stored_part(archive, whole, part, materials) for part in others]
+            names = {part.name for part in drawn}
+            gone = tuple(name for name in mesh.part_names if names and name not in names)
+            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles), tuple(stored), gone)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
         raise BadArchive(f"the archive cannot be read: {error}") from error
+
+
+def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
+    """All parts of the files, and materials by name; none in the manifests of older versions.
+
+    Raises:
+        BadArchive: one of them is not as the schema says.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        parts = TypeAdapter(list[Part]).validate_python(manifest.get("parts", []))
+        materials = TypeAdapter(list[Material]).validate_python(manifest.get("materials", []))
+    except ValidationError as error:
+        raise BadArchive(f"the manifest's parts or materials cannot be used: {error.errors()[0]['msg']}") from error
+    return parts, {one.name: one for one in materials}
+
+
+def _stored_part(archive: zipfile.ZipFile, whole: ObjMesh, part: Part, materials: dict[str, Material]) -> StoredPart:
+    if part.material not in materials:
+        raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
+    material = materials[part.material]
+    path = material.maps.get("colour", "")
+    own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.namelist()
+    return StoredPart(part.name, whole.part(part.name), material, _member(archive, path, MAX_TEXTURE) if own else None)
 
 
 def _own(mesh: ObjMesh, manifest: dict[str, Any]) -> ObjMesh:

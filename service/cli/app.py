@@ -233,6 +233,10 @@ def render(
         float | None,
         typer.Option(metavar="N", help="Mean error in 1/255 that leaving out effects may cost. [default: 1]"),
     ] = None,
+    turntable: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="N pictures around the head, as a film; OUTPUT ends in .gif or .mp4."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Render an avatar under the light of a scene.
@@ -253,8 +257,29 @@ def render(
             background=background,
             samples=samples,
             tolerance=tolerance,
+            turntable=turntable,
             as_json=as_json,
         )
+
+
+@app.command()
+def export(
+    archive: Annotated[str, typer.Argument(metavar="AVATAR.zip", help="Archive of 'make'.")],
+    tool: Annotated[str, typer.Option("--for", metavar="TOOL", help="blender, unreal, unity or maya.")],
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder. [default: AVATAR-TOOL]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a kit for a tool: scene, levels of detail, textures as it wants them.
+
+    docs/blender.md, unreal.md, unity.md and maya.md say how to import it. Exit status: 0 done, 2 usage, 4 unreadable
+    archive, 1 anything else.
+    """
+    with reported(as_json=as_json):
+        from service.cli.export import export as run
+
+        run(archive, tool, output, as_json=as_json)
 
 
 @app.command()

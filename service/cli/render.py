@@ -7,14 +7,19 @@ import json
 import os
 import time
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import typer
 
 from service.cli.files import check_paths, read_file
 from service.cli.output import write_bytes
+from service.cli.progress import progress_bar
+from service.errors import UsageError
 from service.light.scene import Scene
 from service.photo.source import PIPE
+
+if TYPE_CHECKING:
+    from service.render.request import RenderRequest
 
 MAX_SCENE = 1 << 20
 MAX_ARCHIVE = 2 << 30
@@ -23,7 +28,7 @@ MAX_ARCHIVE = 2 << 30
 
 def render(
     archive: str, output: str, *, scene: str | None, size: tuple[int, int] | None, view: str | None,
-    background: str | None, samples: int | None, tolerance: float | None, as_json: bool,
+    background: str | None, samples: int | None, tolerance: float | None, turntable: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Render, write the PNG, report on standard error which effects were computed and which left out.
 
@@ -36,6 +41,7 @@ def render(
         background: behind the head.
         samples: per pixel and axis.
         tolerance: largest mean error by leaving out effects, in 1/255 of sRGB.
+        turntable: pictures of a film around the head; None for one picture.
         as_json: print facts as one JSON object instead of the path.
 
     Raises:
@@ -55,6 +61,9 @@ def render(
     from service.render.request import RenderRequest
 
     request = RenderRequest(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    if turntable is not None:
+        _film(archive, output, request, turntable, begin, as_json=as_json)
+        return
     source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, MAX_ARCHIVE, "archive")) if archive == PIPE else Path(archive)
     picture = render_archive(source, request)
     write_bytes(output, picture.png)
@@ -65,4 +74,21 @@ def render(
         facts = {"image": output, **picture.facts(), "seconds": round(time.perf_counter() - begin, 3)}
         typer.echo(json.dumps(facts, allow_nan=False))
     elif output != PIPE:
+        typer.echo(os.fsencode(output))
+
+
+def _film(
+    archive: str, output: str, request: RenderRequest, count: int, begin: float, *, as_json: bool
+) -> None:
+    """Render a turntable, with a progress bar, and report it."""
+    from service.render.turntable import turntable
+
+    if PIPE in (archive, output):
+        raise UsageError("a turntable is made from a file to a file, not through pipes", field="turntable")
+    with progress_bar() as progress:
+        size = turntable(Path(archive), Path(output), request, count, progress)
+    if as_json:
+        facts = {"film": output, "pictures": count, "bytes": size, "seconds": round(time.perf_counter() - begin, 3)}
+        typer.echo(json.dumps(facts, allow_nan=False))
+    else:
         typer.echo(os.fsencode(output))

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from service.arrays import Float32, Int32
+from service.arrays import AnyFloat, Float32, Int32
 from service.errors import NumericFault
 from service.materials.material import Material, OwnMap, checked_name
 
@@ -99,6 +99,13 @@ def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
         for thing in things:
             if known.setdefault(thing.name, thing) != thing:
                 raise NumericFault(f"two materials or two textures of the avatar's parts are named {thing.name}")
+
+
+def framed(vertices: AnyFloat, parts: Sequence[MeshPart]) -> AnyFloat:
+    """(N, 3) points that a picture shows: the head, and its hair as far as it does not hang below the neck."""
+    lowest = float(vertices[:, 1].min())
+    sheets = [part.vertices for part in parts if part.material.double_sided]
+    return np.concatenate([vertices, *(points[points[:, 1] >= lowest] for points in sheets)])
 
 
 def _four(faces: Int32) -> Int32:

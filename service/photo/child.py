@@ -41,6 +41,7 @@ def answer(request: Request, open_image: codec.Opener, out: BinaryIO) -> None:
             request.exif,
             request.max_side,
             request.max_pixels,
+            request.alpha,
         )
     except codec.BadSize as fault:
         out.write(Reply(Status.BAD_SIZE, width=fault.args[0], height=fault.args[1]).pack())

@@ -104,8 +104,9 @@ def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
 
 
 def decode(
-    open_image: Opener, payload: bytes, icc: bytes, gamma: float, exif: bytes, max_side: int, max_pixels: int
-) -> Decoded:
+    open_image: Opener, payload: bytes, icc: bytes, gamma: float, exif: bytes, max_side: int, max_pixels: int,
+    alpha_only: bool = False,
+) -> Decoded:  # fmt: skip
     """Decode one file.
 
     Args:
@@ -116,6 +117,7 @@ def decode(
         exif: EXIF that the file stores, or empty. Where the decoder finds it itself (HEIC), it has undone the turn too.
         max_side: longest side, in pixels.
         max_pixels: width times height.
+        alpha_only: give the opacity as grey, 255 where there is none, in place of the colours.
 
     Raises:
         DecoderFault: damaged, or a mode that no photo has.
@@ -131,6 +133,9 @@ def decode(
     image, focal, exif_note = _by_exif(image, exif, found)
     notes |= exif_note
     image, alpha = _split_alpha(image)
+    if alpha_only:
+        opacity = Image.new("L", image.size, 255) if alpha is None else alpha
+        return Decoded(Image.merge("RGB", [opacity] * 3), notes, focal)
     image, icc_note = _to_srgb(image, icc, gamma)
     notes |= icc_note
     if alpha is not None and alpha.getextrema()[0] != 255:

@@ -13,9 +13,9 @@ from typing import NamedTuple
 READY = b"R"
 """First byte of the decoding process: its interpreter and Pillow are there. Faults before it are not the photo's."""
 
-_REQUEST = struct.Struct(">4sBdIIQIdIIQ")
+_REQUEST = struct.Struct(">4sBdIIQIdBIIQ")
 _REPLY = struct.Struct(">4sBBIId")
-_MAGIC = b"AVG1"
+_MAGIC = b"AVG2"
 
 REPLY_SIZE = _REPLY.size
 
@@ -53,6 +53,7 @@ class Request(NamedTuple):
         exif: TIFF-structured EXIF bytes, or empty.
         icc: colour profile, or empty.
         payload: the image file.
+        alpha: give the image's opacity as grey in place of its colours; 255 where it has none.
     """
 
     codec: int
@@ -65,12 +66,13 @@ class Request(NamedTuple):
     exif: bytes
     icc: bytes
     payload: bytes
+    alpha: bool = False
 
     def pack(self) -> bytes:
         """Header, EXIF and profile; the payload is to follow."""
         numbers = self[:7]
         lengths = len(self.exif), len(self.icc), len(self.payload)
-        return _REQUEST.pack(_MAGIC, *numbers, *lengths) + self.exif + self.icc
+        return _REQUEST.pack(_MAGIC, *numbers, self.alpha, *lengths) + self.exif + self.icc
 
     @classmethod
     def parse(cls, message: bytes) -> Request:
@@ -81,12 +83,12 @@ class Request(NamedTuple):
         """
         if len(message) < _REQUEST.size:
             raise ValueError("short request")
-        magic, codec, gamma, side, pixels, memory, cpu, wall, *lengths = _REQUEST.unpack_from(message)
+        magic, codec, gamma, side, pixels, memory, cpu, wall, alpha, *lengths = _REQUEST.unpack_from(message)
         if magic != _MAGIC or len(message) != _REQUEST.size + sum(lengths):
             raise ValueError("not a request")
         icc_at, payload_at = _REQUEST.size + lengths[0], _REQUEST.size + lengths[0] + lengths[1]
         exif, icc, payload = message[_REQUEST.size : icc_at], message[icc_at:payload_at], message[payload_at:]
-        return cls(codec, gamma, side, pixels, memory, cpu, wall, exif, icc, payload)
+        return cls(codec, gamma, side, pixels, memory, cpu, wall, exif, icc, payload, bool(alpha))
 
 
 class Reply(NamedTuple):

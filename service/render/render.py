@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -17,9 +18,11 @@ import numpy as np
 from service.archive.fine import subdivided
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
 from service.arrays import AnyFloat, Float32
+from service.colour import linear_to_srgb, to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
 from service.geometry.subdivide import Subdivision
+from service.head.files import triangle_fields
 from service.head.model import HeadModel
 from service.light.environment import illumination
 from service.light.environment import radiance as environment_radiance
@@ -27,7 +30,9 @@ from service.light.graphs import Graphs
 from service.light.plan import Plan, plan
 from service.light.scene import Scene, Triple
 from service.materials.of_head import material_of
+from service.materials.part import MeshPart, framed
 from service.render.light import Detail, Visibility
+from service.render.parts import NO_SHADOWS, PartLight, mesh_part, parts_layer
 from service.render.picture import behind, coded, resolved
 from service.render.planning import exposed, samples_of
 from service.render.request import RenderRequest
@@ -91,6 +96,16 @@ class Picture:
         }
 
 
+@dataclass
+class Kept:
+    """What pictures of one head in one light have in common."""
+
+    surface: Surface | None = None
+    size: tuple[int, int] = (0, 0)
+    graphs: Graphs | None = None
+    visibility: Visibility | None = None
+
+
 def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> Picture:
     """A picture of the avatar in an archive.
 
@@ -108,8 +123,15 @@ def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads:
     with clock.step("open"):
         avatar = open_avatar(source, ROLES)
     with clock.step("mesh"):
-        head, vertices = smoothed(avatar.mesh.as_head(*_named(avatar)), avatar.mesh.vertices)
-    return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock)
+        head, vertices, parts = meshes(avatar)
+    return render_head(head, vertices, avatar.maps, request, threads=threads, clock=clock, parts=parts)
+
+
+def meshes(avatar: AvatarFile) -> tuple[HeadModel, AnyFloat, tuple[MeshPart, ...]]:
+    """The smoothed head of an archive without what others replace, its vertices, and the meshes beside its own."""
+    whole = without_parts(avatar.mesh.as_head(*named(avatar)), avatar.replaced)
+    head, vertices = smoothed(whole, avatar.mesh.vertices)
+    return head, vertices, tuple(mesh_part(stored) for stored in avatar.parts)
 
 
 def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
@@ -128,7 +150,22 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     return fine, np.where(there[:, None], smooth, flat)
 
 
-def _named(avatar: AvatarFile) -> tuple[str, str]:
+def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
+    """The head without some of its parts; its vertices and chart stay as they are."""
+    gone = [index for index, name in enumerate(head.part_names) if name in names]
+    kept = ~np.isin(head.polygon_part, gone)
+    if kept.all() or not kept.any():
+        return head
+    rows = head.polygons[kept], head.polygon_uv[kept], head.polygon_part[kept]
+    split = triangle_fields(*rows)
+    return dataclasses.replace(
+        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], triangles=split["triangles"],
+        triangle_uv=split["triangle_uv"], triangle_part=split["triangle_part"],
+    )  # fmt: skip
+
+
+def named(avatar: AvatarFile) -> tuple[str, str]:
+    """Name and licence of an archive's head model."""
     head = avatar.manifest.get("head")
     facts = head if isinstance(head, dict) else {}
     return str(facts.get("name", "head")), str(facts.get("licence", "unknown"))
@@ -145,6 +182,8 @@ def render_head(
     camera: Camera | None = None,
     without: tuple[str, ...] = (),
     clock: Clock | None = None,
+    parts: Sequence[MeshPart] = (),
+    kept: Kept | None = None,
 ) -> Picture:
     """A picture of a head with its maps; raises as :func:`render_archive`.
 
@@ -158,19 +197,25 @@ def render_head(
         camera: in place of the request's; of the request's size.
         without: effects to leave out regardless of the plan, for comparisons.
         clock: holds the times of earlier steps.
+        parts: meshes beside the head's own, with textures of their own.
+        kept: keeps what does not depend on the camera for the next picture of the same head.
     """
     clock = clock or Clock()
     viewpoint = _centre(camera) if camera else viewpoint_of(request.view, request.scene.viewpoints)
     scene = dataclasses.replace(request.scene, viewpoints=(viewpoint,))
     light = illumination(scene)  # an unknown environment is refused before the maps are unpacked
-    camera = camera or camera_at(viewpoint, vertices, *request.size)
+    camera = camera or camera_at(viewpoint, framed(vertices, parts), *request.size)
     size = _chart_size(head, vertices, camera, detail.narrowest)
+    kept = kept or Kept()
     with clock.step("maps"):
-        surface = build_surface(head, vertices, maps, size)
+        surface = kept.surface if kept.surface is not None and kept.size >= size else None
+        size = kept.size if surface is not None else size
+        kept.surface = surface = surface or build_surface(head, vertices, maps, size)
+        kept.size = size
     with clock.step("samples"):
         samples = Samples.of(head, vertices, camera, request.samples)
-    graphs = Graphs(threads)
-    visibility = Visibility(head, vertices, graphs, detail)
+    kept.graphs = graphs = kept.graphs or Graphs(threads)
+    kept.visibility = visibility = kept.visibility or Visibility(head, vertices, graphs, detail)
     with clock.step("sky"):
         visibility.sky()
     with clock.step("plan"):
@@ -183,11 +228,16 @@ def render_head(
         raise NumericFault(f"{int((~np.isfinite(radiance)).sum())} values of the picture's light are not finite")
     with clock.step("develop"):
         picture, covered = resolved(np.maximum(radiance, 0.0), samples.index, samples.shape, request.samples)
+        if parts:
+            albedo = to_bytes(linear_to_srgb(surface.albedo))
+            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs), albedo)
+            picture = layer[..., :3] + (1 - layer[..., 3:]) * picture
+            covered = layer[..., 3] + (1 - layer[..., 3]) * covered
         background = None
         if request.background == "environment":
             background = behind(camera, environment_radiance(scene.environment))
         png = coded(picture, covered, scene.response, background, alpha=request.background == "transparent")
-    fallbacks = _fallbacks(surface, request, len(light.lights))
+    fallbacks = _fallbacks(surface, request, len(light.lights)) + ((NO_SHADOWS,) if parts else ())
     return Picture(png, picture, covered, camera, scene, chosen, size, fallbacks, clock.seconds)
 
 

@@ -14,6 +14,8 @@ import bpy
 import mathutils
 import numpy as np
 
+ENDS = ("ShaderNodeBsdfPrincipled", "ShaderNodeOutputMaterial")
+
 
 def imported(path: Path) -> list:
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -47,7 +49,7 @@ def lit(size: int, samples: int, low: list, high: list) -> None:
     scene.world = world
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs[0].default_value = (0.35, 0.36, 0.38, 1)
-    middle = mathutils.Vector([(a + b) / 2 for a, b in zip(low, high)])
+    middle = mathutils.Vector([(a + b) / 2 for a, b in zip(low, high, strict=True)])
     lamp = bpy.data.objects.new("key", bpy.data.lights.new("key", "AREA"))
     lamp.data.energy, lamp.data.size = 18, 0.4
     lamp.location = middle + mathutils.Vector((-0.5, -0.8, 0.5))
@@ -67,11 +69,11 @@ def facts(meshes: list) -> dict:
         material = one.active_material
         wires = [] if material is None or not material.use_nodes else [
             f"{link.from_node.bl_idname} -> {link.to_socket.name}"
-            for link in material.node_tree.links if link.to_node.bl_idname in ("ShaderNodeBsdfPrincipled", "ShaderNodeOutputMaterial")
+            for link in material.node_tree.links if link.to_node.bl_idname in ENDS
         ]
         missing = [] if material is None else [
             node.image.name for node in material.node_tree.nodes
-            if node.bl_idname == "ShaderNodeTexImage" and node.image and not node.image.has_data and not node.image.pixels
+            if node.bl_idname == "ShaderNodeTexImage" and node.image and not len(node.image.pixels)
         ]
         keys = one.data.shape_keys
         found[one.name] = {
@@ -92,9 +94,9 @@ def main() -> None:
         posed(meshes, weights)
         bpy.context.view_layer.update()
         corners = np.array([one.matrix_world @ mathutils.Vector(c) for one in meshes for c in one.bound_box])
-        lit(size, samples, corners.min(0).tolist() if kind == "glb" else told["low"], corners.max(0).tolist() if kind == "glb" else told["high"])
         if kind == "glb":
             told["low"], told["high"] = corners.min(0).tolist(), corners.max(0).tolist()
+        lit(size, samples, told["low"], told["high"])
         told[kind] = facts(meshes)
         bpy.context.scene.render.filepath = str(out / f"{kind}.png")
         bpy.ops.render.render(write_still=True)

@@ -52,6 +52,7 @@ def before(page: Page, fake: Fake) -> Iterator[str]:
     page.wait_for_selector("#work-done li")
     yield "work"
     page.click("#cancel")
+    page.wait_for_selector("#intake:not([hidden])")  # before that the page would take the next address away again
     fake.step_s = 0.05
     fake.gone["job-over"] = "expired"
     page.goto(f"{fake.address}/#avatar=job-over")

@@ -45,7 +45,7 @@ class DrawnEye:
     """One eye on the map.
 
     Attributes:
-        place: its texels.
+        place: its texels; None for an eye on a picture of its own.
         radius: (N,) float32 angle from the line of sight over that of the limbus, of the texels inside.
         azimuth: (N,) float32 radians round the line of sight.
         direction: (N, 3) float32 unit vectors from the eyeball's centre.
@@ -54,7 +54,7 @@ class DrawnEye:
         texel: side of a texel near the iris in iris radii.
     """
 
-    place: PartTexels
+    place: PartTexels | None
     radius: Float32
     azimuth: Float32
     direction: Float32
@@ -83,9 +83,7 @@ def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[DrawnEye]:
     return [eye for eye in found if eye is not None]
 
 
-def draw_eyes(
-    albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: AnyFloat | None = None
-) -> Codes:
+def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: AnyFloat | None = None) -> Codes:
     """The albedo, changed in place: eyes drawn at its full resolution.
 
     Args:
@@ -98,21 +96,34 @@ def draw_eyes(
     if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < LEAST_TEXELS:
         return albedo
     iris = likely_iris(_iris_on_map(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
-    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
     for eye in eyes:
-        # The same seed for both: a person's eyes are alike.
-        random = np.random.default_rng(np.rint(coded * 255).astype(int))
-        painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, coded, socket)
-        linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
-        linear[:, 1:] *= 1 - np.float32(detail) * _vessels(eye, random)[:, None]
-        drawn = np.rint(np.clip(linear_to_srgb(np.clip(linear, 0, BRIGHTEST)), 0, 1) * FULL_CODE)
-        albedo[eye.place.box][eye.place.inside] = drawn.astype(albedo.dtype)
+        if eye.place is not None:
+            drawn = np.rint(np.clip(linear_to_srgb(eye_albedo(eye, iris, detail)), 0, 1) * FULL_CODE)
+            albedo[eye.place.box][eye.place.inside] = drawn.astype(albedo.dtype)
     return albedo
+
+
+def eye_albedo(eye: DrawnEye, iris: Float32, detail: float = 1.0) -> Float32:
+    """(N, 3) linear albedo of an eye.
+
+    Args:
+        eye: where its texels lie.
+        iris: (3,) linear albedo.
+        detail: strength in [0, 1] of fibres and vessels.
+    """
+    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
+    # The same seed for both eyes: a person's are alike.
+    random = np.random.default_rng(np.rint(coded * 255).astype(int))
+    painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, coded, socket)
+    linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
+    linear[:, 1:] *= 1 - np.float32(detail) * _vessels(eye, random)[:, None]
+    return np.asarray(np.clip(linear, 0, BRIGHTEST), np.float32)
 
 
 def _iris_on_map(albedo: Codes, eyes: list[DrawnEye]) -> Float32:
     """(3,) linear median colour of the irises on a map; ``IRIS`` where they have too few texels."""
-    chosen = [albedo[e.place.box][e.place.inside][(e.radius > RING[0]) & (e.radius < RING[1])] for e in eyes]
+    chosen = [albedo[e.place.box][e.place.inside][(e.radius > RING[0]) & (e.radius < RING[1])]
+              for e in eyes if e.place is not None]  # fmt: skip
     codes = np.concatenate(chosen)
     return srgb_to_linear(np.median(codes, 0) / FULL_CODE) if len(codes) >= LEAST_TEXELS else IRIS
 

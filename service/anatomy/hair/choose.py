@@ -12,22 +12,22 @@ from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import Cut, Skull, hair_on
 from service.arrays import Float32
 
-BALD = 0.45
+BALD = 0.55
 """Share of the visible scalp with hair on it below which a head is bald or shaved."""
 LEAST_SCALP = 0.4
 """Least share of the scalp in the picture that has to be seen to tell; less is seen under a cap."""
 POOR = 0.45
 """Agreement below which the choice is in doubt."""
-REFINED = 3
+REFINED = 4
 """Styles whose volume and length are tried as well."""
-VOLUMES = (0.7, 1.35)
+VOLUMES = (0.7, 1.5, 1.9)
 LENGTHS = (0.6, 1.5)
 LEAST_HUNG = 0.01
 """Share of the frame from which on hair below the ears counts: a strand does not make it long."""
-FACE = 1.0
-"""Weight of the share of seen skin that a style would cover: hair over the eyes is the worst mistake."""
+FACE = 0.6
+"""Weight of the share of seen skin above the ears that a style would cover: hair over the eyes is the worst mistake."""
 USUAL = {
-    "hair/afro01": 0.8, "hair/bob01": 0.9, "hair/bob02": 0.95, "hair/braid01": 0.92, "hair/long01": 1.0,
+    "hair/afro01": 0.6, "hair/bob01": 0.9, "hair/bob02": 0.95, "hair/braid01": 0.92, "hair/long01": 1.0,
     "hair/ponytail01": 0.98, "hair/short01": 0.95, "hair/short02": 1.0, "hair/short03": 0.95, "hair/short04": 1.0,
 }  # fmt: skip
 """How usual the styles are: of two that agree alike the plainer is worn."""
@@ -82,8 +82,10 @@ def choose(
         mask, _ = frame.hair(items.items[name], hair_on(items.items[name], items, skull, cut))
         whole, above = (agreement(shown, mask, known * zone) for zone in (1.0, 1 - frame.below))
         hung = [float((each * known * frame.below).sum()) for each in (shown, mask)]
-        length = 1.0 - abs(hung[0] - hung[1]) / max(*hung, LEAST_HUNG * frame.side**2)
-        bare = float((mask * skin * known).sum()) / max(float((skin * known).sum()), 1.0)
+        roots = np.sqrt([*hung, LEAST_HUNG * frame.side**2])  # lengths, about
+        length = 1.0 - abs(roots[0] - roots[1]) / max(roots)
+        face = skin * (1 - shown) * known * (1 - frame.below)  # the reader is unsure where strands lie on cheeks
+        bare = float((mask * face).sum()) / max(float(face.sum()), 1.0)
         return USUAL[name] * (0.5 * whole + 0.3 * above + 0.2 * length) - FACE * bare, whole
 
     plain = [(name, Cut(mirrored=m)) for name in names or items.names("hair") for m in (False, True)]

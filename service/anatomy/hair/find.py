@@ -21,9 +21,9 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.photo.photo import Photo
 
-RAMP = (0.2, 0.55)
+RAMP = (0.15, 0.45)
 """Probability up to which a pixel shows no hair, and from which on it does: the reader is unsure at soft edges."""
-CERTAIN = 0.8
+CERTAIN = 1.0
 """Ramped probability from which on a pixel gives its colour."""
 BEFORE_M = 0.004
 """How far behind the skin brows are still drawn: they lie on it."""
@@ -83,7 +83,7 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         return Hair(asked, Choice(name, Cut(), 0.0, 1.0, doubts), guessed(skin))
     pixels = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))
     shown, inside = _ramp(plain_mask(reading.parts, HAIR)), _in_photo(photo, reading)
-    certain = (shown > CERTAIN) & inside
+    certain = (shown >= CERTAIN) & inside
     frame = _frame(head, fit, reading)
     brow_colour = _brow(pixels, reading, inside)
     brow = None if brow_colour is None else _brow_shape(fit, reading, items, frame)
@@ -91,7 +91,9 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         choice, along = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown)
     else:
         choice, along = _choose(head, fit, reading, items, frame, shown, inside, named)
-    found = measure(pixels.reshape(-1, 3), along.ravel(), certain.ravel())
+    # What hides the scalp may be taken for hair.
+    seen = np.zeros_like(certain) if "hair-unseen" in choice.doubts else certain
+    found = measure(pixels.reshape(-1, 3), along.ravel(), seen.ravel())
     return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour)
 
 
@@ -105,7 +107,7 @@ def _choose(
     named: list[str] | None,
 ) -> tuple[Choice, Float32]:  # fmt: skip
     """The style, and its coordinate from root to tip in the reader's cells, 0 beside it."""
-    known = np.asarray(inside * (1 - plain_mask(reading.parts, HAT, OTHER)), np.float32)
+    known = np.asarray(inside * (1 - _ramp(plain_mask(reading.parts, HAT, OTHER))), np.float32)
     skin = _ramp(plain_mask(reading.parts, SKIN, BROW, BEARD, SCLERA, IRIS))
     skull = Skull.of(head, fit.neutral)
     choice = choose(items, skull, frame, shown, skin, known, named)
@@ -117,7 +119,7 @@ def _choose(
 
 def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:
     """The brows that overlap most with those of the photo."""
-    shown = _ramp(plain_mask(reading.parts, BROW))
+    shown = np.asarray(plain_mask(reading.parts, BROW) > 0.5, np.float32)
     moved = fit.vertices - items.fitted_head
     masks = ((name, frame.hair(items.items[name], items.items[name].worn(moved), BEFORE_M)[0]) for name in
              items.names("brow"))  # fmt: skip

@@ -15,6 +15,8 @@ from service.head.regions import vertex_mask
 
 CLEARANCE_M = 0.002
 """Least distance of hair from the skin: less, and the skin shows through between the vertices."""
+DEEPEST_M = 0.025
+"""Distance from the skin up to which volume counts: a ponytail is not the body of the hair."""
 REACH_M = 0.03
 """Hair further inside the head than this is not pushed out: it belongs to the inside of a style."""
 EAR_M = -0.035
@@ -26,7 +28,7 @@ class Cut:
     """How a style is worn.
 
     Attributes:
-        volume: factor on the distance of hair from the skull.
+        volume: factor on the distance of hair from the skull, within 25 mm of it.
         length: factor on how far hair hangs below the ears.
         mirrored: left and right exchanged, for a parting on the other side.
     """
@@ -101,6 +103,7 @@ def hair_on(item: Item, items: Items, skull: Skull, cut: Cut = Cut()) -> Float32
         points[:, 1] += (cut.length - 1.0) * np.minimum(points[:, 1] - EAR_M, 0.0)
     _, away, normal = skull.nearest(points)
     # What hangs is not nearer the neck for being thinner.
-    moved = np.where(points[:, 1] > EAR_M, np.maximum(away, 0.0) * cut.volume, away) if cut.volume != 1.0 else away
+    thicker = (cut.volume - 1.0) * np.clip(away, 0.0, DEEPEST_M)
+    moved = np.where(points[:, 1] > EAR_M, away + thicker, away)
     moved = np.where((moved < CLEARANCE_M) & (away > -REACH_M), CLEARANCE_M, moved)
     return np.asarray(points + (moved - away)[:, None] * normal, np.float32)

@@ -15,7 +15,7 @@ from service.arrays import AnyFloat, Float32, Int32
 from service.errors import ModelFault
 
 FILE = Path(__file__).resolve().parents[2] / "data" / "head" / "mouth.npz"
-"""Teeth, gums and tongue; made by ``python -m models.head.inside``."""
+"""Teeth, gums and tongue; made by ``python -m models.people.inside``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def read_insets(path: Path = FILE) -> Insets:
         meshes = tuple(Inset(name, *(arrays[f"{name}:{key}"] for key in keys)) for name in names)
         return Insets(meshes, arrays["fitted_head"])
     except FileNotFoundError:
-        raise ModelFault(f"{path} is missing; build it with python -m models.head.inside --assets FOLDER") from None
+        raise ModelFault(f"{path} is missing; build it with python -m models.people.inside --assets FOLDER") from None
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
         raise ModelFault(f"{path} cannot be read: {fault}") from fault
 

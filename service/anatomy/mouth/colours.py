@@ -7,5 +7,5 @@ import numpy as np
 TONGUE = np.array([0.357, 0.114, 0.107], np.float32)
 """Top of the tongue."""
 
-LINING = np.array([0.153, 0.032, 0.029], np.float32)
+LINING = np.array([0.23, 0.052, 0.046], np.float32)
 """Mucosa that lines the mouth: inside of lips and cheeks, palate."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.opening import Rim, fit_to_rim
+from service.anatomy.opening import LEAST_FACING, Rim, fit_to_rim
 from service.anatomy.opening_edges import lip_edges
 from service.arrays import AnyFloat, Float64
 from service.geometry.camera import Camera
@@ -23,6 +23,14 @@ UNITS = {"mouthClose", "mouthRollUpper", "mouthRollLower", "mouthShrugUpper", "m
 }
 """Expression units that move the lips alone; the jaw is already fitted to the outline of the face."""
 
+OPENERS = {"mouthFunnel", "tongueOut"} | {
+    f"{unit}{side}" for unit in ("mouthUpperUp", "mouthLowerDown") for side in ("Left", "Right")
+}
+"""Units beside ``jawOpen`` that part the lips; without them ``mouthClose`` = ``jawOpen`` seals."""
+
+SHIFTERS = UNITS - OPENERS - {"mouthClose"}
+"""Units that move sealed lips without parting them."""
+
 FITTED = (0.04, 0.96)
 """Part of the way from corner to corner over which the lips are fitted."""
 
@@ -32,8 +40,8 @@ LEFT_OPEN = 0.02
 CLOSED = 0.085
 """Gap, as a share of the width, below which a mouth that shows no teeth is closed."""
 
-SHUT = 0.02
-"""The same of a rim that lies on the edges of the lips, teeth or not."""
+SHUT = 0.03
+"""The same of a rim that lies on the edges of the lips, teeth or not: what the network is off by on shut mouths."""
 
 
 def lips_on_rim(
@@ -60,11 +68,21 @@ def lips_on_rim(
     # Rim.of expects the lower edge first: start at the subject's left corner.
     points = np.roll(np.asarray(rim_points, np.float64), len(rim_points) // 2, axis=0)
     edges, rim = lip_edges(head), Rim.of(points, camera.rotation[:2, 1], FITTED)
-    if edges is None or rim is None:
+    if edges is None or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
         return np.array(expression, np.float64)
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length
     closed = gap < SHUT if exact else gap < CLOSED and not teeth_seen
     extra = 0.0 if exact else LEFT_OPEN
-    return fit_to_rim(
-        rim.narrower((1.0 if closed else extra) * rim.length), edges, UNITS, head, neutral, expression, camera
-    )
+    if not closed:
+        return fit_to_rim(rim.narrower(extra * rim.length), edges, UNITS, head, neutral, expression, camera)
+    return fit_to_rim(rim.narrower(rim.length), edges, SHIFTERS, head, neutral, sealed(head, expression), camera)
+
+
+def sealed(head: HeadModel, expression: Float64) -> Float64:
+    """(E,) the expression without what parts the lips, and with the jaw's share of it closed."""
+    out = np.array(expression, np.float64)
+    place = {name: k for k, name in enumerate(head.expression_names)}
+    out[[place[name] for name in OPENERS if name in place]] = 0.0
+    if "mouthClose" in place and "jawOpen" in place:
+        out[place["mouthClose"]] = out[place["jawOpen"]]
+    return out

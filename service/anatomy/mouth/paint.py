@@ -9,8 +9,9 @@ from service.arrays import AnyFloat, Float32, Int64
 from service.colour import linear_to_srgb
 from service.geometry.chart import Chart
 
-HALF_DEPTH_M = {"tongue": 0.020, "lining": 0.014}
-"""Metres behind the foremost point of each at which its sRGB values have halved."""
+HALF_DEPTH_M = {"tongue": 0.020, "lining": 0.045}
+"""Metres behind the foremost point of each at which its sRGB values have halved. The lining stays dark red: how little
+light reaches the throat is the renderer's."""
 
 
 def shade(depth: AnyFloat, half: float) -> Float32:

@@ -64,8 +64,8 @@ def over_head(picture: Float32, nearest: Float32, shown: Shown, camera: Camera) 
         if part.material.opacity <= 0:
             continue
         vertices = shown.vertices(part)
-        triangles = _triangles(part.polygons)
-        places = _triangles(part.polygons_uv, part.polygons)
+        triangles = part_triangles(part.polygons)
+        places = part_triangles(part.polygons_uv, part.polygons)
         in_camera = camera.to_camera(vertices)
         flat = camera.project(vertices) * scale
         if not part.material.double_sided:
@@ -76,9 +76,9 @@ def over_head(picture: Float32, nearest: Float32, shown: Shown, camera: Camera) 
             continue
         corners = triangles[found.triangle]
         uv = interpolate(part.uv, places[found.triangle], found.barycentric)
-        colour, alpha = _painted(part, uv, shown)
-        normals = _normals(part, vertices, triangles)
-        turned = (normals @ camera.rotation.T)[:, :]
+        colour, alpha = painted(part, uv, shown.texture)
+        normals = body_normals(part, vertices, triangles)
+        turned = normals @ camera.rotation.T
         shade = _shaded(part, in_camera, turned, shown.lamps)
         light = interpolate(shade, corners, found.barycentric)
         pixels.append(found.pixel)
@@ -94,7 +94,7 @@ def over_head(picture: Float32, nearest: Float32, shown: Shown, camera: Camera) 
     return np.asarray(layer + picture * (1 - layer[..., 3:]), np.float32)
 
 
-def _triangles(polygons: np.ndarray, like: np.ndarray | None = None) -> np.ndarray:
+def part_triangles(polygons: np.ndarray, like: np.ndarray | None = None) -> np.ndarray:
     """(T, 3) of (F, 4) polygons, in their order; ``like`` says which are triangles."""
     quads = (polygons if like is None else like)[:, 3] >= 0
     both = np.stack([polygons[:, [0, 1, 2]], polygons[:, [0, 2, 3]]], 1)
@@ -107,13 +107,13 @@ def _facing(flat: Float64, triangles: np.ndarray) -> np.ndarray:
     return np.asarray((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]) < 0)
 
 
-def _painted(part: MeshPart, uv: Float32, shown: Shown) -> tuple[Float32, Float32]:
-    """(N, 3) sRGB albedo in [0, 1] and (N,) alpha of a part at places (N, 2) of its texture."""
+def painted(part: MeshPart, uv: Float32, chart_texture: UInt8) -> tuple[Float32, Float32]:
+    """(N, 3) sRGB albedo in [0, 1] and (N,) alpha of a part at places (N, 2) of its texture, or of the chart's."""
     material, picture = part.material, part.material.colour_map
     alpha = np.full(len(uv), material.opacity, np.float32)
     colour = np.broadcast_to(linear_to_srgb(np.array(material.colour, np.float32)), (len(uv), 3))
     if isinstance(picture, ChartMap):
-        return sample_chart(shown.texture, uv) / np.float32(255), alpha
+        return sample_chart(chart_texture, uv) / np.float32(255), alpha
     if isinstance(picture, OwnMap):
         values = sample_chart(picture.pixels, uv) / np.float32(255)
         colour = values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, 1)
@@ -124,7 +124,8 @@ def _painted(part: MeshPart, uv: Float32, shown: Shown) -> tuple[Float32, Float3
     return np.asarray(colour, np.float32), np.asarray(alpha, np.float32)
 
 
-def _normals(part: MeshPart, vertices: Float32, triangles: np.ndarray) -> Float64:
+def body_normals(part: MeshPart, vertices: Float32, triangles: np.ndarray) -> Float64:
+    """(N, 3) unit normals that a part is lit with: of its surface; of masked cards those of the body they make up."""
     normals = area_normals(vertices, triangles).astype(np.float64)
     if part.material.alpha != "mask":
         return normals

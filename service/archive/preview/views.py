@@ -16,6 +16,7 @@ from service.archive.preview.render import render, turned_camera
 from service.archive.preview.shading import side_lamp
 from service.archive.surface import vertex_normals
 from service.arrays import Float32, UInt16
+from service.materials.part import framed
 
 What = TypeVar("What")
 
@@ -36,7 +37,7 @@ def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
     fit = avatar.fit
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind, around = backdrop(*TILE), framed(avatar)
+    behind, around = backdrop(*TILE), framed(avatar.fit.vertices, avatar.parts)
     parts = Shown(avatar.parts, avatar.texture.texture, None, photo_light(avatar))
 
     def view(yaw: int) -> tuple[str, Image]:
@@ -55,7 +56,7 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         return
     albedo = small_albedo(made.diffuse_albedo, VIEWED)
     normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind, around = backdrop(*TILE), framed(avatar)
+    behind, around = backdrop(*TILE), framed(avatar.fit.vertices, avatar.parts)
 
     def view(what: tuple[int, int]) -> tuple[str, Image]:
         yaw, azimuth = what
@@ -66,13 +67,6 @@ def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
         return f"Albedo, lamp {side}", to_pixels(drawn.over(behind))
 
     yield from _side_by_side(view, RELIT)
-
-
-def framed(avatar: Avatar) -> Float32:
-    """(N, 3) points that views show: the head, and its hair as far as it does not hang below the neck."""
-    lowest = float(avatar.fit.vertices[:, 1].min())
-    sheets = [part.vertices for part in avatar.parts if part.material.double_sided]
-    return np.concatenate([avatar.fit.vertices, *(points[points[:, 1] >= lowest] for points in sheets)])
 
 
 def photo_light(avatar: Avatar) -> Float32:

@@ -13,8 +13,8 @@ import numpy as np
 
 from service.arrays import Float32
 
-REACH = 4
-"""Texels of the coarsest level that a strip needs around it."""
+REACH = 8
+"""Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five."""
 
 
 def halo(octaves: int) -> int:

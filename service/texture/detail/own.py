@@ -38,8 +38,9 @@ from service.texture.result import SEEN, Texture
 
 STRIP = 512
 """Rows at a time."""
-AROUND = 2.5
-"""Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured."""
+AROUND, KERNEL = 1.5, (11, 11)
+"""Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured; and where
+that ends."""
 USUAL = 0.003
 """Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
 LEAST_LEFT = 0.1
@@ -191,7 +192,7 @@ class _Work:
     def __init__(self, own: OwnDetail, size: tuple[int, int], octaves: int) -> None:
         self._own, self._size, self._octaves = own, size, octaves
         self._reader = Reader.of(own.photo, own.places, size)
-        self._halo = 2 * halo(octaves)
+        self._halo = halo(octaves)
         self._power = np.zeros(octaves)
         self._area = 0.0
 
@@ -215,13 +216,15 @@ class _Work:
             return kept
         first, last = max(top - reach, 0), min(bottom + reach, self._size[1])
         begin, end = max(columns[0] - reach, 0), min(columns[1] + reach, width)
-        window = (first, last, begin, end)
         part = codes[first:last, begin:end].copy()
         if above is not None:
             part[: top - first] = above[len(above) - (top - first) :, begin:end]
+        grid = 2**self._octaves  # a map of any size goes on beyond its border to the next whole texel of all octaves
+        part = np.pad(part, ((0, -part.shape[0] % grid), (0, -part.shape[1] % grid), (0, 0)), "edge")
+        window = (first, first + part.shape[0], begin, begin + part.shape[1])
         map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
         seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
-        photo = self._reader.rows(first, last, (begin, end))
+        photo = self._reader.rows(window[0], window[1], window[2:])
         inside = (slice(top - first, bottom - first), slice(columns[0] - begin, columns[1] - begin))
         ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
         theirs, _ = split(map_, self._octaves)
@@ -248,7 +251,7 @@ class _Work:
 
         def power(octave: Float32) -> Float32:
             grey = luma(octave)
-            return np.asarray(cv2.GaussianBlur(grey * grey, (0, 0), AROUND), np.float32)
+            return np.asarray(cv2.GaussianBlur(grey * grey, KERNEL, AROUND), np.float32)
 
         here, least = resized(seen), np.float32(1e-10)
         lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(resized(pixels), np.float32(1e-4))

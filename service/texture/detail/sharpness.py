@@ -22,7 +22,7 @@ SHARPEST = 0.10
 """Quantile of the edges' blur that counts as the photo's: edges of a face may be soft themselves."""
 EDGES = 0.01
 """Share of the face's pixels, those of the steepest gradients, that count as edges."""
-LEAST_EDGES = 50
+LEAST_EDGES = 20
 """Edges with fewer of which the blur is not known."""
 ABOVE_NOISE = 6.0
 """Gradients below so many times the noise's are no edges."""
@@ -91,7 +91,8 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     found = max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR)
     if found > WIDE and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
         half = np.asarray(cv2.resize(face, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-        found = max(found, 2 * measure(half).blur)
+        coarser = measure(half).blur
+        found = found if coarser == UNKNOWN_BLUR else max(found, 2 * coarser)
     return Sharpness(found, noise, steps)
 
 

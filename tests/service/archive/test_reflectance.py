@@ -22,33 +22,13 @@ from service.archive.pack import archive_members, write_archive
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
 from service.options import MAP_NAMES
-from service.reflectance.normals import pack_normals
-from service.reflectance.relief.displacement import encode
-from service.reflectance.result import MID, SCALE_MM, Integration, Reflectance, unpack_normals
+from service.reflectance.result import MID, SCALE_MM, Reflectance, unpack_normals
 from tests.service.archive.test_meshes import validator_report
-from tests.service.archive.toys import toy_avatar, toy_head
+from tests.service.archive.toys import REFLECTANCE_SIZE, toy_avatar, toy_head, toy_reflectance
 from tests.toyhead import CENTRE
 
-SIZE = (192, 128)
+SIZE = REFLECTANCE_SIZE
 Image = npt.NDArray[Any]
-
-
-def toy_reflectance() -> Reflectance:
-    rng = np.random.default_rng(11)
-    shape = SIZE[::-1]
-    x, y = rng.normal(0, 0.2, (2, *shape)).astype(np.float32)
-    normals = pack_normals(x, y, np.ones_like(x))
-    return Reflectance(
-        size=SIZE,
-        diffuse_albedo=rng.integers(0, 65536, (*shape, 3), np.uint16),
-        specular_albedo=rng.integers(0, 65536, shape, np.uint16),
-        specular_normal=normals,
-        diffuse_normal=normals[::-1].copy(),
-        displacement=encode(rng.normal(0, 0.05, shape).astype(np.float32)),
-        tile=1024,
-        super_resolution=True,
-        integration=Integration(4, 0.001, 0.0),
-    )
 
 
 def avatar(**options: Any) -> Avatar:

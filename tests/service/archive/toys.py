@@ -14,9 +14,16 @@ from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
+from service.options import MAP_NAMES
 from service.photo.photo import Photo
+from service.reflectance.normals import pack_normals
+from service.reflectance.relief.displacement import encode
+from service.reflectance.result import Integration, Reflectance
+from service.reflectance.surface.make import surface_maps
 from service.texture.result import Texture
 from tests.toyhead import sphere_head
+
+REFLECTANCE_SIZE = (192, 128)
 
 
 def toy_head() -> HeadModel:
@@ -95,3 +102,29 @@ def toy_part(**changes: Any) -> MeshPart:
         "replaces": ("lashes",),
     }
     return MeshPart(**(values | changes))
+
+
+def toy_reflectance() -> Reflectance:
+    rng = np.random.default_rng(11)
+    shape = REFLECTANCE_SIZE[::-1]
+    x, y = rng.normal(0, 0.2, (2, *shape)).astype(np.float32)
+    normals = pack_normals(x, y, np.ones_like(x))
+    return Reflectance(
+        size=REFLECTANCE_SIZE,
+        diffuse_albedo=rng.integers(0, 65536, (*shape, 3), np.uint16),
+        specular_albedo=rng.integers(0, 65536, shape, np.uint16),
+        specular_normal=normals,
+        diffuse_normal=normals[::-1].copy(),
+        displacement=encode(rng.normal(0, 0.05, shape).astype(np.float32)),
+        tile=1024,
+        super_resolution=True,
+        integration=Integration(4, 0.001, 0.0),
+    )
+
+
+def whole_avatar() -> Avatar:
+    """An avatar with all maps and a part beside the head's own."""
+    made, options = toy_reflectance(), {"maps": list(MAP_NAMES), "quality": "standard", "normals": "tangent"}
+    plain = toy_avatar()
+    surface = surface_maps(plain.head, plain.fit.vertices, made, MAP_NAMES, REFLECTANCE_SIZE)
+    return toy_avatar(options=options, reflectance=made, surface=surface, parts=(toy_part(),))

@@ -44,9 +44,9 @@ def test_a_style_is_found_again_from_its_silhouette(frame: Frame, name: str) -> 
 
 
 def test_volume_and_the_side_of_the_parting_are_found_too(frame: Frame) -> None:
-    shown, skin = silhouette(frame, "hair/bob02", Cut(volume=1.35, mirrored=True))
+    shown, skin = silhouette(frame, "hair/bob02", Cut(volume=1.5, mirrored=True))
     found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown))
-    assert found.name == "hair/bob02" and found.cut.mirrored and found.cut.volume == 1.35
+    assert found.name == "hair/bob02" and found.cut.mirrored and found.cut.volume == 1.5
 
 
 def test_longer_hair_is_longer(frame: Frame) -> None:

@@ -95,3 +95,13 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     assert lip_edges(toy) is None
     wild = lips_on_rim(head, head.mean, before, VIEW, good * [[1.0, 1e6]], teeth_seen=True)
     assert np.isfinite(wild).all() and (wild >= 0).all() and (wild <= 1).all()
+
+
+@pytest.mark.parametrize("jaw", [0.0, 0.3])
+def test_a_shut_mouth_seals(head: HeadModel, jaw: float) -> None:
+    """Units that press or roll the lips cannot seal them: a line of teeth was left between shut lips."""
+    before = units(head, mouthUpperUp=0.2, mouthLowerDown=0.2, jawOpen=jaw)
+    shut = rim(head, units(head))
+    found = lips_on_rim(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
+    upper, lower = opening(head, found)
+    assert (lower - upper).max() < 0.2e-3 * FOCAL

@@ -1,4 +1,4 @@
-"""Teeth, gums and tongue as meshes of their own: ``python -m models.head.inside --assets FOLDER``.
+"""Teeth, gums and tongue as meshes of their own: ``python -m models.people.inside --assets FOLDER``.
 
 Teeth and gums are MakeHuman's (``teeth/teeth_base`` of makehumancommunity/makehuman-assets, CC0), put where the head's
 own rows of teeth are and bound to them; the tongue is the head's own, refined and made narrow enough to lie within the
@@ -29,15 +29,18 @@ from service.head.regions import part_vertices
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 
-LOWER_SCALE, LOWER_SHIFT = np.array([0.94, 1.0, 1.0]), np.array([0.0, -0.0030, -0.0015])
+LOWER_SCALE, LOWER_SHIFT = np.array([0.94, 1.0, 1.0]), np.array([0.0, -0.0036, -0.0018])
 """Of the lower row: in MakeHuman both rows pass through each other in the middle of a bite."""
-GUM_M = {"teeth_upper": np.inf, "teeth_lower": 0.004}
-"""Gums farther than this from the row's teeth are left out: of the lower row the floor of the mouth."""
+GUM_M = {"teeth_upper": (np.inf, np.inf), "teeth_lower": (0.0032, 0.0026)}
+"""Gums farther than this from the row's teeth are left out, within the arch and before it: of the lower row the floor
+of the mouth, and what would reach through the fold below the lip."""
+AXIS = np.array([0.0, 0.0, -0.022])
+"""A point on the axis of the dental arches, which runs along +Y."""
 CONTROLS = 12
 """Vertices of the head's own row that a row follows: an affine map, spread over the row."""
 GAP_M = (0.0002, 0.0022)
 """Distance from the next tooth up to which a tooth is darkest, and from which on it is not darkened."""
-TONGUE_SCALE, TONGUE_SHIFT = np.array([0.66, 0.85, 1.0]), np.array([0.0, -0.0010, -0.0035])
+TONGUE_SCALE, TONGUE_SHIFT = np.array([0.60, 0.80, 1.0]), np.array([0.0, -0.0006, -0.0040])
 """Of the tongue, about its own middle, before it is put out: it lies within the lower arch."""
 
 
@@ -48,7 +51,7 @@ def rows_of_teeth(base: BaseMesh, head: HeadModel, folder: Path) -> list[Inset]:
     piece = _pieces(triangles, len(placed))
     gum = piece == np.argmax(np.bincount(piece))
     found = []
-    for name, distance in GUM_M.items():
+    for name, (within, before) in GUM_M.items():
         used = np.unique(base.quads[np.isin(base.groups, PART_GROUPS[name])])
         own = part_vertices(head, name)
         to_head = np.linalg.lstsq(np.c_[base.vertices[used], np.ones(len(used))], head.mean[own], rcond=None)[0]
@@ -56,7 +59,11 @@ def rows_of_teeth(base: BaseMesh, head: HeadModel, folder: Path) -> list[Inset]:
         if name == "teeth_lower":
             points = points * LOWER_SCALE + LOWER_SHIFT
         mine = np.isin(binding.corners[:, 0], used)
-        near = cKDTree(points[mine & ~gum]).query(points[triangles].mean(1))[0] < distance
+        middle = points[triangles].mean(1)
+        distance, nearest = cKDTree(points[mine & ~gum]).query(middle)
+        tooth = points[mine & ~gum][nearest]
+        lingual = np.hypot(*(middle - AXIS)[:, [0, 2]].T) < np.hypot(*(tooth - AXIS)[:, [0, 2]].T)
+        near = distance < np.where(lingual, within, before)
         chosen = mine[triangles].all(1) & (near | ~gum[triangles].any(1))
         kept, faces = np.unique(triangles[chosen], return_inverse=True)
         places, uv_faces = np.unique(shape.triangles[chosen], return_inverse=True)
@@ -80,7 +87,7 @@ def rows_of_teeth(base: BaseMesh, head: HeadModel, folder: Path) -> list[Inset]:
 
 
 def tongue(head: HeadModel) -> Inset:
-    """The head's tongue after one step of Catmull-Clark, with a place on a picture of its own: top left, bottom right."""
+    """The head's tongue after one step of Catmull-Clark, on a picture of its own: the top left, the underside right."""
     own = part_vertices(head, "tongue")
     polygons = head.polygons[head.polygon_part == head.part_names.index("tongue")]
     local = np.where(polygons < 0, -1, np.searchsorted(own, np.maximum(polygons, 0)))
@@ -98,7 +105,7 @@ def tongue(head: HeadModel) -> Inset:
     below = np.cross(b - a, c - a)[:, 1] < 0
     flat = (points[:, [0, 2]] - low[[0, 2]]) / (high - low)[[0, 2]]
     top = flat * [0.44, 0.92] + [0.03, 0.04]
-    uv = np.concatenate([top, top + [0.5, 0.0]])
+    uv = np.concatenate([top, top + np.array([0.5, 0.0])])
     depth = (high[2] - points[:, 2]) / (high[2] - low[2])
     return Inset(
         name="tongue_body",

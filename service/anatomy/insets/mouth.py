@@ -1,0 +1,142 @@
+"""Teeth, gums and tongue of one head as meshes with pictures of their own, in the photo's tooth colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from service.anatomy.insets.inset import Inset, Insets, read_insets
+from service.anatomy.insets.picture import Canvas, grain
+from service.anatomy.mouth.colours import TONGUE
+from service.anatomy.part_texels import PartTexels
+from service.anatomy.teeth.colours import GUMS, TOOTH
+from service.anatomy.teeth.paint import crown_share
+from service.arrays import Float32, UInt8
+from service.colour import bytes_to_linear, luma
+from service.face.fit.result import Fit
+from service.head.model import HeadModel
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
+
+SIZE, TONGUE_SIZE = 1024, 512
+"""Sides of the pictures of teeth and gums, and of the tongue, texels."""
+REPLACES = {"teeth_upper_gums": "teeth_upper", "teeth_lower_gums": "teeth_lower", "tongue_body": "tongue"}
+"""Meshes of the file, and the head's own part in place of which each stands."""
+LEAST_M = 1e-6
+"""Units that move a part by less are left out of its targets."""
+FITS_M = 0.02
+"""Largest distance of a mean head's vertices from those of the head that the meshes were made for."""
+
+FRONT_M, LEAST_CROWN, LEAST_TEXELS = 0.008, 0.9, 20
+"""Depth behind the frontmost tooth and share of crown of texels that tell the tooth's colour; their least number."""
+
+NECK, NECK_COLOUR = (0.62, 1.0), (0.10, 0.16, 0.26)
+"""Places along a crown between which dentine shows through, and the share of red, green and blue that is lost there."""
+EDGE, EDGE_COLOUR = 0.16, (0.16, 0.10, 0.04)
+"""Length of the translucent biting edge along a crown, and the share lost at its end: the dark mouth shines through."""
+BETWEEN = (0.50, 0.62, 0.66)
+"""Share of red, green and blue that is lost deep between two teeth."""
+MARGIN, MARGIN_LIGHT = 0.35, 0.25
+"""Gums next to teeth are paler: how much, and the noise on gums, both as shares of their colour."""
+GROOVE, PAPILLAE, UNDERSIDE = 0.22, 0.10, (1.0, 0.82, 0.86)
+"""Depth of the median groove of the tongue and amplitude of its papillae as shares of the colour; factors on its
+underside, whose thin mucosa is redder."""
+ROOT = 0.35
+"""Share of the tongue's light that is lost at its root, which is coated and lies in the throat."""
+
+
+def mouth_parts(head: HeadModel, fit: Fit, parts: UInt8 | None) -> tuple[MeshPart, ...]:
+    """Teeth, gums and tongue; nothing for a head that they were not made for.
+
+    Args:
+        head: topology, chart and units.
+        fit: vertices of the head.
+        parts: (h, w, 3) uint8 sRGB-coded albedo of its parts on the chart, which has the photo's tooth colour; None:
+            the usual colour.
+    """
+    insets = read_insets()
+    if not fits(insets, head):
+        return ()
+    tooth = TOOTH if parts is None else tooth_colour(head, parts)
+    rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
+    tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
+    enamel = Material("teeth", colour_map=OwnMap("teeth", teeth_picture(rows, tooth)), roughness=0.18, ior=1.6)
+    flesh = Material("tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4)
+    return tuple(following(mesh, insets, head, fit, flesh if mesh is tongue else enamel) for mesh in (*rows, tongue))
+
+
+def fits(insets: Insets, head: HeadModel) -> bool:
+    """Whether a head has the vertices that the meshes follow; other heads keep their own parts."""
+    same = insets.fitted_head.shape == head.mean.shape
+    return bool(same and np.abs(insets.fitted_head - head.mean).max() < FITS_M)
+
+
+def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: Material) -> MeshPart:
+    """A mesh on the fitted head, with the units that move it."""
+    targets = {}
+    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
+        moved = mesh.moved(offsets)
+        if np.abs(moved).max() > LEAST_M:
+            targets[unit] = moved
+    return MeshPart(
+        name=mesh.name,
+        vertices=mesh.rest + mesh.moved(fit.vertices - insets.fitted_head),
+        neutral=mesh.rest + mesh.moved(fit.neutral - insets.fitted_head),
+        faces=mesh.faces,
+        uv=mesh.uv,
+        uv_faces=mesh.uv_faces,
+        material=material,
+        targets=targets,
+        bone="jaw" if mesh.name != "teeth_upper_gums" else "head",
+        replaces=(REPLACES[mesh.name],),
+    )
+
+
+def tooth_colour(head: HeadModel, parts: UInt8) -> Float32:
+    """(3,) linear albedo of the front teeth on a map (h, w, 3) of sRGB codes: median of their brighter half."""
+    place = PartTexels.of(head, "teeth_upper", (parts.shape[1], parts.shape[0]))
+    if place is None:
+        return TOOTH
+    front = place.points[:, 2] > place.points[:, 2].max() - FRONT_M
+    crown = crown_share(place.points, place.vertices, upper=True) > LEAST_CROWN
+    shown = bytes_to_linear(parts[place.box][place.inside][front & crown])
+    if len(shown) < LEAST_TEXELS:
+        return TOOTH
+    order = np.argsort(luma(shown), kind="stable")
+    return np.asarray(np.median(shown[order[len(order) // 2 :]], 0), np.float32)
+
+
+def teeth_picture(rows: list[Inset], tooth: Float32) -> UInt8:
+    """(SIZE, SIZE, 3) uint8 sRGB of both rows on their common picture.
+
+    Args:
+        rows: upper and lower row.
+        tooth: (3,) linear albedo.
+    """
+    canvas = Canvas(SIZE)
+    for row in rows:
+        at, values = canvas.texels(row.uv, row.uv_faces, row.faces, np.c_[row.along, row.shade, row.rest * 1e3])
+        along, shade, place = values[:, 0], values[:, 1], values[:, 2:]
+        neck = np.clip((along - NECK[0]) / (NECK[1] - NECK[0]), 0, 1)[:, None] ** 1.5
+        edge = np.exp(-((np.maximum(along, 0) / EDGE) ** 2))[:, None]
+        between = ((1 - np.clip(shade, 0, 1)) ** 1.5)[:, None]
+        enamel = tooth * (1 - neck * np.array(NECK_COLOUR)) * (1 - edge * np.array(EDGE_COLOUR))
+        enamel = enamel * (1 - between * np.array(BETWEEN))
+        noise = grain(place, (0.5, 1.1, 2.4), seed=1)[:, None]
+        gums = GUMS * (1 + MARGIN_LIGHT * noise) * (1 + MARGIN * np.clip(1 + along, 0, 1)[:, None])
+        canvas.put(at, np.where(along[:, None] < 0, gums, enamel))
+    return canvas.picture()
+
+
+def tongue_picture(tongue: Inset) -> UInt8:
+    """(TONGUE_SIZE, TONGUE_SIZE, 3) uint8 sRGB of the tongue."""
+    canvas = Canvas(TONGUE_SIZE)
+    at, values = canvas.texels(tongue.uv, tongue.uv_faces, tongue.faces, np.c_[tongue.along, tongue.rest * 1e3])
+    along, place = values[:, 0], values[:, 1:]
+    below = (at % TONGUE_SIZE) >= TONGUE_SIZE // 2
+    groove = GROOVE * np.exp(-((place[:, 0] / 1.2) ** 2)) * np.clip(along * 4, 0, 1)
+    papillae = PAPILLAE * grain(place, (4.5, 7.0, 11.0), seed=2)
+    light = (1 - groove) * (1 + papillae) * (1 - ROOT * along**2)
+    top = TONGUE * light[:, None]
+    under = TONGUE * np.array(UNDERSIDE) * (1 - ROOT * along[:, None] ** 2)
+    canvas.put(at, np.where(below[:, None], under, top))
+    return canvas.picture()

@@ -1,0 +1,102 @@
+"""Blender's own importers read the three formats alike, and the kit's scene is driven as a whole.
+
+Blender is what ``service.kits.blender.blender`` finds: AVATARME_BLENDER, ``blender``, or the module bpy, which cannot
+share an environment with numpy 2: ``python -m venv blender; blender/bin/pip install "bpy<5"``.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from service.archive.pack import write_archive
+from service.kits.blender import blender
+from service.kits.make import export_kit
+from tests.service.archive.toys import whole_avatar
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(blender() is None, reason="no Blender: set AVATARME_BLENDER to it or to a Python with bpy"),
+]
+
+LARGEST_MEAN = 2.0
+"""Mean difference of pictures of the same head from two formats, in 1/255."""
+
+
+def run(tool: str, *arguments: object) -> None:
+    command = blender()
+    assert command is not None
+    dashes = ["--"] if command[1:] else []
+    done = subprocess.run(
+        [*command, str(TOOLS / tool), *dashes, *map(str, arguments)], capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr[-2000:] + done.stdout[-2000:]
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("blender") / "toy.zip"
+    write_archive(whole_avatar(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def look(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("look")
+    with zipfile.ZipFile(archive) as stored:
+        stored.extractall(folder / "in")
+    run("blender_look.py", folder / "in", folder, 192, 8)
+    return folder
+
+
+def test_one_head_one_look(look: Path) -> None:
+    pictures = {kind: np.asarray(cv2.imread(str(look / f"{kind}.png")), float) for kind in ("glb", "obj", "usd")}
+    assert pictures["glb"].std() > 20, "something is drawn"
+    for one, other in (("glb", "obj"), ("glb", "usd"), ("obj", "usd")):
+        assert np.abs(pictures[one] - pictures[other]).mean() <= LARGEST_MEAN, (one, other)
+
+
+def test_materials_are_wired_in_every_format(look: Path) -> None:
+    facts = json.loads((look / "facts.json").read_text())
+    for kind in ("glb", "obj", "usd"):
+        told: dict[str, Any] = facts[kind]
+        assert not any(one["missing"] for one in told.values()), kind
+        inputs = {wire.split(" -> ")[1] for wire in told["skin"]["wires"]}
+        assert {"Base Color", "Roughness", "Normal"} <= inputs, kind
+        assert inputs & {"Specular IOR Level", "Specular Tint"}, kind
+        assert any(wire.endswith("Alpha") for wire in told["toy_hair"]["wires"]), kind
+    units = set(whole_avatar().head.expression_names)
+    assert set(facts["glb"]["skin"]["keys"]) == units
+    assert set(facts["usd"]["skin"]["keys"]) == units - {"tongueOut"}, "tongueOut moves nothing of the toy"
+
+
+def test_the_kits_scene_is_driven_as_a_whole(archive: Path, tmp_path: Path) -> None:
+    kit = export_kit(archive, "blender", tmp_path / "kit")
+    assert kit.scene is not None and kit.scene.is_file()
+    run("blender_kit.py", kit.scene, tmp_path)
+    facts = json.loads((tmp_path / "facts.json").read_text())
+    assert facts["bones"] == ["eye_left", "eye_right", "head", "jaw", "neck"] and facts["missing"] == []
+    assert "skin" in facts["displaced"] and "skin" in facts["subdivided"] and "toy_hair" not in facts["subdivided"]
+    avatar = whole_avatar()
+    assert facts["units"] == len(avatar.head.expression_names) + 1
+    jaw = avatar.head.expression[avatar.head.expression_names.index("jawOpen")]
+    moved = facts["moved_mm"]["jawOpen"]
+    for index, name in enumerate(avatar.head.part_names):
+        if name in moved:
+            own = np.unique(avatar.head.triangles[avatar.head.triangle_part == index])
+            assert moved[name] == pytest.approx(1e3 * np.abs(jaw[own]).max(), abs=0.02), name
+    assert moved["toy_hair"] == pytest.approx(4.0, abs=0.02), "one property moves all parts"
+    assert not any(facts["moved_mm"]["neutral"].values())
+    # The photo's expression, as the property "photo" gives it; Blender is Z up.
+    shown = np.load(tmp_path / "photo.npz")["skin"]
+    own = np.unique(avatar.head.triangles[avatar.head.triangle_part == 0])
+    np.testing.assert_allclose(shown[:, [0, 2, 1]] * [1, 1, -1], avatar.fit.vertices[own], atol=2e-5)

@@ -1,0 +1,183 @@
+"""Kits of a whole archive: what they hold opens, says the same as the archive, and is in the packing of the tool."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from typer.testing import CliRunner
+
+from service.archive.manifest import from_json
+from service.archive.meshes import drawn_parts
+from service.archive.pack import write_archive
+from service.cli.app import app
+from service.errors import BadArchive, UsageError
+from service.kits import blender
+from service.kits.lod import levels_of_detail, reduced, subdivided, triangles
+from service.kits.make import export_kit
+from service.kits.materials import materials_of
+from service.kits.read_usd import read_parts
+from service.kits.unpacked import Source
+from service.materials.material import OwnMap
+from service.materials.of_head import head_parts
+from tests.service.archive.test_meshes import Glb, validator_report
+from tests.service.archive.toys import toy_part, whole_avatar
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("kits") / "toy.zip"
+    write_archive(whole_avatar(), path)
+    return path
+
+
+def pixels(path: Path) -> npt.NDArray[np.uint8]:
+    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), np.uint8)
+    return image if image.ndim == 2 else image[..., [2, 1, 0, *range(3, image.shape[2])]]
+
+
+def test_the_manifest_says_materials_parts_and_joints(archive: Path) -> None:
+    manifest = from_json(zipfile.ZipFile(archive).read("manifest.json"))
+    assert [part.name for part in manifest.parts][-1] == "toy_hair"
+    skin = next(material for material in manifest.materials if material.name == "skin")
+    assert skin.maps["normal"] == "maps/specular_normal.png" and skin.maps["roughness"] == "maps/roughness.png"
+    assert [joint.name for joint in manifest.joints] == ["neck", "head", "jaw", "eye_left", "eye_right"]
+    names = set(zipfile.ZipFile(archive).namelist())
+    assert all(path in names for material in manifest.materials for path in material.maps.values())
+
+
+def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
+    source = Source.open(archive)
+    materials = materials_of(source)
+    read = read_parts(source.read("mesh/head.usda"), source.manifest, materials)
+    wanted = drawn_parts(whole_avatar())
+    assert [part.name for part in read] == [part.name for part in wanted]
+    for part, true in zip(read, wanted, strict=True):
+        np.testing.assert_allclose(part.neutral, true.neutral, atol=1e-6)
+        np.testing.assert_array_equal(part.polygons, true.polygons)
+        present = part.polygons >= 0
+        np.testing.assert_allclose(
+            part.uv[part.polygons_uv[present]], true.uv[true.polygons_uv[present]], atol=1e-6
+        )
+        assert part.bone == true.bone
+        for unit, offsets in true.targets.items():
+            np.testing.assert_allclose(part.targets.get(unit, 0 * offsets), offsets, atol=6e-6)
+        a, b = part.material, true.material
+        assert (a.name, a.colour, a.alpha, a.cutoff, a.ior, a.roughness) == (
+            b.name, b.colour, b.alpha, b.cutoff, b.ior, b.roughness,
+        )  # fmt: skip
+    hair = read[-1].material.colour_map
+    assert isinstance(hair, OwnMap)
+    np.testing.assert_array_equal(hair.pixels, toy_part().own_maps[0].pixels)
+
+
+def test_a_cut_usd_is_refused(archive: Path) -> None:
+    source = Source.open(archive)
+    data = source.read("mesh/head.usda")
+    with pytest.raises(BadArchive, match=r"head\.usda"):
+        read_parts(data[: len(data) // 2], source.manifest, materials_of(source))
+
+
+def test_subdivision_moves_blendshapes_along() -> None:
+    avatar = whole_avatar()
+    skin = head_parts(avatar.head, avatar.fit.neutral, avatar.fit.neutral)[0]
+    fine = subdivided(skin)
+    assert 3.5 < triangles(fine) / triangles(skin) < 4.5
+    moved = subdivided(_with(skin, skin.neutral + skin.targets["jawOpen"]))
+    np.testing.assert_allclose(moved.neutral, fine.neutral + fine.targets["jawOpen"], atol=1e-7)
+
+
+def _with(part, neutral):  # type: ignore[no-untyped-def]
+    from dataclasses import replace
+
+    return replace(part, neutral=neutral.astype(np.float32), vertices=neutral.astype(np.float32), targets={})
+
+
+def test_reduced_parts_keep_vertices_uv_and_blendshapes() -> None:
+    pytest.importorskip("meshoptimizer", reason="levels of detail need the extra kits")
+    avatar = whole_avatar()
+    skin = head_parts(avatar.head, avatar.fit.neutral, avatar.fit.neutral)[0]
+    few = reduced(skin, 0.4)
+    assert 0.3 * triangles(skin) < triangles(few) < 0.5 * triangles(skin)
+    distance = np.linalg.norm(few.neutral[:, None] - skin.neutral[None], axis=2)
+    nearest = distance.argmin(1)
+    assert distance.min(1).max() == 0, "a subset of the vertices"
+    np.testing.assert_array_equal(few.targets["jawOpen"], skin.targets["jawOpen"][nearest])
+    places = {tuple(np.round(row, 6)) for row in skin.uv.tolist()}
+    assert {tuple(np.round(row, 6)) for row in few.uv.tolist()} <= places
+    assert triangles(reduced(skin, 1.0)) == triangles(skin)
+
+
+def test_levels_get_coarser() -> None:
+    pytest.importorskip("meshoptimizer", reason="levels of detail need the extra kits")
+    avatar = whole_avatar()
+    counts = [sum(map(triangles, level)) for level in levels_of_detail(drawn_parts(avatar))]
+    assert len(counts) == 4 and counts == sorted(counts, reverse=True) and counts[-1] < 2100
+
+
+@pytest.mark.parametrize(("tool", "up"), [("unreal", False), ("unity", True), ("maya", True)])
+def test_an_engines_kit(archive: Path, tool: str, up: bool, tmp_path: Path) -> None:
+    pytest.importorskip("meshoptimizer", reason="levels of detail need the extra kits")
+    kit = export_kit(archive, tool, tmp_path / "kit")
+    facts = json.loads((kit.folder / "kit.json").read_text())
+    flags = {one["file"]: one["srgb"] for one in facts["textures"]}
+    assert flags["textures/head_basecolor.png"] and sum(flags.values()) == 1
+    for name in flags:
+        height, width = pixels(kit.folder / name).shape[:2]
+        assert height == width == 128, "a power of two"
+    # Green of the normals against the archive's, whose rows are as many.
+    stored = np.frombuffer(zipfile.ZipFile(archive).read("maps/specular_normal.png"), np.uint8)
+    green = np.asarray(cv2.imdecode(stored, cv2.IMREAD_COLOR_RGB)).astype(float)[..., 1] - 128
+    made = pixels(kit.folder / f"textures/head_normal_{'opengl' if up else 'directx'}.png")[..., 1] - 127.5
+    alike = np.corrcoef(cv2.resize(green, (128, 128), interpolation=cv2.INTER_AREA).ravel(), made.ravel())[0, 1]
+    assert alike > 0.95 if up else alike < -0.95
+    for number, level in enumerate(facts["levels"]):
+        data = (kit.folder / level["file"]).read_bytes()
+        issues = validator_report(data, tmp_path)["issues"]
+        assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), (number, issues["messages"])
+        names = [mesh["name"] for mesh in Glb.read(data).json["meshes"]]
+        assert "skin" in names and "toy_hair" in names and "lashes" not in names
+    if tool == "unity":
+        mask = pixels(kit.folder / "textures/head_mask.png")
+        roughness = pixels_of(archive, "maps/roughness.png")
+        assert (mask[..., 0] == 0).all() and abs(float(mask[..., 3].mean()) - (255 - float(roughness.mean()))) < 2
+
+
+def pixels_of(archive: Path, name: str) -> npt.NDArray[np.uint8]:
+    data = np.frombuffer(zipfile.ZipFile(archive).read(name), np.uint8)
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
+
+
+def test_blenders_kit_without_blender(archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blender, "blender", lambda: None)
+    done = CliRunner().invoke(app, ["export", str(archive), "--for", "blender", "-o", str(tmp_path / "kit")])
+    assert done.exit_code == 0 and "avatar_scene.py" in done.stderr
+    facts = json.loads((tmp_path / "kit" / "kit.json").read_text())
+    for material in facts["materials"]:
+        for path in material["maps"].values():
+            assert (tmp_path / "kit" / path).is_file()
+    compile((tmp_path / "kit" / "avatar_scene.py").read_text(), "avatar_scene.py", "exec")
+    assert (tmp_path / "kit" / "mesh" / "head.usda").is_file() and (tmp_path / "kit" / facts["environment"]).is_file()
+
+
+def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cinema"):
+        export_kit(archive, "cinema", tmp_path / "kit")
+    with pytest.raises(UsageError, match="no archive"):
+        export_kit(tmp_path / "none.zip", "unity", tmp_path / "kit")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("x")
+    with pytest.raises(UsageError, match="other files"):
+        export_kit(archive, "blender", tmp_path / "full")
+    (tmp_path / "odd.zip").write_bytes(b"PK")
+    with pytest.raises(BadArchive):
+        export_kit(tmp_path / "odd.zip", "unity", tmp_path / "kit")
+    with zipfile.ZipFile(tmp_path / "evil.zip", "w") as evil:
+        evil.writestr("../evil", b"")
+    with pytest.raises(BadArchive, match="evil"):
+        export_kit(tmp_path / "evil.zip", "unity", tmp_path / "kit")

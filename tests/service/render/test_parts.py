@@ -1,0 +1,88 @@
+"""Parts beside the head's own in pictures: read from archives, drawn with alpha, before and behind the head."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from service.archive.images import encode_png
+from service.archive.pack import archive_members
+from service.archive.reading import open_avatar
+from service.archive.unpack import unpack_texture
+from service.errors import BadArchive
+from service.materials.material import Material, OwnMap
+from service.materials.part import MeshPart
+from service.render.parts import NO_SHADOWS, mesh_part
+from service.render.render import render_head
+from service.render.request import RenderRequest
+from tests.service.archive.toys import toy_avatar, toy_part
+from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
+
+
+def sheet(z: float, code: tuple[int, int, int, int]) -> MeshPart:
+    """A square of one colour across the head, at a depth."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.06)
+    points = corners + np.array([0, 0, z], np.float32)
+    picture = OwnMap("sheet", np.tile(np.array(code, np.uint8), (4, 4, 1)))
+    material = Material("sheet", colour_map=picture, alpha="blend", double_sided=True)
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    return MeshPart("sheet", points, points, np.array([[0, 1, 2, 3]], np.int32), uv, material)
+
+
+def middle(*parts: MeshPart) -> np.ndarray:
+    request = RenderRequest(scene=scene(EVEN), size=(48, 56), samples=1, background="transparent")
+    made = render_head(HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=parts)
+    assert (NO_SHADOWS in made.fallbacks) == bool(parts)
+    return np.asarray(made.light[28, 24])
+
+
+def test_a_part_hides_what_lies_behind_it_by_its_alpha() -> None:
+    alone, solid = middle(), middle(sheet(0.3, (0, 255, 0, 255)))
+    assert solid[1] > 5 * max(solid[0], solid[2])
+    half = middle(sheet(0.3, (0, 255, 0, 128)))
+    np.testing.assert_allclose(half, alone + (solid - alone) * 128 / 255, atol=2e-3)
+    np.testing.assert_allclose(middle(sheet(0.3, (0, 255, 0, 0))), alone, atol=1e-6)
+    np.testing.assert_allclose(middle(sheet(-0.3, (0, 255, 0, 255))), alone, atol=1e-6)
+
+
+def test_parts_come_out_of_the_archive_as_they_went_in() -> None:
+    part = toy_part()
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in archive_members(toy_avatar(parts=(part,))).items():
+            archive.writestr(name, data)
+    avatar = open_avatar(stream, ())
+    assert [stored.name for stored in avatar.parts] == [part.name]
+    read = mesh_part(avatar.parts[0])
+    np.testing.assert_allclose(np.sort(read.vertices, 0), np.sort(part.vertices, 0), atol=2e-6)
+    assert (read.material.alpha, read.material.cutoff, read.material.double_sided) == ("mask", 0.4, True)
+    picture, source = read.material.colour_map, part.material.colour_map
+    assert isinstance(picture, OwnMap) and isinstance(source, OwnMap)
+    assert np.array_equal(picture.pixels[..., 3], source.pixels[..., 3])
+    assert part.name not in avatar.mesh.part_names
+
+
+def test_colours_and_alpha_come_through_the_decode_gate() -> None:
+    pixels = np.random.default_rng(4).integers(0, 256, (8, 12, 4), np.uint8)
+    pixels[..., 3] = np.maximum(pixels[..., 3], 1)
+    read = unpack_texture(encode_png(pixels, srgb=True), "toy")
+    assert np.array_equal(read[..., 3], pixels[..., 3])
+    solid = pixels[..., 3] > 200
+    assert np.abs(read[solid][:, :3].astype(int) - pixels[solid][:, :3]).max() <= 1
+    opaque = unpack_texture(encode_png(pixels[..., :3], srgb=True), "toy")
+    assert np.array_equal(opaque[..., :3], pixels[..., :3]) and (opaque[..., 3] == 255).all()
+
+
+def test_a_texture_that_is_no_picture_is_refused() -> None:
+    with pytest.raises(BadArchive, match="toy"):
+        unpack_texture(b"no picture", "toy")
+
+
+def test_a_part_without_mesh_coordinates_of_its_own_is_still_drawn() -> None:
+    part = sheet(0.3, (255, 255, 255, 255))
+    plain = dataclasses.replace(part, material=Material("plain", (0.0, 0.5, 0.0)))
+    assert middle(plain)[1] > 0 == middle(plain)[0]

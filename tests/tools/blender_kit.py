@@ -1,0 +1,109 @@
+"""Run by Blender's Python: opens a kit's avatar.blend, poses it by its properties, and tells what moved.
+
+    python blender_kit.py AVATAR.blend OUT [SIZE SAMPLES]
+
+OUT gets facts.json and, where SIZE is given, one PNG per pose.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+
+POSES = {
+    "neutral": {},
+    "blink": {"eyeBlinkLeft": 1.0, "eyeBlinkRight": 1.0},
+    "smile": {"mouthSmileLeft": 0.9, "mouthSmileRight": 0.9, "cheekSquintLeft": 0.5, "cheekSquintRight": 0.5},
+    "jawOpen": {"jawOpen": 1.0},
+    "tongueOut": {"tongueOut": 1.0, "jawOpen": 0.5},
+    "photo": {"photo": 1.0},
+    "profile": {},
+    "back": {},
+}
+YAWS = {"profile": 90.0, "back": 180.0}
+
+
+def points(mesh) -> np.ndarray:
+    """Vertices as evaluated, before subdivision, in the world."""
+    shown = [(one, one.show_viewport) for one in mesh.modifiers if one.type == "SUBSURF"]
+    for one, _ in shown:
+        one.show_viewport = False
+    evaluated = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    flat = np.zeros(3 * len(evaluated.data.vertices))
+    evaluated.data.vertices.foreach_get("co", flat)
+    for one, was in shown:
+        one.show_viewport = was
+    world = np.array(mesh.matrix_world)
+    return flat.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+
+
+def posed(armature, weights: dict) -> None:
+    for unit in [name for name in armature if isinstance(armature[name], float)]:
+        armature[unit] = float(weights.get(unit, 0.0))
+    armature.update_tag()
+    bpy.context.view_layer.update()
+
+
+def view(yaw: float, low: np.ndarray, high: np.ndarray) -> None:
+    scene = bpy.context.scene
+    middle = mathutils.Vector((low + high) / 2)
+    turn = math.radians(yaw)
+    one = bpy.data.objects.get("view") or bpy.data.objects.new("view", bpy.data.cameras.new("view"))
+    if one.name not in scene.collection.objects:
+        scene.collection.objects.link(one)
+    one.location = middle + mathutils.Vector((1.3 * math.sin(turn), -1.3 * math.cos(turn), 0.0))
+    one.rotation_euler = (math.pi / 2, 0.0, turn)
+    one.data.sensor_fit = "VERTICAL"
+    one.data.angle = 2 * math.atan(float(high[2] - low[2]) * 0.58 / 1.3)
+    one.data.clip_start = 0.01
+    scene.camera = one
+
+
+def main() -> None:
+    out = Path(sys.argv[2])
+    bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+    armature = bpy.data.objects["avatar"]
+    meshes = {one.name: one for one in bpy.data.objects if one.type == "MESH" and not one.hide_render}
+    posed(armature, {})
+    still = {name: points(mesh) for name, mesh in meshes.items()}
+    both = np.concatenate(list(still.values()))
+    low, high = both.min(0), both.max(0)
+    scene = bpy.context.scene
+    camera = scene.camera
+    told = {
+        "units": len([name for name in armature if isinstance(armature[name], float)]),
+        "bones": sorted(bone.name for bone in armature.data.bones),
+        "drivers": {name: len(mesh.data.shape_keys.animation_data.drivers) for name, mesh in meshes.items()
+                    if mesh.data.shape_keys},
+        "missing": [one.name for one in bpy.data.images
+                    if one.source == "FILE" and not Path(bpy.path.abspath(one.filepath)).is_file()],
+        "displaced": [one.name for one in bpy.data.materials if one.use_nodes and any(
+            link.to_socket.name == "Displacement" for link in one.node_tree.links)],
+        "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
+        "moved_mm": {}, "camera": None if camera is None else {"lens": camera.data.lens},
+    }
+    if len(sys.argv) > 3:
+        scene.cycles.device, scene.cycles.samples = "CPU", int(sys.argv[4])
+        scene.cycles.use_denoising, scene.cycles.max_bounces = True, 3
+        scene.render.threads_mode, scene.render.threads = "FIXED", 2
+        scene.render.resolution_x, scene.render.resolution_y = int(sys.argv[3]) * 3 // 4, int(sys.argv[3])
+        scene.render.use_persistent_data = True
+    poses = sys.argv[5].split(",") if len(sys.argv) > 5 else list(POSES)
+    for pose in poses:
+        posed(armature, POSES[pose])
+        now = {name: points(mesh) for name, mesh in meshes.items()}
+        told["moved_mm"][pose] = {name: float(np.abs(now[name] - still[name]).max() * 1e3) for name in meshes}
+        if pose == "photo":
+            np.savez(out / "photo.npz", **now)
+        if len(sys.argv) > 3:
+            view(YAWS.get(pose, 0.0), low, high)
+            scene.render.filepath = str(out / f"{pose}.png")
+            bpy.ops.render.render(write_still=True)
+    (out / "facts.json").write_text(json.dumps(told, indent=1))
+
+
+main()
