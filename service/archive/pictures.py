@@ -39,7 +39,8 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
 
     Normals (h, w, 3) in [-1, 1], specular albedo and roughness (h, w) in [0, 1].
     """
-    made, found = avatar.reflectance, {}
+    made = avatar.reflectance
+    found: dict[str, Any] = {}
     if made is not None and made.specular_normal is not None:
         found["specular_normal"] = unpack_normals(_fitting(made.specular_normal))
     if made is not None and made.specular_albedo is not None:

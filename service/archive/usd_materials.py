@@ -11,6 +11,7 @@ Normals and displacement are the same relief, so the variant set ``relief`` of e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -151,5 +152,5 @@ def _variants(path: str, relief: dict[str, Wire]) -> str:
 
 def ior_of(f0: float) -> float:
     """Index of refraction, >= 1, whose reflectance at normal incidence is ``f0`` in [0, 1)."""
-    root = min(max(f0, 0.0), 0.9) ** 0.5
+    root = math.sqrt(min(max(f0, 0.0), 0.9))
     return (1 + root) / (1 - root)

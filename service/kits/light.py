@@ -59,4 +59,5 @@ def _skin(source: Source) -> Float64:
 def _small(png: bytes) -> Float32:
     import cv2
 
-    return np.asarray(cv2.resize(unpack_map(png, "map"), (192, 128), interpolation=cv2.INTER_AREA), np.float32) / 255
+    small = np.asarray(cv2.resize(unpack_map(png, "map"), (192, 128), interpolation=cv2.INTER_AREA), np.float32)
+    return small * np.float32(1 / 255)

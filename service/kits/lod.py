@@ -87,7 +87,7 @@ def reduced(part: MeshPart, share: float) -> MeshPart:
     )
 
 
-def _simplified(indices: np.ndarray, points: np.ndarray, share: float) -> np.ndarray:  # type: ignore[type-arg]
+def _simplified(indices: np.ndarray, points: np.ndarray, share: float) -> np.ndarray:
     try:
         import meshoptimizer
     except ImportError as error:

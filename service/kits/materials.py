@@ -45,7 +45,7 @@ def _material(one: dict[str, Any], source: Source, known: dict[str, Map]) -> Mat
     return Material(
         name=one["name"], colour=(red, green, blue), opacity=one["opacity"], alpha=one["alpha"], cutoff=one["cutoff"],
         double_sided=one["double_sided"], roughness=one["roughness"], ior=one["ior"], specular=one["specular"],
-        subsurface_mm=(near, middle, far), transmission=one["transmission"], **maps,  # type: ignore[arg-type]
+        subsurface_mm=(near, middle, far), transmission=one["transmission"], **maps,
     )  # fmt: skip
 
 

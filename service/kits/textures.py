@@ -52,7 +52,7 @@ class Charts:
         if not up:
             vectors[..., 1] *= -1
         length = np.sqrt(np.maximum(np.einsum("hwc,hwc->hw", vectors, vectors), 1e-6))[..., None]
-        return np.rint(127.5 * (1 + vectors / length)).clip(0, 255).astype(np.uint8)
+        return np.asarray(np.rint(127.5 * (1 + vectors / length)).clip(0, 255), np.uint8)
 
     def packed(self, channels: Mapping[str, float | Callable[[UInt8], UInt8]], order: tuple[str | int, ...]) -> UInt8:
         """Channels of several maps in one picture.

@@ -7,7 +7,7 @@ import numpy as np
 from service.arrays import AnyFloat, Int32, Int64
 from service.head.model import HeadModel
 from service.materials.material import ChartMap, Material
-from service.materials.part import MeshPart
+from service.materials.part import Bone, MeshPart
 
 COLOUR = ChartMap("diffuse_albedo")
 """Colours of the chart: the diffuse albedo, or the texture where there is none."""
@@ -41,7 +41,10 @@ def material_of(part: str) -> Material:
     return _BY_PREFIX.get(part.split("_")[0], SKIN)
 
 
-_JAW = ("teeth_lower", "tongue")
+_BONES: dict[str, Bone] = {
+    "eye_left": "eye_left", "eye_right": "eye_right", "teeth_lower": "jaw", "tongue": "jaw",
+}  # fmt: skip
+"""The joint that carries a part; the head carries the others."""
 
 
 def head_parts(head: HeadModel, vertices: AnyFloat, neutral: AnyFloat) -> list[MeshPart]:
@@ -73,7 +76,7 @@ def head_parts(head: HeadModel, vertices: AnyFloat, neutral: AnyFloat) -> list[M
                 uv_faces=uv_faces,
                 material=material_of(name),
                 targets={unit: offsets for unit, offsets in moved.items() if offsets.any()},
-                bone=name if name in ("eye_left", "eye_right") else "jaw" if name in _JAW else "head",
+                bone=_BONES.get(name, "head"),
             )
         )
     return parts

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, UInt8
 from service.geometry.chart import Chart
@@ -16,6 +18,8 @@ from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.surface.cavity import cavity
 from service.reflectance.surface.roughness import oil_of, roughness
 from service.reflectance.surface.thickness import thickness_mm
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 LARGEST = (1152, 768)
 """Size of these maps where the others are larger: a texel is a third of a millimetre on the face, and they show little
@@ -85,11 +89,13 @@ def _texel_mm(head: HeadModel, vertices: AnyFloat, width: int) -> float:
     return float(np.median(length * 1e3 / np.maximum(texels, 1e-9))) if len(length) else 1.0
 
 
-def _resized(image: Float32, size: tuple[int, int]) -> Float32:
+def _resized(image: npt.NDArray[Scalar], size: tuple[int, int]) -> npt.NDArray[Scalar]:
     import cv2
 
     smaller = image.shape[1] > size[0]
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR))
+    pixels: Any = image
+    made = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+    return np.asarray(made, image.dtype)
 
 
 def _codes(values: Float32 | None, scale: float) -> UInt8 | None:
