@@ -53,10 +53,11 @@ Float = npt.NDArray[np.float64]
 
 MARK = ("<!-- albedo -->", "<!-- /albedo -->")
 PHOTOS = (
-    "ffhq_soft", "ffhq_left", "hifi1_soft", "hifi2_left", "hifi3_overhead", "dark_soft", "dark_right", "scan_right",
-    "beard_soft", "beard_harsh", "brows_soft", "brows_left", "oily_overhead", "smile_soft", "shut_overhead",
+    "ffhq_soft", "ffhq_left", "hifi2_left", "hifi3_overhead", "dark_soft", "dark_right", "scan_right", "beard_soft",
+    "beard_harsh", "brows_soft", "brows_left", "smile_soft", "shut_overhead",
 )  # fmt: skip
-"""Of ``benchmarks.corrections.photos``: three skins and a scan, a dark tone, beards, brows and oil, in five lights."""
+"""Of ``benchmarks.corrections.photos``: four skins and a scan, a dark tone, beards, brows, a smile and shut eyes, in
+four lights."""
 
 TONES = (("dark", -90.0, 10.0), ("tan", 10.0, 41.0), ("light", 41.0, 90.0))
 """By the typology angle (Chardon 1991) of the true mean colour, degrees."""
@@ -96,12 +97,14 @@ class Found:
         score, flat: of the albedo, and of one colour, the true mean.
         regions: brightness over the cheeks', ours over the truth's, by region; those that the photo shows.
         angle: typology angle of the true mean colour, degrees.
+        gain: mean linear luminance, ours over the truth's.
     """
 
     score: Score
     flat: Score
     regions: Mapping[str, float]
     angle: float
+    gain: float
 
 
 def regions_of() -> dict[str, Float]:
@@ -120,6 +123,11 @@ def regions_of() -> dict[str, Float]:
     return {name: np.asarray(plane, np.float64) for name, plane in found.items()}
 
 
+def luminance(coded: Float) -> Float:
+    """(N,) linear luminance of (N, 3) sRGB-coded colours."""
+    return np.asarray(srgb_to_linear(np.clip(coded, 0, 1).astype(np.float32)).astype(np.float64) @ LUMA)
+
+
 def brightness(albedo: Float, weights: Mapping[str, Float]) -> dict[str, float]:
     """Mean linear luminance of each region over that of the cheeks.
 
@@ -127,7 +135,7 @@ def brightness(albedo: Float, weights: Mapping[str, Float]) -> dict[str, float]:
         albedo: (N, 3) sRGB-coded in [0, 1].
         weights: (N,) of each region; those with fewer than ``FEWEST`` pixels are left out. "cheeks" has to be there.
     """
-    bright = srgb_to_linear(np.clip(albedo, 0, 1).astype(np.float32)).astype(np.float64) @ LUMA
+    bright = luminance(albedo)
     mean = {name: bright[w > LEAST].mean() for name, w in weights.items() if (w > LEAST).sum() >= FEWEST}
     cheeks = mean.pop("cheeks", float("nan"))
     return {name: float(value / max(cheeks, 1e-6)) for name, value in mean.items()}
@@ -144,9 +152,11 @@ def typology_angle(coded: Float) -> float:
 def judged(judge: Judge, albedo: npt.NDArray[np.floating], planes: Mapping[str, Float]) -> Found:
     """Of an albedo map (h, w, 3), sRGB-coded in [0, 1], and regions on the chart (h, w)."""
     weights = {name: at_chart(plane[..., None], judge.uv)[:, 0] for name, plane in planes.items()}
-    ours, truth = (brightness(colours, weights) for colours in (at_chart(albedo, judge.uv), judge.truth))
+    found = at_chart(albedo, judge.uv)
+    ours, truth = (brightness(colours, weights) for colours in (found, judge.truth))
+    gain = float(luminance(found).mean() / max(luminance(judge.truth).mean(), 1e-6))
     regions = {name: ours[name] / max(truth[name], 1e-6) for name in truth}
-    return Found(judge.score(albedo), judge.flat(), regions, typology_angle(judge.truth.mean(0)))
+    return Found(judge.score(albedo), judge.flat(), regions, typology_angle(judge.truth.mean(0)), gain)
 
 
 def albedo_of(made: Reflectance | None) -> npt.NDArray[np.float64]:

@@ -169,9 +169,13 @@ def _taken_of(sitting: Sitting) -> Iterator[tuple[str, Camera, tuple[str, ...]]]
 
 def exposure(sitting: Sitting, head: TexturedHead, out: Path) -> Exposure:
     """The kept exposure of a sitting, rendered where there is none."""
-    file = out / f"sitting_{sitting.name}.npz"
+    return kept_exposure(out / f"sitting_{sitting.name}.npz", head, sitting.shot, sitting.dressed(head))
+
+
+def kept_exposure(file: Path, head: TexturedHead, shot: Shot, look: Look = Look()) -> Exposure:  # noqa: B008 - frozen
+    """The exposure in a file; rendered into it where it is not there."""
     if not file.is_file():
-        found = expose(head, sitting.shot, sitting.dressed(head), out / sitting.name)
+        found = expose(head, shot, look, file.with_suffix(""))
         calmed = replace(found, radiance=calm(found.radiance, found.albedo))
         part = file.with_name(f"{file.stem}.{os.getpid()}.part.npz")
         np.savez_compressed(part, **vars(calmed))

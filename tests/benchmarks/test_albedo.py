@@ -73,8 +73,8 @@ def test_stages_are_kept_on_disk_and_networks_are_not(tmp_path: Path) -> None:
 
 
 def test_the_tables_say_what_was_found() -> None:
-    one = Found(Score(20.0, 18.0, 5.0, 1.0), Score(19.0, 19.0, 6.0, 1.0), {"brows": 2.0}, 50.0)
-    other = Found(Score(10.0, 8.0, 9.0, 1.0), Score(9.0, 9.0, 7.0, 1.0), {"brows": 0.5}, -40.0)
+    one = Found(Score(20.0, 18.0, 5.0, 1.0), Score(19.0, 19.0, 6.0, 1.0), {"brows": 2.0}, 50.0, 1.0)
+    other = Found(Score(10.0, 8.0, 9.0, 1.0), Score(9.0, 9.0, 7.0, 1.0), {"brows": 0.5}, -40.0, 1.0)
     text = "\n".join(tables({"a": one, "b": other}))
     assert "| a | light | 18.0 | 20.0 | 5.0 |" in text
     assert "| **mean** | all (2) | 13.0 | 15.0 | 7.0 |" in text
