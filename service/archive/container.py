@@ -35,6 +35,7 @@ MEMBER_NAMES = (
     "maps/confidence.png",
     "maps/shape_normal.png",
     "mesh/head.obj",
+    "mesh/parts.obj",
     "mesh/head.mtl",
     "mesh/specular_normal.exr",
     "mesh/specular_albedo.exr",

@@ -38,6 +38,7 @@ MEDIA_TYPES = {
 ROLES = {
     "LICENSES.md": "licences",
     "mesh/head.obj": "mesh, photo's expression",
+    "mesh/parts.obj": "hair, bust, lashes, finer eyes and teeth, photo's expression",
     "mesh/head.mtl": "materials of head.obj",
     "mesh/head.glb": "mesh, neutral with blendshapes",
     "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",

@@ -11,7 +11,7 @@ from service.archive.map_files import MapFiles
 from service.archive.maps import MAPS, fine_mesh_wanted, in_object_space, map_wanted
 from service.archive.mtl import data_maps, mtl_bytes
 from service.archive.mtlx import mtlx_bytes
-from service.archive.obj import obj_bytes
+from service.archive.obj import obj_bytes, parts_obj_bytes
 from service.archive.pictures import chart_pictures, chart_values
 from service.archive.skeleton import joint_weights, skeleton
 from service.archive.usd import usda_bytes
@@ -30,11 +30,13 @@ def meshes(avatar: Avatar) -> dict[str, bytes]:
     title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
     parts, maps = drawn_parts(avatar), map_files(avatar)
     materials = [part.material for part in parts]
+    own_too = [*(part.material for part in head_parts(head, fit.vertices, fit.neutral)), *materials]
     weights = weights_by_name(head.expression_names, fit.expression)
     joints = skeleton(head, fit.neutral)
     files = {
-        "mesh/head.obj": obj_bytes(head, fit.vertices, title, avatar.parts),
-        "mesh/head.mtl": mtl_bytes(materials, maps),
+        "mesh/head.obj": obj_bytes(head, fit.vertices, title),
+        **({"mesh/parts.obj": parts_obj_bytes(avatar.parts, title)} if avatar.parts else {}),
+        "mesh/head.mtl": mtl_bytes(own_too, maps),
         "mesh/head.mtlx": mtlx_bytes(materials, maps),
         "mesh/head.glb": glb_bytes(
             parts,

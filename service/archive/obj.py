@@ -1,4 +1,7 @@
-"""``mesh/head.obj``: the head with the photo's expression, and the parts beside it.
+"""``mesh/head.obj``: the head with the photo's expression; ``mesh/parts.obj``: the parts beside it.
+
+The head's own mesh is whole, on one chart and of the same topology in every archive. Parts with textures of their own,
+such as hair and the finer eyes and teeth, are a file of their own: no ray that looks for the head meets them.
 
 Metres, +Y up, +Z out of the face, unposed (the camera holds the pose). The original polygons, a ``vt`` per chart
 vertex with its origin bottom left, one object, group and material per part. OBJ has no unit, so the header names it.
@@ -26,11 +29,10 @@ mtllib head.mtl
 """
 
 
-def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str, parts: Sequence[MeshPart] = ()) -> bytes:
-    """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, and of other parts, to the micrometre.
+def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
+    """OBJ text of ``vertices`` (V, 3) metres with the topology of ``head``, to the micrometre.
 
-    The vertices of the head come first, in the head model's order, so the same line of two archives is the same point
-    of two heads. Faces of parts that others replace are left out.
+    The vertices are in the head model's order, so the same line of two archives is the same point of two heads.
 
     Raises:
         NumericFault: a vertex is not finite.
@@ -38,18 +40,25 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str, parts: Sequence[M
     if not np.isfinite(vertices).all():
         raise NumericFault(f"vertex {int(np.argwhere(~np.isfinite(vertices))[0, 0])} of the head is not finite")
     normals = [vertex_normals(vertices, head.triangles)]
-    normals += [vertex_normals(part.vertices, split_polygons(part.polygons)) for part in parts]
-    points, charts = [vertices, *(part.vertices for part in parts)], [head.uv, *(part.uv for part in parts)]
-    header = _HEADER.format(
-        title=title,
-        vertices=sum(map(len, points)),
-        polygons=len(head.polygons) + sum(len(part.faces) for part in parts),
-    )
+    return _text(title, len(head.polygons), [vertices], [head.uv], normals, _own(head))
+
+
+def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
+    """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``."""
+    normals = [vertex_normals(part.vertices, split_polygons(part.polygons)) for part in parts]
+    points, charts = [part.vertices for part in parts], [part.uv for part in parts]
+    return _text(title, sum(len(part.faces) for part in parts), points, charts, normals, _others(parts))
+
+
+def _text(
+    title: str, polygons: int, points: Sequence[AnyFloat], charts: Sequence[AnyFloat], normals: Sequence[AnyFloat],
+    faces: Iterator[str],
+) -> bytes:  # fmt: skip
+    header = _HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)
     blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
     blocks += [_lines("vt %.6f %.6f\n", rows) for rows in charts]
     blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
-    blocks += [*_own(head, {name for part in parts for name in part.replaces}), *_others(head, parts)]
-    return "".join(blocks).encode("ascii")
+    return "".join([*blocks, *faces]).encode("ascii")
 
 
 def _lines(pattern: str, rows: AnyFloat) -> str:
@@ -57,16 +66,16 @@ def _lines(pattern: str, rows: AnyFloat) -> str:
     return (pattern * len(values)) % tuple(values.ravel().tolist())
 
 
-def _own(head: HeadModel, without: set[str]) -> Iterator[str]:
+def _own(head: HeadModel) -> Iterator[str]:
     for index, name in enumerate(head.part_names):
         chosen = head.polygon_part == index
-        if chosen.any() and name not in without:
+        if chosen.any():
             yield _begin(name, material_of(name).name)
             yield _faces(head.polygons[chosen], head.polygon_uv[chosen], (0, 0))
 
 
-def _others(head: HeadModel, parts: Sequence[MeshPart]) -> Iterator[str]:
-    before, before_uv = len(head.mean), len(head.uv)
+def _others(parts: Sequence[MeshPart]) -> Iterator[str]:
+    before, before_uv = 0, 0
     for part in parts:
         yield _begin(part.name, part.material.name)
         yield _faces(part.polygons, part.polygons_uv, (before, before_uv))

@@ -23,7 +23,7 @@ MAX_MAP = 512 << 20
 MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
 
-_MESH = "mesh/head.obj"
+_MESH, _PARTS = "mesh/head.obj", "mesh/parts.obj"
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,9 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         with zipfile.ZipFile(source) as archive:
             _check_names(archive)
             manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            whole = read_obj(_member(archive, _MESH, MAX_OBJ))
-            mesh = _own(whole, manifest)
+            mesh = read_obj(_member(archive, _MESH, MAX_OBJ))
+            there = _PARTS in archive.namelist()
+            whole = read_obj(_member(archive, _PARTS, MAX_OBJ)) if there else mesh
             drawn, materials = _parts(manifest)
             others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
             stored = [_stored_part(archive, whole, part, materials) for part in others]
@@ -137,15 +138,6 @@ def _stored_part(archive: zipfile.ZipFile, whole: ObjMesh, part: Part, materials
     path = material.maps.get("colour", "")
     own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.namelist()
     return StoredPart(part.name, whole.part(part.name), material, _member(archive, path, MAX_TEXTURE) if own else None)
-
-
-def _own(mesh: ObjMesh, manifest: dict[str, Any]) -> ObjMesh:
-    """The mesh without the parts beside the head's own, where the manifest says which those are."""
-    head = manifest.get("head")
-    parts, vertices = (head.get("parts"), head.get("vertices")) if isinstance(head, dict) else (None, None)
-    if not isinstance(parts, list) or not isinstance(vertices, int):
-        return mesh
-    return mesh.of_head([str(name) for name in parts], vertices)
 
 
 def _check_names(archive: zipfile.ZipFile) -> None:

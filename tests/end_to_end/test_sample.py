@@ -31,16 +31,18 @@ EXPECTED = [
     "maps/confidence.png",
     "maps/shape_normal.png",
     "mesh/head.obj",
+    "mesh/parts.obj",
     "mesh/head.mtl",
     "mesh/head.glb",
     "mesh/head.usda",
+    "mesh/head.mtlx",
     "preview/overlay.jpg",
     "preview/sheet.jpg",
 ]
 
 
 def test_the_archive_is_complete(sample: Sample) -> None:
-    assert list(sample.members) == EXPECTED
+    assert [name for name in sample.members if not name.startswith("maps/parts/")] == EXPECTED
     with zipfile.ZipFile(sample.path) as archive:
         for entry in archive.infolist():
             assert entry.compress_type == zipfile.ZIP_STORED
@@ -108,9 +110,9 @@ def test_the_summary_is_that_of_the_manifest(sample: Sample) -> None:
 
 
 def test_what_it_costs(sample: Sample) -> None:
-    """One gigabyte, and three seconds on two cores: six of processor time, which other programs hardly change."""
+    """One gigabyte, and five seconds on two cores: ten of processor time, which other programs hardly change."""
     assert sample.run.rss_mb < 1000, str(sample.run)
-    assert sample.run.cpu_s < 6, str(sample.run)
+    assert sample.run.cpu_s < 10, str(sample.run)
 
 
 def test_a_turn_in_the_exif_data_changes_nothing_and_goes_no_further(

@@ -21,6 +21,14 @@ def imported(path: Path) -> list:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if path.suffix == ".obj":
         bpy.ops.wm.obj_import(filepath=str(path))
+        own = [one for one in bpy.data.objects if one.type == "MESH"]
+        parts = path.with_name("parts.obj")
+        if parts.is_file():  # what stands in it in place of the head's own parts
+            drawn = {one["name"] for one in json.loads((path.parents[1] / "manifest.json").read_text())["parts"]}
+            for one in own:
+                if one.name not in drawn:
+                    bpy.data.objects.remove(one)
+            bpy.ops.wm.obj_import(filepath=str(parts))
     elif path.suffix == ".glb":
         bpy.ops.import_scene.gltf(filepath=str(path))
     else:

@@ -30,11 +30,14 @@ def test_its_texture_is_a_file(members: dict[str, bytes]) -> None:
     assert files == in_order(files) and files.index("maps/parts/toy_hair.png") < files.index("mesh/head.obj")
 
 
-def test_obj_has_it_after_the_head(members: dict[str, bytes]) -> None:
+def test_obj_has_it_beside_the_whole_head(members: dict[str, bytes]) -> None:
+    """Whoever looks for the head's surface must not meet hair, and its topology is that of every archive."""
     avatar, part = toy_avatar(), toy_part()
-    obj = read_obj(members["mesh/head.obj"])
-    assert obj.objects == [*(name for name in avatar.head.part_names if name != "lashes"), "toy_hair"]
-    np.testing.assert_allclose(obj.v[: len(avatar.head.mean)], avatar.fit.vertices, atol=6e-7)
+    own = read_obj(members["mesh/head.obj"])
+    assert own.objects == list(avatar.head.part_names)
+    np.testing.assert_allclose(own.v, avatar.fit.vertices, atol=6e-7)
+    obj = read_obj(members["mesh/parts.obj"])
+    assert obj.objects == ["toy_hair"] and len(obj.v) == len(part.vertices)
     quad, triangle = obj.faces[-2:]
     np.testing.assert_allclose(obj.v[[v for v, _, _ in quad]], part.vertices[part.faces[0]], atol=6e-7)
     np.testing.assert_allclose(obj.vt[[t for _, t, _ in triangle]], part.uv[part.faces[1, :3]], atol=6e-7)

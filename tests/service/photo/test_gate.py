@@ -361,7 +361,8 @@ def test_metadata_goes_no_further() -> None:
     )
     photo = read_photo(marked)
     assert np.array_equal(photo.pixels, read_photo(data).pixels)
-    assert [field.name for field in dataclasses.fields(Photo)] == ["pixels", "focal_35mm", "sha256", "warnings"]
+    known = ["pixels", "focal_35mm", "sha256", "warnings", "steps"]
+    assert [field.name for field in dataclasses.fields(Photo)] == known
     payload = gate.open_container(marked, Limits()).payload
     for secret in (b"GPS", b"xap", b"8BIM", b"secret"):
         assert secret not in payload, "the decoder must not even see metadata"
