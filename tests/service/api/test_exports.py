@@ -5,14 +5,18 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import httpx2
 import pytest
 
+from benchmarks.serving import Server, post, small_photo, wait_for
+from benchmarks.toy_picture import picture
 from service.api.keys import new_key
 from service.archive.pack import write_archive
 from service.jobs.artifacts import artifact_name, sha256_of
@@ -107,6 +111,17 @@ def test_a_kit_is_that_of_the_command_line_and_made_once(api: Api, archive: Path
     assert again != place, "what was erased is made anew"
     worked(api)
     assert api.client.get(f"{again}/kit.zip").headers["etag"] == answer.headers["etag"], "of the same bytes"
+
+
+def test_a_worker_makes_what_waits(server: Server, client: httpx.Client) -> None:
+    avatar = post(client, small_photo(79)).json()["id"]
+    wait_for(client, avatar)
+    wanted = {"avatar": avatar, "for": "maya"}
+    deadline = time.monotonic() + 60
+    while (answer := client.post("/v1/exports", json=wanted)).status_code == 202 and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert answer.status_code == 200, answer.text
+    assert client.get(answer.json()["links"]["kit"]).content == picture({"for": "maya"})
 
 
 def test_erasing_an_avatar_erases_its_kits(api: Api, archive: Path, tmp_path: Path) -> None:
