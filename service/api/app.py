@@ -14,7 +14,7 @@ from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 
 from service import __version__
-from service.api import avatars, events, files, info, problems, renders
+from service.api import avatars, events, exports, files, info, problems, renders
 from service.api.context import Context
 from service.api.description import described
 from service.api.middleware import Front
@@ -53,7 +53,7 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
     app.add_middleware(QuickState)
     app.add_middleware(Heads)
     app.add_middleware(Front, settings=settings)
-    for module in (avatars, events, files, renders, info):
+    for module in (avatars, events, files, renders, exports, info):
         app.include_router(module.router, dependencies=[Depends(no_strange_parameters)])
     _serve_page(app, page)
     app.openapi = lambda: described(app)  # type: ignore[method-assign]

@@ -16,6 +16,7 @@ from service.api.options import adapter
 from service.api.problems import MEDIA_TYPE
 from service.api.schemas import Problem
 from service.jobs.admission import PRIORITIES
+from service.kits.tools import TOOLS
 
 Json = dict[str, Any]
 
@@ -46,6 +47,18 @@ _NEW_AVATAR: Json = {
     },
 }
 
+_AVATAR = {"type": "string", "description": "Id of an avatar that has succeeded."}
+
+_EXPORT: Json = {
+    "type": "object",
+    "required": ["avatar", "for"],
+    "additionalProperties": False,
+    "properties": {
+        "avatar": _AVATAR,
+        "for": {"type": "string", "enum": list(TOOLS), "description": "The tool that the kit is for."},
+    },
+}
+
 _HEADERS = {
     "Idempotency-Key": ("A request that is sent again with the same key makes no second job.", 255),
     "Range": ("One range of bytes.", None),
@@ -63,6 +76,7 @@ _TAKES = {
     ("/v1/avatars/{job}/photo", "get"): ("Range", "If-Range"),
     ("/v1/renders", "post"): ("Prefer",),
     ("/v1/renders/{render}/picture.png", "get"): ("Range", "If-Range"),
+    ("/v1/exports/{export}/kit.zip", "get"): ("Range", "If-Range"),
 }
 
 
@@ -76,7 +90,7 @@ def described(app: FastAPI) -> Json:
     components = found.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
     schemas["Problem"] = Problem.model_json_schema(ref_template=_REF)
-    schemas |= {**_options(), **_render(), "NewAvatar": _NEW_AVATAR}
+    schemas |= {**_options(), **_render(), "NewAvatar": _NEW_AVATAR, "Export": _EXPORT}
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     components["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
@@ -121,8 +135,7 @@ def _render() -> Json:
 
     schema = TypeAdapter(RenderRequest).json_schema(ref_template=_REF)
     definitions: Json = schema.pop("$defs", {})
-    avatar = {"type": "string", "description": "Id of an avatar that has succeeded."}
-    schema["properties"] = {"avatar": avatar, **schema["properties"]}
+    schema["properties"] = {"avatar": _AVATAR, **schema["properties"]}
     return {**definitions, "Render": {**schema, "required": ["avatar"], "additionalProperties": False}}
 
 
@@ -131,15 +144,17 @@ def _complete(path: str, method: str, operation: Json) -> None:
     answers.pop("422", None)
     answers["4XX"] = _PROBLEM
     answers["5XX"] = _PROBLEM
-    if path.startswith(("/v1/avatars", "/v1/renders")):
+    if path.startswith(("/v1/avatars", "/v1/renders", "/v1/exports")):
         operation["security"] = [{"key": []}, {}]
     for name in _TAKES.get((path, method), ()):
         words, longest = _HEADERS[name]
         schema: Json = {"type": "string"} if longest is None else {"type": "string", "maxLength": longest}
         header = {"name": name, "in": "header", "required": False, "description": words, "schema": schema}
         operation.setdefault("parameters", []).append(header)
-    if (path, method) == ("/v1/renders", "post"):
-        operation["requestBody"] = _body({"application/json": {"schema": {"$ref": "#/components/schemas/Render"}}})
+    for place, wanted in (("/v1/renders", "Render"), ("/v1/exports", "Export")):
+        if (path, method) == (place, "post"):
+            reference = {"$ref": _REF.format(model=wanted)}
+            operation["requestBody"] = _body({"application/json": {"schema": reference}})
     if (path, method) == ("/v1/avatars", "post"):
         form = {
             "schema": {"$ref": "#/components/schemas/NewAvatar"},

@@ -80,6 +80,28 @@ class RenderJob(BaseModel):
     request: dict[str, Any] = Field(description="What was asked for.")
 
 
+class ExportLinks(BaseModel):
+    """Addresses on this server; that of the kit is null until there is one."""
+
+    self: str
+    avatar: str
+    kit: str | None
+
+
+class ExportJob(BaseModel):
+    """State of one kit. Times are RFC 3339 in UTC."""
+
+    id: str
+    state: State
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    expires_at: str | None
+    links: ExportLinks
+    error: Problem | None
+    request: dict[str, Any] = Field(description="What was asked for.")
+
+
 class File(BaseModel):
     """One file of an archive."""
 

@@ -10,7 +10,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.problems import ProblemError
 
-_OWN_HEAD = re.compile(r"/v1/avatars/[^/]+/(archive\.zip|files/.+|photo|events)\Z|/v1/renders/[^/]+/picture\.png\Z")
+_OWN_HEAD = re.compile(
+    r"/v1/(avatars/[^/]+/(archive\.zip|files/.+|photo|events)|renders/[^/]+/picture\.png|exports/[^/]+/kit\.zip)\Z"
+)
 """Addresses whose HEAD is not a GET without its body: downloads answer it themselves, a stream of events has none."""
 
 

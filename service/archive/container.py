@@ -93,6 +93,30 @@ def write_zip(stream: IO[bytes], members: Mapping[str, bytes]) -> None:
             archive.writestr(_entry(name), members[name])
 
 
+def write_folder(path: Path, folder: Path, files: Iterable[Path]) -> None:
+    """Write files of a folder as a zip, in the order of their names in it: the same files give the same bytes.
+
+    Args:
+        path: of the zip, replaced atomically.
+        folder: to whose paths the names of the members are relative.
+        files: in the folder, or below.
+
+    Raises:
+        OutputFault: a file could not be read, or the zip not written.
+    """
+
+    def write(stream: IO[bytes]) -> None:
+        named = sorted((file.relative_to(folder).as_posix(), file) for file in files)
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+            for name, file in named:
+                entry = _entry(name)
+                entry.file_size = file.stat().st_size
+                with file.open("rb") as source, archive.open(entry, "w") as member:
+                    shutil.copyfileobj(source, member, 1 << 20)
+
+    replace_file(path, write)
+
+
 def write_file(path: Path, members: Mapping[str, bytes]) -> None:
     """Write the zip to ``path`` atomically; an existing file is replaced only by a complete one.
 

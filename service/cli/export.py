@@ -15,7 +15,7 @@ def export(archive: str, tool: str, output: str | None, *, as_json: bool) -> Non
 
     Args:
         archive: path.
-        tool: one of ``service.kits.make.TOOLS``.
+        tool: one of ``service.kits.tools.TOOLS``.
         output: folder; None for one beside the archive, named after both.
         as_json: print facts as one JSON object instead.
 

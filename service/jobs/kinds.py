@@ -1,8 +1,8 @@
 """What a job can make: an avatar of a photo, or something of a finished avatar.
 
 What is made of a finished avatar is *derived*: it has no photo, belongs to the avatar and goes with it, and is kept by
-its content, so that the same request for the same result is computed once. A further kind (say, a kit for another
-program) needs an entry here with its settings, a program that computes it, as :mod:`service.render.child` is one, and
+its content, so that the same request for the same result is computed once. A further kind needs an entry
+here with its settings, a program that computes it, as :mod:`service.render.child` and :mod:`service.jobs.kit` are, and
 its routes, on :mod:`service.api.derived`.
 """
 
@@ -60,5 +60,11 @@ RENDER = Kind(
     slow="rendering took more than {seconds:g} s; ask for a smaller picture",
 )  # fmt: skip
 
-KINDS = {kind.name: kind for kind in (AVATAR, RENDER)}
+EXPORT = Kind(
+    name="export", place="exports", artifact="kit", file="kit.zip", program="export_program",
+    seconds="export_seconds", at_a_time="exports",
+    slow="making the kit took more than {seconds:g} s; make the avatar with smaller maps",
+)  # fmt: skip
+
+KINDS = {kind.name: kind for kind in (AVATAR, RENDER, EXPORT)}
 """All kinds by name."""

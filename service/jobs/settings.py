@@ -51,6 +51,8 @@ class Settings:
         renders: pictures that one worker renders at the same time, each in a process with the limits of a job.
         render_seconds: longest time of one picture.
         render_wait_seconds: how long a request waits for its picture before it is answered with the picture's job.
+        exports: kits that one worker makes at the same time, likewise.
+        export_seconds: longest time of one kit.
         header_seconds: longest time for the head of a request.
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
@@ -60,6 +62,7 @@ class Settings:
         webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
         program: module that computes a job; tests put a small one here.
         render_program: module that renders a picture; likewise.
+        export_program: module that makes a kit; likewise.
     """
 
     data: Path = Path("avatarme-data")
@@ -88,6 +91,8 @@ class Settings:
     renders: int = 1
     render_seconds: float = 120.0
     render_wait_seconds: float = 100.0
+    exports: int = 1
+    export_seconds: float = 600.0
     header_seconds: float = 10.0
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
@@ -97,6 +102,7 @@ class Settings:
     webhook_private: bool = False
     program: str = "service.jobs.child"
     render_program: str = "service.render.child"
+    export_program: str = "service.jobs.kit"
 
     def __post_init__(self) -> None:
         low = {
@@ -105,6 +111,7 @@ class Settings:
             "uploads": 1,
             "connections": 0,
             "renders": 0,
+            "exports": 0,
             "max_queued": 1,
             "max_unfinished": 1,
             "memory_mb": 0,

@@ -8,9 +8,8 @@ from typing import Any
 
 from service.errors import OutputFault, UsageError
 from service.kits import blender, engines
+from service.kits.tools import known
 from service.kits.unpacked import Source
-
-TOOLS = ("blender", "unreal", "unity", "maya")
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,7 @@ def export_kit(archive: Path, tool: str, folder: Path) -> Kit:
         BadArchive: the archive cannot be used.
         OutputFault: a file could not be written, or Blender could not build the scene.
     """
-    if tool not in TOOLS:
-        raise UsageError(f"--for is {tool!r}; there are {', '.join(TOOLS)}", field="for")
+    known(tool)
     source = Source.open(archive)
     if folder.exists() and not folder.is_dir():
         raise OutputFault(f"cannot write {folder}: it is no folder", path=str(folder))

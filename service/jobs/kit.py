@@ -1,0 +1,46 @@
+"""The child process that makes one kit for the server under resource limits: one archive, one tool, one zip."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from service.jobs.wire import Program, Reporter, Task, serve_one
+
+
+def load() -> Program:
+    """Import what makes kits."""
+    import service.kits.make  # noqa: F401
+
+    return run
+
+
+def run(task: Task, reporter: Reporter) -> None:
+    """Write the zip to ``task.output`` and report ``done`` with the names of its files.
+
+    Args:
+        task: its options are ``archive``, the artifact's name, and ``request``, whose ``for`` is one of
+            ``service.kits.tools.TOOLS``.
+        reporter: for the answer.
+
+    Raises:
+        AvatarError: as ``service.kits.make.export_kit``.
+    """
+    from service.archive.container import write_folder
+    from service.jobs.artifacts import Artifacts
+    from service.kits.make import export_kit
+
+    scratch = Path(task.scratch)
+    archive = scratch / "archive.zip"
+    with Artifacts(task.artifacts).open(str(task.options["archive"])) as stored, archive.open("wb") as copy:
+        shutil.copyfileobj(stored, copy, 1 << 20)
+    kit = export_kit(archive, str(task.options["request"]["for"]), scratch / "kit")
+    write_folder(Path(task.output), kit.folder, kit.files)
+    reporter.done({"files": kit.facts()["files"]})
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
+    sys.exit(serve_one(load))
