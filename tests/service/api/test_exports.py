@@ -78,7 +78,7 @@ def worked(api: Api, **settings: Any) -> None:
 def test_a_kit_is_that_of_the_command_line_and_made_once(api: Api, archive: Path, tmp_path: Path) -> None:
     """By a process of its own, as a worker does it."""
     avatar = finished(api, archive, tmp_path)
-    wanted = {"avatar": avatar, "for": "unity"}
+    wanted = {"avatar": avatar, "for": "blender"}
     waiting = ask(api, wanted)
     assert waiting.status_code == 202
     place = waiting.headers["location"]
@@ -89,13 +89,13 @@ def test_a_kit_is_that_of_the_command_line_and_made_once(api: Api, archive: Path
     ready = ask(api, wanted)
     assert (ready.status_code, ready.headers["content-location"]) == (200, place), ready.text
     job = ready.json()
-    assert (job["state"], job["request"]) == ("succeeded", {"for": "unity"})
+    assert (job["state"], job["request"]) == ("succeeded", {"for": "blender"})
     assert job["links"] == {"self": place, "avatar": f"/v1/avatars/{avatar}", "kit": f"{place}/kit.zip"}
 
     answer = api.client.get(job["links"]["kit"])
     assert (answer.status_code, answer.headers["content-type"]) == (200, "application/zip")
     assert f"avatar-{avatar[:8]}-kit.zip" in answer.headers["content-disposition"]
-    local = export_kit(archive, "unity", tmp_path / "kit")
+    local = export_kit(archive, "blender", tmp_path / "kit")
     with zipfile.ZipFile(io.BytesIO(answer.content)) as kit:
         assert {name: kit.read(name) for name in kit.namelist()} == {
             path.relative_to(local.folder).as_posix(): path.read_bytes() for path in local.files
