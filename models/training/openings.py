@@ -28,6 +28,7 @@ from torch.nn import functional
 from models.networks.openings import OpeningNetwork, loss
 from models.people.make import Portrait
 from models.people.shards import decode, load
+from models.training.moving_average import follow
 from models.training.reader import shards
 from service.anatomy.opening_edges import OpeningEdges, lid_edges, lip_edges
 from service.errors import ModelFault
@@ -207,10 +208,7 @@ def train(kind: Kind, data: Path, out: Path, minutes: float, seed: int = 0) -> d
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimiser.step()
         step += 1
-        decay = min(0.998, (1 + step) / (10 + step))
-        with torch.no_grad():
-            for slow, fast in zip(average.parameters(), network.parameters(), strict=True):
-                slow.lerp_(fast, 1 - decay)
+        follow(average, network, step, 0.998)
         if 8 * share > told + 1:
             told += 1
             _tell(kind, step, float(value.detach()), measure(average, apart, kind))

@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from models.networks.reader import CHART_MM, PARTS, Read, Reader, flops
+from models.training.moving_average import follow
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
 from service.errors import ModelFault
@@ -173,10 +174,7 @@ class Run:
         total.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
-        decay = min(0.999, (1.0 + self.step) / (10.0 + self.step))
-        with torch.no_grad():
-            for slow, fast in zip(self.average.parameters(), self.network.parameters(), strict=True):
-                slow.lerp_(fast, 1.0 - decay)
+        follow(self.average, self.network, self.step)
         self.step += 1
         return {name: float(value.detach()) for name, value in parts.items()}
 

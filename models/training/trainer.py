@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from models.networks.configs import build
 from models.networks.discriminator import Discriminator, fool_loss, judge_loss, matching_loss
+from models.training.moving_average import follow
 from models.training.super_resolution import ZetaTask
 from models.training.tasks import Batch, Task
 from service.errors import ModelFault
@@ -82,10 +83,7 @@ class Trainer:
         total.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
-        decay = min(0.999, (1.0 + self.step) / (10.0 + self.step))
-        with torch.no_grad():
-            for slow, fast in zip(self.average.parameters(), self.network.parameters(), strict=True):
-                slow.lerp_(fast, 1.0 - decay)
+        follow(self.average, self.network, self.step)
         self.step += 1
         return {name: float(value.detach()) for name, value in parts.items()}
 

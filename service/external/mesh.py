@@ -26,7 +26,6 @@ def vertices_of(mesh: ObjMesh, head: HeadModel) -> Float32:
     Raises:
         BadMesh: number of vertices, faces or chart differ, or it is not in metres; says how.
     """
-    mesh = mesh.of_head(head.part_names, len(head.mean))
     if len(mesh.vertices) != len(head.mean):
         raise BadMesh(
             f"the mesh has {len(mesh.vertices)} vertices, the head model {head.name} has {len(head.mean)}; start from "
@@ -47,21 +46,16 @@ def vertices_of(mesh: ObjMesh, head: HeadModel) -> Float32:
 def _check_faces(mesh: ObjMesh, head: HeadModel) -> None:
     """Check that the mesh has all edges of the model's faces and as many triangles; quads may be split.
 
-    Parts that the mesh has not at all may be missing: in archives, others stand in for them.
-
     Raises:
         BadMesh: it has not.
     """
-    there = np.isin(head.polygon_part, [i for i, name in enumerate(head.part_names) if name in mesh.part_names])
-    kept = head.polygons[there] if there.any() else head.polygons
-    wanted = _edges(kept)
+    wanted = _edges(head.polygons)
     missing = len(wanted) - int(np.isin(wanted, _edges(mesh.polygons)).sum())
     triangles = len(split_polygons(mesh.polygons))
-    whole = len(split_polygons(kept))
-    if missing or triangles != whole:
+    if missing or triangles != len(head.triangles):
         raise BadMesh(
             f"the mesh has other faces than the head model {head.name}: {missing} of its {len(wanted)} edges are "
-            f"missing, {triangles} triangles instead of {whole}; start from mesh/head.obj of an archive "
+            f"missing, {triangles} triangles instead of {len(head.triangles)}; start from mesh/head.obj of an archive "
             "and keep its topology",
             edges_missing=missing,
         )

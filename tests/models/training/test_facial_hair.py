@@ -6,24 +6,18 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from torch import Tensor  # noqa: E402
 
 import models.training.facial_hair as hair  # noqa: E402
 from models.colour import linear  # noqa: E402
-from models.networks.context import HEIGHT, WIDTH  # noqa: E402
+from models.networks.context import HEIGHT  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
 from models.training.facial_hair import COLOURS, Barber  # noqa: E402
 from models.training.regions import region_planes  # noqa: E402
+from tests.models.training.charts import charts  # noqa: E402
 
 pytestmark = pytest.mark.train
 
 BARBER = Barber()
-
-
-def charts(count: int, albedo: float, light: float) -> tuple[Tensor, Tensor]:
-    """Texture and albedo of one colour each."""
-    plain = torch.full((count, 3, HEIGHT, WIDTH), albedo)
-    return plain * light, plain
 
 
 @pytest.mark.parametrize(("albedo", "light"), [(0.7, 0.8), (0.25, 1.0), (1.0, 1.0), (0.0, 1.0)])

@@ -6,22 +6,15 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from torch import Tensor  # noqa: E402
 
 from models.colour import linear  # noqa: E402
-from models.networks.context import HEIGHT, WIDTH  # noqa: E402
 from models.training.albedo import log_light  # noqa: E402
 from models.training.paint import MARKS, Painter  # noqa: E402
+from tests.models.training.charts import charts  # noqa: E402
 
 pytestmark = pytest.mark.train
 
 PAINTER = Painter()
-
-
-def charts(count: int, albedo: float, light: float) -> tuple[Tensor, Tensor]:
-    """Texture and albedo of one colour each."""
-    plain = torch.full((count, 3, HEIGHT, WIDTH), albedo)
-    return plain * light, plain
 
 
 def test_the_light_stays_whatever_is_painted() -> None:
