@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.head.model import HeadModel
+
 Float = npt.NDArray[np.float64]
 
 
@@ -17,3 +19,8 @@ class Bases:
     mean: Float
     identity: Float
     expression: Float
+
+    @classmethod
+    def of(cls, head: HeadModel) -> Bases:
+        """Of a head that is there."""
+        return cls(*(np.asarray(basis, np.float64) for basis in (head.mean, head.identity, head.expression)))

@@ -6,15 +6,13 @@ enlarges to some texels, and networks are trained on one chart; so a file that e
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
-from models.head.digest import BASE_NAME, write_digest
+from models.head.digest import BASE_NAME, change_file
 from models.head.expression import PARTNERS
 from models.head.lids import close
 from models.head.lining import clear_of_teeth
@@ -22,7 +20,6 @@ from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.settle import part_members
 from service.anatomy.insets.inset import read_insets
 from service.errors import ModelFault
-from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
@@ -75,8 +72,7 @@ def closed(head: HeadModel) -> HeadModel:
     """
     if head.name != BEFORE:
         raise ModelFault(f"the head is {head.name}; {BEFORE} can be changed into {BASE_NAME}")
-    old = Bases(*(np.asarray(basis, np.float64) for basis in (head.mean, head.identity, head.expression)))
-    return with_bases(head, closing(old, head))
+    return with_bases(head, closing(Bases.of(head), head))
 
 
 def with_bases(head: HeadModel, bases: Bases) -> HeadModel:
@@ -88,11 +84,7 @@ def with_bases(head: HeadModel, bases: Bases) -> HeadModel:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("head", type=Path, nargs="?", default=DEFAULT_HEAD)
-    path = parser.parse_args().head
-    save_head(closed(load_head(path)), path)
-    write_digest(path)
+    change_file(__doc__, closed)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
-from models.head.quads import Quads, columns, rows_round
+from models.head.quads import Quads, columns, halves, rows_round
 
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
@@ -166,9 +166,7 @@ def find_lids(mean: Float, quads: Int, regions: dict[str, Float], side: str) -> 
     inner, outer = columns(mesh, ring, rows[CONTACT - 1], len(INNER), len(OUTER))
     contact = np.array(ring)
     x = mean[contact, 0]
-    ends = sorted((int(np.argmax(x)), int(np.argmin(x))))
-    upper = np.zeros(len(ring), bool)
-    upper[ends[0] + 1 : ends[1]] = True
+    _, upper = halves(x)
     edge = np.flatnonzero(~upper)
     edge = edge[np.argsort(x[edge])]
     across = np.eye(len(ring))

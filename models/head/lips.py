@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
-from models.head.quads import Quads, columns, rows_round
+from models.head.quads import Quads, columns, halves, rows_round
 from service.errors import ModelFault
 
 Float = npt.NDArray[np.float64]
@@ -218,10 +218,7 @@ def find_lips(mean: Float, quads: Int, regions: dict[str, Float]) -> Lips:
     ring = mesh.cycle(rows[CONTACT], mean)
     inner, outer = columns(mesh, ring, rows[CONTACT - 1], len(INNER), len(OUTER))
     contact = np.array(ring)
-    x = mean[contact, 0]
-    corners = sorted((int(np.argmax(x)), int(np.argmin(x))))
-    upper = np.zeros(len(ring), bool)
-    upper[corners[0] + 1 : corners[1]] = True
+    corners, upper = halves(mean[contact, 0])
     # Where the lips touch, the rows before them tell which one is the upper lip.
     if mean[outer[upper, 1], 1].mean() < mean[outer[~upper, 1], 1].mean():
         upper = ~upper

@@ -32,6 +32,14 @@ def rows_round(quads: Int, inside: Mask, allowed: Mask, count: int) -> list[set[
     return rows
 
 
+def halves(x: Float) -> tuple[list[int], Mask]:
+    """Of a ring's x (R,): indices of both corners, ascending, and (R,) which vertices lie between them."""
+    corners = sorted((int(np.argmax(x)), int(np.argmin(x))))
+    between = np.zeros(len(x), bool)
+    between[corners[0] + 1 : corners[1]] = True
+    return corners, between
+
+
 def columns(mesh: Quads, ring: list[int], behind: set[int], inner: int, outer: int) -> tuple[Int, Int]:
     """(R, inner) vertices behind each one of a ring and (R, outer) before it, the nearest first.
 

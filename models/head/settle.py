@@ -11,19 +11,16 @@ trained on one chart.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
 from models.head.crop import EYE_PARTS, PART_NAMES
-from models.head.digest import write_digest
+from models.head.digest import change_file
 from models.head.eyes import RINGS_DEG, affine_weights, sphere
 from service.errors import ModelFault
-from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
@@ -139,7 +136,7 @@ def settled(head: HeadModel) -> HeadModel:
         ModelFault: it is settled already.
     """
     members = part_members(head.polygons.astype(np.int64), head.polygon_part)
-    old = Bases(*(np.asarray(basis, np.float64) for basis in (head.mean, head.identity, head.expression)))
+    old = Bases.of(head)
     regions = dict(zip(head.region_names, head.regions.astype(np.float64), strict=True))
     new = settle(old, members, regions, head.expression_names)
     mean, *halves = (np.asarray(basis, np.float32) for basis in (new.mean, new.identity, new.expression))
@@ -149,11 +146,7 @@ def settled(head: HeadModel) -> HeadModel:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("head", type=Path, nargs="?", default=DEFAULT_HEAD)
-    path = parser.parse_args().head
-    save_head(settled(load_head(path)), path)
-    write_digest(path)
+    change_file(__doc__, settled)
 
 
 if __name__ == "__main__":
