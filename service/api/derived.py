@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from fastapi import Request
+from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
@@ -83,6 +84,12 @@ async def made(
     if row["state"] == "cancelled":
         raise ProblemError("no-result", 409, state="cancelled")
     return row
+
+
+def waiting(what: str, schema: type[BaseModel]) -> dict[str, Any]:
+    """What the description of the API says of the answer 202."""
+    content = {"application/json": {"schema": {"$ref": f"#/components/schemas/{schema.__name__}"}}}
+    return {"description": f"The {what} is not ready yet: its job.", "content": content}
 
 
 def whole(context: Context, row: Row, media_type: str, headers: dict[str, str]) -> Response:

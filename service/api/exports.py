@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from service.api.admitting import erase
-from service.api.derived import asked, made
+from service.api.derived import asked, made, waiting
 from service.api.extents import Extent, answer_with
 from service.api.files import finished
 from service.api.needs import Asking, Here
@@ -24,10 +24,7 @@ router = APIRouter(prefix="/v1/exports", tags=["exports"])
 _CONTENT = {"application/zip": {"schema": {"type": "string", "format": "binary"}}}
 _ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "The kit is there: its job, whose links lead to it."},
-    202: {
-        "description": "The kit is not ready yet: its job.",
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/ExportJob"}}},
-    },
+    202: waiting("kit", ExportJob),
 }
 
 

@@ -10,7 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from service.api.admitting import erase
-from service.api.derived import asked, made, whole
+from service.api.derived import asked, made, waiting, whole
 from service.api.extents import Extent, answer_with
 from service.api.files import finished
 from service.api.needs import Asking, Here
@@ -31,10 +31,7 @@ _CONTENT = {"image/png": {"schema": {"type": "string", "format": "binary"}}}
 _FACTS_HEADER = {FACTS: {"schema": {"type": "string"}, "description": "JSON: what was computed and left out."}}
 _PNG: dict[int | str, dict[str, Any]] = {
     200: {"description": "The picture.", "content": _CONTENT, "headers": _FACTS_HEADER},
-    202: {
-        "description": "The picture is not ready yet: its job.",
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/RenderJob"}}},
-    },
+    202: waiting("picture", RenderJob),
 }
 
 

@@ -58,6 +58,19 @@ class JobPage(BaseModel):
     next: str | None
 
 
+class DerivedJob(BaseModel):
+    """State of what is made of an avatar. Times are RFC 3339 in UTC."""
+
+    id: str
+    state: State
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    expires_at: str | None
+    error: Problem | None
+    request: dict[str, Any] = Field(description="What was asked for.")
+
+
 class RenderLinks(BaseModel):
     """Addresses on this server; that of the picture is null until there is one."""
 
@@ -66,18 +79,10 @@ class RenderLinks(BaseModel):
     picture: str | None
 
 
-class RenderJob(BaseModel):
+class RenderJob(DerivedJob):
     """State of one picture. Times are RFC 3339 in UTC."""
 
-    id: str
-    state: State
-    created_at: str
-    started_at: str | None
-    finished_at: str | None
-    expires_at: str | None
     links: RenderLinks
-    error: Problem | None
-    request: dict[str, Any] = Field(description="What was asked for.")
 
 
 class ExportLinks(BaseModel):
@@ -88,18 +93,10 @@ class ExportLinks(BaseModel):
     kit: str | None
 
 
-class ExportJob(BaseModel):
+class ExportJob(DerivedJob):
     """State of one kit. Times are RFC 3339 in UTC."""
 
-    id: str
-    state: State
-    created_at: str
-    started_at: str | None
-    finished_at: str | None
-    expires_at: str | None
     links: ExportLinks
-    error: Problem | None
-    request: dict[str, Any] = Field(description="What was asked for.")
 
 
 class File(BaseModel):

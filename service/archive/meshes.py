@@ -16,7 +16,7 @@ from service.archive.pictures import chart_pictures, chart_values
 from service.archive.skeleton import joint_weights, skeleton
 from service.archive.usd import usda_bytes
 from service.archive.version import GENERATOR
-from service.materials.of_head import head_parts
+from service.materials.of_head import head_parts, material_of
 from service.materials.part import MeshPart, check_parts
 
 
@@ -30,13 +30,12 @@ def meshes(avatar: Avatar) -> dict[str, bytes]:
     title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
     parts, maps = drawn_parts(avatar), map_files(avatar)
     materials = [part.material for part in parts]
-    own_too = [*(part.material for part in head_parts(head, fit.vertices, fit.neutral)), *materials]
     weights = weights_by_name(head.expression_names, fit.expression)
     joints = skeleton(head, fit.neutral)
     files = {
         "mesh/head.obj": obj_bytes(head, fit.vertices, title),
         **({"mesh/parts.obj": parts_obj_bytes(avatar.parts, title)} if avatar.parts else {}),
-        "mesh/head.mtl": mtl_bytes(own_too, maps),
+        "mesh/head.mtl": mtl_bytes([*map(material_of, head.part_names), *materials], maps),
         "mesh/head.mtlx": mtlx_bytes(materials, maps),
         "mesh/head.glb": glb_bytes(
             parts,

@@ -41,31 +41,6 @@ class ObjMesh:
     part_names: tuple[str, ...]
     polygon_part: UInt8
 
-    def of_head(self, parts: Sequence[str], vertices: int) -> ObjMesh:
-        """The mesh without the parts beside the head's own, which come after the head's in the files of archives.
-
-        Args:
-            parts: names of the head's own.
-            vertices: how many the head has; a mesh that has fewer, or faces across, is returned as it is.
-        """
-        own = [index for index, name in enumerate(self.part_names) if name in parts]
-        chosen = np.isin(self.polygon_part, own)
-        corners = self.polygons[chosen]
-        if chosen.all() and len(self.vertices) == vertices:
-            return self
-        if not chosen.any() or len(self.vertices) < vertices or corners.max() >= vertices:
-            return self
-        places = self.polygon_uv[chosen]
-        renamed = {old: new for new, old in enumerate(own)}
-        return ObjMesh(
-            self.vertices[:vertices],
-            self.uv[: max(int(places.max()) + 1, 0)],
-            corners,
-            places,
-            tuple(self.part_names[index] for index in own),
-            np.array([renamed[int(index)] for index in self.polygon_part[chosen]], np.uint8),
-        )
-
     def part(self, name: str) -> ObjMesh:
         """One of the parts by itself, with its own vertices and texture coordinates.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -10,7 +10,11 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float32, Int32
 from service.errors import NumericFault
+from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap, checked_name
+
+LEAST_M = 1e-6
+"""Units that move a part by less are left out of its targets."""
 
 Bone = Literal["neck", "head", "jaw", "eye_left", "eye_right"]
 """Joints of the skeleton."""
@@ -78,6 +82,18 @@ class MeshPart:
     def own_maps(self) -> tuple[OwnMap, ...]:
         """Textures that become files of the archive."""
         return tuple(one for one in self.material.maps if isinstance(one, OwnMap))
+
+
+def targets_of(head: HeadModel, moved: Callable[[Float32], AnyFloat]) -> dict[str, Float32]:
+    """Targets of a mesh that follows a head, by unit; those that move it by less than ``LEAST_M`` are left out.
+
+    Args:
+        head: whose units they are.
+        moved: from offsets (V, 3) of the head to those (N, 3) of the mesh, metres.
+    """
+    units = zip(head.expression_names, head.expression, strict=True)
+    all_of_them = {unit: np.asarray(moved(offsets), np.float32) for unit, offsets in units}
+    return {unit: offsets for unit, offsets in all_of_them.items() if np.abs(offsets).max() > LEAST_M}
 
 
 def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:

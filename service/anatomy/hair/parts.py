@@ -14,10 +14,7 @@ from service.face.fit.result import Fit
 from service.geometry.normals import area_normals
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
-from service.materials.part import MeshPart
-
-LEAST_M = 1e-6
-"""Units that move a part by less are left out of its targets."""
+from service.materials.part import MeshPart, targets_of
 
 LASHES = "lash/eyelashes02"
 """Upper and lower lashes of every head: even, of middle length."""
@@ -99,11 +96,6 @@ def following(
         replaces: parts of the head in whose place it stands.
         lift: (N, 3) metres that its vertices are moved by.
     """
-    targets = {}
-    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
-        moved = item.moved(offsets)
-        if np.abs(moved).max() > LEAST_M:
-            targets[unit] = moved
     return MeshPart(
         name,
         np.asarray(item.worn(fit.vertices - items.fitted_head) + lift, np.float32),
@@ -111,7 +103,7 @@ def following(
         item.triangles,
         item.uv,
         material,
-        targets=targets,
+        targets=targets_of(head, item.moved),
         replaces=replaces,
     )
 

@@ -21,7 +21,7 @@ from service.face.fit.result import Fit
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
 from service.materials.material import Material, OwnMap
-from service.materials.part import Bone, MeshPart
+from service.materials.part import Bone, MeshPart, targets_of
 
 SIZE = 1024
 """Side of the picture of both eyes, texels."""
@@ -45,9 +45,6 @@ CARUNCLE_BACK_M, CARUNCLE_AT = 0.0009, 6
 """Its depth behind the inner corner, and the number of vertices of the lids' inner edge there that carry it."""
 CARUNCLE = (0.50, 0.23, 0.20)
 """Diffuse albedo, linear RGB."""
-LEAST_M = 1e-6
-"""Units that move a part by less are left out of its targets."""
-
 
 def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPart, ...]:
     """Both eyes; nothing for a head without two eyeballs.
@@ -187,10 +184,6 @@ def _part(
     def moved(offsets: AnyFloat) -> Float64:
         return np.asarray(weights @ np.asarray(offsets, np.float64)[own])
 
-    targets = {}
-    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
-        if np.abs(offsets[own]).max() > LEAST_M:
-            targets[unit] = moved(offsets).astype(np.float32)
     return MeshPart(
         name=name,
         vertices=(points + moved(fit.vertices - head.mean)).astype(np.float32),
@@ -198,7 +191,7 @@ def _part(
         faces=faces,
         uv=uv,
         material=material,
-        targets=targets,
+        targets=targets_of(head, moved),
         bone=bone,
         replaces=replaces,
     )

@@ -15,14 +15,12 @@ from service.colour import bytes_to_linear, luma
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, targets_of
 
 SIZE, TONGUE_SIZE = 1024, 512
 """Sides of the pictures of teeth and gums, and of the tongue, texels."""
 REPLACES = {"teeth_upper_gums": "teeth_upper", "teeth_lower_gums": "teeth_lower", "tongue_body": "tongue"}
 """Meshes of the file, and the head's own part in place of which each stands."""
-LEAST_M = 1e-6
-"""Units that move a part by less are left out of its targets."""
 FITS_M = 0.02
 """Largest distance of a mean head's vertices from those of the head that the meshes were made for."""
 
@@ -72,11 +70,6 @@ def fits(insets: Insets, head: HeadModel) -> bool:
 
 def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: Material) -> MeshPart:
     """A mesh on the fitted head, with the units that move it."""
-    targets = {}
-    for unit, offsets in zip(head.expression_names, head.expression, strict=True):
-        moved = mesh.moved(offsets)
-        if np.abs(moved).max() > LEAST_M:
-            targets[unit] = moved
     return MeshPart(
         name=mesh.name,
         vertices=mesh.rest + mesh.moved(fit.vertices - insets.fitted_head),
@@ -85,7 +78,7 @@ def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: 
         uv=mesh.uv,
         uv_faces=mesh.uv_faces,
         material=material,
-        targets=targets,
+        targets=targets_of(head, mesh.moved),
         bone="jaw" if mesh.name != "teeth_upper_gums" else "head",
         replaces=(REPLACES[mesh.name],),
     )
