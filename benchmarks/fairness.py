@@ -60,7 +60,7 @@ def toned(colours: Float, angle: float, face: npt.NDArray[np.bool_]) -> Float:
     candidates = np.minimum(mean * np.exp(-DEPTHS[:, None] * MELANIN), WHITEST)
     coded = linear_to_srgb(candidates.astype(np.float32)).astype(np.float64)
     depth = DEPTHS[int(np.argmin([abs(typology_angle(colour) - angle) for colour in coded]))]
-    return np.minimum(colours * np.exp(-depth * MELANIN), WHITEST)
+    return np.asarray(np.minimum(colours * np.exp(-depth * MELANIN), WHITEST))
 
 
 def of_class(head: TexturedHead, name: str, angle: float) -> TexturedHead:

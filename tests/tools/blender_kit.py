@@ -9,12 +9,13 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import bpy
 import mathutils
 import numpy as np
 
-POSES = {
+POSES: dict[str, dict[str, float]] = {
     "neutral": {},
     "blink": {"eyeBlinkLeft": 1.0, "eyeBlinkRight": 1.0},
     "smile": {"mouthSmileLeft": 0.9, "mouthSmileRight": 0.9, "cheekSquintLeft": 0.5, "cheekSquintRight": 0.5},
@@ -27,7 +28,7 @@ POSES = {
 YAWS = {"profile": 90.0, "back": 180.0}
 
 
-def points(mesh) -> np.ndarray:
+def points(mesh: Any) -> np.ndarray:
     """Vertices as evaluated, before subdivision, in the world."""
     shown = [(one, one.show_viewport) for one in mesh.modifiers if one.type == "SUBSURF"]
     for one, _ in shown:
@@ -38,15 +39,15 @@ def points(mesh) -> np.ndarray:
     for one, was in shown:
         one.show_viewport = was
     world = np.array(mesh.matrix_world)
-    return flat.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+    return np.asarray(flat.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3])
 
 
-def units_of(armature) -> list:
+def units_of(armature: Any) -> list[str]:
     """Names of the properties that drive it; an object of Blender has keys, but cannot be iterated."""
     return [name for name, value in armature.items() if isinstance(value, float)]
 
 
-def posed(armature, weights: dict) -> None:
+def posed(armature: Any, weights: dict[str, float]) -> None:
     for unit in units_of(armature):
         armature[unit] = float(weights.get(unit, 0.0))
     armature.update_tag()
@@ -79,7 +80,7 @@ def main() -> None:
     low, high = both.min(0), both.max(0)
     scene = bpy.context.scene
     camera = scene.camera
-    told = {
+    told: dict[str, Any] = {
         "units": len(units_of(armature)),
         "bones": sorted(bone.name for bone in armature.data.bones),
         "drivers": {name: len(mesh.data.shape_keys.animation_data.drivers) for name, mesh in meshes.items()
@@ -103,7 +104,7 @@ def main() -> None:
         now = {name: points(mesh) for name, mesh in meshes.items()}
         told["moved_mm"][pose] = {name: float(np.abs(now[name] - still[name]).max() * 1e3) for name in meshes}
         if pose == "photo":
-            np.savez(out / "photo.npz", **now)
+            np.savez(out / "photo.npz", allow_pickle=False, **now)
         if len(sys.argv) > 3:
             view(YAWS.get(pose, 0.0), low, high)
             scene.render.filepath = str(out / f"{pose}.png")

@@ -9,6 +9,7 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import bpy
 import mathutils
@@ -17,7 +18,7 @@ import numpy as np
 ENDS = ("ShaderNodeBsdfPrincipled", "ShaderNodeOutputMaterial")
 
 
-def imported(path: Path) -> list:
+def imported(path: Path) -> list[Any]:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if path.suffix == ".obj":
         bpy.ops.wm.obj_import(filepath=str(path))
@@ -36,14 +37,14 @@ def imported(path: Path) -> list:
     return [one for one in bpy.data.objects if one.type == "MESH"]
 
 
-def posed(meshes: list, weights: dict) -> None:
+def posed(meshes: list[Any], weights: dict[str, float]) -> None:
     for one in meshes:
         keys = one.data.shape_keys
         for block in keys.key_blocks if keys else ():
-            block.value = weights.get(block.name, block.value if block.name not in weights else 0.0)
+            block.value = weights.get(block.name, block.value)
 
 
-def lit(size: int, samples: int, low: list, high: list) -> None:
+def lit(size: int, samples: int, low: list[float], high: list[float]) -> None:
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.seed = "CPU", samples, 7
@@ -71,7 +72,7 @@ def lit(size: int, samples: int, low: list, high: list) -> None:
     scene.camera = camera
 
 
-def facts(meshes: list) -> dict:
+def facts(meshes: list[Any]) -> dict[str, Any]:
     found = {}
     for one in meshes:
         material = one.active_material
@@ -94,9 +95,8 @@ def facts(meshes: list) -> dict:
 def main() -> None:
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
     size, samples = (int(value) for value in sys.argv[3:5]) if len(sys.argv) > 3 else (256, 16)
-    weights = dict.fromkeys((), 0.0)
-    weights.update(json.loads((folder / "manifest.json").read_text())["fit"]["expression"])
-    told = {}
+    weights = json.loads((folder / "manifest.json").read_text())["fit"]["expression"]
+    told: dict[str, Any] = {}
     for kind, name in (("glb", "head.glb"), ("obj", "head.obj"), ("usd", "head.usda")):
         meshes = imported(folder / "mesh" / name)
         posed(meshes, weights)

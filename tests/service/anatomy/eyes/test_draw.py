@@ -20,6 +20,7 @@ def blurred_eyes(size: tuple[int, int], iris: tuple[float, float, float]) -> np.
     """Grey codes (H, W, 3) with eyes as an enlarged texture has them: an iris without a pupil, a white around."""
     albedo = np.full((size[1], size[0], 3), 30000, np.uint16)
     for eye in eyeballs(HEAD, size):
+        assert eye.place is not None
         colours = np.where(eye.radius[:, None] < 1.02, iris, WHITE)
         albedo[eye.place.box][eye.place.inside] = np.rint(colours * FULL_CODE).astype(np.uint16)
     return albedo
@@ -34,6 +35,7 @@ def test_eyes_get_pupils_and_fibres_and_keep_their_colours(
     after = draw_eyes(before.copy(), HEAD) / FULL_CODE
     elsewhere = np.ones(after.shape[:2], bool)
     for eye in eyeballs(HEAD, size):
+        assert eye.place is not None
         colours, r = after[eye.place.box][eye.place.inside], eye.radius
         ring = colours[(r > RING[0]) & (r < RING[1])]
         assert np.abs(np.median(ring, 0) - iris).max() < 0.08

@@ -98,7 +98,7 @@ def test_any_size_can_be_asked_for(scene: tuple[Photo, Texture, OwnDetail], size
 
 
 def degraded(photo: Photo, blur: float = 0.0, noise: float = 0.0, factor: int = 1) -> Photo:
-    image = photo.pixels.astype(np.float32)
+    image: np.ndarray = photo.pixels.astype(np.float32)
     if factor > 1:
         small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
         image = cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC)
