@@ -63,16 +63,7 @@ def openings_mm(head: HeadModel, vertices: npt.NDArray[np.floating]) -> dict[str
         edges = lip_edges(head) if name == "mouth" else lid_edges(head, name)
         if edges is None:
             raise ValueError(f"the head has no edges of {name}")
-        inner = vertices[np.concatenate(edges.upper + edges.lower)]
-        middle = 0.5 * (inner[:, 0].min() + inner[:, 0].max())
-        heights = []
-        for rows, bounding in ((edges.upper, np.min), (edges.lower, np.max)):
-            at = []
-            for row in rows:
-                line = vertices[row[np.argsort(vertices[row, 0])]]
-                at.append(np.interp(middle, line[:, 0], line[:, 1]))
-            heights.append(bounding(at))
-        found[name] = max(float(heights[0] - heights[1]) * scale, 0.0)
+        found[name] = max(edges.height(vertices) * scale, 0.0)
     return found
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from models.lightstage.skin.streams import Stream
 from models.people.expression import draw_expression
 from models.people.skins import COUNT
+from service.anatomy.opening_edges import OpeningEdges, lid_edges
 from service.face.fit.beyond import FIELDS, places
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -22,6 +23,8 @@ FREEDOM = 5.0
 WIDEST = 4.0
 """Bound of a coefficient, standard deviations."""
 WAVES = 40
+STEPS = np.linspace(0.0, 1.0, 9)
+"""Activations of eyeBlink between which the height of the opening is interpolated."""
 OVERLAP_M = 0.0003
 """By how much closed lids pass each other, so that nothing shows between them."""
 
@@ -63,43 +66,31 @@ def _places() -> npt.NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=1)
-def lid_rims() -> tuple[tuple[int, int], ...]:
-    """Vertices in the middle of the upper and the lower rim of the lids, of the subject's right eye and of the left."""
-    head = the_head()
-    socket = head.region("eye_socket") > 0.5
-    skin = head.triangles[head.triangle_part == 0]
-    across = skin[socket[skin].any(1) & ~socket[skin].all(1)]
-    rim = np.setdiff1d(np.unique(across), np.flatnonzero(socket))
-    pairs = []
-    for name in ("eye_right", "eye_left"):
-        ball = head.mean[np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])]
-        centre = 0.5 * (ball.min(0) + ball.max(0))
-        near = rim[(np.abs(head.mean[rim, 0] - centre[0]) < 0.02) & (head.mean[rim, 2] > centre[2])]
-        aside = np.abs(head.mean[near, 0] - centre[0])
-        upper = head.mean[near, 1] > np.median(head.mean[near, 1])
-        pairs.append(tuple(int(near[k][np.argmin(aside[k])]) for k in (upper, ~upper)))
-    return tuple((a, b) for a, b in pairs)
+def _lids() -> tuple[OpeningEdges, ...]:
+    """Edges of the lids of the subject's right eye and of the left."""
+    found = [lid_edges(the_head(), side) for side in ("right", "left")]
+    return tuple(edges for edges in found if edges is not None)
 
 
 def lid_openings(vertices: Float) -> Float:
     """(2,) float32 mm between the lids of (V, 3) vertices in metres; negative where they overlap."""
-    return np.asarray([1e3 * (vertices[a, 1] - vertices[b, 1]) for a, b in lid_rims()], np.float32)
+    return np.asarray([1e3 * edges.height(vertices) for edges in _lids()], np.float32)
 
 
 def lids_as_meant(vertices: Float, expression: Float) -> Float:
     """(E,) the expression with eyeBlink such that the lids close by the share that it says, whatever the shape.
 
-    At full activation the unit closes the average eye too far and wide eyes not quite.
+    What the unit leaves open differs from shape to shape, and which row of a lid bounds the opening changes on the way.
     """
     head, out = the_head(), expression.copy()
-    names = ("eyeBlinkRight", "eyeBlinkLeft")
-    units = [head.expression_names.index(name) for name in names]
+    units = [head.expression_names.index(name) for name in ("eyeBlinkRight", "eyeBlinkLeft")]
     open_ = vertices - np.tensordot(expression[units], head.expression[units], 1)
-    for unit, (upper, lower), before in zip(units, lid_rims(), lid_openings(open_) * 1e-3, strict=True):
-        closing = float(head.expression[unit, lower, 1] - head.expression[unit, upper, 1])
+    for unit, edges in zip(units, _lids(), strict=True):
+        heights = [edges.height(open_ + step * head.expression[unit]) for step in STEPS]
         share = float(expression[unit])
-        wanted = (1.0 - share) * before - share * OVERLAP_M
-        out[unit] = np.clip((before - wanted) / max(closing, 1e-4), 0.0, 1.0)
+        wanted = (1.0 - share) * heights[0] - share * OVERLAP_M
+        falling = np.minimum.accumulate(heights)
+        out[unit] = np.interp(wanted, falling[::-1], STEPS[::-1])
     return out
 
 

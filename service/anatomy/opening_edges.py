@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Bool, Int32, Int64
+from service.arrays import AnyFloat, Bool, Int32, Int64
 from service.head.model import HeadModel
 
 ROWS = 5
@@ -25,6 +25,19 @@ class OpeningEdges:
 
     upper: tuple[Int64, ...]
     lower: tuple[Int64, ...]
+
+    def height(self, vertices: AnyFloat) -> float:
+        """Of the opening in its middle, along y, in the unit of vertices (V, 3); negative where the edges overlap."""
+        x = vertices[np.concatenate(self.upper + self.lower), 0]
+        middle = 0.5 * (float(x.min()) + float(x.max()))
+        upper, lower = ([_at(vertices[row], middle) for row in rows] for rows in (self.upper, self.lower))
+        return min(upper) - max(lower)
+
+
+def _at(row: AnyFloat, x: float) -> float:
+    """Y of a row (N, 3) at x."""
+    line = row[np.argsort(row[:, 0])]
+    return float(np.interp(x, line[:, 0], line[:, 1]))
 
 
 def lid_edges(head: HeadModel, side: str) -> OpeningEdges | None:
