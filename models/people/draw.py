@@ -117,7 +117,8 @@ class Renderer:
 
     def __init__(self) -> None:
         try:
-            self.gl: Any = moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]
+            settings: dict[str, Any] = {"standalone": True, "backend": "egl"}
+            self.gl: Any = moderngl.create_context(**settings)
         except Exception as fault:  # the library raises plain Exception where there is no EGL
             raise ModelFault(
                 f"no OpenGL through EGL ({fault}): install libegl1 and libgl1-mesa-dri, or a driver"
