@@ -128,7 +128,7 @@ def make_avatar(
         with stage("hair"):
             hair = stages.keep("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
         with stage("texture"):
-            make = lambda: make_texture(photo, head, fit, chart, options.without, reading, hair)  # noqa: E731
+            make = lambda: make_texture(photo, head, fit, chart, reading, hair)  # noqa: E731
             texture = stages.keep("texture", make)
 
         def compare(recogniser: Recogniser) -> Similarity:

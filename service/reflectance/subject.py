@@ -76,7 +76,6 @@ class Subject:
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 on hair, glasses and inpainted texels;
             None: all of it is skin in the light.
         inpainted: (h, w) float32, 1 on inpainted skin; None: nowhere.
-        worn: (h, w) float32, 1 on a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB radiance of a white surface in place of the sclera; None: not measured.
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
@@ -93,7 +92,6 @@ class Subject:
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
     inpainted: Float32 | None = None
-    worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
     pixel_mm: float | None = None
@@ -128,20 +126,17 @@ class Subject:
             ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
         subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light)
         inpainted = np.asarray(texture.confidence == 0, np.float32)
-        worn = np.zeros_like(inpainted) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = inpainted.shape
-        inpainted *= subject.bare((width, height)) * (1 - worn)
+        inpainted *= subject.bare((width, height))
         pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
-        ran = (*texture.corrections, *ledger.applied)
         return replace(
             subject,
             inpainted=inpainted,
-            worn=worn,
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
             pixel_mm=pixel_mm,
-            corrections=ran,
+            corrections=ledger.applied,
         )
 
     @property
@@ -183,7 +178,7 @@ class Subject:
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
         shown, inpainted = whole(self.lit, 1.0), whole(self.inpainted, 0.0)
-        brows = brow_plane(self.chart)[None] * (1 - whole(self.worn, 0.0))
+        brows = brow_plane(self.chart)[None]
         lit = shown * self.own_skin
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
