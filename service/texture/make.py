@@ -69,7 +69,7 @@ def make_texture(
     hidden = grown(chart, hidden) if bald else hidden
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
-    found = segment(unwrapped, part, zones)
+    found = segment(chart, unwrapped, part, zones)
     scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if found.colour is None else found.colour

@@ -35,7 +35,7 @@ class Texture:
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
         warnings: stable codes: ``little-seen`` when less than a quarter of the face is visible, ``glasses-removed``
-            when the skin under glasses was inpainted, ``face-covered`` when a hat, a mask, a hand or the like hides over
+            when the skin under glasses was inpainted, ``face-covered`` when a hat, a mask, a hand or so hides over
             a fifth of the face, ``not-segmented`` when no part was read off the photo.
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.

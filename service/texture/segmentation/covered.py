@@ -28,7 +28,7 @@ STRANDS = (0.08, 0.3)
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
     """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it.
 
-    Beyond the crop the parts at its border go on.
+    Beyond the crop, where nothing was read, all counts as background.
 
     Args:
         reading: of the photo that was fitted.
@@ -45,8 +45,9 @@ def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
         x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
         for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
             planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
-            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR)
             result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
+    result[shown, BACKGROUND] += 1 - result[shown].sum(1)
     return result
 
 
