@@ -1,13 +1,13 @@
-"""Marks of the skin that no light made: brows, lips, beards and lids of every depth of colour, tones of regions, blotches.
+"""Marks of the skin that no light made: brows, lips, beards and lids of every depth, tones of regions, blotches.
 
 The light stage draws all of them, but at fixed places of the chart and within what its subjects have. A network that
 knows by heart how dark a brow is takes the rest of a darker one for shade, and bleaches it. Painted on texture and
 albedo alike, marks leave the light as it is: so the network has to tell them from shade.
 
-The stage's regions are also more alike than those of real skin: its lids are as bright as its cheeks, in measured
-albedo maps they are a quarter to a half darker, cheeks and forehead are paler than the rest. What a network expects of a
-region is what it gives where shade and pigment cannot be told apart, so the marks have the mean of real skin
-(``benchmarks.regional_tones``) and a spread that is wider.
+The stage's regions are also more alike than those of real skin: its lids are as bright as its cheeks, in published
+albedo maps they are a quarter to a half darker, and cheeks and forehead are paler than the rest (the first table of
+``benchmarks.albedo`` that names regions). What a network expects of a region is what it gives where shade and pigment
+cannot be told apart, so the marks have about the mean of real skin, and a spread that is wider.
 """
 
 from __future__ import annotations

@@ -10,6 +10,8 @@ from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.arrays import Float32
 from service.colour import srgb_to_linear
 from service.ledger import Ledger
+from service.reflectance.albedo_error import clues
+from service.reflectance.completion import albedo_prior
 from service.reflectance.corrections.exposure import EXPOSURE, mean_light
 from service.reflectance.corrections.on_light import ChartLight, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
@@ -35,10 +37,12 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
+        clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo_error``.
     """
 
     light: Float32
     between: Float32
+    clues: Float32
 
 
 def light_between_lids(light: Float32, lit: Float32) -> Float32:
@@ -75,4 +79,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, white_seen)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    return Found(whole.light, light_between_lids(on_skin.light, lit))
+    prior = albedo_prior()
+    apart = prior.apart(start.weight) if prior.is_of(inside) else None
+    clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
+    return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)

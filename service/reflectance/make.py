@@ -21,9 +21,12 @@ import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
 from service.anatomy.teeth.draw import draw_teeth
+from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.ledger import Applied, Ledger, summed
+from service.levels import TEXTURE_SIZE
+from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
@@ -48,6 +51,9 @@ from service.texture.detail.own import OwnDetail
 from service.texture.detail.result import Detail
 
 T = TypeVar("T")
+
+Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None, UInt8 | None]
+"""Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of all the reflectance work that is done."""
@@ -119,11 +125,13 @@ def make_reflectance(
         if subject.parts is not None:
             planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
 
-        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None]:
+        def unlit(told: Callable[[float], None]) -> Unlit:
             ledger = Ledger(without)
             enlarged = "super_resolution" in plan.stages
             told_of = own.onto(full) if own is not None and enlarged else None
-            plain = diffuse_albedo(full, job(told), ledger)
+            delit = diffuse_albedo(full, job(told), ledger)
+            plain = delit.albedo
+            unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
@@ -131,9 +139,10 @@ def make_reflectance(
                 grey = without_noise(grey, planes, subject.pixel_mm, ledger)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return pad_parts(drawn, subject), grey, ledger.applied, told_of
+            return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
 
-        made.diffuse_albedo, grey, corrections, found_detail = run("diffuse_albedo", unlit)
+        unlit_maps = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections, found_detail, made.albedo_error = unlit_maps
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -154,6 +163,7 @@ def make_reflectance(
     return Reflectance(
         size=size,
         diffuse_albedo=made.diffuse_albedo,
+        albedo_error=made.albedo_error,
         specular_albedo=made.specular_albedo,
         specular_normal=made.specular_normal,
         diffuse_normal=made.diffuse_normal,
@@ -186,6 +196,7 @@ class _Maps:
     """What has been made so far."""
 
     diffuse_albedo: Codes | None = None
+    albedo_error: UInt8 | None = None
     specular_albedo: Codes | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
