@@ -28,7 +28,6 @@ from service.ledger import Applied, Ledger, summed
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
-from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
@@ -114,10 +113,6 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-    def normals(name: str, told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
-        ledger = Ledger(without)
-        return tangent_normals(name, job(told), ledger), ledger.applied
-
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
         del source
@@ -135,8 +130,6 @@ def make_reflectance(
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
-            if grey is not None and ledger.runs(PHOTO_NOISE):
-                grey = without_noise(grey, planes, subject.pixel_mm, ledger)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
@@ -151,11 +144,9 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
-        corrections += more
+        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told)))
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
-        corrections += more
+        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told)))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
