@@ -82,7 +82,7 @@ def make_reflectance(
         size: (width, height) of the maps.
         engine: what the networks run on.
         seed: of made-up detail.
-        detail: its strength in [0, 1]; 0 for none.
+        detail: its strength in [0, 1]; 0 gives the likeliest maps, which have next to none.
         without: names of corrections that do not run (``service.corrections``).
         own: the photo's detail beyond the texture; None: there is no photo.
         tile: inner side of tiles in texels; the result does not depend on it.
@@ -144,9 +144,9 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told)))
+        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told), detail))
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told)))
+        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), detail))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))

@@ -255,6 +255,21 @@ def test_kept_stages_are_not_computed_again(engine: Engine, subject: Subject, ma
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
 
 
+def test_without_detail_the_relief_is_a_tenth(engine: Engine, subject: Subject) -> None:
+    """What a photo does not show the networks guess; the likeliest relief is nearly none."""
+    plan = Plan.of(["specular_normal"], super_resolution=False)
+    skin = subject.skin((96, 64)) == 255
+    slopes = []
+    for detail in (0.0, 1.0):
+        made = make_reflectance(noise(), subject, plan, (96, 64), engine, detail=detail).specular_normal
+        assert made is not None
+        normal = unpack_normals(made)[skin]
+        slopes.append(np.linalg.norm(normal[:, :2], axis=1) / np.maximum(normal[:, 2], 0.2))
+    gentle = (slopes[1] > 0.02) & (slopes[1] < 1)  # the steepest are limited
+    assert gentle.sum() > 100
+    assert abs(float(np.median(slopes[0][gentle] / slopes[1][gentle])) - 0.1) < 0.02
+
+
 def test_covered_skin_is_flat_and_bare_skin_is_not(engine: Engine, subject: Subject) -> None:
     """Strands of hair and frames are dark lines as creases are; the skin under them would be scarred."""
     hidden = replace(subject, lit=np.zeros((64, 96), np.float32))
