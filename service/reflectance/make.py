@@ -21,11 +21,13 @@ import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
 from service.anatomy.teeth.draw import draw_teeth
+from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.ledger import Applied, Ledger, summed
+from service.levels import TEXTURE_SIZE
+from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
-from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
@@ -48,6 +50,9 @@ from service.texture.detail.own import OwnDetail
 from service.texture.detail.result import Detail
 
 T = TypeVar("T")
+
+Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None, UInt8 | None]
+"""Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of all the reflectance work that is done."""
@@ -77,7 +82,7 @@ def make_reflectance(
         size: (width, height) of the maps.
         engine: what the networks run on.
         seed: of made-up detail.
-        detail: its strength in [0, 1]; 0 for none.
+        detail: its strength in [0, 1]; 0 gives the likeliest maps, which have next to none.
         without: names of corrections that do not run (``service.corrections``).
         own: the photo's detail beyond the texture; None: there is no photo.
         tile: inner side of tiles in texels; the result does not depend on it.
@@ -108,10 +113,6 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-    def normals(name: str, told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
-        ledger = Ledger(without)
-        return tangent_normals(name, job(told), ledger), ledger.applied
-
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
         del source
@@ -119,21 +120,22 @@ def make_reflectance(
         if subject.parts is not None:
             planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
 
-        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None]:
+        def unlit(told: Callable[[float], None]) -> Unlit:
             ledger = Ledger(without)
             enlarged = "super_resolution" in plan.stages
             told_of = own.onto(full) if own is not None and enlarged else None
-            plain = diffuse_albedo(full, job(told), ledger)
+            delit = diffuse_albedo(full, job(told), ledger)
+            plain = delit.albedo
+            unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
-            if grey is not None and ledger.runs(PHOTO_NOISE):
-                grey = without_noise(grey, planes, subject.pixel_mm, ledger)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return pad_parts(drawn, subject), grey, ledger.applied, told_of
+            return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
 
-        made.diffuse_albedo, grey, corrections, found_detail = run("diffuse_albedo", unlit)
+        unlit_maps = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections, found_detail, made.albedo_error = unlit_maps
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -142,11 +144,9 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
-        corrections += more
+        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told), detail))
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
-        corrections += more
+        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), detail))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
@@ -154,6 +154,7 @@ def make_reflectance(
     return Reflectance(
         size=size,
         diffuse_albedo=made.diffuse_albedo,
+        albedo_error=made.albedo_error,
         specular_albedo=made.specular_albedo,
         specular_normal=made.specular_normal,
         diffuse_normal=made.diffuse_normal,
@@ -186,6 +187,7 @@ class _Maps:
     """What has been made so far."""
 
     diffuse_albedo: Codes | None = None
+    albedo_error: UInt8 | None = None
     specular_albedo: Codes | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None

@@ -81,7 +81,6 @@ class Subject:
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
-        pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
         corrections: those that ran before the networks.
     """
 
@@ -94,7 +93,6 @@ class Subject:
     inpainted: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
-    pixel_mm: float | None = None
     corrections: tuple[Applied, ...] = ()
 
     @classmethod
@@ -128,14 +126,12 @@ class Subject:
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
         inpainted *= subject.bare((width, height))
-        pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
         return replace(
             subject,
             inpainted=inpainted,
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
-            pixel_mm=pixel_mm,
             corrections=ledger.applied,
         )
 

@@ -143,7 +143,8 @@ def list_networks(monkeypatch: pytest.MonkeyPatch, names: Collection[str]) -> No
 def test_maps_are_left_out_by_default_where_their_networks_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     list_networks(monkeypatch, {"zeta_body", "delta_context", "delta", "psi"})
     assert Options().plan().stages == ("diffuse_albedo", "specular_albedo"), "half of zeta is of no use"
-    assert default_maps() == ("diffuse_albedo", "specular_albedo", "roughness", "thickness", *TEXTURE_MAPS)
+    surface = ("roughness", "thickness", "albedo_error")
+    assert default_maps() == ("diffuse_albedo", "specular_albedo", *surface, *TEXTURE_MAPS)
 
 
 @pytest.mark.parametrize(("asked", "maps", "texture"), [
