@@ -135,13 +135,21 @@ class OwnDetail:
         return Detail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
 
 
-def own_texture_of(texture: Texture, own: OwnDetail, most: int) -> UInt8 | None:
-    """(H, W, 3) sRGB texture at the photo's resolution, at most ``most`` wide; None where it holds no more."""
+def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:
+    """(H, W, 3) sRGB texture of another size, with the photo's own detail; None where it would be the same.
+
+    Args:
+        texture: of the photo.
+        own: the photo's detail.
+        size: (width, height), 3:2; what the photo does not resolve is smooth.
+    """
     import cv2
 
-    size = own.texture_size(most)
-    if size[0] <= texture.texture.shape[1]:
+    across = texture.texture.shape[1]
+    if size[0] == across:
         return None
+    if size[0] < across:
+        return np.asarray(cv2.resize(texture.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
     codes = cv2.resize(texture.texture.astype(np.uint16) * np.uint16(257), size, interpolation=cv2.INTER_CUBIC)
     own.onto(np.asarray(codes, np.uint16))
     result = np.zeros(codes.shape, np.uint8)
