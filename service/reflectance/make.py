@@ -35,6 +35,7 @@ from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
+from service.reflectance.relief.unseen import without_border
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
@@ -127,8 +128,10 @@ def make_reflectance(
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
-            if grey is not None and ledger.runs(PHOTO_NOISE):
-                grey = without_noise(grey, planes, subject.pixel_mm, ledger)
+            if grey is not None:
+                noisy = ledger.runs(PHOTO_NOISE)
+                grey = without_noise(grey, planes, subject.pixel_mm, ledger) if noisy else grey
+                grey = without_border(grey, planes)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of
