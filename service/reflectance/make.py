@@ -4,7 +4,7 @@
 
     T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
           |
-          `- less the light that delta's context tells --rho--> specular normals --integrate--> displacement
+          `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
                                                        --sigma--> diffuse normals
 
 Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
@@ -35,6 +35,7 @@ from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
+from service.reflectance.relief.shading import bare, with_shade
 from service.reflectance.relief.unseen import without_border
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.roots import darkened
@@ -145,7 +146,16 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
+
+        def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
+            bent, ran = normals(SPECULAR, told)
+            if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
+                shares = tuple(octave.share for octave in found_detail.octaves)
+                trust = bare(own.seen, planes)
+                bent = with_shade(bent, grey, subject.slope, trust, shares)
+            return bent, ran
+
+        made.specular_normal, more = run("specular_normal", specular)
         corrections += more
     if "diffuse_normal" in plan.stages:
         made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))

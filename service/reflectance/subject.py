@@ -19,6 +19,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
+from service.reflectance.relief.sensitivity import sensitivity
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
@@ -82,6 +83,8 @@ class Subject:
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
+        slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
+            (``service.reflectance.relief.sensitivity``); None: the light is not known.
         pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
         corrections: those that ran before the networks.
     """
@@ -96,6 +99,7 @@ class Subject:
     worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
+    slope: Float32 | None = None
     pixel_mm: float | None = None
     corrections: tuple[Applied, ...] = ()
 
@@ -131,6 +135,9 @@ class Subject:
         worn = np.zeros_like(inpainted) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = inpainted.shape
         inpainted *= subject.bare((width, height)) * (1 - worn)
+        slope = None
+        if fit.light is not None:
+            slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
         pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
         ran = (*texture.corrections, *ledger.applied)
         return replace(
@@ -140,6 +147,7 @@ class Subject:
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
+            slope=slope,
             pixel_mm=pixel_mm,
             corrections=ran,
         )
