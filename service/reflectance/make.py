@@ -4,7 +4,7 @@
 
     T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
           |
-          `- less the light that delta's context tells --rho--> specular normals --integrate--> displacement
+          `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
                                                        --sigma--> diffuse normals
 
 Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
@@ -37,6 +37,8 @@ from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
+from service.reflectance.relief.shading import bare, with_shade
+from service.reflectance.relief.unseen import without_border
 from service.reflectance.result import Integration, Reflectance
 from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
@@ -130,6 +132,8 @@ def make_reflectance(
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
+            if grey is not None:
+                grey = without_border(grey, planes)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
@@ -144,7 +148,16 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal = run("specular_normal", lambda told: tangent_normals(SPECULAR, job(told), detail))
+
+        def specular(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
+            bent = tangent_normals(SPECULAR, job(told), detail)
+            if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
+                shares = tuple(octave.share for octave in found_detail.octaves)
+                trust = bare(own.seen, planes)
+                bent = with_shade(bent, grey, subject.slope, trust, shares)
+            return bent
+
+        made.specular_normal = run("specular_normal", specular)
     if "diffuse_normal" in plan.stages:
         made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), detail))
     if "displacement" in plan.stages and made.specular_normal is not None:
