@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,6 +19,14 @@ from service.levels import LEVELS
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
 from service.reflectance.surface.make import CODES_PER_MM
 from service.texture.result import MIRRORED, SEEN
+
+HEIGHT_STEP = 1 / 128
+"""Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
+codes of the normals."""
+COARSEST_STEP = 32
+"""Codes of the coarsest step, 1.6 micrometres."""
+CHART_MM = 410.0
+"""Width of the chart at its scale on the face, 15 texels per mm at 6144 (``python -m models.head.report``)."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +115,21 @@ def _as_they_are(codes: UInt8 | UInt16 | None) -> Rows | None:
     return None if codes is None else Rows.of(codes)
 
 
+def _heights(codes: UInt16 | None) -> Rows | None:
+    """Displacement in steps of ``HEIGHT_STEP`` of a texel's side: finer ones are noise that cannot be compressed."""
+    if codes is None:
+        return None
+    step = min(2 ** int(math.log2(max(HEIGHT_STEP * CHART_MM / codes.shape[1] / SCALE_MM, 1.0))), COARSEST_STEP)
+    half, limit = step // 2, 65535 - MID
+    return Rows(
+        codes.shape, 16,
+        lambda first, last: np.asarray(
+            np.minimum((codes[first:last].astype(np.int32) - MID + half) // step * step, limit // step * step) + MID,
+            np.uint16,
+        ),
+    )  # fmt: skip
+
+
 def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
     """Normals of the reflectance as codes of the archive, in the frame and bits that the options request."""
     if codes is None:
@@ -146,7 +170,7 @@ MAPS = (
     ),
     MapSpec(
         "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
-        lambda avatar: _as_they_are(_of(lambda made: made.displacement)(avatar)),
+        lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
     ),
     MapSpec(
         "roughness", "colour", "linear", "square root of GGX alpha, of one lobe for both of the skin's, in [0, 1]",
