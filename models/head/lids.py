@@ -44,7 +44,7 @@ CLEAR_M, CORNEA_M = 0.00015, 0.0012
 CORNEA_DEG = (38.0, 60.0)
 """Angles from the line of sight up to which all of it is added, and from which on none is: an eye turns by 30."""
 
-NEAR_M = (0.0008, 0.0030)
+NEAR_M = (0.0016, 0.0050)
 """Distance from the ball up to which skin keeps its distance in all identities, and from which on it is free."""
 
 

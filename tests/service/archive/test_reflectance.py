@@ -18,6 +18,7 @@ from service.archive.avatar import Avatar
 from service.archive.container import MEMBER_NAMES, write_file
 from service.archive.fine import displaced, heights_at, subdivided
 from service.archive.manifest import from_json
+from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members, write_archive
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
@@ -159,7 +160,7 @@ def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> N
         pictures.append(decode(binary[view["byteOffset"] :][: view["byteLength"]]))
     assert made.diffuse_albedo is not None and made.specular_normal is not None and made.specular_albedo is not None
     # JPEG, of noise here.
-    assert np.abs(pictures[0].astype(int) - made.diffuse_albedo // 257).mean() < 4
+    assert np.abs(pictures[0].astype(int) - made.diffuse_albedo // 257).mean() < 8
     np.testing.assert_allclose(pictures[1] / 127.5 - 1, unpack_normals(made.specular_normal), atol=0.01)
     alpha = cv2.imdecode(np.frombuffer(binary, np.uint8)[_start(document, 2) :], cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(np.asarray(alpha)[..., 3] / 255, made.specular_albedo / 65535, atol=0.5 / 255 + 1e-6)
