@@ -47,7 +47,7 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
         TONGUE_JAW,
     )  # fmt: skip
     sealed = freed(
-        sealed, rows, insets.fitted_head.astype(np.float64), np.flatnonzero(inside),
+        sealed, insets.meshes, insets.fitted_head.astype(np.float64), np.flatnonzero(inside),
         np.asarray(head.triangles[head.triangle_part == 0], np.int64), head.expression_names,
     )  # fmt: skip
     out = close(sealed, quads, balls, regions, head.expression_names)

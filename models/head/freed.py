@@ -1,4 +1,4 @@
-"""The lining of the mouth kept out of teeth and gums where single units and single heads press it in.
+"""The lining of the mouth kept out of teeth, gums and tongue where single units and single heads press it in.
 
 What ``lining.py`` does holds for directions away from the axis of the arch. What is left are folds: the floor of the
 mouth and the groove behind the lower lip, when the jaw slides or opens. They are all hidden, so they simply give way,
@@ -14,14 +14,13 @@ import numpy.typing as npt
 
 from models.head.bases import Bases
 from models.head.crossing import crossing_pairs
+from models.head.heads import some_heads
 from service.anatomy.insets.inset import Inset
 from service.head.files import split_polygons
 
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 
-HEADS, SEED = 6, 11
-"""Random heads beside the mean one."""
 MARGIN_M, STEP_M, ROUNDS = 0.0006, 0.0004, 24
 """Teeth and gums are taken thicker by the first; a vertex gives way in steps, so many times at most."""
 
@@ -33,7 +32,7 @@ def freed(
 
     Args:
         bases: with teeth in their places and a lining outside them.
-        rows: both rows of teeth.
+        rows: both rows of teeth, and the tongue.
         fitted: (V, 3) metres, the mean head that they were made for.
         lining: vertices of the skin that may move.
         triangles: (T, 3) of the skin.
@@ -42,9 +41,8 @@ def freed(
     mean, expression = bases.mean.copy(), bases.expression.copy()
     may = np.isin(triangles, lining)
     folds = triangles[may.any(1)]
-    random = np.random.default_rng(SEED)
     heads = [np.zeros_like(mean)]
-    heads += [np.einsum("k,kvc->vc", random.normal(size=len(bases.identity)), bases.identity) for _ in range(HEADS)]
+    heads += [np.einsum("k,kvc->vc", head, bases.identity) for head in some_heads(bases.identity)]
     free = np.zeros(len(mean), bool)
     free[lining] = True
     shells = [(row, np.asarray(split_polygons(_four(row.faces)), np.int64)) for row in rows]
@@ -52,7 +50,8 @@ def freed(
     jaw = expression[expression_names.index("jawOpen")].copy()
     for index, name in enumerate(expression_names):
         base = mean + (jaw if name == "mouthClose" else 0.0)
-        expression[index] += _way(heads, base, expression[index], folds, free, shells, fitted)
+        if name != "tongueOut":  # the tongue passes the lips
+            expression[index] += _way(heads, base, expression[index], folds, free, shells, fitted)
         if name == "jawOpen":
             jaw = expression[index].copy()
     return Bases(mean, bases.identity, expression)
@@ -75,7 +74,7 @@ def _way(
             points = base + head + unit + given
             found = np.zeros_like(base)
             for row, faces in shells:
-                found += _pushed(points, row.rest + row.moved(points - fitted).astype(np.float64), folds, faces)
+                found += _pushed(points, row.rest.astype(np.float64) + row.moved(points - fitted), folds, faces)
             found[~free] = 0.0
             if found.any():
                 crossing.append(head)

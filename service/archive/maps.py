@@ -16,13 +16,16 @@ from service.archive.images import normal_coding, quantise_normals, to_8_bits
 from service.archive.png import Rows
 from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
-from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
+from service.reflectance.folds.creases import GROUPS
+from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
 from service.reflectance.surface.make import CODES_PER_MM
 from service.texture.result import MIRRORED, SEEN
 
 HEIGHT_STEP = 1 / 128
 """Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
 codes of the normals."""
+WRINKLE = "wrinkle_"
+"""Roles of maps of folds begin so; the rest is the name of the group of units."""
 COARSEST_STEP = 32
 """Codes of the coarsest step, 1.6 micrometres."""
 CHART_MM = 410.0
@@ -81,7 +84,9 @@ def in_object_space(avatar: Avatar) -> bool:
 
 
 def map_wanted(avatar: Avatar, role: str) -> bool:
-    """Whether the options request a map; without a list they request all."""
+    """Whether the options request a map; without a list they request all. Wrinkles come with the specular normals."""
+    if role.startswith(WRINKLE):
+        role = "specular_normal"
     chosen = avatar.options.get("maps")
     return chosen is None or role in chosen
 
@@ -130,6 +135,24 @@ def _heights(codes: UInt16 | None) -> Rows | None:
     )  # fmt: skip
 
 
+_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
+
+
+def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
+    """The wrinkles of an avatar that a map of this role shows."""
+    made = () if avatar.reflectance is None else avatar.reflectance.wrinkles
+    return next((one for one in made if WRINKLE + one.name == role), None)
+
+
+def _wrinkle(role: str) -> MapSpec:
+    def codes(avatar: Avatar) -> Rows | None:
+        found = wrinkle_of(avatar, role)
+        return None if found is None else _tangent(avatar, found.normal)
+
+    meaning = f"unit normal of folds that the photo's expression makes and the other maps are without. {_FRAMES}"
+    return MapSpec(role, "normal", "data", meaning, codes, framed=True)
+
+
 def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
     """Normals of the reflectance as codes of the archive, in the frame and bits that the options request."""
     if codes is None:
@@ -148,8 +171,6 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
 
     return Rows((*plain.shape[:2], 3), bits, read)
 
-
-_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
 
 MAPS = (
     MapSpec(
@@ -172,6 +193,7 @@ MAPS = (
         "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
         lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
     ),
+    *(_wrinkle(WRINKLE + name) for name in GROUPS),
     MapSpec(
         "roughness", "colour", "linear", "square root of GGX alpha, of one lobe for both of the skin's, in [0, 1]",
         lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),

@@ -44,31 +44,33 @@ class _Edges:
     end: Int64
 
 
-def collapsed(points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: int) -> Int64:
-    """(M, 3) triangles, about ``wanted`` or as few as the topology allows.
+def collapsed(
+    points: Sequence[AnyFloat], triangles: AnyInt, vertex: AnyInt, wanted: Sequence[int]
+) -> list[Int64]:
+    """For each number wanted (M, 3) triangles, about as many or as few as the topology allows.
 
     Args:
         points: one or more poses, (V, 3) each, in which the surface is to keep its shape.
         triangles: (T, 3) indices of wedges, counter-clockwise.
         vertex: (W,) vertex of each wedge; vertices of several wedges lie on cuts of the texture.
-        wanted: number of triangles.
+        wanted: numbers of triangles, descending.
     """
     scale = max(float(np.ptp(np.asarray(points[0]), axis=0).max()), 1e-12) if len(points[0]) else 1.0
     poses = [(np.asarray(one, np.float64) - np.mean(points[0], axis=0)) / scale for one in points]
-    vertex, left = np.asarray(vertex, np.int64), np.asarray(triangles, np.int64)
-    left = left[_proper(vertex[left])]
-    quadrics = [_quadrics(pose, left, vertex) for pose in poses]
-    while len(left) > wanted:
-        chosen = _round(poses, quadrics, left, vertex, (len(left) - wanted + 1) // 2)
-        if not len(chosen.start):
-            break
-        before = len(left)
-        left = _applied(chosen, left, vertex, len(poses[0]))
-        for quadric in quadrics:
-            np.add.at(quadric, chosen.end, quadric[chosen.start])
-        if len(chosen.start) * IDLE < before:
-            break
-    return left
+    of: Int64 = np.asarray(vertex, np.int64)
+    left: Int64 = np.asarray(triangles, np.int64)
+    left = left[_proper(of[left])]
+    quadrics, found = [_quadrics(pose, left, of) for pose in poses], []
+    for number in wanted:
+        idle = False
+        while len(left) > number and not idle:
+            chosen = _round(poses, quadrics, left, of, (len(left) - number + 1) // 2)
+            idle = len(chosen.start) * IDLE <= len(left)
+            left = _applied(chosen, left, of, len(poses[0]))
+            for quadric in quadrics:
+                np.add.at(quadric, chosen.end, quadric[chosen.start])
+        found.append(left)
+    return found
 
 
 def _proper(corners: Int64) -> Bool:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.pieces import Piece
-from service.arrays import Float32
+from service.arrays import Float32, Int64
 from service.geometry.collapse import collapsed
 from service.geometry.subdivide import Subdivision
 from service.materials.part import MeshPart
@@ -33,14 +33,18 @@ JUDGED: tuple[tuple[str, ...], ...] = (
 
 def levels_of_detail(parts: Sequence[MeshPart]) -> list[list[MeshPart]]:
     """Parts at each of ``LEVELS``."""
-    fine = [subdivided(part) if part.material.displacement_map is not None else part for part in parts]
     coarse_count = sum(triangles(part) for part in parts if part.material.alpha == "opaque")
-    made = []
-    for wanted in LEVELS:
-        source = fine if wanted > coarse_count else list(parts)
+    finer = [subdivided(part) if part.material.displacement_map is not None else part for part in parts]
+    made: list[list[MeshPart]] = []
+    for source, levels in (
+        (finer, [wanted for wanted in LEVELS if wanted > coarse_count]),
+        (parts, [wanted for wanted in LEVELS if wanted <= coarse_count]),
+    ):
         count = sum(triangles(part) for part in source if part.material.alpha == "opaque")
-        solid, cards = min(wanted / max(count, 1), 1.0), min(wanted / LEVELS[0], 1.0)
-        made.append([reduced(part, solid if part.material.alpha == "opaque" else cards) for part in source])
+        solid = [min(wanted / max(count, 1), 1.0) for wanted in levels]
+        cards = [min(wanted / LEVELS[0], 1.0) for wanted in levels]
+        columns = [reduced(part, solid if part.material.alpha == "opaque" else cards) for part in source]
+        made += [[column[number] for column in columns] for number in range(len(levels))]
     return made
 
 
@@ -66,11 +70,15 @@ def subdivided(part: MeshPart) -> MeshPart:
     )
 
 
-def reduced(part: MeshPart, share: float) -> MeshPart:
-    """A part with about this share of its triangles, one texture coordinate per vertex."""
+def reduced(part: MeshPart, shares: Sequence[float]) -> list[MeshPart]:
+    """A part with about each share, descending, of its triangles, one texture coordinate per vertex."""
     piece = Piece.of(part)
-    wanted = max(round(len(piece.triangles) * share), LEAST_TRIANGLES)
-    kept = piece.triangles if share >= 1 else collapsed(_poses(part), piece.triangles, piece.vertex, wanted)
+    wanted = [max(round(len(piece.triangles) * share), LEAST_TRIANGLES) for share in shares]
+    return [_with(part, piece, kept) for kept in collapsed(_poses(part), piece.triangles, piece.vertex, wanted)]
+
+
+def _with(part: MeshPart, piece: Piece, kept: Int64) -> MeshPart:
+    """The part with some triangles (M, 3) of its piece."""
     used, index = np.unique(kept, return_inverse=True)
     vertex = piece.vertex[used]
     return replace(

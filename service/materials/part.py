@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -129,7 +129,7 @@ def coarser(parts: Sequence[MeshPart], step: int) -> tuple[MeshPart, ...]:
     materials: dict[str, Material] = {}
     for part in parts:
         maps = {slot: getattr(part.material, slot) for slot in slots}
-        changed = {slot: textures[id(one)] for slot, one in maps.items() if id(one) in textures}
+        changed: dict[str, Any] = {slot: textures[id(one)] for slot, one in maps.items() if id(one) in textures}
         materials.setdefault(part.material.name, replace(part.material, **changed))
     return tuple(replace(part, material=materials[part.material.name]) for part in parts)
 

@@ -29,13 +29,14 @@ from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noi
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
+from service.reflectance.folds.unfold import unfolded, unfolded_albedo
 from service.reflectance.normals import DIFFUSE, SPECULAR, tangent_normals
 from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
-from service.reflectance.result import Integration, Reflectance
+from service.reflectance.result import Integration, Reflectance, Wrinkle
 from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject
@@ -108,9 +109,15 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-    def normals(name: str, told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
+    def normals(
+        name: str, told: Callable[[float], None]
+    ) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...], tuple[Wrinkle, ...]]:
         ledger = Ledger(without)
-        return tangent_normals(name, job(told), ledger), ledger.applied
+        codes = tangent_normals(name, job(told), ledger)
+        wrinkles: tuple[Wrinkle, ...] = ()
+        if subject.creases is not None:
+            codes, wrinkles = unfolded(codes, subject.creases)
+        return codes, ledger.applied, wrinkles
 
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
@@ -142,15 +149,18 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
+        made.specular_normal, more, made.wrinkles = run("specular_normal", lambda told: normals(SPECULAR, told))
         corrections += more
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
+        made.diffuse_normal, more, _ = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
         corrections += more
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
         made.displacement, made.integration = found[0], Integration(*found[1:])
+    if made.diffuse_albedo is not None and subject.creases is not None:
+        # Only now: the networks read relief from the dark lines of folds.
+        made.diffuse_albedo = unfolded_albedo(made.diffuse_albedo, subject.creases)
     return Reflectance(
         size=size,
         diffuse_albedo=made.diffuse_albedo,
@@ -166,6 +176,7 @@ def make_reflectance(
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
+        wrinkles=made.wrinkles,
         corrections=summed((*subject.corrections, *corrections)),
         detail=found_detail,
         timings_s=run.timings,
@@ -191,6 +202,7 @@ class _Maps:
     diffuse_normal: npt.NDArray[np.int16] | None = None
     displacement: Codes | None = None
     integration: Integration | None = None
+    wrinkles: tuple[Wrinkle, ...] = ()
 
 
 class _Run:

@@ -19,6 +19,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
+from service.reflectance.folds.creases import Creases
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
@@ -82,6 +83,7 @@ class Subject:
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
+        creases: where the photo's expression folds the skin; None: nowhere.
         pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
         corrections: those that ran before the networks.
     """
@@ -96,6 +98,7 @@ class Subject:
     worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
+    creases: Creases | None = None
     pixel_mm: float | None = None
     corrections: tuple[Applied, ...] = ()
 
@@ -140,6 +143,7 @@ class Subject:
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
+            creases=Creases.of(subject.chart, fit),
             pixel_mm=pixel_mm,
             corrections=ran,
         )
