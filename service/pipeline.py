@@ -35,6 +35,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
+from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
@@ -164,6 +165,7 @@ def make_avatar(
     albedo = None if reflectance is None else reflectance.diffuse_albedo
     parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     parts += (*mouth_parts(head, fit, texture.parts), *eye_parts(head, fit, texture.iris))
+    parts = coarser(parts, options.level.part_texture_step)
     return Avatar(
         photo=photo,
         face=face,

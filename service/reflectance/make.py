@@ -31,6 +31,7 @@ from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highl
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
+from service.reflectance.folds.unfold import unfolded, unfolded_albedo
 from service.reflectance.normals import DIFFUSE, SPECULAR, tangent_normals
 from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
@@ -39,7 +40,7 @@ from service.reflectance.relief.displacement import MOST_MM, Steps, displacement
 from service.reflectance.relief.seams import Seams, join
 from service.reflectance.relief.shading import bare, with_shade
 from service.reflectance.relief.unseen import without_border
-from service.reflectance.result import Integration, Reflectance
+from service.reflectance.result import Integration, Reflectance, Wrinkle
 from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject
@@ -115,6 +116,10 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
+
+    def smoothed(codes: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+        return (codes, ()) if subject.creases is None else unfolded(codes, subject.creases)
+
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
         del source
@@ -149,21 +154,26 @@ def make_reflectance(
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
 
-        def specular(told: Callable[[float], None]) -> npt.NDArray[np.int16]:
+        def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
             bent = tangent_normals(SPECULAR, job(told), detail)
             if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
                 shares = tuple(octave.share for octave in found_detail.octaves)
                 trust = bare(own.seen, planes)
                 bent = with_shade(bent, grey, subject.slope, trust, shares)
-            return bent
+            return smoothed(bent)
 
-        made.specular_normal = run("specular_normal", specular)
+        made.specular_normal, made.wrinkles = run("specular_normal", specular)
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal = run("diffuse_normal", lambda told: tangent_normals(DIFFUSE, job(told), detail))
+        made.diffuse_normal, _ = run(
+            "diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told), detail))
+        )
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
         made.displacement, made.integration = found[0], Integration(*found[1:])
+    if made.diffuse_albedo is not None and subject.creases is not None:
+        # Only now: the networks read relief from the dark lines of folds.
+        made.diffuse_albedo = unfolded_albedo(made.diffuse_albedo, subject.creases)
     return Reflectance(
         size=size,
         diffuse_albedo=made.diffuse_albedo,
@@ -180,6 +190,7 @@ def make_reflectance(
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
+        wrinkles=made.wrinkles,
         corrections=summed((*subject.corrections, *corrections)),
         detail=found_detail,
         timings_s=run.timings,
@@ -206,6 +217,7 @@ class _Maps:
     diffuse_normal: npt.NDArray[np.int16] | None = None
     displacement: Codes | None = None
     integration: Integration | None = None
+    wrinkles: tuple[Wrinkle, ...] = ()
 
 
 class _Run:

@@ -19,6 +19,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
+from service.reflectance.folds.creases import Creases
 from service.reflectance.relief.sensitivity import sensitivity
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
@@ -84,6 +85,7 @@ class Subject:
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.relief.sensitivity``); None: the light is not known.
+        creases: where the photo's expression folds the skin; None: nowhere.
         corrections: those that ran before the networks.
     """
 
@@ -97,6 +99,7 @@ class Subject:
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
+    creases: Creases | None = None
     corrections: tuple[Applied, ...] = ()
 
     @classmethod
@@ -140,6 +143,7 @@ class Subject:
             iris=texture.iris,
             roots=texture.roots,
             slope=slope,
+            creases=Creases.of(subject.chart, fit),
             corrections=ledger.applied,
         )
 

@@ -21,8 +21,8 @@ from service.reflectance.surface.thickness import thickness_mm
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 LARGEST = (1152, 768)
-"""Size of these maps where the others are larger: a texel is a third of a millimetre on the face, and they show little
-that is finer."""
+"""Largest size of these maps: a texel is a third of a millimetre on the face, and they show little that is finer. Of
+smaller ones they have half the sides."""
 
 CODES_PER_MM = 10
 """Of thickness."""
@@ -62,7 +62,7 @@ def surface_maps(
     wanted = set(roles) & {one.name for one in fields(SurfaceMaps)}
     if not wanted:
         return None
-    size = min(size, LARGEST)
+    size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
     chart = Chart.build(head, *min(size, GEOMETRY_SIZE))
     specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement
