@@ -44,7 +44,8 @@ def draw(all_of_them: list[Surface], box: Float, size: int, samples: int) -> Flo
     mi.set_variant("scalar_rgb")
     middle = box.mean(0)
     to = mi.ScalarTransform4f
-    lamp = (middle + [-0.5, 0.5, 0.8]).tolist()
+    eye = (middle + np.array([0, 0, 1.2])).tolist()
+    lamp = (middle + np.array([-0.5, 0.5, 0.8])).tolist()
     half = LAMP_M / 2
     scene: dict[str, Any] = {
         "type": "scene",
@@ -58,7 +59,7 @@ def draw(all_of_them: list[Surface], box: Float, size: int, samples: int) -> Flo
         "camera": {
             "type": "perspective", "fov_axis": "y",
             "fov": float(np.degrees(2 * np.arctan((box[1, 1] - box[0, 1]) * 0.6 / 1.2))),
-            "to_world": to().look_at(origin=(middle + [0, 0, 1.2]).tolist(), target=middle.tolist(), up=[0, 1, 0]),
+            "to_world": to().look_at(origin=eye, target=middle.tolist(), up=[0, 1, 0]),
             "film": {"type": "hdrfilm", "width": size * 3 // 4, "height": size, "rfilter": {"type": "box"}},
             "sampler": {"type": "independent", "sample_count": samples, "seed": 7},
         },
@@ -118,7 +119,7 @@ def main() -> None:
     drawn = {kind: shown(draw(one, box, size, samples)) for kind, one in read.items()}
     for kind, one in drawn.items():
         cv2.imwrite(str(out / f"{kind}.png"), np.rint(one).astype(np.uint8)[..., ::-1])
-        print(f"glb and {kind}: {np.abs(one - drawn['glb']).mean():.2f} of 255")
+        sys.stdout.write(f"glb and {kind}: {np.abs(one - drawn['glb']).mean():.2f} of 255\n")
 
 
 if __name__ == "__main__":

@@ -256,7 +256,8 @@ def _usd(folder: Path) -> list[Surface]:
         mesh = UsdGeom.Mesh(prim)
         points, normals = (np.array(_at(one)) for one in (mesh.GetPointsAttr(), mesh.GetNormalsAttr()))
         places = np.array(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st").Get())
-        counts, corners = np.array(mesh.GetFaceVertexCountsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
+        counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
+        corners = np.array(mesh.GetFaceVertexIndicesAttr().Get())
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         fan = [np.stack([first, first + k, first + k + 1], 1)[counts > k + 1] for k in range(1, int(counts.max()) - 1)]
         triangles = np.arange(len(corners))[np.concatenate(fan)]

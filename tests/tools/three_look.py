@@ -96,7 +96,7 @@ def main() -> None:
         look(browser, folder, out, int(sys.argv[3]) if len(sys.argv) > 3 else 256)
     drawn = {name: np.asarray(cv2.imread(str(out / f"{name}.png")), float) for name in PICTURES}
     for one, other in (("glb", "obj"), ("neutral_glb", "neutral_usd")):
-        print(f"{one} and {other}: {np.abs(drawn[one] - drawn[other]).mean():.2f} of 255")
+        sys.stdout.write(f"{one} and {other}: {np.abs(drawn[one] - drawn[other]).mean():.2f} of 255\n")
 
 
 if __name__ == "__main__":

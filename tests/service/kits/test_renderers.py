@@ -1,4 +1,4 @@
-"""One head, one look: within Mitsuba and within three.js, pictures of the three formats agree (Blender: test_in_blender).
+"""One head, one look: in Mitsuba and in three.js, pictures of the three formats agree, as in ``test_in_blender.py``.
 
 Mitsuba has no loaders of materials, so the formats are read by ``tests/tools/surfaces.py``; three.js draws what its own
 loaders read. ``python -m tests.tools.mitsuba_look`` and ``python -m tests.tools.three_look`` do it with any archive.
