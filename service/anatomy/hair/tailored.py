@@ -35,7 +35,7 @@ ENDS_M = 0.02
 """Length over which strands end at a cut."""
 STEP_M = 0.01
 LEAST_POINTS = 6
-GONE = 0.35
+GONE = 0.12
 """Hair is cut where in all steps of ``STEP_M`` below less than this share of the style's is seen in the photo, among
 steps with so many vertices that the photo would show."""
 SOFT_CELLS = 1.0
@@ -106,9 +106,8 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
         cut, left, ends = columns, triangles, None  # this photo has no such hair at all
     columns, triangles = cut, left
     f = np.float32
-    return Tailored(
-        _off_skin(columns[:, :3], skull).astype(f), columns[:, 3:5].astype(f), triangles.astype(np.int32), ends, float(wider)
-    )
+    own = _off_skin(columns[:, :3], skull).astype(f)
+    return Tailored(own, columns[:, 3:5].astype(f), triangles.astype(np.int32), ends, float(wider))
 
 
 # --- The outline ------------------------------------------------------------------------------------------------------
