@@ -8,7 +8,7 @@ import pytest
 from service.anatomy.hair.item import Item, read_items
 from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import CLEARANCE_M, EAR_M, Skull, hair_on
-from service.anatomy.hair.tailored import Tailored, clipped, split, tailored
+from service.anatomy.hair.tailored import Tailored, tailored
 from service.archive.preview.render import turned_camera
 from service.arrays import Float32
 from service.head.files import load_head
@@ -100,21 +100,6 @@ def test_it_keeps_off_the_skin_and_is_valid(frame: Frame, name: str) -> None:
     assert made.triangles.min() >= 0 and made.triangles.max() == len(made.points) - 1
     _, away, _ = SKULL.nearest(made.points[made.points[:, 1] > EAR_M])
     assert ((away < 0.25 * CLEARANCE_M) & (away > -0.02)).mean() < 0.03
-
-
-def test_a_triangle_is_cut_along_the_line_and_split_in_four() -> None:
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
-    both = np.array([[0, 1, 2], [1, 3, 2]])
-    area = lambda p, t: 0.5 * np.abs(np.cross(p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]])[:, 2]).sum()  # noqa: E731
-    for x in (0.25, 0.6):
-        points, triangles = clipped(corners, both, x - corners[:, 0])
-        assert area(points, triangles) == pytest.approx(x)
-        assert points[:, 0].max() == pytest.approx(x)
-    points, triangles = split(corners, both, np.array([True, False]))
-    assert len(triangles) == 5 and area(points, triangles) == pytest.approx(1.0)
-    assert (triangles[-1] == both[1]).all(), "order stays"
-    nothing, none = clipped(corners, both, -np.ones(4))
-    assert len(none) == 0 and len(nothing) == 0
 
 
 def test_a_style_that_the_photo_lacks_altogether_is_left_whole(frame: Frame) -> None:
