@@ -116,7 +116,6 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-
     def smoothed(codes: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
         return (codes, ()) if subject.creases is None else unfolded(codes, subject.creases)
 
