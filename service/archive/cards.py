@@ -62,5 +62,5 @@ def model_cards(
             cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
     if "delta_context" in networks:
         digest = sha256(PRIOR_FILE.read_bytes()).hexdigest()
-        cards.append(ModelCard("albedo-prior", digest, "Apache-2.0", "completes unseen albedo: AvatarMe's texture prior"))
+        cards.append(ModelCard("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
     return tuple(cards)
