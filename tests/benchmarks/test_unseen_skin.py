@@ -17,7 +17,7 @@ def halves() -> tuple[np.ndarray, np.ndarray]:
 
 
 def painted(seen: np.ndarray, left: float, right: float) -> np.ndarray:
-    return np.where(seen[..., None], left, right) * np.array([1.0, 0.75, 0.6])
+    return np.asarray(np.where(seen[..., None], left, right) * np.array([1.0, 0.75, 0.6]))
 
 
 def test_bands_lie_side_by_side_and_not_on_the_border() -> None:
