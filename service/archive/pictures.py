@@ -17,10 +17,11 @@ from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-GLB_TEXTURE_PX = 2048
-"""Longest side of a texture in the GLB; many viewers refuse more than 4096."""
-OBJ_TEXTURE_PX = 1024
-"""Longest side of the maps that are there for the OBJ alone, as EXR without loss; the full ones lie in ``maps/``."""
+GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
+"""Longest side of a texture in the GLB, where many viewers refuse more than 4096: a third of the maps' (at
+:data:`~service.levels.FULL_SIZE` the first), but no less than the second."""
+OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 768
+"""The same of maps that are there for the OBJ alone, as EXR without loss: a sixth. The full ones lie in ``maps/``."""
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
@@ -46,11 +47,11 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
     made = avatar.reflectance
     found: dict[str, Any] = {}
     if made is not None and made.specular_normal is not None:
-        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal, OBJ_TEXTURE_PX))
+        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal, obj=True))
     if made is not None and made.specular_albedo is not None:
-        found["specular_albedo"] = _fitting(made.specular_albedo, OBJ_TEXTURE_PX) / np.float32(65535)
+        found["specular_albedo"] = _fitting(made.specular_albedo, obj=True) / np.float32(65535)
     if avatar.surface is not None and avatar.surface.roughness is not None:
-        found["roughness"] = _fitting(avatar.surface.roughness, OBJ_TEXTURE_PX) / np.float32(255)
+        found["roughness"] = _fitting(avatar.surface.roughness, obj=True) / np.float32(255)
     return {role: np.asarray(values, np.float32) for role, values in found.items()}
 
 
@@ -102,11 +103,13 @@ def specular_picture(made: Reflectance) -> Picture | None:
     return Picture(png.encode(Rows.of(rgba), srgb=False), "image/png")
 
 
-def _fitting(image: npt.NDArray[Scalar], most: int = GLB_TEXTURE_PX) -> npt.NDArray[Scalar]:
-    """The image, reduced by area where its longest side exceeds ``most``."""
+def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
+    """The image, reduced by area to what GLB or OBJ have of it."""
     import cv2
 
     longest = max(image.shape[:2])
+    most = max(longest // 6, SMALL_OBJ_PX) if obj else max(longest // 3, SMALL_GLB_PX)
+    most = min(most, OBJ_TEXTURE_PX if obj else GLB_TEXTURE_PX)
     if longest <= most:
         return image
     size = (image.shape[1] * most // longest, image.shape[0] * most // longest)
