@@ -7,11 +7,9 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.archive import png
 from service.archive.avatar import Avatar
 from service.archive.gltf_materials import JPEG_QUALITY, Picture
-from service.archive.images import encode_jpeg, encode_normals8, to_8_bits
-from service.archive.png import Rows
+from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
 from service.arrays import Float32, UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
@@ -20,8 +18,10 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
 """Longest side of a texture in the GLB, where many viewers refuse more than 4096: a third of the maps' (at
 :data:`~service.levels.FULL_SIZE` the first), but no less than the second."""
-OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 768
-"""The same of maps that are there for the OBJ alone, as EXR without loss: a sixth. The full ones lie in ``maps/``."""
+OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
+"""The same of maps that are there for the OBJ alone, as EXR without loss. The full ones lie in ``maps/``."""
+PNG_LEVEL = 6
+"""Of zlib, for the GLB's small textures."""
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
@@ -63,7 +63,7 @@ def surface_picture(avatar: Avatar) -> Picture | None:
     channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
     channels[..., 0] = 255 if surface.cavity is None else surface.cavity
     channels[..., 1] = surface.roughness
-    return Picture(png.encode(Rows.of(channels), srgb=False), "image/png")
+    return Picture(encode_png(channels, srgb=False, level=PNG_LEVEL), "image/png")
 
 
 def colours(avatar: Avatar) -> Picture:
@@ -87,7 +87,7 @@ def normal_picture(made: Reflectance) -> Picture | None:
     if made.specular_normal is None:
         return None
     codes = encode_normals8(unpack_normals(_fitting(made.specular_normal)))
-    return Picture(png.encode(Rows.of(codes), srgb=False), "image/png")
+    return Picture(encode_png(codes, srgb=False, level=PNG_LEVEL), "image/png")
 
 
 def specular_picture(made: Reflectance) -> Picture | None:
@@ -100,7 +100,7 @@ def specular_picture(made: Reflectance) -> Picture | None:
     alpha = _fitting(made.specular_albedo)
     rgba = np.full((*alpha.shape, 4), 255, np.uint8)
     rgba[..., 3] = to_8_bits(alpha)
-    return Picture(png.encode(Rows.of(rgba), srgb=False), "image/png")
+    return Picture(encode_png(rgba, srgb=False, level=PNG_LEVEL), "image/png")
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
@@ -108,8 +108,8 @@ def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Sc
     import cv2
 
     longest = max(image.shape[:2])
-    most = max(longest // 6, SMALL_OBJ_PX) if obj else max(longest // 3, SMALL_GLB_PX)
-    most = min(most, OBJ_TEXTURE_PX if obj else GLB_TEXTURE_PX)
+    least, largest = (SMALL_OBJ_PX, OBJ_TEXTURE_PX) if obj else (SMALL_GLB_PX, GLB_TEXTURE_PX)
+    most = min(max(longest // 3, least), largest)
     if longest <= most:
         return image
     size = (image.shape[1] * most // longest, image.shape[0] * most // longest)
