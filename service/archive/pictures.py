@@ -16,10 +16,10 @@ from service.reflectance.result import Reflectance, unpack_normals
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
-"""Longest side of a texture in the GLB, where many viewers refuse more than 4096: a third of the maps' (at
-:data:`~service.levels.FULL_SIZE` the first), but no less than the second."""
+"""Longest side of a texture in the GLB, where many viewers refuse more than 4096: two thirds of the maps', but no
+more than the first and no less than the second."""
 OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
-"""The same of maps that are there for the OBJ alone, as EXR without loss. The full ones lie in ``maps/``."""
+"""The same of maps that are there for the OBJ alone, as EXR without loss: a third. The full ones lie in ``maps/``."""
 PNG_LEVEL = 6
 """Of zlib, for the GLB's small textures."""
 
@@ -108,8 +108,9 @@ def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Sc
     import cv2
 
     longest = max(image.shape[:2])
+    share = longest // 3 if obj else longest * 2 // 3
     least, largest = (SMALL_OBJ_PX, OBJ_TEXTURE_PX) if obj else (SMALL_GLB_PX, GLB_TEXTURE_PX)
-    most = min(max(longest // 3, least), largest)
+    most = min(max(share, least), largest)
     if longest <= most:
         return image
     size = (image.shape[1] * most // longest, image.shape[0] * most // longest)

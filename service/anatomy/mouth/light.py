@@ -16,10 +16,10 @@ from service.head.model import HeadModel
 PARTS = frozenset({"teeth_upper", "teeth_lower", "teeth_upper_gums", "teeth_lower_gums", "tongue", "tongue_body"})
 """Names of what lies in the mouth."""
 
-ROW = 2
-"""Row of the lips, from the lining outwards, at which they touch."""
+ROW = 0
+"""Row of the lips, from the lining outwards, that bounds the opening: the innermost, as lips let light through."""
 
-WITHIN = 0.06
+WITHIN = 0.15
 """Share of the light that the flesh around scatters to a point that sees nothing of the opening."""
 
 BLEND_M = 0.003
