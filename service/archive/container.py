@@ -35,6 +35,7 @@ MEMBER_NAMES = (
     "maps/roughness.png",
     "maps/cavity.png",
     "maps/thickness.png",
+    "maps/albedo_error.png",
     "maps/texture.png",
     "maps/confidence.png",
     "maps/shape_normal.png",

@@ -207,6 +207,12 @@ MAPS = (
         lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
     ),
     MapSpec(
+        "albedo_error", "colour", "linear",
+        "error of the natural logarithm of the diffuse albedo's luminance that two texels in three stay within; "
+        "1 is that or more, and all that is no skin",
+        lambda avatar: _as_they_are(_of(lambda made: made.albedo_error)(avatar)),
+    ),
+    MapSpec(
         "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
         lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
     ),

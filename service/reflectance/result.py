@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Float32, UInt16
+from service.arrays import Float32, UInt8, UInt16
 from service.ledger import Applied
 from service.texture.detail.result import Detail
 
@@ -63,6 +63,8 @@ class Reflectance:
     Attributes:
         size: (width, height).
         diffuse_albedo: (H, W, 3) uint16, sRGB coded, 65535 = 1.
+        albedo_error: (h, w) uint8, 255 = 1: error of the albedo's log luminance that two texels in three stay within;
+            as large as the texture at most.
         specular_albedo: (H, W) uint16, linear, 65535 = 1: F0 = 0.04 times it.
         specular_normal: (H, W, 2) int16, x and y of unit normals times ``NORMAL_ONE``, z > 0; tangent space, +Y up.
         diffuse_normal: the same for diffuse light.
@@ -85,6 +87,7 @@ class Reflectance:
 
     size: tuple[int, int]
     diffuse_albedo: UInt16 | None = None
+    albedo_error: UInt8 | None = None
     specular_albedo: UInt16 | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy.typing as npt
 from service.arrays import AnyFloat, Float32, UInt8
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
-from service.reflectance.plan import SURFACE
 from service.reflectance.result import Reflectance
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.surface.cavity import cavity
@@ -60,7 +59,7 @@ def surface_maps(
         roles: maps that were requested.
         size: (width, height) of the other maps.
     """
-    wanted = set(roles) & set(SURFACE)
+    wanted = set(roles) & {one.name for one in fields(SurfaceMaps)}
     if not wanted:
         return None
     size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
