@@ -9,9 +9,9 @@ what is coarser stays the map's. In each octave and texel
 with the photo's octave p and the map's own z, which super-resolution made up. H^2 is the share of the power that blur
 and spacing of the pixels leave (``sharpness``), E the power of p and Z that of z around the texel, N that of the noise
 of sensor and compression, and w = 1 - N / E. So p keeps the power of its signal (spectral subtraction, Boll 1979), and
-z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 Z / (H^2 Z + N), Wiener's share,
-is what it tells, and P the photo's power or the usual one by that. Both sides of a border have equal grain. In the two
-coarsest octaves, which the map took from the photo as well, h = 1 - g.
+z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 S / (H^2 S + N), Wiener's share
+with S the larger of w E / H^2 and Z, is what it tells, and P the photo's power or the usual one by that. Both sides of
+a border have equal grain. In the two coarsest octaves, which the map took from the photo as well, h = 1 - g.
 """
 
 from __future__ import annotations
@@ -135,13 +135,21 @@ class OwnDetail:
         return Detail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
 
 
-def own_texture_of(texture: Texture, own: OwnDetail, most: int) -> UInt8 | None:
-    """(H, W, 3) sRGB texture at the photo's resolution, at most ``most`` wide; None where it holds no more."""
+def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:
+    """(H, W, 3) sRGB texture of another size, with the photo's own detail; None where it would be the same.
+
+    Args:
+        texture: of the photo.
+        own: the photo's detail.
+        size: (width, height), 3:2; what the photo does not resolve is smooth.
+    """
     import cv2
 
-    size = own.texture_size(most)
-    if size[0] <= texture.texture.shape[1]:
+    across = texture.texture.shape[1]
+    if size[0] == across:
         return None
+    if size[0] < across:
+        return np.asarray(cv2.resize(texture.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
     codes = cv2.resize(texture.texture.astype(np.uint16) * np.uint16(257), size, interpolation=cv2.INTER_CUBIC)
     own.onto(np.asarray(codes, np.uint16))
     result = np.zeros(codes.shape, np.uint8)
@@ -259,11 +267,12 @@ class _Work:
         noise = self._own.sharpness.noise_power(lowest)
         found, usual = power(band), np.maximum(power(made_up), USUAL**2)
         signal = np.maximum(1 - noise / np.maximum(found, least), 0)
+        own = signal * found / np.maximum(left, LEAST_LEFT)
         gain = here * np.sqrt(signal) * np.minimum(4 * left, 1)
-        told = here * left * usual / np.maximum(left * usual + noise, least)
+        strong = left * np.maximum(usual, own)
+        told = here * strong / np.maximum(strong + noise, least)
         if index >= self._octaves - 2:
             return told, gain, 1 - gain
-        own = signal * found / np.maximum(left, LEAST_LEFT)
         missing = np.maximum(told * own + (1 - told) * usual - gain * gain * found, 0)
         return told, gain, np.sqrt(np.clip((1 - told) * missing / usual, 0, 1))
 

@@ -126,7 +126,7 @@ def test_nothing_seen_is_complete_and_says_so() -> None:
     _require_sound(texture)
     assert not texture.confidence.any()
     assert texture.visible_fraction == 0
-    assert texture.warnings == ("little-seen",)
+    assert texture.warnings == ("little-seen", "not-segmented")
 
 
 def test_a_head_behind_the_camera_is_nothing_seen() -> None:
