@@ -16,7 +16,6 @@ const FAIR = 0.06;
 const WARNINGS: Record<string, string> = {
   "low-resolution": "The face is small in the photo; details are guessed.",
   "low-confidence": "The face is hard to see; shape and pose are uncertain.",
-  "landmarks-read": "The face is turned so far that half of it is hidden; shape and pose are uncertain.",
   "extreme-pose": "The face is turned far away; one side is made up.",
   "under-exposed": "The face is dark; colours are uncertain.",
   "eyes-covered": "The eyes are covered; they are made up.",
