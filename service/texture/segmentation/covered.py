@@ -25,6 +25,10 @@ STRANDS = (0.08, 0.3)
 """The same for hair alone: single strands before the forehead would be left as streaks."""
 
 
+CERTAIN = (0.5, 0.9)
+"""The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
+
+
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
     """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it.
 
@@ -88,7 +92,7 @@ def opened(parts: Float32, zones: Zones) -> Float32:
 
     Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
     """
-    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1)) * zones.skin, np.float32)
+    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
