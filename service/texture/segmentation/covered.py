@@ -23,8 +23,6 @@ SHADOW = 0.009
 """Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
 STRANDS = (0.08, 0.3)
 """The same for hair alone: single strands before the forehead would be left as streaks."""
-
-
 CERTAIN = (0.5, 0.9)
 """The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
 
