@@ -27,14 +27,17 @@ from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face
+from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
+from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
+from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
@@ -114,7 +117,14 @@ def make_avatar(
         with stage("decode"):
             photo = stages.keep("decode", lambda: read_photo(data))
         with stage("detect"):
-            find = lambda: choose_face(finder_job.result().find(photo.pixels), options.face, photo.size)  # noqa: E731
+
+            def find() -> Face:
+                faces = finder_job.result().find(photo.pixels)
+                if not faces and reader_job is not None:
+                    doubted = finder_job.result().doubted(photo.pixels)
+                    faces = faces_by_reading(photo.pixels, doubted, head_job.result()[0], reader_job.result().pixels)
+                return choose_face(faces, options.face, photo.size)
+
             face = stages.keep("detect", find)
         # Only now, as many a photo is refused; and not at all where tiles are small, for want of memory.
         early = plan.networks if tile >= DEFAULT_TILE else ()
@@ -138,11 +148,12 @@ def make_avatar(
         with stage("compare"):
             similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
         reflectance, own_texture, own = None, None, None
-        if options.level.super_resolution:
+        if options.level.super_resolution or options.texture_size != "auto":
             own = OwnDetail.of(photo, head, fit, texture)
-            if "texture" in options.maps and options.own_texture_width > texture.texture.shape[1]:
-                sharp = lambda: own_texture_of(texture, own, options.own_texture_width)  # noqa: E731
-                own_texture = stages.keep("own_texture", sharp)
+            if "texture" in options.maps:
+                asked = options.texture_size
+                wanted = own.texture_size(options.most_texture_width) if asked == "auto" else asked
+                own_texture = stages.keep("own_texture", lambda: own_texture_of(texture, own, wanted))
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -153,7 +164,7 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
-                own=own,
+                own=own if options.level.super_resolution else None,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,
@@ -163,6 +174,7 @@ def make_avatar(
     albedo = None if reflectance is None else reflectance.diffuse_albedo
     parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     parts += (*mouth_parts(head, fit, texture.parts), *eye_parts(head, fit, texture.iris))
+    parts = coarser(parts, options.level.part_texture_step)
     return Avatar(
         photo=photo,
         face=face,
@@ -186,4 +198,4 @@ def make_avatar(
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
     head = load_head(head_file)
-    return head, Chart.build(head, *options.texture_size)
+    return head, Chart.build(head, *options.base_size)

@@ -19,6 +19,8 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
+from service.reflectance.folds.creases import Creases
+from service.reflectance.relief.sensitivity import sensitivity
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
@@ -81,7 +83,9 @@ class Subject:
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
-        pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
+        slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
+            (``service.reflectance.relief.sensitivity``); None: the light is not known.
+        creases: where the photo's expression folds the skin; None: nowhere.
         corrections: those that ran before the networks.
     """
 
@@ -94,7 +98,8 @@ class Subject:
     inpainted: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
-    pixel_mm: float | None = None
+    slope: Float32 | None = None
+    creases: Creases | None = None
     corrections: tuple[Applied, ...] = ()
 
     @classmethod
@@ -128,14 +133,17 @@ class Subject:
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
         inpainted *= subject.bare((width, height))
-        pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
+        slope = None
+        if fit.light is not None:
+            slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
         return replace(
             subject,
             inpainted=inpainted,
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
-            pixel_mm=pixel_mm,
+            slope=slope,
+            creases=Creases.of(subject.chart, fit),
             corrections=ledger.applied,
         )
 
