@@ -103,7 +103,7 @@ def specular_picture(made: Reflectance) -> Picture | None:
 
 def _packed(codes: UInt8) -> bytes:
     """PNG of data, the harder the smaller it is."""
-    return encode_png(codes, srgb=False, level=9 if max(codes.shape) <= SMALL_GLB_PX else 6)
+    return encode_png(codes, srgb=False, level=7 if max(codes.shape) <= SMALL_GLB_PX else 3)
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
