@@ -28,8 +28,8 @@ SIDEWAYS_DEG = (95.0, 130.0)
 """Angle from upwards up to which outlines are matched, and from which on not at all: below, hair hangs."""
 MIDDLE_M = (0.0, 0.0, -0.07)
 """Middle of the head, from which the rays go."""
-UNEVEN = 0.3
-"""Amplitude of the field's unevenness from strand to strand: cut ends are no edge."""
+UNEVEN, UNEVEN_ENDS = 0.15, 0.4
+"""Amplitude of the field's unevenness from strand to strand, at the hairline and at cut ends: neither is an edge."""
 STRANDS = 90.0
 """Strands over the width of a texture, about."""
 ENDS_M = 0.02
@@ -41,13 +41,13 @@ GONE = 0.12
 steps with so many vertices that the photo would show."""
 SOFT_CELLS = 1.0
 """Standard deviation of the blur of where the photo shows no hair, cells of the frame, before it is cut along."""
-ROOTED_CELLS = 4.0
+ROOTED_CELLS = 7.0
 """The same of how near to the hairline hair lies on the skin."""
 ROOTED_M = (0.01, 0.035)
 """Height over the eyes from which on hair at the border is rooted there, from 0 to 1; below, it hangs over the face."""
 LEAST_LEFT = 0.1
 """Share of a style's triangles that cutting has to leave; else nothing is cut."""
-SPLITS = 2
+SPLITS = 1
 """How often triangles at a cut are split in four before it."""
 
 
@@ -86,23 +86,24 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
     # Hair is where the photo shows it but for a cell: its border is soft.
     free = known * (1 - shown) * np.isfinite(frame.behind)
     bare = np.asarray(_blurred(free, SOFT_CELLS), np.float64)
-    moved = _rooted(moved, skull, frame, np.asarray(_blurred(free, ROOTED_CELLS), np.float64))
-    field = _hairline(moved, frame, bare)
     ends = _ends(moved, frame, shown, known)
-    uneven = UNEVEN * _strands(item.uv)
-    total = field + uneven * (field < 0.45)
-    if ends is not None:
-        total = np.minimum(total, (moved[:, 1] - ends) / ENDS_M + uneven)
-    columns = np.concatenate([moved, item.uv, total[:, None]], 1)
-    triangles = item.triangles.astype(np.int64)
+
+    def field(columns: Float64) -> Float64:
+        """Above 0 where hair stays."""
+        hairline, strands = _hairline(columns[:, :3], frame, bare), _strands(columns[:, 3:5])
+        stays = hairline + UNEVEN * strands * (hairline < 0.45)
+        if ends is None:
+            return np.asarray(stays)
+        return np.minimum(stays, (columns[:, 1] - ends) / ENDS_M + UNEVEN_ENDS * strands)
+
+    columns, triangles = np.concatenate([moved, item.uv], 1), item.triangles.astype(np.int64)
+    # Split first where it is moved, and beyond: what is split along still edges has no cracks.
+    soft = np.asarray(_blurred(free, ROOTED_CELLS), np.float64)
+    columns, triangles = split(columns, triangles, (_nearness(columns[:, :3], frame, soft) > 1e-3)[triangles].any(1))
+    columns[:, :3] = _rooted(columns[:, :3], skull, frame, soft)
     for _ in range(SPLITS):
-        columns, triangles = split(columns, triangles, _near_cut(columns[:, 5], triangles))
-        again = _hairline(columns[:, :3], frame, bare)
-        rough = UNEVEN * _strands(columns[:, 3:5])
-        columns[:, 5] = again + rough * (again < 0.45)
-        if ends is not None:
-            columns[:, 5] = np.minimum(columns[:, 5], (columns[:, 1] - ends) / ENDS_M + rough)
-    cut, left = clipped(columns, triangles, columns[:, 5])
+        columns, triangles = split(columns, triangles, _near_cut(field(columns), triangles))
+    cut, left = clipped(columns, triangles, field(columns))
     if len(left) < LEAST_LEFT * len(triangles):
         cut, left, ends = columns, triangles, None  # this photo has no such hair at all
     columns, triangles = cut, left
@@ -194,15 +195,19 @@ def _hairline(points: Float64, frame: Frame, bare: Float64) -> Float64:
     return np.asarray(0.5 - np.where(sees, own, np.where(other_sees, other, 0.0)))
 
 
-def _rooted(points: Float64, skull: Skull, frame: Frame, near: Float64) -> Float64:
+def _rooted(points: Float64, skull: Skull, frame: Frame, soft: Float64) -> Float64:
     """Points whose height above the skin falls towards the photo's hairline, where what is left of a fringe begins."""
-    own, sees = _cover(points, frame, near)
-    other, other_sees = _cover(points * [-1, 1, 1], frame, near)
-    close = np.clip(2 * np.where(sees, own, np.where(other_sees, other, 0.0)), 0, 1)
-    close *= np.clip((points[:, 1] - ROOTED_M[0]) / (ROOTED_M[1] - ROOTED_M[0]), 0, 1)
     _, height, normal = skull.nearest(points)
-    lower = -close * np.maximum(height - CLEARANCE_M, 0.0)
+    lower = -_nearness(points, frame, soft) * np.maximum(height - CLEARANCE_M, 0.0)
     return np.asarray(points + lower[:, None] * normal)
+
+
+def _nearness(points: Float64, frame: Frame, soft: Float64) -> Float64:
+    """(N,) 1 at the hairline and where no hair is, falling to 0 over ``ROOTED_CELLS``; 0 at the sides of the face."""
+    own, sees = _cover(points, frame, soft)
+    other, other_sees = _cover(points * [-1, 1, 1], frame, soft)
+    near = np.clip(2 * np.where(sees, own, np.where(other_sees, other, 0.0)), 0, 1)
+    return np.asarray(near * np.clip((points[:, 1] - ROOTED_M[0]) / (ROOTED_M[1] - ROOTED_M[0]), 0, 1))
 
 
 def _cover(points: Float64, frame: Frame, bare: Float64) -> tuple[Float64, Bool]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.face.fit.result import Fit
-from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, MOUTH, OTHER, PARTS, SCLERA, SKIN
+from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, IRIS, MOUTH, OTHER, PARTS, SCLERA, SKIN
 from service.face.reading.reader import PART_CELLS, Reading
 from service.geometry.chart import Chart
 from service.texture.segmentation.zones import Zones
@@ -45,9 +45,9 @@ def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
         x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
         for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
             planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
-            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR)
+            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
-    result[shown, BACKGROUND] += 1 - result[shown].sum(1)
+    result[shown[((at < 0) | (at > PART_CELLS)).any(1)]] = np.eye(result.shape[1], dtype=np.float32)[BACKGROUND]
     return result
 
 
@@ -81,6 +81,14 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     if not bald:
         return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
     return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
+
+
+def opened(parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 on skin in whose place the photo shows an eye or the inside of the mouth.
+
+    Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
+    """
+    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1)) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
