@@ -77,7 +77,7 @@ def poses(archive: Path, folder: Path) -> Image.Image:
     kit = export_kit(archive, "blender", folder / "kit")
     assert kit.scene is not None
     (folder / "poses").mkdir()
-    in_blender("blender_kit.py", kit.scene, folder / "poses", 384, 24, ",".join(POSES))
+    in_blender("blender_kit.py", kit.scene, folder / "poses", 384, 12, ",".join(POSES))
     tiles = [np.asarray(Image.open(folder / "poses" / f"{pose}.png").convert("RGB")) for pose in POSES]
     return captioned([*tiles, np.full_like(tiles[0], tiles[0][0, 0])], (*POSES, ""), 4)
 
