@@ -112,7 +112,8 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=0, help="first seed of the people")
     parser.add_argument("--most", type=int, default=48, help="people at most")
     chosen = parser.parse_args()
-    network, faces = ReaderNetwork(), []
+    network = ReaderNetwork()
+    faces: list[Errors] = []
     for path in sorted(chosen.data.glob("people-*.npz")):
         first = int(path.stem.split("-")[2])
         if first < chosen.start or (first >= HELD_OUT_BELOW) != (chosen.start >= HELD_OUT_BELOW):
