@@ -27,6 +27,7 @@ from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.identity import Embedding, Recogniser, centred_cosine, distance, population
+from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.likeness import likeness
@@ -66,7 +67,7 @@ class Maker:
 
     def __init__(self, settings: FitSettings) -> None:
         """Load networks, head and chart once."""
-        self._finder, self._recorder = FaceFinder(), Recorder()
+        self._finder, self._readers, self._recorder = FaceFinder(), Readers(), Recorder()
         self._head, self._settings = load_head(), settings
         self._chart = Chart.build(self._head, *Options().texture_size)
 
@@ -74,8 +75,9 @@ class Maker:
         """Make an avatar of the largest face in a photo; AvatarError as the pipeline raises it."""
         photo = read_photo(path.read_bytes())
         face = choose_face(self._finder.find(photo.pixels), "largest", photo.size)
-        fit = fit_face(face, photo, self._head, self._settings)
-        texture = make_texture(photo, self._head, fit, self._chart)
+        reading = read_face(photo.pixels, face.landmarks, self._readers)
+        fit = fit_face(face, photo, self._head, self._settings, reading)
+        texture = make_texture(photo, self._head, fit, self._chart, reading)
         self._recorder.given.clear()
         stated = likeness(photo, face, self._head, fit, texture.texture, self._recorder)
         theirs, ours = self._recorder.given

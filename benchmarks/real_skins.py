@@ -6,13 +6,16 @@ normals off the grey albedo, and both are compared in the bands of wavelengths t
 it: a flat map, and "dark is deep", the albedo itself taken for a height.
 
 Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
-A second table asks the scans themselves whether their slopes along both belong to one height: correlation of the mixed
-derivatives over the face, 1 for a height, -1 if y points the other way, 0 if they have nothing to do with each other.
+A second table has the mean angle at shares of rho's strength, and the share that is best on the patches of all *other*
+people (``service.reflectance.normals.LIKELIEST``). A third asks the scans themselves whether their slopes along both
+belong to one height: correlation of the mixed derivatives over the face, 1 for a height, -1 if y points the other way,
+0 if they have nothing to do with each other.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -39,6 +42,9 @@ PLACES_MM = {"cheek right": (-42.0, -20.0), "cheek left": (42.0, -20.0), "forehe
 MARK = ("<!-- real-skin -->", "<!-- /real-skin -->")
 SHOWN = BANDS_MM[1:]
 """Bands of wavelengths, in mm, that at least one scan resolves."""
+
+SHARES = (0.1, 0.2, 0.5, 1.0)
+"""Of rho's strength that are tried."""
 
 Array = npt.NDArray[np.float64]
 
@@ -133,6 +139,36 @@ def error(found: Array, truth: Array) -> float:
     return float(np.degrees(np.arccos(np.clip((normals[0] * normals[1]).sum(0), -1.0, 1.0))).mean())
 
 
+def best_share(pairs: Sequence[tuple[Array, Array]]) -> float:
+    """Least squares factor of found slopes for the true ones, in [0, 1]; 0 where nothing was found."""
+    power = sum(float((found * found).sum()) for found, _ in pairs)
+    along = sum(float((found * truth).sum()) for found, truth in pairs)
+    return min(max(along / power, 0.0), 1.0) if power > 1e-20 else 0.0
+
+
+def strengths(found: Mapping[str, tuple[Array, Array]]) -> list[str]:
+    """Rows of the table of shares: person by person, mean over patches of the angle in degrees."""
+    people = list(dict.fromkeys(_person(name) for name in found))
+    heading = " | ".join(f"{share:g} of rho" for share in SHARES)
+    lines = [f"| person | flat | {heading} | share by others | with it |"]
+    lines.append("|---" * (4 + len(SHARES)) + "|")
+    rows = []
+    for who in people:
+        own = [pair for name, pair in found.items() if _person(name) == who]
+        share = best_share([pair for name, pair in found.items() if _person(name) != who])
+        tried = (0.0, *SHARES, share)
+        angles = [float(np.mean([error(one * slopes, truth) for slopes, truth in own])) for one in tried]
+        rows.append([*angles[:-1], share, angles[-1]])
+        lines.append(f"| {who} | " + " | ".join(f"{value:.2f}" for value in rows[-1]) + " |")
+    means = " | ".join(f"**{value:.2f}**" for value in np.mean(rows, 0))
+    return [*lines, f"| **mean** | {means} |", "", f"Share by all: {best_share(list(found.values())):.2f}"]
+
+
+def _person(patch: str) -> str:
+    """``"hifi3d 1 cheek left"`` -> ``"hifi3d 1"``."""
+    return patch.split(" cheek")[0].split(" forehead")[0]
+
+
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of the scans; else $AVATARME_BENCH_DATA.")] = None,
     folder: Annotated[Path, typer.Option(help="Folder of the ONNX files.")] = MODELS,
@@ -143,9 +179,11 @@ def main(
     lines = ["| patch | rho deg | flat deg | " + " | ".join(
         f"{low}-{high} mm: correlation x / y, strength, dark is deep" for low, high in SHOWN) + " |"]  # fmt: skip
     lines.append("|---" * (3 + len(SHOWN)) + "|")
+    pairs: dict[str, tuple[Array, Array]] = {}
     for patch in reference_patches(place):
         found, deep = predicted(patch, folder), dark_is_deep(patch)
         truth = np.asarray(patch.slope)
+        pairs[patch.name] = found, truth
         cells = ["-"] * (len(SHOWN) - len(resolved(patch)))
         for low, high in resolved(patch):
             limits = patch.texels_per_mm, low, high
@@ -154,6 +192,7 @@ def main(
         numbers = f"{error(found, truth):.2f} | {tilt(truth):.2f}"
         lines.append(f"| {patch.name} | {numbers} | " + " | ".join(cells) + " |")
     heading = " | ".join(f"{low}-{high} mm" for low, high in SHOWN)
+    lines += ["", *strengths(pairs)]
     lines += ["", f"| slopes of one height? | {heading} |", "|---" * (1 + len(SHOWN)) + "|", *scans_themselves(place)]
     tell("\n".join(lines), MARK, write)
 

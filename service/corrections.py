@@ -8,21 +8,13 @@ from __future__ import annotations
 from service.ledger import Correction
 from service.reflectance.chart_light import EVERYWHERE, ON_LIT_SKIN
 from service.reflectance.corrections.highlights import HIGHLIGHTS
-from service.reflectance.corrections.photo_noise import PHOTO_NOISE
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH
-from service.reflectance.normals import COVERED_RELIEF
-from service.texture.segmentation.glasses import GLASSES
-from service.texture.segmentation.small_components import SMALL_COMPONENTS
 
 REGISTRY: tuple[Correction, ...] = (
-    GLASSES,
-    SMALL_COMPONENTS,
     SCLERA_DEPTH,
     *ON_LIT_SKIN,
     *EVERYWHERE,
     HIGHLIGHTS,
-    PHOTO_NOISE,
-    COVERED_RELIEF,
 )
 
 NAMES = tuple(one.name for one in REGISTRY)

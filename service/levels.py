@@ -29,6 +29,7 @@ class Level:
         normal_bits: bits per component of normal maps.
         fine_mesh: whether the subdivided, displaced mesh is made with the displacement map.
         precision: of the networks: "auto" is the fastest that the processor has.
+        part_texture_step: texels of a side that textures of hair, eyes and the like, in full 512 to 1024, put into one.
         keep_cliffs: whether displacement may break where the surface folds over itself.
     """
 
@@ -37,11 +38,12 @@ class Level:
     normal_bits: Literal[8, 16]
     fine_mesh: bool
     precision: Literal["auto", "fp32"]
+    part_texture_step: int = 1
     keep_cliffs: bool = False
 
 
 LEVELS: dict[str, Level] = {
-    "draft": Level(DRAFT_SIZE, False, 8, False, "auto"),
+    "draft": Level(DRAFT_SIZE, False, 8, False, "auto", part_texture_step=2),
     "standard": Level(FULL_SIZE, True, 8, False, "auto"),
     "high": Level(FULL_SIZE, True, 16, True, "auto"),
     "reference": Level(FULL_SIZE, True, 16, True, "fp32", keep_cliffs=True),

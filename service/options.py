@@ -7,7 +7,7 @@ from dataclasses import asdict, field
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le
-from pydantic import AfterValidator, AllowInfNan, Strict
+from pydantic import AfterValidator, AllowInfNan, Strict, ValidationInfo
 from pydantic.dataclasses import dataclass
 
 from service.anatomy.hair.names import HairName
@@ -40,14 +40,14 @@ def _in_order(maps: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for name in MAP_NAMES if name in maps)
 
 
-def _on_the_chart(size: tuple[int, int]) -> tuple[int, int]:
+def _on_the_chart(size: tuple[int, int], info: ValidationInfo) -> tuple[int, int]:
     width, height = size
-    nearest = _nearest_size(width)
+    nearest, name = _nearest_size(width), info.field_name
     if size != nearest:
         raise UsageError(
-            f"size is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
+            f"{name} is {width}x{height}; the chart is 3:2 and {SMALLEST_WIDTH} to {LARGEST_WIDTH} texels wide, "
             f"for example {nearest[0]}x{nearest[1]}",
-            field="size",
+            field=name,
         )
     return size
 
@@ -86,8 +86,10 @@ class Options(Checked):
         maps: names out of ``MAP_NAMES``, each once, at least one; kept in the order of ``MAP_NAMES``.
         quality: one of ``service.levels.LEVELS``.
         size: (width, height) of the maps in texels, width : height = 3 : 2, width in [96, 6144]; None for the level's.
-            With reflectance among the maps it is theirs, and texture, confidence and shape normals have at most
-            576 x 384; without, it is the size of those.
+            With reflectance among the maps it is theirs, and confidence and shape normals have at most 576 x 384;
+            without, it is the size of those.
+        texture_size: (width, height) of the map "texture", as ``size``; "auto" is what the photo holds, above
+            ``draft``, and at most the size of the maps.
         bits: per component of normal maps, 8 or 16; None for the level's.
         normals: frame of specular and diffuse normals.
         budget: seconds that the whole may take on this machine; picks the best level that fits, whatever ``quality``
@@ -112,6 +114,9 @@ class Options(Checked):
     maps: _Maps = field(default_factory=lambda: default_maps())
     quality: QualityName = "standard"
     size: Annotated[_MapSize | None, Right("two whole numbers, for example (576, 384)")] = None
+    texture_size: Annotated[
+        _MapSize | Literal["auto"], Right("'auto' or two whole numbers, for example (1152, 768)")
+    ] = "auto"
     bits: Literal[8, 16] | None = None
     normals: Literal["tangent", "object"] = "tangent"
     budget: Annotated[_Seconds | None, Right("a number of seconds above 0")] = None
@@ -136,17 +141,17 @@ class Options(Checked):
         return self.size or self.level.size
 
     @property
-    def texture_size(self) -> Size:
-        """(width, height) of texture, confidence and shape normals."""
+    def base_size(self) -> Size:
+        """(width, height) of confidence and shape normals, and of the texture that networks enlarge."""
         if not set(self.maps) & {*REFLECTANCE_MAPS, *SURFACE_MAPS}:
             return self.size or TEXTURE_SIZE
         return min(self.map_size, TEXTURE_SIZE)
 
     @property
-    def own_texture_width(self) -> int:
-        """Most texels along the texture at the photo's resolution; where only the texture is made, its size is asked
-        for or follows the photo.
-        """
+    def most_texture_width(self) -> int:
+        """Most texels along a texture that follows the photo's resolution."""
+        if not self.level.super_resolution:
+            return self.base_size[0]
         if not set(self.maps) & set(REFLECTANCE_MAPS) and self.size:
             return self.size[0]
         return self.map_size[0]
@@ -171,8 +176,8 @@ class Options(Checked):
 
     def to_json(self) -> dict[str, Any]:
         """The request as JSON values, for the manifest."""
-        lists = {"maps": list(self.maps), "without": list(self.without)}
-        return {**asdict(self), **lists, "size": None if self.size is None else list(self.size)}
+        values = asdict(self)
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 def default_maps() -> tuple[str, ...]:
@@ -201,16 +206,29 @@ def parse_without(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
 
 
-def parse_size(text: str) -> tuple[int, int]:
+def parse_size(text: str, name: str = "size") -> tuple[int, int]:
     """``"576x384"`` -> (576, 384).
+
+    Args:
+        text: what was written.
+        name: option that it is the value of.
 
     Raises:
         UsageError: the text is not two whole numbers with an x between.
     """
     width, cross, height = text.strip(SPACES).lower().partition("x")
     if not cross or not _digits(width) or not _digits(height):
-        raise UsageError(f"size is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field="size")
+        raise UsageError(f"{name} is {text!r}; write WIDTHxHEIGHT in texels, for example 576x384", field=name)
     return int(width), int(height)
+
+
+def parse_texture_size(text: str) -> tuple[int, int] | Literal["auto"]:
+    """``"auto"`` or a size.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    return "auto" if text.strip(SPACES).lower() == "auto" else parse_size(text, "texture_size")
 
 
 def parse_face(text: str) -> int | Literal["largest"]:

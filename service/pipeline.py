@@ -37,6 +37,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
+from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.reflectance.make import make_reflectance
@@ -137,7 +138,7 @@ def make_avatar(
         with stage("hair"):
             hair = stages.keep("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
         with stage("texture"):
-            make = lambda: make_texture(photo, head, fit, chart, options.without, reading, hair)  # noqa: E731
+            make = lambda: make_texture(photo, head, fit, chart, reading, hair)  # noqa: E731
             texture = stages.keep("texture", make)
 
         def compare(recogniser: Recogniser) -> Similarity:
@@ -147,11 +148,12 @@ def make_avatar(
         with stage("compare"):
             similarity = stages.keep("compare", lambda: compare(recogniser_job.result()))
         reflectance, own_texture, own = None, None, None
-        if options.level.super_resolution:
+        if options.level.super_resolution or options.texture_size != "auto":
             own = OwnDetail.of(photo, head, fit, texture)
-            if "texture" in options.maps and options.own_texture_width > texture.texture.shape[1]:
-                sharp = lambda: own_texture_of(texture, own, options.own_texture_width)  # noqa: E731
-                own_texture = stages.keep("own_texture", sharp)
+            if "texture" in options.maps:
+                asked = options.texture_size
+                wanted = own.texture_size(options.most_texture_width) if asked == "auto" else asked
+                own_texture = stages.keep("own_texture", lambda: own_texture_of(texture, own, wanted))
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
@@ -162,7 +164,7 @@ def make_avatar(
                 seed=options.seed,
                 detail=options.detail,
                 without=options.without,
-                own=own,
+                own=own if options.level.super_resolution else None,
                 tile=tile,
                 progress=lambda name, done: progress(name, scale + (1 - 2 * scale) * done),
                 stages=stages,
@@ -172,6 +174,7 @@ def make_avatar(
     albedo = None if reflectance is None else reflectance.diffuse_albedo
     parts = worn(hair, head, fit, texture.texture, texture.lit_skin, albedo, brows=options.level.fine_mesh)
     parts += (*mouth_parts(head, fit, texture.parts), *eye_parts(head, fit, texture.iris))
+    parts = coarser(parts, options.level.part_texture_step)
     return Avatar(
         photo=photo,
         face=face,
@@ -195,4 +198,4 @@ def make_avatar(
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:
     head = load_head(head_file)
-    return head, Chart.build(head, *options.texture_size)
+    return head, Chart.build(head, *options.base_size)

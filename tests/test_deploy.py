@@ -185,8 +185,7 @@ def test_the_locks_have_the_versions_that_are_tested() -> None:
 def test_every_extra_for_serving_has_a_lock() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     locks = {path.stem for path in (DEPLOY / "locks").glob("*.txt")}
-    # meshoptimizer of the extra "kits" has no wheels: the image makes the kits that need none.
-    assert locks == {"base", "build", *extras} - {"dev", "train", "export", "kits"}
+    assert locks == {"base", "build", *extras} - {"dev", "train", "export"}
 
 
 def test_the_bill_of_materials_names_packages_and_data_files() -> None:

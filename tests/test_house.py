@@ -113,6 +113,16 @@ def test_every_data_file_has_a_licence_and_its_checksum() -> None:
         assert digest.strip("`") == sha256(ROOT / name), f"{name} is not the file of THIRD_PARTY.md"
 
 
+def test_what_is_not_ours_is_free_and_in_the_notice() -> None:
+    free = re.compile(r"(CC0-1\.0|MIT|BSD-[23]-Clause|Apache-2\.0|public domain)\b")
+    notice = (ROOT / "NOTICE").read_text("utf-8")
+    for name, (source, licence, *_) in third_party_rows().items():
+        assert free.match(licence), f"{name} is under {licence}"
+        if not source.startswith("ours"):
+            folder, _, file = name.removeprefix("service/data/").partition("/")
+            assert file in notice or f"service/data/{folder})" in notice, f"{name} is not in NOTICE"
+
+
 def test_the_checksum_list_is_that_of_the_data_files() -> None:
     listed = {file.path: file.sha256 for file in diagnosis.shipped_files()}
     assert listed == {path.relative_to(DATA).as_posix(): sha256(path) for path in data_files()}, "run make checksums"

@@ -4,10 +4,11 @@ DIR holds ``lee_perry_smith/``, ``hifi3d_uv/``, ``ict_facekit_head.npz`` and ``f
 seen. Mitsuba takes sharp photos of heads whose colour and relief are known (``benchmarks.detail.sitters``); a camera
 adds blur, noise and JPEG; ``make_avatar`` makes the maps. On the skin that a photo shows, bands of 0.6-1.2, 1.2-2.5 and
 2.5-6 mm of the logarithm of coded luma are compared with the true albedo's, in the photo's frame: correlation /
-strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, and the specular normals
-with the true ones. ``--sizes`` makes the first photo smaller and compares what comes out of it.
+strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the albedo that zeta alone
+leads to (``--alone``: the photo's own detail is left out), and the specular normals with the true ones. ``--sizes``
+takes the first head with as many pixels as the largest, makes that photo smaller and compares what comes out of it.
 
-Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``.
+Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``, with ``--alone`` twice as long.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
+from benchmarks.detail.alone import Kept, without_own
 from benchmarks.detail.measure import BANDS_MM, Agreement, compare
 from benchmarks.detail.shoot import Taken, shot, taken
 from benchmarks.detail.sitters import NAMES, sitter
@@ -31,6 +33,7 @@ from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.options import Options
 from service.pipeline import make_avatar
+from service.stages import Stages, Unkept
 
 MARK = ("<!-- detail -->", "<!-- /detail -->")
 SIZE = 1300
@@ -71,9 +74,9 @@ CAMERAS = (
 )  # fmt: skip
 
 
-def avatar_of(data: bytes, maps: tuple[str, ...]) -> Avatar:
+def avatar_of(data: bytes, maps: tuple[str, ...], stages: Stages = Unkept()) -> Avatar:  # noqa: B008 - holds nothing
     """The product's own way."""
-    return make_avatar(data, Options(maps=maps, face="largest"))
+    return make_avatar(data, Options(maps=maps, face="largest"), stages=stages)
 
 
 def cells(found: tuple[Agreement, ...]) -> str:
@@ -82,7 +85,7 @@ def cells(found: tuple[Agreement, ...]) -> str:
 
 
 def rows(
-    data: Path, out: Path, who: list[str], lights: list[str], cameras: list[Camera], relief: bool
+    data: Path, out: Path, who: list[str], lights: list[str], cameras: list[Camera], relief: bool, alone: bool
 ) -> Iterator[str]:
     """Rows of the first table."""
     maps = ("diffuse_albedo", "specular_normal") if relief else ("diffuse_albedo",)
@@ -92,27 +95,28 @@ def rows(
             photo = taken(head, shot(light, YAW, SIZE), out)
             for camera in cameras:
                 file, pixels = camera.file(photo)
-                made = avatar_of(file, maps)
+                kept = Kept("super_resolution")
+                made = avatar_of(file, maps, kept)
                 found = compare(made, pixels, photo, head.unfit)
+                zeta = compare(without_own(made, kept), pixels, photo, head.unfit).albedo if alone else ()
                 told = made.reflectance.detail if made.reflectance is not None else None
                 share = "-" if told is None else " ".join(f"{100 * one.share:.0f}" for one in told.octaves)
-                parts = (cells(part) for part in (found.photo, found.texture, found.albedo, found.normals))
+                parts = (cells(part) for part in (found.photo, found.texture, zeta, found.albedo, found.normals))
                 yield f"| {name} | {light} | {camera.name} | " + " | ".join(parts) + f" | {share} |"
 
 
 def sizes_table(data: Path, out: Path, who: str, sizes: list[int]) -> list[str]:
     """The same photo at several sizes: error of the albedo's detail, and how far the low frequencies differ."""
     head = sitter(who, data, out)
-    photo = taken(head, shot("soft", YAW, SIZE), out)
+    truth = taken(head, shot("soft", YAW, SIZE), out)
+    _, pixels = Camera("clean").file(taken(head, shot("soft", YAW, max(sizes)), out))
     lines = ["| rows | error of detail, 255ths | low frequencies against the largest, 255ths |", "|---|---|---|"]
     largest: npt.NDArray[np.float32] | None = None
     for size in sorted(sizes, reverse=True):
-        _, pixels = Camera("clean").file(photo)
-        way = cv2.INTER_AREA if size < SIZE else cv2.INTER_CUBIC
-        small = np.asarray(cv2.resize(pixels, (size, size), interpolation=way), np.uint8)
+        small = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
         made = avatar_of(cv2.imencode(".png", small[..., ::-1])[1].tobytes(), ("diffuse_albedo",))
         assert made.reflectance is not None and made.reflectance.diffuse_albedo is not None  # noqa: S101 - asked for
-        error = compare(made, small, photo, head.unfit).error
+        error = compare(made, small, truth, head.unfit).error
         low = cv2.resize(made.reflectance.diffuse_albedo, (96, 64), interpolation=cv2.INTER_AREA) / np.float32(257)
         seen = cv2.resize(made.texture.confidence, (96, 64), interpolation=cv2.INTER_AREA) > 200
         largest = low if largest is None else largest
@@ -124,11 +128,12 @@ def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     out: Annotated[Path, typer.Option(help="Folder that keeps the photos.")] = Path("build/bench"),
     who: Annotated[str, typer.Option(help="Heads, with commas between.")] = "scan,hifi3d 1",
-    lights: Annotated[str, typer.Option(help="Of benchmarks.render, with commas between.")] = "soft,left",
+    lights: Annotated[str, typer.Option(help="Of benchmarks.render, with commas between; '' for none.")] = "soft,left",
     cameras: Annotated[str, typer.Option(help="Cameras, with commas between, or 'all'.")] = "clean",
     relief: Annotated[bool, typer.Option(help="Compare normals, too.")] = True,
+    alone: Annotated[bool, typer.Option(help="Compare what zeta alone leads to, too.")] = False,
     sizes: Annotated[
-        str, typer.Option(help="Rows of smaller and larger photos, with commas between; '' for none.")
+        str, typer.Option(help="Rows of the same photo, with commas between; '' for none.")
     ] = "",
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
@@ -140,11 +145,12 @@ def main(
         raise typer.BadParameter(f"{who!r} and {cameras!r}: there are {known}")
     out.mkdir(parents=True, exist_ok=True)
     bands = [f"{low:g}-{high:g}" for low, high in BANDS_MM]
-    kinds = ("photo itself", "texture 576", "albedo", "normals")
+    kinds = ("photo itself", "texture 576", "zeta alone", "albedo", "normals")
     lines = ["| head | light | camera | " + " | ".join(f"{kind} {one}" for kind in kinds for one in bands)
              + " | photo's share by octave, % |"]  # fmt: skip
     lines.append("|---" * (4 + len(kinds) * len(bands)) + "|")
-    for row in rows(folder, out, heads, lights.split(","), [one for one in CAMERAS if one.name in names], relief):
+    chosen = [one for one in CAMERAS if one.name in names]
+    for row in rows(folder, out, heads, lights.split(",") if lights else [], chosen, relief, alone):
         typer.echo(row, err=True)
         lines.append(row)
     if sizes:

@@ -20,6 +20,8 @@ DISTANCE_M, WIDTH_M = 1.2, 0.19
 """Of the camera, and what the picture is wide there: a head fills it."""
 SAMPLES = 16
 """Paths per pixel, stratified."""
+MOST_PATHS = 2**25
+"""Paths that Mitsuba follows at once: each takes some 100 bytes."""
 ROUGHNESS, SPECULAR = 0.42, 0.35
 """Of the skin, in Disney's principled model."""
 
@@ -76,13 +78,14 @@ def render(head: Sitter, view: Shot, scratch: Path) -> Taken:
     """Render a sitter; ``scratch`` is a folder for meshes that are removed again."""
     mi = mitsuba()
     scene = mi.load_dict(_scene(mi, head, view, scratch))
+    sensors = [mi.load_dict(_sensor(mi, view, strip)) for strip in strips(view.size)]
     path = mi.load_dict({"type": "path", "max_depth": 4})
-    radiance = _rendered(mi, scene, path, SAMPLES)[..., :3]
+    radiance = _rendered(mi, scene, sensors, path, SAMPLES)[..., :3]
     wanted = "p:position,n:sh_normal,u:uv,d:dp_du"
-    found = _rendered(mi, scene, mi.load_dict({"type": "aov", "aovs": wanted}), 1)[..., -11:]
+    found = _rendered(mi, scene, sensors, mi.load_dict({"type": "aov", "aovs": wanted}), 1)[..., -11:]
     position, base, uv, along = np.split(found, [3, 6, 8], -1)
     colours = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
-    albedo = _rendered(mi, scene, colours, 16)[..., -3:]
+    albedo = _rendered(mi, scene, sensors, colours, 16)[..., -3:]
     apart = np.stack([np.linalg.norm(position - eye, axis=-1) for eye in head.eyes]).min(0)
     skin = (np.linalg.norm(base, axis=-1) > 0.9) & (apart > 1.05 * head.eye_radius)
     normal = _with_relief(head, base, along, uv)
@@ -140,8 +143,25 @@ def axes_of(view: Shot) -> npt.NDArray[np.float64]:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def _rendered(mi: Any, scene: Any, integrator: Any, samples: int) -> Float:
-    return np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)
+def strips(size: int) -> list[tuple[int, int]]:
+    """First row and number of rows of the strips that a square picture is rendered in."""
+    rows = max(MOST_PATHS // (SAMPLES * size), 1)
+    return [(top, min(rows, size - top)) for top in range(0, size, rows)]
+
+
+def _rendered(mi: Any, scene: Any, sensors: list[Any], integrator: Any, samples: int) -> Float:
+    parts = [mi.render(scene, sensor=sensor, integrator=integrator, spp=samples) for sensor in sensors]
+    return np.concatenate([np.array(part, np.float32) for part in parts])
+
+
+def _sensor(mi: Any, view: Shot, strip: tuple[int, int]) -> dict[str, Any]:
+    """The camera of some rows of the picture."""
+    camera = mi.ScalarTransform4f().look_at(origin=view.origin.tolist(), target=view.target.tolist(), up=[0, 1, 0])
+    film = {"type": "hdrfilm", "width": view.size, "height": view.size, "rfilter": {"type": "box"}}
+    if strip[1] < view.size:
+        film |= {"crop_offset_x": 0, "crop_offset_y": strip[0], "crop_width": view.size, "crop_height": strip[1]}
+    sampler = {"type": "multijitter", "sample_count": SAMPLES}
+    return {"type": "perspective", "fov": view.fov, "to_world": camera, "film": film, "sampler": sampler}
 
 
 def _with_relief(head: Sitter, base: Float, along: Float, uv: Float) -> Float:
@@ -164,17 +184,8 @@ def _scene(mi: Any, head: Sitter, view: Shot, scratch: Path) -> dict[str, Any]:
 
     skin = {"type": "principled", "roughness": ROUGHNESS, "specular": SPECULAR, "base_color": bitmap(head.albedo)}
     relief = {"type": "normalmap", "normalmap": bitmap(head.normal * 0.5 + 0.5), "b": skin}
-    camera = mi.ScalarTransform4f().look_at(origin=view.origin.tolist(), target=view.target.tolist(), up=[0, 1, 0])
-    film = {"type": "hdrfilm", "width": view.size, "height": view.size, "rfilter": {"type": "box"}}
     scene: dict[str, Any] = {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": view.fov,
-            "to_world": camera,
-            "film": film,
-            "sampler": {"type": "multijitter", "sample_count": SAMPLES},
-        },
         "sky": {"type": "envmap", "bitmap": mi.Bitmap(environment(view.light, view.seed))},
         "head": _mesh(mi, head.vertices, head.triangles, head.uv, {"type": "twosided", "b": relief}),
     }

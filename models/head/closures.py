@@ -14,6 +14,7 @@ import numpy.typing as npt
 from models.head.bases import Bases
 from models.head.digest import BASE_NAME, change_file
 from models.head.expression import PARTNERS
+from models.head.freed import freed
 from models.head.lids import close
 from models.head.lining import clear_of_teeth
 from models.head.lips import TONGUE_JAW, find_lips, seal
@@ -44,6 +45,10 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
     sealed = clear_of_teeth(
         sealed, rows, insets.fitted_head.astype(np.float64), np.flatnonzero(inside), members, head.expression_names,
         TONGUE_JAW,
+    )  # fmt: skip
+    sealed = freed(
+        sealed, insets.meshes, insets.fitted_head.astype(np.float64), np.flatnonzero(inside),
+        np.asarray(head.triangles[head.triangle_part == 0], np.int64), head.expression_names,
     )  # fmt: skip
     out = close(sealed, quads, balls, regions, head.expression_names)
     partners = [head.expression_names.index(PARTNERS[name]) for name in head.expression_names]

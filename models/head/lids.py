@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.head.bases import Bases
+from models.head.heads import some_heads
 from models.head.quads import Quads, columns, halves, rows_round
 
 Float = npt.NDArray[np.float64]
@@ -44,7 +45,7 @@ CLEAR_M, CORNEA_M = 0.00015, 0.0012
 CORNEA_DEG = (38.0, 60.0)
 """Angles from the line of sight up to which all of it is added, and from which on none is: an eye turns by 30."""
 
-NEAR_M = (0.0008, 0.0030)
+NEAR_M = (0.0016, 0.0050)
 """Distance from the ball up to which skin keeps its distance in all identities, and from which on it is free."""
 
 
@@ -124,6 +125,7 @@ def close(
         expression_names: the 52 units of ARKit, in any order.
     """
     mean, identity, expression = bases.mean.copy(), bases.identity.copy(), bases.expression.copy()
+    heads = some_heads(identity)
     skin, local = np.unique(quads, return_inverse=True)
     local = local.reshape(quads.shape)
     edges = np.concatenate([local[:, [0, 1]], local[:, [1, 2]], local[:, [0, 2]], local[:, [1, 3]]])
@@ -149,6 +151,19 @@ def close(
             # A straight way to the closed lid leads through the ball: half way counts as well.
             for share in (0.5, 1.0, 0.5):
                 unit[skin] += globe.outwards(mean[skin] + share * unit[skin], edges) / share
+        # Rigid in the mean, the same motions are a little off in other heads, so the worst of some decides.
+        spread = [np.einsum("k,kvc->vc", head, identity) for head in heads]
+        globes = [_Globe.of((bases.mean + other)[ball]) for other in spread]
+
+        def lack(moved: Float, spread: list[Float] = spread, globes: list[_Globe] = globes) -> Float:
+            each = [one.outwards((moved + other)[skin], edges) for one, other in zip(globes, spread, strict=True)]
+            worst = np.linalg.norm(each, axis=2).argmax(0)
+            return np.asarray(each)[worst, np.arange(len(skin))]
+
+        mean[skin] += lack(mean)
+        for unit in expression:
+            for share in (1.0, 0.5):
+                unit[skin] += lack(mean + share * unit) / share
     return Bases(mean, identity, expression)
 
 

@@ -62,7 +62,7 @@ that leave the lips closed, and the three before it: with more the lips would pi
 OPENS = (0.02, 0.25)
 """Share of a unit's largest opening up to which the lips go together, and from which on they move on their own."""
 
-MILDER = {"mouthRollUpper": 0.5, "mouthRollLower": 0.7, "mouthShrugLower": 0.8}
+MILDER = {"mouthPucker": 0.75, "mouthRollUpper": 0.5, "mouthRollLower": 0.7, "mouthShrugLower": 0.8}
 """Factor on units that would pull the lips through the teeth, by 9.6 mm and 4.6 mm, or through each other."""
 
 CLEAR_MM = {"inner": ((0.30, 0.9), (0.45, 1.3)), "outer": ((0.8, 1.6), (0.8, 1.6))}

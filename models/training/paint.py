@@ -1,8 +1,13 @@
-"""Marks of the skin that no light made: brows, lips, beards and lids of every depth of colour, and blotches.
+"""Marks of the skin that no light made: brows, lips, beards and lids of every depth, tones of regions, blotches.
 
 The light stage draws all of them, but at fixed places of the chart and within what its subjects have. A network that
 knows by heart how dark a brow is takes the rest of a darker one for shade, and bleaches it. Painted on texture and
 albedo alike, marks leave the light as it is: so the network has to tell them from shade.
+
+The stage's regions are also more alike than those of real skin: its lids are as bright as its cheeks, in published
+albedo maps they are a quarter to a half darker, and cheeks and forehead are paler than the rest (the first table of
+``benchmarks.albedo`` that names regions). What a network expects of a region is what it gives where shade and pigment
+cannot be told apart, so the marks have about the mean of real skin, and a spread that is wider.
 """
 
 from __future__ import annotations
@@ -14,7 +19,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from models.colour import linear, srgb
-from models.training.degrade import smooth_field
+from models.training.degrade import blur, smooth_field
 from models.training.regions import region_planes
 from models.training.tasks import choice, uniform
 
@@ -24,28 +29,36 @@ class Mark:
     """A mark on a region of the left half of the face, and its mirror image.
 
     Attributes:
-        region: of the head model.
+        regions: of the head model, taken together.
         depth: range of -log(albedo with / without it) at its darkest; below 0 it is paler than the skin.
         colour: of that, by channel.
         shift: standard deviation of its place, texels of the context's chart: people and fits differ.
         patchy: standard deviation of its depth within the mark, as a share.
+        soft: standard deviation of the blur of its borders, texels of the context's chart.
     """
 
-    region: str
+    regions: tuple[str, ...]
     depth: tuple[float, float]
     colour: tuple[float, float, float]
     shift: float
     patchy: float
+    soft: float = 0.0
 
 
 MARKS = (
-    Mark("brow_left", (-0.3, 1.4), (0.95, 1.0, 1.05), 2.0, 0.3),
-    Mark("lips", (-0.2, 0.9), (0.4, 1.0, 0.9), 0.7, 0.1),
-    Mark("beard", (-0.5, 0.9), (0.95, 1.0, 0.95), 2.0, 0.12),
-    Mark("eyelid_upper_left", (-0.2, 0.6), (0.85, 1.0, 1.0), 1.0, 0.2),
-    Mark("eyelid_lower_left", (-0.2, 0.4), (0.85, 1.0, 0.95), 1.0, 0.2),
+    Mark(("brow_left",), (-0.3, 1.4), (0.95, 1.0, 1.05), 2.0, 0.3),
+    Mark(("lips",), (-0.2, 1.1), (0.65, 1.0, 0.95), 0.7, 0.1),
+    Mark(("beard",), (-0.5, 0.9), (0.95, 1.0, 0.95), 2.0, 0.12),
+    Mark(("eyelid_upper_left",), (-0.2, 0.7), (0.8, 1.0, 1.1), 1.0, 0.2),
+    Mark(("eyelid_lower_left",), (-0.2, 0.6), (0.8, 1.0, 1.1), 1.0, 0.2),
+    Mark(("eyelid_left",), (-0.2, 0.7), (0.8, 1.0, 1.1), 2.0, 0.2, 4.0),
+    Mark(("cheek_left",), (-0.6, 0.15), (0.75, 1.0, 1.1), 3.0, 0.2, 4.0),
+    Mark(("forehead",), (-0.4, 0.2), (0.8, 1.0, 1.05), 3.0, 0.2, 4.0),
+    Mark(("nose",), (-0.35, 0.15), (0.9, 1.0, 1.0), 1.0, 0.2, 2.0),
+    Mark(("nose_tip",), (-0.15, 0.6), (0.8, 1.0, 0.9), 1.5, 0.2, 2.0),
+    Mark(("chin",), (-0.2, 0.5), (1.0, 0.95, 0.95), 3.0, 0.2, 4.0),
 )
-PAINTED = 0.7
+PAINTED = 0.75
 """Share of the charts that have each mark."""
 BLOTCHES, BLOTCH_CELLS = 0.05, (6, 12, 24, 48)
 """Standard deviation of the logarithm of blotches, itself random, and how many of them lie across a chart."""
@@ -54,8 +67,11 @@ BLOTCHES, BLOTCH_CELLS = 0.05, (6, 12, 24, 48)
 class Painter:
     """Paints charts; knows where the marks are."""
 
-    def __init__(self) -> None:
-        self.places = region_planes(*((mark.region,) for mark in MARKS))
+    def __init__(self, marks: tuple[Mark, ...] = MARKS) -> None:
+        self.marks = marks
+        sharp = region_planes(*(mark.regions for mark in marks))
+        soft = torch.cat([blur(one[None, None], mark.soft)[0] for one, mark in zip(sharp, marks, strict=True)])
+        self.places = soft / soft.amax((1, 2), keepdim=True).clamp(min=1e-6)
 
     def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same marks; the light between them stays as it was."""
@@ -70,7 +86,7 @@ class Painter:
         height, width = self.places.shape[1:]
         shape = (count, 1, height, width)
         logs = torch.zeros(count, 3, height, width)
-        for place, mark in zip(self.places, MARKS, strict=True):
+        for place, mark in zip(self.places, self.marks, strict=True):
             shift = mark.shift * torch.randn(count, 2, generator=generator) * torch.tensor([2.0 / width, 2.0 / height])
             size = torch.exp(0.1 * torch.randn(count, 2, generator=generator))
             where = moved(place.expand(count, 1, -1, -1), shift, size)

@@ -12,7 +12,7 @@ from typing import Any, cast
 from pydantic import TypeAdapter, ValidationError
 
 from service.api.problems import ProblemError
-from service.options import Options, parse_face, parse_maps, parse_size
+from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size
 
 MAX_BYTES = 16 << 10
 MAX_METADATA = 2 << 10
@@ -80,7 +80,7 @@ def _shaped(name: str, value: Any) -> Any:
     """Words as on the command line, and lists as tuples."""
     if isinstance(value, str) and name in _WORDS:
         return _WORDS[name](value)
-    if isinstance(value, list) and name in ("maps", "size"):
+    if isinstance(value, list) and name in ("maps", "size", "texture_size"):
         return tuple(value)
     return value
 
@@ -97,7 +97,12 @@ def _from_text(name: str, text: str) -> Any:
 
 NAMES = frozenset(field.name for field in fields(Options))
 
-_WORDS: dict[str, Callable[[str], Any]] = {"maps": parse_maps, "size": parse_size, "face": parse_face}
+_WORDS: dict[str, Callable[[str], Any]] = {
+    "maps": parse_maps,
+    "size": parse_size,
+    "texture_size": parse_texture_size,
+    "face": parse_face,
+}
 """Options that the command line writes in words of their own."""
 
 

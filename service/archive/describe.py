@@ -13,7 +13,7 @@ from service.archive.avatar import Avatar
 from service.archive.container import in_order
 from service.archive.glb import weights_by_name
 from service.archive.map_files import MapFiles
-from service.archive.maps import MAPS, MapSpec
+from service.archive.maps import MAPS, MapSpec, wrinkle_of
 from service.archive.meshes import drawn_parts, map_files
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.archive.version import PROGRAM
@@ -125,6 +125,7 @@ def _head(avatar: Avatar) -> m.Head:
 
 def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
     width, height, bits, colour_type = _PNG_HEADER.unpack_from(data, 16)
+    wrinkle = wrinkle_of(avatar, spec.role)
     return m.Map(
         path=spec.path,
         role=spec.role,
@@ -137,6 +138,7 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
         sha256=hashlib.sha256(data).hexdigest(),
         frame=spec.frame(avatar),
         coding=m.Coding(*spec.coding(bits), spec.meaning),
+        units=None if wrinkle is None else {unit: round(value, 6) for unit, value in wrinkle.units.items()},
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from service.archive.gltf import GltfWriter
-from service.archive.images import encode_png
+from service.archive.images import encode_jpeg, encode_png
 from service.arrays import UInt8
 from service.materials.material import WHITE, ChartMap, Map, Material, OwnMap
 
@@ -19,6 +19,8 @@ Slot = Literal["colour", "roughness", "specular", "normal", "cavity"]
 SPECULAR, IOR, TRANSMISSION = "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission"
 
 DEFAULT_IOR = 1.5
+JPEG_QUALITY = 92
+"""Of colours without alpha; ``maps/`` has all of them without loss."""
 
 _LINEAR, _MIPMAPS, _CLAMP = 9729, 9987, 33071
 
@@ -121,8 +123,7 @@ class Materials:
             return None if picture is None else self._image(one.role, "", picture)
         if (id(one), slot) in self._known:
             return self._known[id(one), slot]
-        data = encode_png(packed(one.pixels, slot), srgb=slot == "colour")
-        return self._image(one.name, slot, Picture(data, "image/png"), id(one))
+        return self._image(one.name, slot, _encoded(packed(one.pixels, slot), slot), id(one))
 
     def _image(self, name: str, slot: str, picture: Picture, key: int | None = None) -> int:
         key = id(picture) if key is None else key
@@ -132,6 +133,12 @@ class Materials:
             self._textures.append({"name": name, "source": len(self._images) - 1, "sampler": 0})
             self._known[key, slot] = len(self._textures) - 1
         return self._known[key, slot]
+
+
+def _encoded(pixels: UInt8, slot: Slot) -> Picture:
+    if slot == "colour" and pixels.shape[2] == 3:
+        return Picture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
+    return Picture(encode_png(pixels, srgb=slot == "colour", level=9), "image/png")
 
 
 def packed(pixels: UInt8, slot: Slot) -> UInt8:

@@ -121,6 +121,8 @@ class Map(_Strict):
     frame: Literal["object", "tangent"] | None
     """For normals: object is head space (+Y up, +Z out of the face), tangent is +Y (OpenGL)."""
     coding: Coding
+    units: dict[str, float] | None = None
+    """For wrinkles: the blendshapes that fold the skin, and their weights in the photo, at which the map is this."""
 
 
 @dataclasses.dataclass(frozen=True)

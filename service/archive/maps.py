@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,9 +16,20 @@ from service.archive.images import normal_coding, quantise_normals, to_8_bits
 from service.archive.png import Rows
 from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
-from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, unpack_normals
+from service.reflectance.folds.creases import GROUPS
+from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
 from service.reflectance.surface.make import CODES_PER_MM
 from service.texture.result import MIRRORED, SEEN
+
+HEIGHT_STEP = 1 / 128
+"""Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
+codes of the normals."""
+WRINKLE = "wrinkle_"
+"""Roles of maps of folds begin so; the rest is the name of the group of units."""
+COARSEST_STEP = 32
+"""Codes of the coarsest step, 1.6 micrometres."""
+CHART_MM = 410.0
+"""Width of the chart at its scale on the face, 15 texels per mm at 6144 (``python -m models.head.report``)."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +84,9 @@ def in_object_space(avatar: Avatar) -> bool:
 
 
 def map_wanted(avatar: Avatar, role: str) -> bool:
-    """Whether the options request a map; without a list they request all."""
+    """Whether the options request a map; without a list they request all. Wrinkles come with the specular normals."""
+    if role.startswith(WRINKLE):
+        role = "specular_normal"
     chosen = avatar.options.get("maps")
     return chosen is None or role in chosen
 
@@ -106,6 +120,39 @@ def _as_they_are(codes: UInt8 | UInt16 | None) -> Rows | None:
     return None if codes is None else Rows.of(codes)
 
 
+def _heights(codes: UInt16 | None) -> Rows | None:
+    """Displacement in steps of ``HEIGHT_STEP`` of a texel's side: finer ones are noise that cannot be compressed."""
+    if codes is None:
+        return None
+    step = min(2 ** int(math.log2(max(HEIGHT_STEP * CHART_MM / codes.shape[1] / SCALE_MM, 1.0))), COARSEST_STEP)
+    half, limit = step // 2, 65535 - MID
+    return Rows(
+        codes.shape, 16,
+        lambda first, last: np.asarray(
+            np.minimum((codes[first:last].astype(np.int32) - MID + half) // step * step, limit // step * step) + MID,
+            np.uint16,
+        ),
+    )  # fmt: skip
+
+
+_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
+
+
+def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
+    """The wrinkles of an avatar that a map of this role shows."""
+    made = () if avatar.reflectance is None else avatar.reflectance.wrinkles
+    return next((one for one in made if WRINKLE + one.name == role), None)
+
+
+def _wrinkle(role: str) -> MapSpec:
+    def codes(avatar: Avatar) -> Rows | None:
+        found = wrinkle_of(avatar, role)
+        return None if found is None else _tangent(avatar, found.normal)
+
+    meaning = f"unit normal of folds that the photo's expression makes and the other maps are without. {_FRAMES}"
+    return MapSpec(role, "normal", "data", meaning, codes, framed=True)
+
+
 def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
     """Normals of the reflectance as codes of the archive, in the frame and bits that the options request."""
     if codes is None:
@@ -124,8 +171,6 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
 
     return Rows((*plain.shape[:2], 3), bits, read)
 
-
-_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
 
 MAPS = (
     MapSpec(
@@ -146,8 +191,9 @@ MAPS = (
     ),
     MapSpec(
         "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
-        lambda avatar: _as_they_are(_of(lambda made: made.displacement)(avatar)),
+        lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
     ),
+    *(_wrinkle(WRINKLE + name) for name in GROUPS),
     MapSpec(
         "roughness", "colour", "linear", "square root of GGX alpha, of one lobe for both of the skin's, in [0, 1]",
         lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),
@@ -159,6 +205,12 @@ MAPS = (
     MapSpec(
         "thickness", "length", "linear", "millimetres of flesh under the skin; the last code is that or more",
         lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
+    ),
+    MapSpec(
+        "albedo_error", "colour", "linear",
+        "error of the natural logarithm of the diffuse albedo's luminance that two texels in three stay within; "
+        "1 is that or more, and all that is no skin",
+        lambda avatar: _as_they_are(_of(lambda made: made.albedo_error)(avatar)),
     ),
     MapSpec(
         "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",

@@ -8,15 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from service.archive.avatar import Avatar
-from service.archive.gltf_materials import Picture
+from service.archive.gltf_materials import JPEG_QUALITY, Picture
 from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
 from service.arrays import Float32, UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-GLB_TEXTURE_PX = 2048
-"""Longest side of a texture in the GLB; many viewers refuse more than 4096."""
+GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
+"""Longest side of a texture in the GLB, where many viewers refuse more than 4096: two thirds of the maps', but no
+more than the first and no less than the second."""
+OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
+"""The same of maps that are there for the OBJ alone, as EXR without loss: a third. The full ones lie in ``maps/``."""
+PNG_LEVEL = 6
+"""Of zlib, for the GLB's small textures."""
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
@@ -35,18 +40,18 @@ def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
 
 
 def chart_values(avatar: Avatar) -> dict[str, Float32]:
-    """Maps of the chart that are no colours, no wider than ``GLB_TEXTURE_PX``, by role.
+    """Maps of the chart that are no colours, no wider than ``OBJ_TEXTURE_PX``, by role.
 
     Normals (h, w, 3) in [-1, 1], specular albedo and roughness (h, w) in [0, 1].
     """
     made = avatar.reflectance
     found: dict[str, Any] = {}
     if made is not None and made.specular_normal is not None:
-        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal))
+        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal, obj=True))
     if made is not None and made.specular_albedo is not None:
-        found["specular_albedo"] = _fitting(made.specular_albedo) / np.float32(65535)
+        found["specular_albedo"] = _fitting(made.specular_albedo, obj=True) / np.float32(65535)
     if avatar.surface is not None and avatar.surface.roughness is not None:
-        found["roughness"] = avatar.surface.roughness / np.float32(255)
+        found["roughness"] = _fitting(avatar.surface.roughness, obj=True) / np.float32(255)
     return {role: np.asarray(values, np.float32) for role, values in found.items()}
 
 
@@ -58,7 +63,7 @@ def surface_picture(avatar: Avatar) -> Picture | None:
     channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
     channels[..., 0] = 255 if surface.cavity is None else surface.cavity
     channels[..., 1] = surface.roughness
-    return Picture(encode_png(channels, srgb=False), "image/png")
+    return Picture(encode_png(channels, srgb=False, level=PNG_LEVEL), "image/png")
 
 
 def colours(avatar: Avatar) -> Picture:
@@ -66,14 +71,12 @@ def colours(avatar: Avatar) -> Picture:
     made = avatar.reflectance
     if made is None or made.diffuse_albedo is None:
         return glb_texture(avatar.texture.texture)
-    codes = _fitting(made.diffuse_albedo)
-    return _picture((codes // 257).astype(np.uint8), photographic=codes is not made.diffuse_albedo)
+    return glb_texture((_fitting(made.diffuse_albedo) // 257).astype(np.uint8))
 
 
 def glb_texture(texture: UInt8) -> Picture:
-    """A texture (h, w, 3) uint8 sRGB as PNG; larger ones reduced to ``GLB_TEXTURE_PX`` as JPEG."""
-    smaller = _fitting(texture)
-    return _picture(smaller, photographic=smaller is not texture)
+    """A texture (h, w, 3) uint8 sRGB as JPEG, larger ones reduced to ``GLB_TEXTURE_PX``."""
+    return Picture(encode_jpeg(_fitting(texture), JPEG_QUALITY), "image/jpeg")
 
 
 def normal_picture(made: Reflectance) -> Picture | None:
@@ -83,7 +86,8 @@ def normal_picture(made: Reflectance) -> Picture | None:
     """
     if made.specular_normal is None:
         return None
-    return Picture(encode_png(encode_normals8(unpack_normals(_fitting(made.specular_normal))), srgb=False), "image/png")
+    codes = encode_normals8(unpack_normals(_fitting(made.specular_normal)))
+    return Picture(encode_png(codes, srgb=False, level=PNG_LEVEL), "image/png")
 
 
 def specular_picture(made: Reflectance) -> Picture | None:
@@ -96,23 +100,20 @@ def specular_picture(made: Reflectance) -> Picture | None:
     alpha = _fitting(made.specular_albedo)
     rgba = np.full((*alpha.shape, 4), 255, np.uint8)
     rgba[..., 3] = to_8_bits(alpha)
-    return Picture(encode_png(rgba, srgb=False), "image/png")
+    return Picture(encode_png(rgba, srgb=False, level=PNG_LEVEL), "image/png")
 
 
-def _picture(image: UInt8, *, photographic: bool) -> Picture:
-    if photographic:
-        return Picture(encode_jpeg(image, 92), "image/jpeg")
-    return Picture(encode_png(image, srgb=True), "image/png")
-
-
-def _fitting(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-    """The image, reduced by area where its longest side exceeds ``GLB_TEXTURE_PX``."""
+def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
+    """The image, reduced by area to what GLB or OBJ have of it."""
     import cv2
 
     longest = max(image.shape[:2])
-    if longest <= GLB_TEXTURE_PX:
+    share = longest // 3 if obj else longest * 2 // 3
+    least, largest = (SMALL_OBJ_PX, OBJ_TEXTURE_PX) if obj else (SMALL_GLB_PX, GLB_TEXTURE_PX)
+    most = min(max(share, least), largest)
+    if longest <= most:
         return image
-    size = (image.shape[1] * GLB_TEXTURE_PX // longest, image.shape[0] * GLB_TEXTURE_PX // longest)
+    size = (image.shape[1] * most // longest, image.shape[0] * most // longest)
     pixels: Any = image
     smaller = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
     return np.asarray(smaller, image.dtype)

@@ -1,8 +1,9 @@
 """``mesh/head.usda``: the neutral head for USD tools, with blendshapes whose weights give the photo's expression.
 
-A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as face-varying
-``primvars:st``, origin bottom left), the ARKit units as UsdSkel blendshapes, a skeleton, and one material per kind of
-surface.
+A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as ``primvars:st``,
+origin bottom left: face-varying with indices, or one per vertex where the texture has no cuts), the ARKit units as
+UsdSkel blendshapes, a skeleton, and one material per kind of surface. Positions are whole micrometres, offsets of
+blendshapes tens of them.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ from service.archive.map_files import MapFiles
 from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.surface import vertex_normals
 from service.archive.usd_materials import material_text
-from service.archive.usd_text import integers, numbers, tuples
+from service.archive.usd_text import fixed_tuples, integers, numbers
 from service.arrays import Float32, Float64, Int64
 from service.head.files import split_polygons
 from service.materials.part import MeshPart
 
-SMALLEST_OFFSET_M = 5e-6
+SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""
+SMALLEST_TURN, TURN_STEP = 0.2, 0.05
+"""Blendshapes that turn no normal by more, 12 degrees, have no offsets of normals; the others have them in steps."""
 
 REST = "rest_of_the_photo"
 """Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""
@@ -73,10 +76,7 @@ _MESH = """\
         normal3f[] normals = [{normals}] (
             interpolation = "vertex"
         )
-        texCoord2f[] primvars:st = [{st}] (
-            interpolation = "faceVarying"
-        )
-        int[] primvars:skel:jointIndices = [{joints}] (
+{chart}        int[] primvars:skel:jointIndices = [{joints}] (
             elementSize = {influences}
             interpolation = "vertex"
         )
@@ -91,12 +91,25 @@ _MESH = """\
 {blendshapes}    }}
 """
 
+_CHART = """\
+        texCoord2f[] primvars:st = [{st}] (
+            interpolation = "{interpolation}"
+        )
+{indices}"""
+
+_CHART_INDICES = """\
+        int[] primvars:st:indices = [{indices}]
+"""
+
+_TURNED = """\
+            uniform vector3f[] normalOffsets = [{turned}]
+"""
+
 _SHAPE = """\
         def BlendShape "{name}"
         {{
             uniform vector3f[] offsets = [{offsets}]
-            uniform vector3f[] normalOffsets = [{turned}]
-            uniform int[] pointIndices = [{indices}]
+{turned}            uniform int[] pointIndices = [{indices}]
         }}
 """
 
@@ -155,7 +168,7 @@ def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -
 def _moved(by: Float64) -> str:
     rows = np.eye(4)
     rows[3, :3] = by
-    return f"({tuples(rows, 6)})"
+    return f"({fixed_tuples(rows, 6)})"
 
 
 def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, float]) -> dict[str, Float32]:
@@ -169,7 +182,7 @@ def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, 
 
 
 def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> str:
-    polygons, places = part.polygons, part.polygons_uv
+    polygons = part.polygons
     present, corners = polygons >= 0, split_polygons(polygons)
     still = vertex_normals(part.neutral, corners)
     if weights is None:
@@ -182,12 +195,12 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         name=part.name,
         material=part.material.name,
         double_sided="true" if part.material.double_sided else "false",
-        extent=tuples([both.min(0), both.max(0)], 6),
+        extent=fixed_tuples([both.min(0), both.max(0)], 6),
         counts=integers(present.sum(1)),
         indices=integers(polygons[present]),
-        points=tuples(part.neutral, 6),
-        normals=tuples(still, 4),
-        st=tuples(part.uv[places[present]], 6),
+        points=fixed_tuples(part.neutral, 6),
+        normals=fixed_tuples(still, 2),
+        chart=_chart(part),
         joints=integers(indices),
         weights=numbers(influences, 7),
         influences=influences.shape[1],
@@ -209,12 +222,23 @@ def _influences(weights: Float32) -> tuple[Float32, Int64]:
     return np.asarray(steps / 64, np.float32), order
 
 
+def _chart(part: MeshPart) -> str:
+    """The primvar ``st`` of a part."""
+    if part.uv_faces is None:
+        return _CHART.format(st=fixed_tuples(part.uv, 5), interpolation="vertex", indices="")
+    places = part.polygons_uv
+    used, index = np.unique(places[places >= 0], return_inverse=True)
+    indices = _CHART_INDICES.format(indices=integers(index))
+    return _CHART.format(st=fixed_tuples(part.uv[used], 5), interpolation="faceVarying", indices=indices)
+
+
 def _shape(name: str, offsets: Float32, turned: Float32) -> str:
-    moved = np.flatnonzero((np.abs(offsets) > SMALLEST_OFFSET_M).any(1))
+    moved = np.flatnonzero(np.linalg.norm(offsets, axis=1) > SMALLEST_OFFSET_M)
+    turns = bool(np.abs(turned[moved]).max(initial=0.0) > SMALLEST_TURN)
     return _SHAPE.format(
         name=name,
-        offsets=tuples(np.round(offsets[moved], 6), 4),
-        turned=tuples(np.round(turned[moved], 2), 2),
+        offsets=fixed_tuples(offsets[moved], 5),
+        turned=_TURNED.format(turned=fixed_tuples(np.rint(turned[moved] / TURN_STEP) * TURN_STEP, 2)) if turns else "",
         indices=integers(moved),
     )
 

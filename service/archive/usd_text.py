@@ -66,20 +66,31 @@ def _assigned(value: Value, parent: str) -> str:
     return f' = "{value}"' if isinstance(value, str) else f" = {value:.7g}"
 
 
-def tuples(rows: AnyFloat | Sequence[AnyFloat], digits: int) -> str:
-    """Rows (N, C) as "(a, b), (c, d)" with so many significant digits."""
-    values = np.asarray(rows, np.float64) + 0.0  # -0.0 becomes 0.0
-    number = f"%.{digits}g"
-    pattern = "(" + ", ".join([number] * values.shape[1]) + ")"
-    return ", ".join([pattern] * len(values)) % tuple(values.ravel().tolist())
+def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
+    """Rows (N, C), rounded to so many decimals, as "(a,b),(c,d)" in as few characters as the values allow."""
+    values = np.asarray(rows, np.float64)
+    codes, place = np.unique(np.rint(values * 10**decimals).astype(np.int64), return_inverse=True)
+    words = [_shortest(code, decimals) for code in codes.tolist()]
+    flat = [words[index] for index in place.ravel().tolist()]
+    return ",".join(f"({','.join(flat[at : at + values.shape[1]])})" for at in range(0, len(flat), values.shape[1]))
+
+
+def _shortest(code: int, decimals: int) -> str:
+    """Code * 10^-decimals: ".0125" or "125e-4", whichever is shorter."""
+    if code == 0:
+        return "0"
+    whole, rest = divmod(abs(code), 10**decimals)
+    plain = f"{whole or ''}.{rest:0{decimals}d}".rstrip("0").rstrip(".")
+    power = f"{abs(code)}e-{decimals}"
+    return ("-" if code < 0 else "") + min(plain, power, key=len)
 
 
 def numbers(values: AnyFloat, digits: int) -> str:
-    """Numbers of any shape, flat, as "a, b" with so many significant digits."""
+    """Numbers of any shape, flat, as "a,b" with so many significant digits."""
     flat = np.asarray(values, np.float64).ravel() + 0.0
-    return ", ".join([f"%.{digits}g"] * len(flat)) % tuple(flat.tolist())
+    return ",".join([f"%.{digits}g"] * len(flat)) % tuple(flat.tolist())
 
 
 def integers(values: AnyInt) -> str:
-    """Integers of any shape, flat, as "a, b"."""
-    return ", ".join(map(str, np.asarray(values).ravel().tolist()))
+    """Integers of any shape, flat, as "a,b"."""
+    return ",".join(map(str, np.asarray(values).ravel().tolist()))

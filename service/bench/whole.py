@@ -83,7 +83,7 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
         super_resolution=enlarged and set(NETWORKS["super_resolution"]) <= there,
         keep_cliffs=options.level.keep_cliffs,
     )
-    avatar = make_avatar(photo, replace(options, maps=TEXTURE_MAPS, size=options.texture_size))
+    avatar = make_avatar(photo, replace(options, maps=TEXTURE_MAPS, size=options.base_size))
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     reflectance = make_reflectance(
         avatar.texture.texture, subject, plan, options.map_size, run.engine, tile=run.tile

@@ -74,6 +74,10 @@ def make(
     maps: Maps = None,
     quality: Quality = None,
     size: Size = None,
+    texture_size: Annotated[
+        str | None,
+        typer.Option(metavar="auto|WIDTHxHEIGHT", help="Size of the texture map, 3:2. [default: what the photo holds]"),
+    ] = None,
     budget: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Take the best quality that fits into so many seconds.")
     ] = None,
@@ -112,6 +116,7 @@ def make(
             maps=maps,
             quality=quality,
             size=size,
+            texture_size=texture_size,
             budget=budget,
             bits=bits,
             normals=normals,

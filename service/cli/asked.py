@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from service.options import Options, parse_face, parse_maps, parse_size, parse_without
+from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
 
 _PARSERS: dict[str, Callable[[str], Any]] = {
     "maps": parse_maps,
     "size": parse_size,
+    "texture_size": parse_texture_size,
     "face": parse_face,
     "without": parse_without,
 }

@@ -102,7 +102,7 @@ def make_external(
     fine = image.size[0] > TEXTURE_SIZE[0]
     subject = Subject.of(head, vertices)
     source = _padded(subject, _resized(image.pixels, (min(image.size[0], WIDEST), 0) if fine else TEXTURE_SIZE))
-    made = _texture(source, head, vertices, options.texture_size)
+    made = _texture(source, head, vertices, options.base_size)
     timings["texture"] = time.perf_counter() - begin
     # A texture finer than the input of super-resolution keeps its own detail.
     plain = Plan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)

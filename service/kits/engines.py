@@ -105,7 +105,6 @@ def write_kit(source: Source, folder: Path, tool: str) -> list[Path]:
     """Levels of detail, textures, the environment, and ``kit.json``, which says what is what.
 
     Raises:
-        UsageError: meshoptimizer is not installed.
         BadArchive: the archive cannot be used.
         OutputFault: a file could not be written.
     """

@@ -1,8 +1,8 @@
 """Levels of detail: the parts with more and with fewer triangles, each with its texture coordinates and blendshapes.
 
-Finer ones are subdivided first (Catmull and Clark 1978). Triangles are taken away by meshoptimizer, which keeps a
-subset of the vertices, so that texture coordinates and blendshapes stay what they were, and collapses both sides of a
-cut of the texture together.
+Of finer ones the skin is subdivided first (Catmull and Clark 1978). Coarser ones keep a subset of the vertices
+(``service.geometry.collapse``), so that texture coordinates, joints and blendshapes stay what they were; the shape is
+kept at rest and in the poses of ``JUDGED``.
 """
 
 from __future__ import annotations
@@ -13,31 +13,38 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.pieces import Piece
-from service.errors import UsageError
+from service.arrays import Float32, Int64
+from service.geometry.collapse import collapsed
 from service.geometry.subdivide import Subdivision
 from service.materials.part import MeshPart
 
 LEVELS = (24_000, 12_000, 6_000, 2_000)
 """Triangles of the head at LOD 0 to 3, without hair, lashes and other cards, which get fewer in proportion."""
 
-LARGEST_ERROR = 0.2
-"""Relative to the size of a part; it only keeps small ones from vanishing."""
+LEAST_TRIANGLES = 4
+"""Of a part; none vanishes."""
+
+JUDGED: tuple[tuple[str, ...], ...] = (
+    ("jawOpen",), ("eyeBlinkLeft", "eyeBlinkRight", "mouthSmileLeft", "mouthSmileRight", "browInnerUp"),
+    ("mouthPucker", "browDownLeft", "browDownRight"),
+)  # fmt: skip
+"""Poses, each of units at 1, in which a reduced surface keeps its shape too."""
 
 
 def levels_of_detail(parts: Sequence[MeshPart]) -> list[list[MeshPart]]:
-    """Parts at each of ``LEVELS``.
-
-    Raises:
-        UsageError: meshoptimizer is not installed.
-    """
-    fine = [subdivided(part) if part.material.alpha == "opaque" else part for part in parts]
+    """Parts at each of ``LEVELS``."""
     coarse_count = sum(triangles(part) for part in parts if part.material.alpha == "opaque")
-    made = []
-    for wanted in LEVELS:
-        source = fine if wanted > coarse_count else list(parts)
+    finer = [subdivided(part) if part.material.displacement_map is not None else part for part in parts]
+    made: list[list[MeshPart]] = []
+    for source, levels in (
+        (finer, [wanted for wanted in LEVELS if wanted > coarse_count]),
+        (parts, [wanted for wanted in LEVELS if wanted <= coarse_count]),
+    ):
         count = sum(triangles(part) for part in source if part.material.alpha == "opaque")
-        solid, cards = min(wanted / max(count, 1), 1.0), min(wanted / LEVELS[0], 1.0)
-        made.append([reduced(part, solid if part.material.alpha == "opaque" else cards) for part in source])
+        solid = [min(wanted / max(count, 1), 1.0) for wanted in levels]
+        cards = [min(wanted / LEVELS[0], 1.0) for wanted in levels]
+        columns = [reduced(part, solid if part.material.alpha == "opaque" else cards) for part in source]
+        made += [[column[number] for column in columns] for number in range(len(levels))]
     return made
 
 
@@ -48,11 +55,10 @@ def triangles(part: MeshPart) -> int:
 
 
 def subdivided(part: MeshPart) -> MeshPart:
-    """A part after one step of subdivision: smooth where it has displacement, as the skin, and as it was elsewhere."""
+    """A part after one smooth step of subdivision."""
     step = Subdivision.of(part.polygons, len(part.neutral))
     chart = Subdivision.of(part.polygons_uv, len(part.uv))
-    smooth = step.smooth if part.material.displacement_map is not None else step.linear
-    neutral = smooth(part.neutral).astype(np.float32)
+    neutral = step.smooth(part.neutral).astype(np.float32)
     return replace(
         part,
         vertices=neutral,
@@ -60,20 +66,19 @@ def subdivided(part: MeshPart) -> MeshPart:
         faces=step.quads.astype(np.int32),
         uv=chart.linear(part.uv).astype(np.float32),
         uv_faces=chart.quads.astype(np.int32),
-        targets={unit: smooth(offsets).astype(np.float32) for unit, offsets in part.targets.items()},
+        targets={unit: step.smooth(offsets).astype(np.float32) for unit, offsets in part.targets.items()},
     )
 
 
-def reduced(part: MeshPart, share: float) -> MeshPart:
-    """A part with about this share of its triangles, one texture coordinate per vertex.
-
-    Raises:
-        UsageError: meshoptimizer is not installed.
-    """
+def reduced(part: MeshPart, shares: Sequence[float]) -> list[MeshPart]:
+    """A part with about each share, descending, of its triangles, one texture coordinate per vertex."""
     piece = Piece.of(part)
-    indices = np.ascontiguousarray(piece.triangles.ravel(), np.uint32)
-    points = np.ascontiguousarray(part.neutral[piece.vertex], np.float32)
-    kept = indices if share >= 1 else _simplified(indices, points, share)
+    wanted = [max(round(len(piece.triangles) * share), LEAST_TRIANGLES) for share in shares]
+    return [_with(part, piece, kept) for kept in collapsed(_poses(part), piece.triangles, piece.vertex, wanted)]
+
+
+def _with(part: MeshPart, piece: Piece, kept: Int64) -> MeshPart:
+    """The part with some triangles (M, 3) of its piece."""
     used, index = np.unique(kept, return_inverse=True)
     vertex = piece.vertex[used]
     return replace(
@@ -87,16 +92,7 @@ def reduced(part: MeshPart, share: float) -> MeshPart:
     )
 
 
-def _simplified(indices: np.ndarray, points: np.ndarray, share: float) -> np.ndarray:
-    try:
-        import meshoptimizer
-    except ImportError as error:
-        raise UsageError(
-            "levels of detail need meshoptimizer: pip install -c requirements.lock -e '.[kits]'", field="for"
-        ) from error
-    target = max(int(len(indices) * share) // 3 * 3, 12)
-    made = np.zeros_like(indices)
-    count = meshoptimizer.simplify(
-        made, indices, points, target_index_count=target, target_error=LARGEST_ERROR
-    )
-    return made[:count] if count >= 12 else indices
+def _poses(part: MeshPart) -> list[Float32]:
+    """The part at rest, and in each pose of ``JUDGED`` that moves it."""
+    moving = ([part.targets[unit] for unit in units if unit in part.targets] for units in JUDGED)
+    return [part.neutral, *(np.asarray(part.neutral + sum(offsets), np.float32) for offsets in moving if offsets)]

@@ -49,10 +49,11 @@ def _part(name: str, block: str, facts: Mapping[str, Any], materials: Mapping[st
     own = block[: shapes[0].start()] if shapes else block
     points = _rows(own, "point3f[] points", 3)
     counts = _whole(own, "int[] faceVertexCounts")
-    corners, places = _whole(own, "int[] faceVertexIndices"), _rows(own, "texCoord2f[] primvars:st", 2)
-    uv, index = np.unique(places, axis=0, return_inverse=True)
+    corners, uv = _whole(own, "int[] faceVertexIndices"), _rows(own, "texCoord2f[] primvars:st", 2)
+    places = _whole(own, "int[] primvars:st:indices") if "primvars:st:indices" in own else corners
     targets = {}
-    for one, end in zip(shapes, [*(shape.start() for shape in shapes[1:]), len(block)], strict=True):
+    ends = [*(shape.start() for shape in shapes), len(block)][1:]  # none for a part that no unit moves
+    for one, end in zip(shapes, ends, strict=True):
         text = block[one.start() : end]
         moved = np.zeros_like(points)
         moved[_whole(text, "int[] pointIndices")] = _rows(text, "vector3f[] offsets", 3)
@@ -64,7 +65,7 @@ def _part(name: str, block: str, facts: Mapping[str, Any], materials: Mapping[st
         neutral=points,
         faces=_polygons(counts, corners),
         uv=uv,
-        uv_faces=_polygons(counts, np.asarray(index.ravel(), np.int32)),
+        uv_faces=_polygons(counts, places),
         material=materials[facts["material"]],
         targets=targets,
         bone=facts["bone"],

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Int32
+from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.errors import NumericFault
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap, checked_name
@@ -115,6 +115,33 @@ def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
         for thing in things:
             if known.setdefault(thing.name, thing) != thing:
                 raise NumericFault(f"two materials or two textures of the avatar's parts are named {thing.name}")
+
+
+def coarser(parts: Sequence[MeshPart], step: int) -> tuple[MeshPart, ...]:
+    """Parts whose own textures are reduced by area, ``step`` texels of a side to one; textures that are shared stay so.
+
+    Colours are weighted by alpha, so that what is transparent does not bleed into the rest.
+    """
+    if step == 1:
+        return tuple(parts)
+    slots = [name for name in Material.__dataclass_fields__ if name.endswith("_map")]
+    textures = {id(one): replace(one, pixels=_reduced(one.pixels, step)) for part in parts for one in part.own_maps}
+    materials: dict[str, Material] = {}
+    for part in parts:
+        maps = {slot: getattr(part.material, slot) for slot in slots}
+        changed: dict[str, Any] = {slot: textures[id(one)] for slot, one in maps.items() if id(one) in textures}
+        materials.setdefault(part.material.name, replace(part.material, **changed))
+    return tuple(replace(part, material=materials[part.material.name]) for part in parts)
+
+
+def _reduced(pixels: UInt8, step: int) -> UInt8:
+    height, width = (max(side // step, 1) for side in pixels.shape[:2])
+    rows = pixels[: height * step, : width * step].reshape(height, step, width, step, -1).astype(np.float32)
+    if rows.shape[-1] < 4:
+        return np.asarray(np.rint(rows.mean((1, 3))), np.uint8).reshape(height, width, *pixels.shape[2:])
+    weight = rows[..., 3:] + np.float32(1e-3)
+    colour = (rows[..., :3] * weight).sum((1, 3)) / weight.sum((1, 3))
+    return np.asarray(np.rint(np.concatenate([colour, rows[..., 3:].mean((1, 3))], -1)), np.uint8)
 
 
 def framed(vertices: AnyFloat, parts: Sequence[MeshPart]) -> AnyFloat:

@@ -10,10 +10,13 @@ from service.anatomy.eyes.sclera import BETWEEN_LIDS
 from service.arrays import Float32
 from service.colour import srgb_to_linear
 from service.ledger import Ledger
+from service.reflectance.albedo_error import clues
+from service.reflectance.completion import albedo_prior
 from service.reflectance.corrections.exposure import EXPOSURE, mean_light
-from service.reflectance.corrections.on_light import ChartLight, corrected
+from service.reflectance.corrections.light_contrast import LIGHT_CONTRAST
+from service.reflectance.corrections.on_light import ChartLight, LightCorrection, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
-from service.reflectance.corrections.unseen_light import CHART_SEAM, INPAINTED_SKIN, UNSEEN_LIGHT
+from service.reflectance.corrections.unseen_light import UNSEEN_SKIN
 from service.reflectance.planes import Planes
 from service.reflectance.subject import EYES, INPAINTED, LIDS, LIT
 from service.runtime.networks import Network
@@ -21,10 +24,10 @@ from service.runtime.tiles import run_whole
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 
-ON_LIT_SKIN = (EXPOSURE, SKIN_HUE)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (EXPOSURE, SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
 
-EVERYWHERE = (UNSEEN_LIGHT, INPAINTED_SKIN, CHART_SEAM)
+EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
 """Corrections of the light that is continued from there to the whole chart, in order."""
 
 
@@ -35,10 +38,12 @@ class Found:
     Attributes:
         light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
         between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
+        clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo_error``.
     """
 
     light: Float32
     between: Float32
+    clues: Float32
 
 
 def light_between_lids(light: Float32, lit: Float32) -> Float32:
@@ -75,4 +80,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, white_seen)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    return Found(whole.light, light_between_lids(on_skin.light, lit))
+    prior = albedo_prior()
+    apart = prior.apart(start.weight) if prior.is_of(inside) else None
+    clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
+    return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)

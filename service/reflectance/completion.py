@@ -15,8 +15,10 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from service.arrays import Float32
+from service.colour import LUMA
 from service.errors import ModelFault
 
 FILE = Path(str(files("service"))) / "data" / "albedo" / "prior.npz"
@@ -69,6 +71,28 @@ class AlbedoPrior:
         union = float(np.maximum(other, self.inside).sum())
         return union > 0 and float(np.minimum(other, self.inside).sum()) / union > SAME_ISLANDS
 
+    def apart(self, weight: Float32) -> Float32:
+        """(H, W) float32 standard deviation of log luminance over the heads that agree with the seen part.
+
+        Of the posterior, whose covariance depends on what is seen alone: ``weight`` (H, W) in [0, 1] as in
+        :meth:`complete`.
+        """
+        import cv2
+
+        shape = self.mean.shape[1:]
+        share = _shrunk(weight[None], shape)[0] * self.inside
+        covariance = np.linalg.inv(self._normal(share))
+        grey = np.tensordot(self.components, LUMA, ((1,), (0,))).reshape(len(self.components), -1)
+        variance = np.einsum("kn,kl,ln->n", grey, covariance.astype(np.float32), grey, optimize=True)
+        plane = np.sqrt(np.maximum(variance, 0)).reshape(shape)
+        return np.asarray(cv2.resize(plane, weight.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+    def _normal(self, share: Float32) -> npt.NDArray[np.float64]:
+        """(K, K) inverse covariance of the components' weights given the share (h, w) of each texel that is seen."""
+        basis = self.components.reshape(len(self.components), -1).astype(np.float64)
+        trust = np.broadcast_to(share, self.mean.shape).ravel() / self.noise**2
+        return np.asarray((basis * trust) @ basis.T + np.eye(len(basis)))
+
     def complete(self, seen: Float32, weight: Float32) -> Float32:
         """(3, H, W) float32 log albedo that is likeliest given the seen part: smooth, also where it is seen.
 
@@ -84,8 +108,7 @@ class AlbedoPrior:
         basis = self.components.reshape(len(self.components), -1).astype(np.float64)
         trust = np.broadcast_to(share, self.mean.shape).ravel() / self.noise**2
         apart = (values - self.mean).ravel().astype(np.float64)
-        normal = (basis * trust) @ basis.T + np.eye(len(basis))
-        coefficients = np.linalg.solve(normal, basis @ (trust * apart))
+        coefficients = np.linalg.solve(self._normal(share), basis @ (trust * apart))
         whole = self.mean + np.tensordot(coefficients.astype(np.float32), self.components, 1)
         size = (weight.shape[1], weight.shape[0])
         return np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR)) for plane in whole])

@@ -6,6 +6,8 @@ whole chart once and leaves its findings as coarse planes that every tile reads.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +15,7 @@ from service.anatomy.eyes.colours import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
 from service.ledger import Ledger
+from service.reflectance.albedo_error import error_model
 from service.reflectance.chart_light import Found, found_by
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.networks import Engine, describe, open_network
@@ -21,6 +24,20 @@ NAME, CONTEXT = "delta", "delta_context"
 PREFIX = "context_"
 PARTS = ("parts_r", "parts_g", "parts_b")
 """Channels of the albedo of eyes, teeth and all else that is no skin, sRGB-coded in [-1, 1]."""
+
+
+@dataclass(frozen=True)
+class Delit:
+    """A texture without its light.
+
+    Attributes:
+        albedo: (H, W, 3) sRGB codes.
+        error: (h, w) float32 of ``service.reflectance.albedo_error``; None: the network reads no context.
+    """
+
+    albedo: Codes
+    error: Float32 | None
+
 
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
@@ -33,8 +50,8 @@ def without(light: Float32, coded: Float32) -> Float32:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None) -> Codes:
-    """(H, W, 3) sRGB codes of the albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
+def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None) -> Delit:
+    """The albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     The network has seen skin only. What is no skin has the albedo of the planes ``PARTS``; without them the texture
     loses the light of the face there, less what the lids shade.
@@ -69,4 +86,4 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
         result[place] = to_codes(albedo)
 
     translate(NAME, job, 3, keep)
-    return result
+    return Delit(result, None if found is None else error_model().stated(found.clues))

@@ -4,7 +4,7 @@
 
     T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
           |
-          `- less the light that delta's context tells --rho--> specular normals --integrate--> displacement
+          `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
                                                        --sigma--> diffuse normals
 
 Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
@@ -21,21 +21,26 @@ import numpy.typing as npt
 
 from service.anatomy.eyes.draw import draw_eyes
 from service.anatomy.teeth.draw import draw_teeth
+from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
 from service.ledger import Applied, Ledger, summed
+from service.levels import TEXTURE_SIZE
+from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
-from service.reflectance.corrections.photo_noise import PHOTO_NOISE, without_noise
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
+from service.reflectance.folds.unfold import unfolded, unfolded_albedo
 from service.reflectance.normals import DIFFUSE, SPECULAR, tangent_normals
 from service.reflectance.padding import pad_parts, pad_skin
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement, encode, pad_heights
 from service.reflectance.relief.seams import Seams, join
-from service.reflectance.result import Integration, Reflectance
+from service.reflectance.relief.shading import bare, with_shade
+from service.reflectance.relief.unseen import without_border
+from service.reflectance.result import Integration, Reflectance, Wrinkle
 from service.reflectance.roots import darkened
 from service.reflectance.specular_albedo import specular_albedo
 from service.reflectance.subject import CLUES, GEOMETRY, Subject
@@ -48,6 +53,9 @@ from service.texture.detail.own import OwnDetail
 from service.texture.detail.result import Detail
 
 T = TypeVar("T")
+
+Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None, UInt8 | None]
+"""Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of all the reflectance work that is done."""
@@ -77,7 +85,7 @@ def make_reflectance(
         size: (width, height) of the maps.
         engine: what the networks run on.
         seed: of made-up detail.
-        detail: its strength in [0, 1]; 0 for none.
+        detail: its strength in [0, 1]; 0 gives the likeliest maps, which have next to none.
         without: names of corrections that do not run (``service.corrections``).
         own: the photo's detail beyond the texture; None: there is no photo.
         tile: inner side of tiles in texels; the result does not depend on it.
@@ -108,9 +116,8 @@ def make_reflectance(
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
 
-    def normals(name: str, told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Applied, ...]]:
-        ledger = Ledger(without)
-        return tangent_normals(name, job(told), ledger), ledger.applied
+    def smoothed(codes: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+        return (codes, ()) if subject.creases is None else unfolded(codes, subject.creases)
 
     if "diffuse_albedo" in plan.stages:
         full = resample(source, size)
@@ -119,21 +126,24 @@ def make_reflectance(
         if subject.parts is not None:
             planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
 
-        def unlit(told: Callable[[float], None]) -> tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None]:
+        def unlit(told: Callable[[float], None]) -> Unlit:
             ledger = Ledger(without)
             enlarged = "super_resolution" in plan.stages
             told_of = own.onto(full) if own is not None and enlarged else None
-            plain = diffuse_albedo(full, job(told), ledger)
+            delit = diffuse_albedo(full, job(told), ledger)
+            plain = delit.albedo
+            unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
             grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
             if ledger.runs(HIGHLIGHTS):
                 plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
-            if grey is not None and ledger.runs(PHOTO_NOISE):
-                grey = without_noise(grey, planes, subject.pixel_mm, ledger)
+            if grey is not None:
+                grey = without_border(grey, planes)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
             drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
-            return pad_parts(drawn, subject), grey, ledger.applied, told_of
+            return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
 
-        made.diffuse_albedo, grey, corrections, found_detail = run("diffuse_albedo", unlit)
+        unlit_maps = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections, found_detail, made.albedo_error = unlit_maps
         planes.drop("texture")
         del full
         planes.add_codes("albedo", made.diffuse_albedo)
@@ -142,18 +152,31 @@ def make_reflectance(
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:
-        made.specular_normal, more = run("specular_normal", lambda told: normals(SPECULAR, told))
-        corrections += more
+
+        def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+            bent = tangent_normals(SPECULAR, job(told), detail)
+            if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
+                shares = tuple(octave.share for octave in found_detail.octaves)
+                trust = bare(own.seen, planes)
+                bent = with_shade(bent, grey, subject.slope, trust, shares)
+            return smoothed(bent)
+
+        made.specular_normal, made.wrinkles = run("specular_normal", specular)
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, more = run("diffuse_normal", lambda told: normals(DIFFUSE, told))
-        corrections += more
+        made.diffuse_normal, _ = run(
+            "diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told), detail))
+        )
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
         made.displacement, made.integration = found[0], Integration(*found[1:])
+    if made.diffuse_albedo is not None and subject.creases is not None:
+        # Only now: the networks read relief from the dark lines of folds.
+        made.diffuse_albedo = unfolded_albedo(made.diffuse_albedo, subject.creases)
     return Reflectance(
         size=size,
         diffuse_albedo=made.diffuse_albedo,
+        albedo_error=made.albedo_error,
         specular_albedo=made.specular_albedo,
         specular_normal=made.specular_normal,
         diffuse_normal=made.diffuse_normal,
@@ -166,6 +189,7 @@ def make_reflectance(
         models=plan.networks,
         engines=engine.told(plan.networks),
         integration=made.integration,
+        wrinkles=made.wrinkles,
         corrections=summed((*subject.corrections, *corrections)),
         detail=found_detail,
         timings_s=run.timings,
@@ -186,11 +210,13 @@ class _Maps:
     """What has been made so far."""
 
     diffuse_albedo: Codes | None = None
+    albedo_error: UInt8 | None = None
     specular_albedo: Codes | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
     displacement: Codes | None = None
     integration: Integration | None = None
+    wrinkles: tuple[Wrinkle, ...] = ()
 
 
 class _Run:

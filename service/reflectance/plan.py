@@ -13,8 +13,10 @@ STAGES = (
 ROLES = STAGES[1:]
 """Reflectance maps that can be requested."""
 
-SURFACE: dict[str, tuple[str, ...]] = {"roughness": (), "cavity": ("displacement",), "thickness": ()}
-"""Maps made without networks (``service.reflectance.surface``), and the reflectance map that each needs."""
+SURFACE: dict[str, tuple[str, ...]] = {
+    "roughness": (), "cavity": ("displacement",), "thickness": (), "albedo_error": ("diffuse_albedo",),
+}  # fmt: skip
+"""Maps made without networks of their own, and the reflectance map that each needs."""
 
 NEEDS: dict[str, tuple[str, ...]] = {
     "super_resolution": (),

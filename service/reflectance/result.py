@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Float32, UInt16
+from service.arrays import Float32, UInt8, UInt16
 from service.ledger import Applied
 from service.texture.detail.result import Detail
 
@@ -40,6 +40,22 @@ class Integration:
 
 
 @dataclass(frozen=True)
+class Wrinkle:
+    """Relief that units of one group fold.
+
+    Attributes:
+        name: of the group, ``service.reflectance.folds.creases.GROUPS``.
+        units: their weights in the photo, at which the relief is this.
+        normal: (h, w, 2) int16, x and y of unit normals times ``NORMAL_ONE``, tangent space, +Y up; flat where the
+            group folds nothing.
+    """
+
+    name: str
+    units: Mapping[str, float]
+    normal: npt.NDArray[np.int16]
+
+
+@dataclass(frozen=True)
 class Reflectance:
     """Maps on the head's chart, (H, W) texels, row 0 = top (v = 1), filled also outside the islands; None: not
     requested.
@@ -47,6 +63,8 @@ class Reflectance:
     Attributes:
         size: (width, height).
         diffuse_albedo: (H, W, 3) uint16, sRGB coded, 65535 = 1.
+        albedo_error: (h, w) uint8, 255 = 1: error of the albedo's log luminance that two texels in three stay within;
+            as large as the texture at most.
         specular_albedo: (H, W) uint16, linear, 65535 = 1: F0 = 0.04 times it.
         specular_normal: (H, W, 2) int16, x and y of unit normals times ``NORMAL_ONE``, z > 0; tangent space, +Y up.
         diffuse_normal: the same for diffuse light.
@@ -61,6 +79,7 @@ class Reflectance:
             neither sclera nor teeth, which tell dark skin from dim light, were seen.
         models: names of the networks that ran.
         integration: of the displacement.
+        wrinkles: relief that the photo's expression folds, which the normals and the displacement are without.
         corrections: those that ran, in order, with the number of texels that each changed.
         detail: what of the fine detail is the photo's; None: there was no photo, or the texture was only resampled.
         timings_s: seconds of each stage.
@@ -68,6 +87,7 @@ class Reflectance:
 
     size: tuple[int, int]
     diffuse_albedo: UInt16 | None = None
+    albedo_error: UInt8 | None = None
     specular_albedo: UInt16 | None = None
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
@@ -80,6 +100,7 @@ class Reflectance:
     models: tuple[str, ...] = ()
     engines: Mapping[str, str] = field(default_factory=dict)
     integration: Integration | None = None
+    wrinkles: tuple[Wrinkle, ...] = ()
     corrections: tuple[Applied, ...] = ()
     detail: Detail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)

@@ -19,6 +19,8 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.ledger import Applied, Ledger
 from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
+from service.reflectance.folds.creases import Creases
+from service.reflectance.relief.sensitivity import sensitivity
 from service.texture.result import Texture
 from service.texture.shape import depth_map, shape_normals
 
@@ -76,13 +78,14 @@ class Subject:
         lit: (h, w) float32, 1 where the texture is skin in the photo's light, 0 on hair, glasses and inpainted texels;
             None: all of it is skin in the light.
         inpainted: (h, w) float32, 1 on inpainted skin; None: nowhere.
-        worn: (h, w) float32, 1 on a cap or a mask; None: nowhere.
         eye_light: (3,) linear RGB radiance of a white surface in place of the sclera; None: not measured.
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
-        pixel_mm: size of a pixel of the photo on the face, in mm; None: not known.
+        slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
+            (``service.reflectance.relief.sensitivity``); None: the light is not known.
+        creases: where the photo's expression folds the skin; None: nowhere.
         corrections: those that ran before the networks.
     """
 
@@ -93,10 +96,10 @@ class Subject:
     eye_light: npt.NDArray[np.floating] | None = None
     parts: npt.NDArray[np.uint8] | None = None
     inpainted: Float32 | None = None
-    worn: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
     roots: npt.NDArray[np.uint8] | None = None
-    pixel_mm: float | None = None
+    slope: Float32 | None = None
+    creases: Creases | None = None
     corrections: tuple[Applied, ...] = ()
 
     @classmethod
@@ -128,20 +131,20 @@ class Subject:
             ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
         subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light)
         inpainted = np.asarray(texture.confidence == 0, np.float32)
-        worn = np.zeros_like(inpainted) if texture.worn is None else texture.worn * np.float32(1 / 255)
         height, width = inpainted.shape
-        inpainted *= subject.bare((width, height)) * (1 - worn)
-        pixel_mm = 1e3 * float(fit.camera.translation[2]) / fit.camera.focal_px
-        ran = (*texture.corrections, *ledger.applied)
+        inpainted *= subject.bare((width, height))
+        slope = None
+        if fit.light is not None:
+            slope = sensitivity(subject.chart, fit.vertices, fit.light, fit.camera.rotation)
         return replace(
             subject,
             inpainted=inpainted,
-            worn=worn,
             parts=texture.parts,
             iris=texture.iris,
             roots=texture.roots,
-            pixel_mm=pixel_mm,
-            corrections=ran,
+            slope=slope,
+            creases=Creases.of(subject.chart, fit),
+            corrections=ledger.applied,
         )
 
     @property
@@ -183,7 +186,7 @@ class Subject:
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
         shown, inpainted = whole(self.lit, 1.0), whole(self.inpainted, 0.0)
-        brows = brow_plane(self.chart)[None] * (1 - whole(self.worn, 0.0))
+        brows = brow_plane(self.chart)[None]
         lit = shown * self.own_skin
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +17,13 @@ from service.geometry.chart import Chart, chart_points
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
-from service.ledger import Ledger
 from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.roots import darkening, root_shadow
-from service.texture.segmentation.covered import covered, grown, parts_at
-from service.texture.segmentation.glasses import GLASSES, frames
-from service.texture.segmentation.skin import lit_skin, segment, worn_mask
+from service.texture.segmentation.covered import covered, grown, opened, parts_at, parts_of_face
+from service.texture.segmentation.skin import segment, worn_before
 from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
@@ -40,10 +37,13 @@ LEAST_SCALP_TEXELS = 60
 LITTLE_SEEN = 0.25
 """Visible fraction of the face below which a warning is given."""
 
+NOT_SEGMENTED = "not-segmented"
+"""Warning: no part was read off the photo, so that nothing beside the face is taken from it."""
+
 
 def make_texture(
-    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, without: Collection[str] = (),
-    reading: Reading | None = None, hair: Hair | None = None,
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
+    hair: Hair | None = None,
 ) -> Texture:  # fmt: skip
     """Unwrap the photo on the fitted head and inpaint the rest.
 
@@ -52,8 +52,8 @@ def make_texture(
         head: the model that ``chart`` was built from.
         fit: camera and vertices.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
-        without: names of corrections that do not run.
-        reading: says what hides the head in the photo; without one only colours tell.
+        reading: says what the photo shows of the head; without one its face is taken from the photo and nothing else,
+            and the warning is ``not-segmented``.
         hair: of the photo. Where it is worn as a mesh the skin beneath is bald, with the shadow of the roots; without
             it the photo's hair stays on the scalp, as on a shaved head.
 
@@ -63,33 +63,24 @@ def make_texture(
     _require_finite(fit)
     unwrapped = unwrap(photo, fit, chart)
     zones = Zones.of(chart)
-    ledger = Ledger(without)
-    glasses = np.zeros(len(unwrapped.weight), bool)
-    if ledger.runs(GLASSES):
-        glasses = frames(chart, unwrapped, zones)
-        ledger.count(GLASSES, int(glasses.sum()), glasses.size)
-    scalp, part, weight = zones.scalp, None, unwrapped.weight
-    bald = hair is not None and hair.bald_beneath
-    if reading is not None:
-        part = parts_at(reading, fit, unwrapped)
-        hidden = covered(part, zones, bald=bald)
-        hidden = grown(chart, hidden) if bald else hidden
-        bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
-        unwrapped = replace(unwrapped, weight=unwrapped.weight * (1 - hidden), visible=bare)
-        scalp = scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
-    clear = np.where(glasses, np.float32(0), np.float32(1))
-    trust, seen, skin = segment(chart, unwrapped, zones, ledger, bald=bald)
-    trust, seen = trust * clear, seen * clear
-    lit = lit_skin(chart, unwrapped, zones, skin) * clear
+    weight, bald = unwrapped.weight, hair is not None and hair.bald_beneath
+    part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
+    hidden = covered(part, zones, bald=bald)
+    hidden = np.maximum(grown(chart, hidden) if bald else hidden, opened(part, zones))
+    bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
+    unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
+    found = segment(chart, unwrapped, part, zones)
+    scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
-    fallback = DEFAULT_SKIN if skin is None else skin.colour
-    completed = complete_skin(chart, unwrapped.colour, seen, trust, fallback, on_scalp)
+    fallback = DEFAULT_SKIN if found.colour is None else found.colour
+    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
     roots = None
     if hair is not None and bald:
-        shadow = root_shadow(chart, part, weight, zones, hair)
+        shadow = root_shadow(chart, None if reading is None else part, weight, zones, hair)
         roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
-    parts = paint_parts(photo, chart, fit, unwrapped, zones, completed.colour, _confidence(completed), person, ledger)
+    sure = _confidence(completed)
+    parts = paint_parts(photo, chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(parts.colour))
@@ -99,16 +90,16 @@ def make_texture(
             raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
     fraction = visible_fraction(chart, fit, unwrapped, zones)
     code = chart.fill_outside(chart.spread(parts.code[:, None])[..., 0]).astype(np.uint8)
-    maps = chart.spread(np.stack([completed.seen, completed.from_mirror, lit], 1))
+    maps = chart.spread(np.stack([completed.seen, completed.from_mirror, found.lit], 1))
     direct, reflected, lit_map = np.moveaxis(maps, 2, 0)
     shown = np.rint(255 * np.clip(direct * lit_map + reflected * lit_map[:, ::-1], 0, 1))
     shown = chart.fill_outside(shown).astype(np.uint8)
-    worn = None if skin is None else worn_mask(chart, parts.colour, unwrapped.normal, skin)
-    found = {"little-seen": fraction < LITTLE_SEEN, "glasses-removed": glasses.any(), "face-covered": worn is not None}
-    warnings = tuple(name for name, true in found.items() if true)
+    doubts = {"little-seen": fraction < LITTLE_SEEN, NOT_SEGMENTED: reading is None}
+    warnings = tuple(name for name, true in doubts.items() if true)
+    warnings += () if reading is None else worn_before(part, weight, zones)
     return Texture(
-        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings, worn,
-        to_bytes(parts.albedo), parts.iris, roots, ledger.applied,
+        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
+        to_bytes(parts.albedo), parts.iris, roots,
     )  # fmt: skip
 
 

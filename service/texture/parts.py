@@ -8,17 +8,16 @@ import numpy as np
 
 from service.anatomy.eyes import colours as eye
 from service.anatomy.eyes.measure import measure_eyes
-from service.anatomy.eyes.paint import alike, lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.hair.parts import LASH
 from service.anatomy.mouth.paint import paint_lining, paint_tongue
 from service.anatomy.teeth.colours import TOOTH
-from service.anatomy.teeth.measure import toothlike
 from service.anatomy.teeth.paint import Teeth, no_bluer
-from service.arrays import Float32, Int64
+from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
+from service.face.reading.parts import IRIS, MOUTH, SCLERA
 from service.geometry.chart import Chart, nearest_inside
-from service.ledger import Ledger
 from service.photo.photo import Photo
 from service.texture.inpainting.inpaint import opacity
 from service.texture.result import SEEN
@@ -101,8 +100,8 @@ class Parts:
 
 
 def paint_parts(
-    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, colour: Float32, code: Float32,
-    skin: Float32, ledger: Ledger,
+    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, face: Bool, shown: Float32,
+    colour: Float32, code: Float32, skin: Float32,
 ) -> Parts:  # fmt: skip
     """Paint eyes, teeth, tongue, lashes, sockets and the lining of the mouth over the skin.
 
@@ -112,15 +111,15 @@ def paint_parts(
         fit: with gaze, cheek and teeth.
         unwrapped: the photo on the chart.
         zones: of the same texels.
+        face: (N,) bool, texels of the face's lit skin.
+        shown: (N, 13) parts that the photo shows at them.
         colour: (N, 3) sRGB of the completed skin.
         code: (N,) confidence of that skin.
         skin: (3,) sRGB of the person's skin.
-        ledger: says which corrections run, and records what they change.
     """
     irises = () if fit.gaze is None else fit.gaze.irises
     tone = measure_eyes(photo.pixels, irises)
     seen = opacity(unwrapped.weight)
-    face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25)
     light = PartLight.of(tone.sclera, skin, unwrapped.colour[face])
     iris = eye.IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
@@ -130,7 +129,7 @@ def paint_parts(
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
     # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
-    eyes_seen = seen * float(fit.gaze is None or tone.iris is not None)
+    eyes_seen = seen * shown[:, [SCLERA, IRIS]].sum(1) * np.float32(fit.gaze is None or tone.iris is not None)
     for index, name in enumerate(chart.head.part_names):
         texels = np.flatnonzero(chart.inner_part == index)
         if name == "skin" or name.startswith("teeth") or not len(texels):
@@ -138,15 +137,14 @@ def paint_parts(
         if name.startswith("eye"):
             ball, points = on_eyeball(chart, index)
             painted = _eye(ball.limbus_deg, ball.pupil_deg, sight_angle(ball, points), iris)
-            shown = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
-            share = eyes_seen[texels] * (alike(unwrapped.colour[texels], shown) if irises else 1.0)
-            work.part(texels, painted, shown, share, unwrapped.colour)
+            shaded = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
+            work.part(texels, painted, shaded, eyes_seen[texels], unwrapped.colour)
         else:
             painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASH)[None]
             work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
     teeth = Teeth(chart)
     if len(teeth.own):
-        _paint_teeth(work, teeth, fit, unwrapped, seen, skin)
+        _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, MOUTH])
     return Parts(work.colour, work.code, work.everywhere(), iris)
 
 
@@ -156,11 +154,11 @@ def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
     return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 
-def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32, skin: Float32) -> None:
+def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32) -> None:
     """Teeth in the measured colour, blended with the photo where it shows teeth."""
     light, shown = work.light, unwrapped.colour[teeth.own]
     tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
-    share = seen[teeth.own] * toothlike(shown, skin) * teeth.shows(shown, light.on(tooth))
+    share = seen[teeth.own] * teeth.shows(shown, light.on(tooth))
     painted = teeth.paint(tooth)
     painted += share[:, None] * (light.off(shown) - painted)
     work.part(teeth.own, no_bluer(painted), None, np.zeros_like(share), unwrapped.colour)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from service.arrays import Bool, Float32, UInt8
-from service.ledger import Applied
 
 SEEN = 128
 """Lowest confidence of a texel seen in the photo; 255 where it is seen frontally, and the photo alone decides."""
@@ -36,16 +35,13 @@ class Texture:
         mask: (H, W) bool, True inside the islands.
         visible_fraction: share of the face region's area that the photo shows, in [0, 1].
         warnings: stable codes: ``little-seen`` when less than a quarter of the face is visible, ``glasses-removed``
-            when the frame of glasses was inpainted with skin, ``face-covered`` when something other than skin, a cap or
-            a mask, covers over a fifth of the face; it stays in the maps.
-        worn: (H, W) uint8, 255 where the texture has the colour of that cap or mask, seen or inpainted; None: there is
-            none.
+            when the skin under glasses was inpainted, ``face-covered`` when a hat, a mask, a hand or so hides over
+            a fifth of the face, ``not-segmented`` when no part was read off the photo.
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.
         iris: (3,) float32 linear RGB >= 0, albedo of the irises; None for an external texture.
         roots: (H, W, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the skin albedo; None: it has
             none, or the hair stays on the skin.
-        corrections: those that ran, in order, with the number of texels that each changed.
     """
 
     texture: UInt8
@@ -57,8 +53,6 @@ class Texture:
     mask: Bool
     visible_fraction: float
     warnings: tuple[str, ...] = field(default=())
-    worn: UInt8 | None = None
     parts: UInt8 | None = None
     iris: Float32 | None = None
     roots: UInt8 | None = None
-    corrections: tuple[Applied, ...] = ()

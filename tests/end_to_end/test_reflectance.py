@@ -40,7 +40,7 @@ def test_from_photo_to_archive(toys: Path, portrait: Pixels) -> None:
     jsonschema.validate(manifest, json.loads((ROOT / "docs" / "manifest.schema.json").read_text("utf-8")))
     assert [entry["role"] for entry in manifest["maps"]] == [
         "diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement",
-        "roughness", "cavity", "thickness", "texture", "confidence", "shape_normal",
+        "roughness", "cavity", "thickness", "albedo_error", "texture", "confidence", "shape_normal",
     ]  # fmt: skip
     assert all((entry["width"], entry["height"]) == (192, 128) for entry in manifest["maps"])
     assert "mesh/head_fine.obj" in members and manifest["displacement"] == {"scale_mm": 5e-5, "mid": 32768}

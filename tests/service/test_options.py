@@ -21,6 +21,7 @@ from service.options import (
     parse_face,
     parse_maps,
     parse_size,
+    parse_texture_size,
 )
 from service.reflectance.plan import NETWORKS
 
@@ -57,6 +58,10 @@ BAD = [
     ("detail", True),
     ("detail", "much"),
     ("budget", 0),
+    ("texture_size", (1000, 1000)),
+    ("texture_size", (9000, 6000)),
+    ("texture_size", "large"),
+    ("texture_size", None),
     ("budget", -3.0),
     ("budget", float("nan")),
     ("budget", float("inf")),
@@ -75,8 +80,8 @@ def test_a_value_out_of_range_is_refused_with_name_value_and_what_would_be_right
     told, right = refusal.value.message.split("; ", 1)
     assert refusal.value.extra["field"] == name
     assert told.startswith(f"{name} is ") or (name == "maps" and told.startswith("maps has "))
-    assert repr(value) in told or name in ("maps", "size"), "the value as it was given"
-    assert right.startswith("it has to be ") or name in ("maps", "size")
+    assert repr(value) in told or name in ("maps", "size", "texture_size"), "the value as it was given"
+    assert right.startswith("it has to be ") or name in ("maps", "size", "texture_size")
     assert right.removeprefix("it has to be ") != "one of None", "a type without words for what is right"
 
 
@@ -104,7 +109,9 @@ def test_nothing_is_converted_behind_the_callers_back(name: str, text: Any) -> N
 
 def test_what_was_asked_comes_back_from_its_json() -> None:
     """As jobs do, whose options lie in a data base: tuples come back as lists."""
-    asked = Options(maps=("confidence", "texture"), size=(1152, 768), face="largest", seed=7, budget=3)
+    asked = Options(
+        maps=("confidence", "texture"), size=(1152, 768), texture_size=(96, 64), face="largest", seed=7, budget=3
+    )
     read = json.loads(json.dumps(asked.to_json()))
     assert Options(**read) == TypeAdapter(Options).validate_python(read) == asked
     with pytest.raises(UsageError, match="seed is -1"):
@@ -126,7 +133,7 @@ def test_the_message_offers_a_size_that_is_accepted() -> None:
 
 def test_the_defaults_are_the_method_s() -> None:
     assert Options(maps=MAP_NAMES).map_size == (6144, 4096)
-    assert Options(maps=MAP_NAMES).texture_size == (576, 384)
+    assert Options(maps=MAP_NAMES).base_size == (576, 384)
     assert Options().maps == default_maps()
     assert Options().face is None
 
@@ -143,7 +150,8 @@ def list_networks(monkeypatch: pytest.MonkeyPatch, names: Collection[str]) -> No
 def test_maps_are_left_out_by_default_where_their_networks_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     list_networks(monkeypatch, {"zeta_body", "delta_context", "delta", "psi"})
     assert Options().plan().stages == ("diffuse_albedo", "specular_albedo"), "half of zeta is of no use"
-    assert default_maps() == ("diffuse_albedo", "specular_albedo", "roughness", "thickness", *TEXTURE_MAPS)
+    surface = ("roughness", "thickness", "albedo_error")
+    assert default_maps() == ("diffuse_albedo", "specular_albedo", *surface, *TEXTURE_MAPS)
 
 
 @pytest.mark.parametrize(("asked", "maps", "texture"), [
@@ -155,8 +163,29 @@ def test_maps_are_left_out_by_default_where_their_networks_are_not_installed(mon
 ])  # fmt: skip
 def test_which_maps_a_size_is_of(asked: dict[str, Any], maps: tuple[int, int] | None, texture: tuple[int, int]) -> None:
     options = Options(**asked)
-    assert options.texture_size == texture
+    assert options.base_size == texture
     assert maps is None or options.map_size == maps
+
+
+@pytest.mark.parametrize(("asked", "most"), [
+    ({}, 6144),
+    ({"quality": "draft"}, 576),
+    ({"size": (3072, 2048)}, 3072),
+    ({"maps": TEXTURE_MAPS}, 6144),
+    ({"maps": TEXTURE_MAPS, "size": (1152, 768)}, 1152),
+])  # fmt: skip
+def test_how_large_a_texture_may_become_by_itself(asked: dict[str, Any], most: int) -> None:
+    assert Options(**asked).most_texture_width == most
+
+
+def test_the_texture_s_size_is_auto_or_on_the_chart() -> None:
+    assert parse_texture_size(" Auto ") == "auto" == Options().texture_size
+    assert Options(texture_size=parse_texture_size("1152x768")).texture_size == (1152, 768)
+    with pytest.raises(UsageError, match="texture_size is '1152'; write WIDTHxHEIGHT") as refusal:
+        parse_texture_size("1152")
+    assert refusal.value.extra["field"] == "texture_size"
+    with pytest.raises(UsageError, match="texture_size is 1152x700; the chart is 3:2"):
+        Options(texture_size=(1152, 700))
 
 
 def test_stages_that_nobody_asked_for_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:

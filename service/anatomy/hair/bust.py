@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from service.anatomy.hair.item import Item, read_items
 from service.anatomy.hair.parts import following
@@ -10,12 +13,15 @@ from service.anatomy.hair.skull import fits
 from service.arrays import Float32, Float64, Int64, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.result import Fit
+from service.geometry.cutting import split
 from service.geometry.mesh_field import laplacian, smooth_fit
+from service.geometry.normals import area_normals
 from service.geometry.raster import interpolate, rasterise
 from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.materials.material import Material, OwnMap
+from service.materials.of_head import SKIN
 from service.materials.part import MeshPart
 
 BUST = "bust/body"
@@ -24,6 +30,11 @@ SIDE = 256
 EXACT = 0.99
 """Weight of one vertex of the head from which on a vertex of the bust is the same point."""
 ROUGHNESS = 0.55
+BLEND_M = 0.045
+"""Distance from the seam up to which the bust bends towards the neck's tangent planes."""
+SPLITS = 2
+NEIGHBOURS = 12
+"""Points of the seam whose tangent planes count for a vertex, by the inverse fourth power of their distance."""
 
 
 def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
@@ -39,9 +50,48 @@ def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | Non
         return None
     item = items.items[BUST]
     picture = OwnMap("bust", _picture(item, _colours(item, head, chart_colours)))
-    # Light goes as deep as in the head's skin.
-    material = Material("bust", colour_map=picture, roughness=ROUGHNESS)
-    return following("bust", item, items, head, fit, material)
+    material = Material(
+        "bust", colour_map=picture, roughness=ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
+    )
+    return _tangent(following("bust", item, items, head, fit, material), item, head, fit)
+
+
+def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
+    """The bust leaving the neck in its tangent planes: shading goes on over the seam, of which each mesh has one side.
+
+    Its triangles are split first, else one step would take the whole turn.
+    """
+    at, of = seam(item)
+    if not len(at):
+        return part
+    names = list(part.targets)
+    moves = [part.targets[name] for name in names]
+    on_seam = np.zeros((len(part.neutral), 1))
+    on_seam[at] = 1.0
+    columns = np.concatenate([part.neutral, part.vertices, part.uv, *moves, on_seam], 1).astype(np.float64)
+    triangles = part.faces.astype(np.int64)
+    rim, normals = fit.neutral[of].astype(np.float64), area_normals(fit.neutral, head.triangles)[of].astype(np.float64)
+    tree = cKDTree(rim)
+    for _ in range(SPLITS):
+        columns, triangles = split(columns, triangles, np.ones(len(triangles), bool))
+    away, which = tree.query(columns[:, :3], min(NEIGHBOURS, len(rim)))
+    away, which = away.reshape(len(columns), -1), which.reshape(len(columns), -1)
+    share = 1 / (away + 1e-6) ** 4
+    share /= share.sum(1, keepdims=True)
+    height = np.einsum("nki,nki->nk", columns[:, None, :3] - rim[which], normals[which])
+    back = -np.einsum("nk,nk,nki->ni", share, height, normals[which])
+    fading = np.clip(1 - away[:, :1] / BLEND_M, 0, 1) ** 2
+    # On the seam the two meshes share straight edges.
+    columns[:, :6] += np.tile(fading * back * (columns[:, -1:] < 1), 2)
+    f = np.float32
+    return replace(
+        part,
+        neutral=columns[:, :3].astype(f),
+        vertices=columns[:, 3:6].astype(f),
+        uv=columns[:, 6:8].astype(f),
+        faces=triangles.astype(np.int32),
+        targets={name: columns[:, 8 + 3 * k : 11 + 3 * k].astype(f) for k, name in enumerate(names)},
+    )
 
 
 def seam(item: Item) -> tuple[Int64, Int64]:

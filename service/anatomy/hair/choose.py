@@ -20,15 +20,15 @@ POOR = 0.45
 """Agreement below which the choice is in doubt."""
 REFINED = 4
 """Styles whose volume and length are tried as well."""
-VOLUMES = (0.7, 1.5, 1.9)
-LENGTHS = (0.6, 1.5)
+VOLUMES = (0.7, 1.5)
+LENGTHS = (1.5,)
 LEAST_HUNG = 0.01
 """Share of the frame from which on hair below the ears counts: a strand does not make it long."""
-FACE = 0.6
-"""Weight of the share of seen skin above the ears that a style would cover: hair over the eyes is the worst mistake."""
+FACE = 0.35
+"""Weight of the share of seen skin above the ears that a style would cover, and that has to be cut from it."""
 USUAL = {
-    "hair/afro01": 0.6, "hair/bob01": 0.9, "hair/bob02": 0.95, "hair/braid01": 0.92, "hair/long01": 1.0,
-    "hair/ponytail01": 0.98, "hair/short01": 0.95, "hair/short02": 1.0, "hair/short03": 0.95, "hair/short04": 1.0,
+    "hair/afro01": 0.6, "hair/bob01": 0.9, "hair/bob02": 0.95, "hair/braid01": 0.85, "hair/long01": 1.0,
+    "hair/ponytail01": 0.88, "hair/short01": 0.95, "hair/short02": 1.0, "hair/short03": 0.95, "hair/short04": 1.0,
 }  # fmt: skip
 """How usual the styles are: of two that agree alike the plainer is worn."""
 UNSEEN = "hair/short04"
@@ -80,8 +80,10 @@ def choose(
 
     def score(name: str, cut: Cut) -> tuple[float, float]:
         mask, _ = frame.hair(items.items[name], hair_on(items.items[name], items, skull, cut))
-        whole, above = (agreement(shown, mask, known * zone) for zone in (1.0, 1 - frame.below))
-        hung = [float((each * known * frame.below).sum()) for each in (shown, mask)]
+        cut_away = np.maximum(skin, frame.below * known) * (1 - shown)  # see service.anatomy.hair.tailored
+        worn = mask * (1 - cut_away)
+        whole, above = (agreement(shown, worn, known * zone) for zone in (1.0, 1 - frame.below))
+        hung = [float((each * known * frame.below).sum()) for each in (shown, worn)]
         roots = np.sqrt([*hung, LEAST_HUNG * frame.side**2])  # lengths, about
         length = 1.0 - abs(roots[0] - roots[1]) / max(roots)
         face = skin * (1 - shown) * known * (1 - frame.below)  # the reader is unsure where strands lie on cheeks

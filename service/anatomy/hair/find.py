@@ -11,7 +11,8 @@ from service.anatomy.hair.colour import HairColour, guessed, measure
 from service.anatomy.hair.item import Items, read_items
 from service.anatomy.hair.names import AUTO, NONE
 from service.anatomy.hair.silhouette import Frame, agreement
-from service.anatomy.hair.skull import Cut, Skull, fits, hair_on
+from service.anatomy.hair.skull import Cut, Skull, fits, hair_on, mirrored
+from service.anatomy.hair.tailored import Tailored, tailored
 from service.arrays import Bool, Float32
 from service.colour import bytes_to_linear, srgb_to_linear
 from service.face.fit.result import Fit
@@ -41,6 +42,7 @@ class Hair:
         colour: in the photo's light.
         brow: the shape of brows that agrees best with the photo's; None where it shows none.
         brow_colour: (3,) linear RGB of the brows' dark pixels, in the photo's light.
+        tailored: the style fitted to the photo's outline, hairline and length; None where no photo was read.
     """
 
     asked: str
@@ -48,6 +50,7 @@ class Hair:
     colour: HairColour
     brow: str | None = None
     brow_colour: Float32 | None = None
+    tailored: Tailored | None = None
 
     @property
     def bald_beneath(self) -> bool:
@@ -88,13 +91,13 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
     brow_colour = _brow(pixels, reading, inside)
     brow = None if brow_colour is None else _brow_shape(fit, reading, items, frame)
     if asked == NONE:
-        choice, along = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown)
+        choice, along, fitted = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown), None
     else:
-        choice, along = _choose(head, fit, reading, items, frame, shown, inside, named)
+        choice, along, fitted = _choose(head, fit, reading, items, frame, shown, inside, named)
     # What hides the scalp may be taken for hair.
     seen = np.zeros_like(certain) if "hair-unseen" in choice.doubts else certain
     found = measure(pixels.reshape(-1, 3), along.ravel(), seen.ravel())
-    return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour)
+    return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour, fitted)
 
 
 def _frame(head: HeadModel, fit: Fit, reading: Reading) -> Frame:
@@ -105,16 +108,24 @@ def _frame(head: HeadModel, fit: Fit, reading: Reading) -> Frame:
 def _choose(
     head: HeadModel, fit: Fit, reading: Reading, items: Items, frame: Frame, shown: Float32, inside: Bool,
     named: list[str] | None,
-) -> tuple[Choice, Float32]:  # fmt: skip
-    """The style, and its coordinate from root to tip in the reader's cells, 0 beside it."""
+) -> tuple[Choice, Float32, Tailored | None]:  # fmt: skip
+    """The style, its coordinate from root to tip in the reader's cells, 0 beside it, and the style fitted to the photo.
+
+    What was chosen blindly, or agrees little, is not fitted.
+    """
     known = np.asarray(inside * (1 - _ramp(plain_mask(reading.parts, HAT, OTHER))), np.float32)
     skin = _ramp(plain_mask(reading.parts, SKIN, BROW, BEARD, SCLERA, IRIS))
     skull = Skull.of(head, fit.neutral)
     choice = choose(items, skull, frame, shown, skin, known, named)
     if choice.name is None:
-        return choice, np.zeros_like(shown)
+        return choice, np.zeros_like(shown), None
     item = items.items[choice.name]
-    return choice, frame.hair(item, hair_on(item, items, skull, choice.cut))[1]
+    points = hair_on(item, items, skull, choice.cut)
+    along = frame.hair(item, points)[1]
+    if choice.doubts:
+        return choice, along, None
+    worn = mirrored(item, head) if choice.cut.mirrored else item
+    return choice, along, tailored(worn, points, skull, frame, shown, known)
 
 
 def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:

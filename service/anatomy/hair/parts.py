@@ -8,7 +8,8 @@ from service.anatomy.hair.find import Hair
 from service.anatomy.hair.item import Item, Items, read_items
 from service.anatomy.hair.picture import hair_picture
 from service.anatomy.hair.skull import Skull, fits, hair_on, mirrored
-from service.arrays import AnyFloat, Float32, UInt8
+from service.anatomy.hair.tailored import Tailored
+from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.colour import linear_to_srgb
 from service.face.fit.result import Fit
 from service.geometry.normals import area_normals
@@ -23,6 +24,10 @@ LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
 
 BROW_LIFT_M = 0.0004
 """Height of the brows' cards over where they were made: the skin of another head is curved differently."""
+HAIR_IOR = 1.55
+"""Of human hair (Marschner et al. 2003, table 1)."""
+ROUGHNESS = (0.36, 0.5)
+"""Of glossy and of dull hair, across strands."""
 CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
 
@@ -41,24 +46,26 @@ def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart
     items, cut = read_items(), hair.choice.cut
     item = items.items[hair.choice.name]
     skull = Skull.of(head, fit.neutral)
-    points = hair_on(item, items, skull, cut)
-    worn = mirrored(item, head) if cut.mirrored else item
+    made = hair.tailored
+    if made is None:
+        worn = mirrored(item, head) if cut.mirrored else item
+        made = Tailored(hair_on(item, items, skull, cut), worn.uv, worn.triangles, None, 0.0)
     picture = OwnMap("hair", hair_picture(item, hair.colour, light))
     # Highlights of glossy hair are narrower.
-    roughness = float(np.clip(0.62 - 0.12 * (hair.colour.sheen - 1.0), 0.4, 0.62))
+    roughness = float(np.clip(ROUGHNESS[1] - 0.1 * (hair.colour.sheen - 1.0), *ROUGHNESS))
     material = Material(
         "hair", colour_map=picture, alpha="mask", cutoff=CUTOFF, double_sided=True, roughness=round(roughness, 3),
-        specular=0.6,
+        ior=HAIR_IOR,
     )  # fmt: skip
-    faces = outwards(points, worn, skull)
-    return MeshPart("hair", points, points, faces, item.uv, material)
+    faces = outwards(made.points, made.triangles, skull)
+    return MeshPart("hair", made.points, made.points, faces, made.uv, material)
 
 
-def outwards(points: Float32, item: Item, skull: Skull) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
+def outwards(points: Float32, triangles: Int32, skull: Skull) -> Int32:
     """(T, 3) triangles of cards from the skin outwards, for viewers that blend them in the order of the file."""
-    middle = points[item.triangles].mean(1)
+    middle = points[triangles].mean(1)
     _, away, _ = skull.nearest(middle)
-    return np.ascontiguousarray(item.triangles[np.argsort(away, kind="stable")], np.int32)
+    return np.ascontiguousarray(triangles[np.argsort(away, kind="stable")], np.int32)
 
 
 def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:

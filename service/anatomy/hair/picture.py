@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.hair.colour import HairColour
+from service.anatomy.hair.colour import CONTRAST, HairColour
 from service.anatomy.hair.item import Item
 from service.arrays import Float32, UInt8
-from service.colour import linear_to_srgb
+from service.colour import linear_to_srgb, luma
 from service.geometry.raster import interpolate, rasterise
 
 BRIGHTEST = 0.75
 """Largest albedo of hair, linear."""
+DARKEST = 0.011
+"""Least luminance of the usual strands' albedo, linear: black hair is no hole. What a photo shows darker than that lies
+in shadow, or under a tone curve that crushes it."""
+NEUTRAL = np.array([1.12, 0.97, 0.86], np.float32)
+"""Tint of black hair, of luminance 1 about: eumelanin absorbs blue most (Zonios et al. 2008)."""
 SPREAD = 0.008
 """Blur of the coordinate from root to tip on the texture, over its width: cards that share texels differ."""
 HAIRLINE = 0.05
@@ -38,11 +43,33 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     level = np.clip((np.arange(256) - low) / max(high - low, 8.0), 0, 1)
     lit = (0.5 * table + 0.5 * level).astype(np.float32)[grey][..., None]
     along = _on_texture(item)[..., None]
-    usual = colour.shaded + lit * (colour.lit - colour.shaded)
-    albedo = usual * (colour.root + along * (colour.tip - colour.root)) * light
+    shaded, bright = lifted(colour.shaded * light, colour.lit * light)
+    usual = shaded + lit * (bright - shaded)
+    albedo = usual * (colour.root + along * (colour.tip - colour.root))
     coded = linear_to_srgb(np.clip(albedo, 0, np.float32(BRIGHTEST)).astype(np.float32))
     opaque = np.rint(alpha * _fading(item, along[..., 0])).astype(np.uint8)
     return np.concatenate([np.rint(255 * coded).astype(np.uint8), opaque[..., None]], 2)
+
+
+def lifted(shaded: Float32, lit: Float32) -> tuple[Float32, Float32]:
+    """Albedo (3,) of shaded and of lit strands, at least as bright as black hair and then as neutral.
+
+    A channel that the photo's cast has taken away, or that is crushed to black, comes back as far as it has to.
+    """
+    usual = float(luma(0.5 * (shaded + lit)))
+    missing = max(DARKEST - usual, 0.0)
+    if missing <= 0:
+        return shaded, lit
+    share = missing / DARKEST
+    own = float(luma(lit)) / max(float(luma(shaded)), 1e-6)
+    ratio = float(np.sqrt(np.clip(own, *CONTRAST)))
+    middle = np.float32(DARKEST) * NEUTRAL
+    # What is left of the measured colour still counts by how much of it was there.
+    dark, bright = middle / np.float32(ratio), middle * np.float32(ratio)
+    return (
+        np.asarray((1 - share) * shaded + share * dark, np.float32),
+        np.asarray((1 - share) * lit + share * bright, np.float32),
+    )
 
 
 def _fading(item: Item, along: Float32) -> Float32:

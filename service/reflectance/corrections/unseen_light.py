@@ -131,39 +131,29 @@ def _blurred(planes: Float32, sigma: float) -> Float32:
     return np.stack([np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32) for plane in planes])
 
 
-UNSEEN_LIGHT = LightCorrection(
-    name="unseen-light",
+def everywhere(at: ChartLight) -> Float32:
+    """(3, h, w) log light of the whole chart: that of lit skin, continued to all else, closed at the seam.
+
+    Inpainted skin has the albedo of the prior in the box, where the chart is the one that it was learnt on.
+    """
+    light = with_shade_floor(continued(at.light, at.lit), at.found, at.weight)
+    if at.inpainted.any():
+        prior = albedo_prior()
+        known = prior if prior.is_of(at.inside) else None
+        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, known)
+    return seamless(light)
+
+
+UNSEEN_SKIN = LightCorrection(
+    name="unseen-skin",
     mends="The network takes inpainted colour, hair and caps for lit or shaded skin.",
     source="light",
     constants={
         "widest": Constant(WIDEST, "texels of the context, standard deviation", "a third of the chart's width"),
         "floor": Constant(SHADED, "quantile of the light on lit skin", "chosen on photos with caps and fringes"),
+        "grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold"),
+        "blend": Constant(SEAM, "share of the chart's sides", "as wide as the back of the head"),
     },
-    cases=("cap", "beard"),
-    apply=lambda at: with_shade_floor(continued(at.light, at.lit), at.found, at.weight),
-)
-
-def completed(at: ChartLight) -> Float32:
-    """:func:`as_seen_skin` by the prior in the box, where the chart is the one that it was learnt on."""
-    prior = albedo_prior()
-    known = prior if prior.is_of(at.inside) else None
-    return as_seen_skin(at.light, at.texture, at.found, at.weight, at.inpainted, known)
-
-
-INPAINTED_SKIN = LightCorrection(
-    name="inpainted-skin",
-    mends="Inpainted skin keeps the shade of the photo's skin that it was continued from.",
-    source="light",
-    constants={"grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold")},
-    cases=("hard",),
-    apply=lambda at: completed(at) if at.inpainted.any() else at.light,
-)
-
-CHART_SEAM = LightCorrection(
-    name="chart-seam",
-    mends="Light from one side ends in a step along the chart's seam at the back of the head.",
-    source="light",
-    constants={"blend": Constant(SEAM, "share of the chart's sides", "as wide as the back of the head")},
-    cases=("hard",),
-    apply=lambda at: seamless(at.light),
+    cases=("cap", "beard", "hard"),
+    apply=everywhere,
 )

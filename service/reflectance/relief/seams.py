@@ -89,9 +89,7 @@ def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> Float3
     return result
 
 
-def _seam_edges(
-    head: HeadModel, part: int, points: Float64
-) -> tuple[Float64, Float64]:
+def _seam_edges(head: HeadModel, part: int, points: Float64) -> tuple[Float64, Float64]:
     """Edges whose two triangles are separate on the chart.
 
     Returns:

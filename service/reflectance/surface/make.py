@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy.typing as npt
 from service.arrays import AnyFloat, Float32, UInt8
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
-from service.reflectance.plan import SURFACE
 from service.reflectance.result import Reflectance
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.surface.cavity import cavity
@@ -22,8 +21,8 @@ from service.reflectance.surface.thickness import thickness_mm
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 LARGEST = (1152, 768)
-"""Size of these maps where the others are larger: a texel is a third of a millimetre on the face, and they show little
-that is finer."""
+"""Largest size of these maps: a texel is a third of a millimetre on the face, and they show little that is finer. Of
+smaller ones they have half the sides."""
 
 CODES_PER_MM = 10
 """Of thickness."""
@@ -60,10 +59,10 @@ def surface_maps(
         roles: maps that were requested.
         size: (width, height) of the other maps.
     """
-    wanted = set(roles) & set(SURFACE)
+    wanted = set(roles) & {one.name for one in fields(SurfaceMaps)}
     if not wanted:
         return None
-    size = min(size, LARGEST)
+    size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
     chart = Chart.build(head, *min(size, GEOMETRY_SIZE))
     specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement

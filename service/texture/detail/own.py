@@ -9,9 +9,9 @@ what is coarser stays the map's. In each octave and texel
 with the photo's octave p and the map's own z, which super-resolution made up. H^2 is the share of the power that blur
 and spacing of the pixels leave (``sharpness``), E the power of p and Z that of z around the texel, N that of the noise
 of sensor and compression, and w = 1 - N / E. So p keeps the power of its signal (spectral subtraction, Boll 1979), and
-z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 Z / (H^2 Z + N), Wiener's share,
-is what it tells, and P the photo's power or the usual one by that. Both sides of a border have equal grain. In the two
-coarsest octaves, which the map took from the photo as well, h = 1 - g.
+z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 S / (H^2 S + N), Wiener's share
+with S the larger of w E / H^2 and Z, is what it tells, and P the photo's power or the usual one by that. Both sides of
+a border have equal grain. In the two coarsest octaves, which the map took from the photo as well, h = 1 - g.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from service.texture.detail.octaves import halo, joined, split
 from service.texture.detail.places import Places
 from service.texture.detail.reading import Reader, stretched
 from service.texture.detail.result import Detail, Octave
-from service.texture.detail.sharpness import Sharpness, measure
+from service.texture.detail.sharpness import LEAST_LEFT, Sharpness, measure
 from service.texture.result import SEEN, Texture
 
 STRIP = 512
@@ -43,8 +43,6 @@ AROUND, KERNEL = 1.5, (11, 11)
 that ends."""
 USUAL = 0.003
 """Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
-LEAST_LEFT = 0.1
-"""Share of the power left by the blur below which what was there before is not computed from it."""
 FACE_BORDER = 8
 """Pixels around the face that its sharpness is measured on."""
 SOFT = 2.0
@@ -55,6 +53,10 @@ LEAST_TEXELS = 20
 """Texels of that size with fewer of which a region is not reported."""
 LEAST_SEEN = 0.01
 """Opacity of the photo below which a texel's detail is left alone."""
+WHITE, BLACK = 252 / 255, 2 / 255
+"""sRGB-coded values beyond which a channel is clipped."""
+CLIPPED_SOFT = 4.0
+"""Standard deviation, texels of the map, over which the photo's share fades out towards clipped skin."""
 SIZES = (576, 1152, 2304, 4608, 6144)
 """Widths of a texture that follows the photo's resolution."""
 DENSE = 0.9
@@ -105,7 +107,7 @@ class OwnDetail:
         if not seen.any():
             return TEXTURE_SIZE
         pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
-        width = float(np.quantile(pixels, DENSE)) * size[0]
+        width = float(np.quantile(pixels, DENSE)) * size[0] * min(2 * self.sharpness.finest, 1.0)
         fitting = [one for one in SIZES if one <= most] or [min(SIZES[0], most)]
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
@@ -135,13 +137,21 @@ class OwnDetail:
         return Detail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
 
 
-def own_texture_of(texture: Texture, own: OwnDetail, most: int) -> UInt8 | None:
-    """(H, W, 3) sRGB texture at the photo's resolution, at most ``most`` wide; None where it holds no more."""
+def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:
+    """(H, W, 3) sRGB texture of another size, with the photo's own detail; None where it would be the same.
+
+    Args:
+        texture: of the photo.
+        own: the photo's detail.
+        size: (width, height), 3:2; what the photo does not resolve is smooth.
+    """
     import cv2
 
-    size = own.texture_size(most)
-    if size[0] <= texture.texture.shape[1]:
+    across = texture.texture.shape[1]
+    if size[0] == across:
         return None
+    if size[0] < across:
+        return np.asarray(cv2.resize(texture.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
     codes = cv2.resize(texture.texture.astype(np.uint16) * np.uint16(257), size, interpolation=cv2.INTER_CUBIC)
     own.onto(np.asarray(codes, np.uint16))
     result = np.zeros(codes.shape, np.uint8)
@@ -186,6 +196,14 @@ def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
     return photo.pixels[top:bottom, left:right]
 
 
+def _clipped(photo: Float32) -> Float32:
+    """(h, w) in [0, 1]: where a photo (h, w, 3) is white or black in all channels, which tells of no detail."""
+    import cv2
+
+    lost = (photo.min(-1) > WHITE) | (photo.max(-1) < BLACK)
+    return np.asarray(cv2.GaussianBlur(lost.astype(np.float32), (0, 0), CLIPPED_SOFT), np.float32)
+
+
 class _Work:
     """One map that gets a photo's detail."""
 
@@ -225,6 +243,7 @@ class _Work:
         map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
         seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
         photo = self._reader.rows(window[0], window[1], window[2:])
+        seen *= 1 - _clipped(photo)
         inside = (slice(top - first, bottom - first), slice(columns[0] - begin, columns[1] - begin))
         ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
         theirs, _ = split(map_, self._octaves)
@@ -259,11 +278,12 @@ class _Work:
         noise = self._own.sharpness.noise_power(lowest)
         found, usual = power(band), np.maximum(power(made_up), USUAL**2)
         signal = np.maximum(1 - noise / np.maximum(found, least), 0)
+        own = signal * found / np.maximum(left, LEAST_LEFT)
         gain = here * np.sqrt(signal) * np.minimum(4 * left, 1)
-        told = here * left * usual / np.maximum(left * usual + noise, least)
+        strong = left * np.maximum(usual, own)
+        told = here * strong / np.maximum(strong + noise, least)
         if index >= self._octaves - 2:
             return told, gain, 1 - gain
-        own = signal * found / np.maximum(left, LEAST_LEFT)
         missing = np.maximum(told * own + (1 - told) * usual - gain * gain * found, 0)
         return told, gain, np.sqrt(np.clip((1 - told) * missing / usual, 0, 1))
 

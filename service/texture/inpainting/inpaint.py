@@ -77,27 +77,26 @@ def opacity(weight: AnyFloat) -> Float32:
 
 
 def complete_skin(
-    chart: Chart, colour: Float32, seen: Float32, trust: Float32, skin: Float32, scalp: Float32 | None, seed: int = 0
+    chart: Chart, colour: Float32, seen: Float32, skin: Float32, scalp: Float32 | None, seed: int = 0
 ) -> Completed:
     """Colour of all skin: base, detail, mirrored detail and grain.
 
     Args:
         chart: of the head.
         colour: (N, 3) sRGB of the photo, read where ``seen`` > 0.
-        seen: (N,) opacity of the photo.
-        trust: (N,) <= ``seen``: weight with which colours are continued and mirrored from a texel.
+        seen: (N,) opacity of the photo, also the weight with which colours are continued and mirrored from a texel.
         skin: (3,) sRGB of the person's skin, the prior far from everything seen.
         scalp: (3,) sRGB of the hair (or bald scalp), or None where the photo does not show it.
         seed: of the grain.
     """
     on_skin = (chart.inner_part == chart.head.part_names.index("skin")).astype(np.float32)
-    seen, trust = seen * on_skin, np.minimum(trust, seen) * on_skin
-    field = chart.inside(_base(chart, np.c_[colour, _fine(chart, colour, seen)], trust, skin, scalp))
+    shown = seen * on_skin
+    field = chart.inside(_base(chart, np.c_[colour, _fine(chart, colour, shown)], shown, skin, scalp))
     base = field[:, :3]
-    detail = np.where(seen[:, None] > 0, colour - base, 0.0).astype(np.float32)
-    seen = _feather(chart, seen)
+    detail = np.where(shown[:, None] > 0, colour - base, 0.0).astype(np.float32)
+    seen = _feather(chart, shown)
 
-    other = _flip(chart, np.c_[detail, trust])
+    other = _flip(chart, np.c_[detail, shown])
     reflected = _feather(chart, other[:, 3]) * (1 - seen)
     inpainted = (1 - seen - reflected)[:, None]
     result = base + seen[:, None] * detail + reflected[:, None] * other[:, :3]

@@ -1,4 +1,7 @@
-"""The reader's parts on the chart: what hides the head in the photo makes texels unseen, whatever their colour."""
+"""The reader's parts on the chart: what hides the head in the photo makes texels unseen, whatever their colour.
+
+Parts are probabilities of cells of about two millimetres: soft edges stay soft on the chart.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.face.fit.result import Fit
-from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, OTHER
+from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, IRIS, MOUTH, OTHER, PARTS, SCLERA, SKIN
 from service.face.reading.reader import PART_CELLS, Reading
 from service.geometry.chart import Chart
 from service.texture.segmentation.zones import Zones
@@ -23,7 +26,9 @@ STRANDS = (0.08, 0.3)
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
-    """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it or beyond the crop.
+    """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it.
+
+    Beyond the crop, where nothing was read, all counts as background.
 
     Args:
         reading: of the photo that was fitted.
@@ -39,9 +44,25 @@ def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
         part = slice(first, first + _LONGEST)
         x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
         for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
-            found = cv2.remap(np.ascontiguousarray(reading.parts[..., start : start + 4]), x, y, cv2.INTER_LINEAR)
+            planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
+            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
+    result[shown[((at < 0) | (at > PART_CELLS)).any(1)]] = np.eye(result.shape[1], dtype=np.float32)[BACKGROUND]
     return result
+
+
+def parts_of_face(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Float32:
+    """(N, 13) float32 as :func:`parts_at`, where nothing was read: the face shows itself, all else is hidden.
+
+    Hair, collars and walls lie beside the face; what is before it cannot be told.
+    """
+    result = np.zeros((len(unwrapped.weight), len(PARTS)), np.float32)
+    result[:, SKIN], result[:, OTHER] = zones.face, 1 - zones.face
+    names = np.array(chart.head.part_names)[chart.inner_part]
+    for part, own in ((SCLERA, np.char.startswith(names, "eye")), (MOUTH, np.char.startswith(names, "teeth"))):
+        result[own] = 0
+        result[own, part] = 1
+    return result * (unwrapped.weight > 0)[:, None]
 
 
 _LONGEST = 30_000
@@ -58,8 +79,16 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     """
     share = parts[:, list(BEFORE)].sum(1)
     if not bald:
-        return _ramp(share + parts[:, HAIR] * (1 - zones.scalp), RAMP)
-    return np.maximum(_ramp(share + parts[:, HAIR], RAMP), _ramp(parts[:, HAIR], STRANDS))
+        return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
+    return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
+
+
+def opened(parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 on skin in whose place the photo shows an eye or the inside of the mouth.
+
+    Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
+    """
+    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1)) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
@@ -73,6 +102,7 @@ def grown(chart: Chart, hidden: Float32) -> Float32:
     return np.maximum(soft.ravel()[chart.texels], hidden)
 
 
-def _ramp(share: Float32, between: tuple[float, float]) -> Float32:
+def ramp(share: Float32, between: tuple[float, float] = RAMP) -> Float32:
+    """Smooth step of probabilities of any shape, from 0 at the first of ``between`` to 1 at the second."""
     t = np.clip((share - between[0]) / (between[1] - between[0]), 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

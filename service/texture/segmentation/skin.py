@@ -1,105 +1,79 @@
-"""Skin segmentation: how far each texel shows skin, and may be kept, continued or used to measure the light."""
+"""Where a photo shows the head's own surface, and where that is skin whose light can be measured."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from service.arrays import Float32, UInt8
+from service.arrays import Bool, Float32
+from service.face.reading.parts import BEARD, BROW, CLOTH, GLASSES, HAT, LIP, OTHER, SKIN
 from service.geometry.chart import Chart
-from service.ledger import Ledger
 from service.texture.inpainting.inpaint import opacity
-from service.texture.segmentation.skin_model import SkinModel, fit_skin_model, skin_likelihood
-from service.texture.segmentation.small_components import SMALL_COMPONENTS, small_components
+from service.texture.segmentation.covered import grown, ramp
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
 
-FRONTAL = 0.3
-"""Weight from which on the photo is kept on the face even where it does not look like skin."""
+SURFACE = (SKIN, BROW, BEARD, LIP)
+"""Parts that lie on the skin: all of them are seen, and belong to the albedo."""
 
 
-def segment(
-    chart: Chart, unwrapped: Unwrapped, zones: Zones, ledger: Ledger, *, bald: bool = False
-) -> tuple[Float32, Float32, SkinModel | None]:
-    """Where the photo is kept, and where it may be continued.
+COVERED = 0.2
+"""Share of the face from which on a hat, a mask or a hand before it is worth a warning."""
+
+FRAME = (0.1, 0.1)
+"""Probability of glasses, and share of the face with more, from which on glasses are worn: 0.14 and 0.20 on two photos
+with them, 0.07 at most on 27 without. Frames are thinner than the reader's cells."""
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Of the inner texels of a chart.
+
+    Attributes:
+        seen: (N,) float32 opacity in [0, 1] of the photo where it shows the head's own surface.
+        lit: (N,) float32 in [0, 1], 1 where that is skin, brow or lip: there the light can be measured.
+        colour: (3,) float32 sRGB, median of the face's bare skin; None where none is seen.
+        face: (N,) bool, texels of the face's lit skin that are seen well.
+    """
+
+    seen: Float32
+    lit: Float32
+    colour: Float32 | None
+    face: Bool
+
+
+def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) -> Segmentation:
+    """Tell the head's own surface from all else.
 
     Args:
         chart: of the head.
-        unwrapped: the photo on it.
+        unwrapped: the photo on it, its weight less where something hides the head.
+        parts: (N, 13) as ``service.texture.segmentation.covered.parts_at`` gives them.
         zones: of the same texels.
-        ledger: says which corrections run, and records what they change.
-        bald: hair is a mesh of its own, so that the scalp is kept where it has the colour of skin only.
-
-    Returns:
-        (N,) float32 trust in [0, 1] with which a texel's colour may be continued and mirrored; (N,) float32 opacity of
-        the photo in [0, 1]; and the skin model that both are based on, None where too little skin is seen.
     """
-    seen: Float32 = opacity(unwrapped.weight) * (1 - zones.hidden)
-    skin = fit_skin_model(unwrapped.colour, unwrapped.normal, unwrapped.weight, zones)
-    if skin is None:
-        return seen, seen, None
-    likely = np.ones_like(seen)
-    shown = np.flatnonzero(seen > 0)
-    likely[shown] = skin_likelihood(skin, unwrapped.colour[shown], unwrapped.normal[shown])
-    if skin.cover is not None:  # a cap may be continued and mirrored as skin is
-        cover = skin_likelihood(skin.cover, unwrapped.colour[shown], unwrapped.normal[shown])
-        likely[shown] = np.maximum(likely[shown], cover)
-    likely = _despeckled(chart, likely, seen)
-    # Lips, lids and brows are not skin-coloured, and the scalp is expected to be hair: they count as likely.
-    hairy = np.zeros_like(zones.scalp) if bald else zones.scalp
-    exempt = np.maximum(zones.features, np.clip((hairy - 0.4) / 0.4, 0, 1))
-    likely = exempt + (1 - exempt) * likely
-    # A fringe or make-up on the face belongs to the likeness; at the face's outline the same colours are background.
-    frontal = opacity(unwrapped.weight - FRONTAL)
-    kept = np.maximum(np.maximum(zones.face * (1 - bald * zones.scalp) * frontal, hairy), zones.features)
-    visible = seen * (kept + (1 - kept) * likely)
-    whole = np.ones(len(seen), bool)
-    if ledger.runs(SMALL_COMPONENTS):
-        whole = ~small_components(chart, visible, zones)
-        ledger.count(SMALL_COMPONENTS, int((~whole).sum()), whole.size)
-    return np.asarray(whole * seen * likely, np.float32), np.asarray(whole * visible, np.float32), skin
+    # A beard looks like shade to who measures light: its light is that of the skin beside it.
+    smooth = 1 - grown(chart, ramp(parts[:, BEARD]))
+    lit = np.asarray(smooth * (1 - ramp(1 - parts[:, list(SURFACE)].sum(1))), np.float32)
+    face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
+    colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
+    seen = opacity(unwrapped.weight) * (1 - zones.hidden)
+    return Segmentation(np.asarray(seen, np.float32), lit, colour, face)
 
 
-def lit_skin(chart: Chart, unwrapped: Unwrapped, zones: Zones, skin: SkinModel | None) -> Float32:
-    """(N,) in [0, 1], 1 where the photo shows skin whose light can be measured, 0 where it shows anything else.
-
-    On the face, dark texels may be skin in shade and bright ones highlights; where hair is expected, dark ones are
-    hair. Lips, lids and brows of the face count as skin. Without a skin model all is 1.
-    """
-    likely = np.ones(len(unwrapped.weight), np.float32)
-    if skin is None:
-        return likely
-    shown = np.flatnonzero(unwrapped.weight > 0)
-    face = (zones.face * (1 - zones.scalp))[shown]
-    likely[shown] = skin_likelihood(skin, unwrapped.colour[shown], unwrapped.normal[shown], face)
-    smooth = _despeckled(chart, likely, opacity(unwrapped.weight))
-    return np.asarray(np.maximum(zones.features * zones.face, smooth), np.float32)
-
-
-def worn_mask(chart: Chart, colour: Float32, normal: Float32, skin: SkinModel) -> UInt8 | None:
-    """(H, W) uint8, 255 where a texture has the colour of a cap or mask worn over the face; None where none is.
+def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...]:
+    """Warnings of what is worn before the face: ``glasses-removed``, ``face-covered``.
 
     Args:
-        chart: of the head.
-        colour: (N, 3) sRGB, seen or inpainted.
-        normal: (N, 3) unit.
-        skin: model of the person's skin and of the cap or mask.
+        parts: (N, 13), see :func:`segment`.
+        weight: (N,) of the photo at the texels, before anything was found to hide the head.
+        zones: of the same texels.
     """
-    if skin.cover is None:
-        return None
-    like_cover, like_skin = (skin_likelihood(model, colour, normal, face=1.0) for model in (skin.cover, skin))
-    share = np.asarray(like_cover * (1 - like_skin), np.float32)
-    return np.rint(255 * np.clip(chart.fill_outside(chart.spread(share[:, None])[..., 0]), 0, 1)).astype(np.uint8)
-
-
-def _despeckled(chart: Chart, likely: Float32, seen: Float32) -> Float32:
-    """(N,) likelihood, blurred and thresholded softly: moles and pores count as skin, what is not skin grows
-    slightly.
-    """
-    import cv2
-
-    sigma = max(chart.width / 576 * 2.5, 0.5)
-    stacked = chart.spread(np.stack([likely * seen, seen], 1))
-    soft = np.asarray(cv2.GaussianBlur(stacked, (0, 0), sigma)).reshape(-1, 2)[chart.texels]
-    mean = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
-    t = np.clip((mean - 0.5) / 0.3, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
+    face = parts[(weight > 0.25) & (zones.face > 0.5) & zones.skin]
+    if not len(face):
+        return ()
+    worn = {
+        "glasses-removed": (face[:, GLASSES] > FRAME[0]).mean() > FRAME[1],
+        "face-covered": (ramp(face[:, [HAT, CLOTH, OTHER]].sum(1)) > 0.5).mean() > COVERED,
+    }
+    return tuple(name for name, true in worn.items() if true)

@@ -18,20 +18,14 @@ class Zones:
     Attributes:
         skin: bool, texel of the part "skin".
         face: the face proper, where hair and make-up are part of the likeness.
-        middle: cheeks and nose, which hats, fringes and beards leave free.
-        features: lips, brows and lids, which need not be skin-coloured.
         scalp: where hair is expected.
-        neck: below the jaw.
         mouth: the inside of the mouth.
         hidden: inside of the mouth and of the eye sockets.
     """
 
     skin: Bool
     face: Float32
-    middle: Float32
-    features: Float32
     scalp: Float32
-    neck: Float32
     mouth: Float32
     hidden: Float32
 
@@ -39,14 +33,9 @@ class Zones:
     def of(cls, chart: Chart) -> Zones:
         """Interpolate the head's region masks to the texels of the chart."""
         head = chart.head
-        lids = vertex_mask(head, "eyelid_left", "eyelid_right")
-        brows = vertex_mask(head, "brow_left", "brow_right")
         rows = [
             vertex_mask(head, "face"),
-            vertex_mask(head, "cheek_left", "cheek_right", "nose"),
-            np.maximum(np.maximum(vertex_mask(head, "lips"), brows), lids),
             vertex_mask(head, "scalp"),
-            vertex_mask(head, "neck"),
             vertex_mask(head, "mouth_inner"),
             vertex_mask(head, "mouth_inner", "eye_socket"),
         ]

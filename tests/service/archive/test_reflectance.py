@@ -18,6 +18,7 @@ from service.archive.avatar import Avatar
 from service.archive.container import MEMBER_NAMES, write_file
 from service.archive.fine import displaced, heights_at, subdivided
 from service.archive.manifest import from_json
+from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members, write_archive
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
@@ -65,9 +66,9 @@ def test_maps_decode_to_what_was_made(bits: int, members: dict[str, bytes], fine
     half = 0.5 / 255 + 1e-6
     np.testing.assert_allclose(values(files, "diffuse_albedo"), made.diffuse_albedo / 65535, atol=half)
     np.testing.assert_allclose(values(files, "specular_albedo"), made.specular_albedo / 65535, atol=half)
-    np.testing.assert_allclose(
-        values(files, "displacement"), (made.displacement.astype(float) - MID) * SCALE_MM, atol=1e-9
-    )
+    heights, whole = values(files, "displacement"), (made.displacement.astype(float) - MID) * SCALE_MM
+    np.testing.assert_allclose(heights, whole, atol=COARSEST_STEP / 2 * SCALE_MM + 1e-9)
+    assert len(np.unique(np.rint(heights / SCALE_MM) % COARSEST_STEP)) == 1, "in steps that compress well"
     step = 0.5 / 127 + 1e-4 if bits == 8 else 3e-5
     for role, normals in (("specular_normal", made.specular_normal), ("diffuse_normal", made.diffuse_normal)):
         assert normals is not None
@@ -158,7 +159,8 @@ def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> N
         view = document["bufferViews"][image["bufferView"]]
         pictures.append(decode(binary[view["byteOffset"] :][: view["byteLength"]]))
     assert made.diffuse_albedo is not None and made.specular_normal is not None and made.specular_albedo is not None
-    np.testing.assert_allclose(pictures[0], made.diffuse_albedo // 257)
+    # JPEG, of noise here.
+    assert np.abs(pictures[0].astype(int) - made.diffuse_albedo // 257).mean() < 8
     np.testing.assert_allclose(pictures[1] / 127.5 - 1, unpack_normals(made.specular_normal), atol=0.01)
     alpha = cv2.imdecode(np.frombuffer(binary, np.uint8)[_start(document, 2) :], cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(np.asarray(alpha)[..., 3] / 255, made.specular_albedo / 65535, atol=0.5 / 255 + 1e-6)

@@ -8,6 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.face.fit.result import Fit
+from service.face.reading.parts import BACKGROUND, PARTS
+from service.face.reading.reader import CELLS, PART_CELLS, Reading
+from service.face.region import Region
 from service.geometry.camera import Camera
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
@@ -50,6 +53,25 @@ def photograph(
     image[mask] = paint(np.einsum("nk,nki->ni", raster.barycentric[mask], corners))
     small = image.reshape(camera.height, side, camera.width, side, 3).mean((1, 3))
     return Photo(np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8))
+
+
+def read_off(head: HeadModel, camera: Camera, part: Callable[[Array], npt.NDArray[np.integer]]) -> Reading:
+    """What a reader that errs nowhere says of such a photo, which has to be square.
+
+    Args:
+        head: in the photo.
+        camera: of the photo.
+        part: (N,) numbers of the parts at head-space points (N, 3).
+    """
+    points = camera.project(head.mean) * PART_CELLS / camera.width
+    depth = camera.to_camera(head.mean)[:, 2]
+    raster = rasterise(points, depth, head.triangles, PART_CELLS, PART_CELLS, perspective=True)
+    label = np.full((PART_CELLS, PART_CELLS), BACKGROUND)
+    corners = head.mean[head.triangles[raster.triangle[raster.mask]]].astype(float)
+    label[raster.mask] = part(np.einsum("nk,nki->ni", raster.barycentric[raster.mask], corners))
+    unknown, middle = np.ones((CELLS, CELLS)), camera.width / 2
+    region, vectors = Region(middle, middle, camera.width), np.zeros((CELLS, CELLS, 3))
+    return Reading(region, vectors[..., :2], unknown, vectors, unknown, np.eye(len(PARTS), dtype=np.float32)[label])
 
 
 def plain(colour: tuple[float, float, float]) -> Callable[[Array], Array]:

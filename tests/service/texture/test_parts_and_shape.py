@@ -1,4 +1,4 @@
-"""Eyes, the skin model, mesh fields and shape maps on their own."""
+"""Eyes, mesh fields and shape maps on their own."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from service.anatomy.eyes import colours as eye
 from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.mouth.colours import TONGUE
 from service.anatomy.teeth.colours import TOOTH
-from service.colour import linear_to_srgb, srgb_to_linear
+from service.colour import linear_to_srgb
 from service.geometry.chart import Chart
 from service.texture.parts import PartLight
-from service.texture.segmentation.skin_model import fit_skin_model, skin_likelihood
-from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
 from tests.toyhead import sphere_head
 
@@ -51,66 +49,6 @@ def test_light_of_the_parts_is_that_of_the_sclera() -> None:
     assert np.ptp(grey.of_photo(linear_to_srgb(TONGUE))) < 1e-6
     dark = PartLight.of(np.zeros(3, np.float32), None, nothing)
     assert np.isfinite(dark.off(np.zeros((2, 3), np.float32))).all() and (dark.white > 0).all()
-
-
-def _shaded_skin() -> tuple[np.ndarray, np.ndarray, Zones]:
-    zones = Zones.of(CHART)
-    normal = CHART.normals(HEAD.mean).reshape(-1, 3)[CHART.texels]
-    light = np.clip(0.75 + 0.25 * normal[:, :1], 0, 1)
-    return (np.array([0.8, 0.6, 0.5]) * light).astype(np.float32), normal, zones
-
-
-def test_skin_in_light_and_shade_is_skin_and_hair_wall_and_cloth_are_not() -> None:
-    colour, normal, zones = _shaded_skin()
-    weight = np.clip(normal[:, 2], 0, 1) ** 2
-    skin = fit_skin_model(colour, normal, weight, zones)
-    assert skin is not None
-    face = zones.skin & (zones.face > 0.5)
-    assert skin_likelihood(skin, colour, normal)[face].min() > 0.95
-    for other in ([0.12, 0.09, 0.07], [0.2, 0.6, 0.3], [0.3, 0.4, 0.9], [0.95, 0.95, 1.0]):
-        same = np.broadcast_to(np.array(other, np.float32), colour.shape)
-        assert skin_likelihood(skin, same, normal)[face].max() < 0.3
-
-
-def test_a_mirrored_lamp_on_skin_is_skin_and_white_things_are_not() -> None:
-    """Taken for cloth, a highlight would keep its white in the albedo."""
-    colour, normal, zones = _shaded_skin()
-    weight = np.clip(normal[:, 2], 0, 1) ** 2
-    skin = fit_skin_model(colour, normal, weight, zones)
-    assert skin is not None
-    face = (zones.face > 0.9) & zones.skin & (weight > 0.5) & (zones.features < 0.01)
-    shining = linear_to_srgb(srgb_to_linear(colour) + np.float32(0.5))
-    assert skin_likelihood(skin, shining, normal)[face].max() < 0.1
-    assert skin_likelihood(skin, shining, normal, face=1.0)[face].min() > 0.9
-    for other in ([0.95, 0.95, 1.0], [0.6, 0.9, 0.6], [0.7, 0.7, 0.7]):
-        cloth = np.broadcast_to(np.array(other, np.float32), colour.shape)
-        assert skin_likelihood(skin, cloth, normal, face=1.0)[face].max() < 0.3
-    assert np.isfinite(skin_likelihood(skin, np.ones_like(colour), normal, face=1.0)).all()
-
-
-def test_skin_model_bears_a_third_of_outliers() -> None:
-    colour, normal, zones = _shaded_skin()
-    clean = fit_skin_model(colour, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
-    spoilt = colour.copy()
-    spoilt[np.random.default_rng(1).uniform(size=len(colour)) < 0.33] = [0.1, 0.08, 0.06]
-    dirty = fit_skin_model(spoilt, normal, np.clip(normal[:, 2], 0, 1) ** 2, zones)
-    assert clean is not None
-    assert dirty is not None
-    assert np.abs(clean.colour - dirty.colour).max() < 0.03
-
-
-def test_no_skin_in_sight_makes_no_model() -> None:
-    colour, normal, zones = _shaded_skin()
-    assert fit_skin_model(colour, normal, np.zeros(len(colour), np.float32), zones) is None
-
-
-def test_black_photo_makes_a_finite_model() -> None:
-    """Logarithm of nothing, spread of nothing."""
-    colour, normal, zones = _shaded_skin()
-    black = np.zeros_like(colour)
-    skin = fit_skin_model(black, normal, np.ones(len(colour), np.float32), zones)
-    assert skin is not None
-    assert np.isfinite(skin_likelihood(skin, black, normal)).all()
 
 
 def test_a_nose_shows_in_the_tangent_map_and_a_plain_sphere_does_not() -> None:

@@ -8,7 +8,7 @@ import pytest
 from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, guessed, measure
 from service.anatomy.hair.item import read_items
 from service.anatomy.hair.make import to_albedo
-from service.anatomy.hair.picture import hair_picture
+from service.anatomy.hair.picture import DARKEST, hair_picture, lifted
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 
 BROWN = np.array([0.08, 0.045, 0.02])
@@ -81,3 +81,13 @@ def test_the_photos_light_is_the_ratio_on_lit_skin() -> None:
     lit[:5] = 0
     np.testing.assert_allclose(to_albedo(coded[1], coded[0], lit), 1 / light, rtol=0.02)
     assert np.array_equal(to_albedo(coded[1], coded[0], np.zeros_like(lit)), np.ones(3))
+
+
+def test_black_hair_is_no_hole_and_bright_hair_stays() -> None:
+    crushed = np.array([4e-4, 1e-4, 0.0], np.float32)
+    shaded, lit = lifted(crushed, 2 * crushed)
+    assert 0.7 * DARKEST < luma(0.5 * (shaded + lit)) < 1.5 * DARKEST
+    assert (lit > shaded).all() and lit[2] > 0.5 * lit[0], "the cast that took the blue away is not the hair's"
+    brown = np.array([0.05, 0.03, 0.02], np.float32)
+    same = lifted(brown, 2 * brown)
+    np.testing.assert_array_equal(same, (brown, 2 * brown))

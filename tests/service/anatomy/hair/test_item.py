@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from service.anatomy.hair.bust import bust_part, seam
 from service.anatomy.hair.item import read_items, write_items
 from service.anatomy.hair.names import STYLES
+from service.arrays import Float32
 from service.errors import ModelFault
+from service.geometry.normals import area_normals
 from service.head.files import load_head
+from tests.service.archive.toys import toy_avatar
 
 HEAD, ITEMS = load_head(), read_items()
 
@@ -41,8 +46,6 @@ def test_a_head_that_moves_takes_its_things_along(name: str) -> None:
 
 
 def test_the_bust_is_the_heads_own_neck_where_they_meet() -> None:
-    from service.anatomy.hair.bust import seam
-
     item = ITEMS.items["bust/body"]
     own, of = seam(item)
     assert len(own) >= 40
@@ -67,3 +70,24 @@ def test_a_missing_or_torn_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "torn.npz").write_bytes(b"PK\x03\x04 torn")
     with pytest.raises(ModelFault, match="cannot be read"):
         read_items(tmp_path / "torn.npz")
+
+
+def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
+    item = ITEMS.items["bust/body"]
+    at, of = seam(item)
+    neutral = HEAD.shape(np.array([1.5, -1.0, 0.5]))
+    fit = replace(toy_avatar().fit, vertices=neutral, neutral=neutral)
+    bust = bust_part(HEAD, fit, np.full((64, 96, 3), 128, np.uint8))
+    assert bust is not None
+    own = area_normals(fit.neutral, HEAD.triangles)[of]
+
+    def turn(normals: Float32) -> float:
+        return float(np.degrees(np.arccos(np.clip((own * normals).sum(1), -1, 1))).max())
+
+    plain = item.worn(fit.neutral - ITEMS.fitted_head)
+    assert turn(area_normals(plain, item.triangles)[at]) > 15, "without: a kink"
+    assert turn(area_normals(bust.neutral, bust.faces)[at]) < 10
+    np.testing.assert_allclose(bust.neutral[at], fit.neutral[of], atol=2e-5)
+    # Far from the seam the shoulders are the base mesh's.
+    far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
+    np.testing.assert_array_equal(bust.neutral[far], plain[far])

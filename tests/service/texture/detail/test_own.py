@@ -137,16 +137,28 @@ def test_a_photo_that_shows_no_head_changes_nothing() -> None:
     assert (codes == enlarged(texture)).all()
     assert all(one.share == 0 for one in told.octaves)
     assert told.pixels_per_mm == {}
-    assert own_texture_of(texture, own, 6144) is None
+    assert own.texture_size() == (576, 384)
+    assert own_texture_of(texture, own, (576, 384)) is None
 
 
 def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture, OwnDetail]) -> None:
-    _, texture, own = scene
-    made = own_texture_of(texture, own, 6144)
-    assert made is not None
-    assert made.shape == (3072, 4608, 3)  # the toy face lies closer on its chart than ours
-    assert own_texture_of(texture, own, 576) is None
+    _, _, own = scene
+    assert own.texture_size() == (4608, 3072)  # the toy face lies closer on its chart than ours
+    assert own.texture_size(2000) == (1152, 768)
+    assert own.texture_size(576) == (576, 384)
     small = photograph(HEAD, turned(0, 150), plain(SKIN))
     fit = fitted(HEAD, turned(0, 150))
     coarse = make_texture(small, HEAD, fit, CHART)
-    assert own_texture_of(coarse, OwnDetail.of(small, HEAD, fit, coarse), 6144) is None
+    assert OwnDetail.of(small, HEAD, fit, coarse).texture_size() == (576, 384)
+
+
+@pytest.mark.parametrize("size", [(1536, 1024), (1203, 802), (288, 192)])
+def test_a_texture_has_the_size_that_was_asked_for(
+    scene: tuple[Photo, Texture, OwnDetail], size: tuple[int, int]
+) -> None:
+    _, texture, own = scene
+    made = own_texture_of(texture, own, size)
+    assert made is not None
+    assert made.shape == (size[1], size[0], 3)
+    error = np.abs(made / 255 - truth(size))[seen_by(own, size)].mean()
+    assert error < (0.02 if size[0] > 576 else 0.03)

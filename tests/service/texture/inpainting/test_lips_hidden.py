@@ -23,9 +23,7 @@ def completed(seen_lips: np.ndarray) -> np.ndarray:
     """Colours (N, 3) when all skin is seen but lips only where told."""
     colour = np.where((LIPS > 0.6)[:, None], RED, SKIN).astype(np.float32)
     seen = np.where(LIPS > 0.3, seen_lips, 1.0).astype(np.float32)
-    # Colours of lips are not continued as if they were skin: the trust of what is seen ends there.
-    trust = np.where(LIPS > 0.3, 0.0, seen).astype(np.float32)
-    return complete_skin(CHART, colour, seen, trust, SKIN, None).colour
+    return complete_skin(CHART, colour, seen, SKIN, None).colour
 
 
 def test_the_inside_of_closed_lips_is_lip() -> None:
@@ -57,6 +55,6 @@ def test_heads_without_lips_are_completed_as_before(seen: float) -> None:
     count = len(chart.texels)
     share = np.full(count, seen, np.float32)
     with np.errstate(all="raise", under="ignore"):
-        colour = complete_skin(chart, np.tile(SKIN, (count, 1)), share, share, SKIN, None).colour
+        colour = complete_skin(chart, np.tile(SKIN, (count, 1)), share, SKIN, None).colour
     own = chart.inner_part == head.part_names.index("skin")
     assert np.abs(colour[own] - SKIN).max() < 0.05

@@ -70,8 +70,12 @@ def test_everything_hidden_still_gives_a_head() -> None:
     assert np.isfinite(texture.depth).all() and "little-seen" in texture.warnings
 
 
-def test_beyond_the_crop_nothing_is_hidden() -> None:
+def test_beyond_the_crop_all_is_hidden() -> None:
+    """Nothing was read there: a collar below the crop would be skin of the neck."""
     unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
-    far = reading(OTHER, left_half=False)
-    far = Reading(Region(5000, 5000, 100), far.chart, far.chart_mm, far.normal, far.normal_sine, far.parts)
-    assert (covered(parts_at(far, FIT, unwrapped), zones) == 0).all()
+    whole = reading(SKIN)
+    half = Reading(Region(200, 100, 200), whole.chart, whole.chart_mm, whole.normal, whole.normal_sine, whole.parts)
+    shown, y = unwrapped.weight > 0, CAMERA.project(unwrapped.position)[:, 1]
+    hidden = covered(parts_at(half, FIT, unwrapped), zones)
+    inside = np.abs(CAMERA.project(unwrapped.position)[:, 0] - 200) < 95
+    assert (hidden[shown & inside & (y < 195)] < 0.01).all() and (hidden[shown & (y > 205)] > 0.99).all()
