@@ -21,8 +21,10 @@ RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
 """Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
-STRANDS = (0.08, 0.3)
-"""The same for hair alone: single strands before the forehead would be left as streaks."""
+THIN = (0.08, 0.3)
+"""The same for hair alone and for glasses alone: strands and frames are thinner than the reader's cells."""
+CERTAIN = (0.5, 0.9)
+"""The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
@@ -78,9 +80,10 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
         bald: hair hides the scalp too, as it is a mesh of its own.
     """
     share = parts[:, list(BEFORE)].sum(1)
+    frames = ramp(parts[:, GLASSES], THIN)
     if not bald:
-        return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
-    return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
+        return np.maximum(ramp(share + parts[:, HAIR] * (1 - zones.scalp)), frames)
+    return np.maximum(ramp(share + parts[:, HAIR]), np.maximum(ramp(parts[:, HAIR], THIN), frames))
 
 
 def opened(parts: Float32, zones: Zones) -> Float32:
@@ -88,7 +91,7 @@ def opened(parts: Float32, zones: Zones) -> Float32:
 
     Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
     """
-    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1)) * zones.skin, np.float32)
+    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
