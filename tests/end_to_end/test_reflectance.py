@@ -40,9 +40,11 @@ def test_from_photo_to_archive(toys: Path, portrait: Pixels) -> None:
     jsonschema.validate(manifest, json.loads((ROOT / "docs" / "manifest.schema.json").read_text("utf-8")))
     assert [entry["role"] for entry in manifest["maps"]] == [
         "diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement",
+        "wrinkle_brows", "wrinkle_eyes", "wrinkle_smile", "wrinkle_mouth",
         "roughness", "cavity", "thickness", "albedo_error", "texture", "confidence", "shape_normal",
     ]  # fmt: skip
-    assert all((entry["width"], entry["height"]) == (192, 128) for entry in manifest["maps"])
+    sizes = {entry["role"]: (entry["width"], entry["height"]) for entry in manifest["maps"]}
+    assert all(size == ((96, 64) if role.startswith("wrinkle") else (192, 128)) for role, size in sizes.items()), sizes
     assert "mesh/head_fine.obj" in members and manifest["displacement"] == {"scale_mm": 5e-5, "mid": 32768}
     assert manifest["reflectance"]["fallbacks"][0] == "texture-resampled", "192 texels are too few to enlarge for"
     shares = [share for _, share in told]
