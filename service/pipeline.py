@@ -27,9 +27,11 @@ from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face
+from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.identity import Recogniser
+from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
 from service.head.files import load_head
@@ -115,7 +117,14 @@ def make_avatar(
         with stage("decode"):
             photo = stages.keep("decode", lambda: read_photo(data))
         with stage("detect"):
-            find = lambda: choose_face(finder_job.result().find(photo.pixels), options.face, photo.size)  # noqa: E731
+
+            def find() -> Face:
+                faces = finder_job.result().find(photo.pixels)
+                if not faces and reader_job is not None:
+                    doubted = finder_job.result().doubted(photo.pixels)
+                    faces = faces_by_reading(photo.pixels, doubted, head_job.result()[0], reader_job.result().pixels)
+                return choose_face(faces, options.face, photo.size)
+
             face = stages.keep("detect", find)
         # Only now, as many a photo is refused; and not at all where tiles are small, for want of memory.
         early = plan.networks if tile >= DEFAULT_TILE else ()

@@ -22,6 +22,7 @@ FOLDER = Path(__file__).parents[2] / "tests" / "data" / "people"
 SEEDS = {
     "profile": 237, "half_hidden": 10, "hair_over_brow": 80, "glasses": 84, "mirroring_lenses": 87, "beard": 132,
     "full_beard": 210, "closed": 129, "winking": 79, "open": 57,
+    "turned_away": 787, "dim_profile": 596,
 }  # fmt: skip
 QUALITY = 92
 

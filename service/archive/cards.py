@@ -8,6 +8,7 @@ from service.anatomy.hair.item import FILE as HAIR_FILE
 from service.archive.avatar import ModelCard
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
+from service.reflectance.completion import FILE as PRIOR_FILE
 from service.runtime.sessions import model_table
 
 ROLES = {
@@ -59,4 +60,7 @@ def model_cards(
     for name, role in ((ROLES if photo else {}) | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
         if name in table:
             cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
+    if "delta_context" in networks:
+        digest = sha256(PRIOR_FILE.read_bytes()).hexdigest()
+        cards.append(ModelCard("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
     return tuple(cards)

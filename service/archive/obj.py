@@ -16,7 +16,6 @@ import numpy as np
 from service.archive.surface import vertex_normals
 from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
-from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.of_head import material_of
 from service.materials.part import MeshPart
@@ -44,10 +43,12 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
 
 
 def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
-    """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``."""
-    normals = [vertex_normals(part.vertices, split_polygons(part.polygons)) for part in parts]
+    """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``.
+
+    They have one smoothing group each and no normals, which every reader computes.
+    """
     points, charts = [part.vertices for part in parts], [part.uv for part in parts]
-    return _text(title, sum(len(part.faces) for part in parts), points, charts, normals, _others(parts))
+    return _text(title, sum(len(part.faces) for part in parts), points, charts, [], _others(parts))
 
 
 def _text(
@@ -56,7 +57,9 @@ def _text(
 ) -> bytes:  # fmt: skip
     header = _HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)
     blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
-    blocks += [_lines("vt %.6f %.6f\n", rows) for rows in charts]
+    # Charts of parts are 1024 texels wide, that of the head 6144.
+    place = "vt %.6f %.6f\n" if normals else "vt %.5f %.5f\n"
+    blocks += [_lines(place, rows) for rows in charts]
     blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
     return "".join([*blocks, *faces]).encode("ascii")
 
@@ -78,7 +81,7 @@ def _others(parts: Sequence[MeshPart]) -> Iterator[str]:
     before, before_uv = 0, 0
     for part in parts:
         yield _begin(part.name, part.material.name)
-        yield _faces(part.polygons, part.polygons_uv, (before, before_uv))
+        yield _faces(part.polygons, part.polygons_uv, (before, before_uv), normals=False)
         before, before_uv = before + len(part.vertices), before_uv + len(part.uv)
 
 
@@ -86,18 +89,18 @@ def _begin(name: str, material: str) -> str:
     return f"o {name}\ng {name}\nusemtl {material}\ns 1\n"
 
 
-def _faces(polygons: Int32, uv: Int32, before: tuple[int, int]) -> str:
-    """Lines ``f v/vt/vn ...`` in the order given; a vertex and its normal have the same index.
+def _faces(polygons: Int32, uv: Int32, before: tuple[int, int], *, normals: bool = True) -> str:
+    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given; a vertex and its normal have the same index.
 
     Args:
         polygons: (Q, 4), -1 in the last column marks a triangle.
         uv: (Q, 4) likewise.
         before: vertices and chart vertices written for other parts.
+        normals: whether there are any.
     """
-    present = np.repeat(polygons >= 0, 3, axis=1)
-    vertices = polygons.astype(np.int64) + before[0]
-    corners = np.stack([vertices, uv.astype(np.int64) + before[1], vertices], 2) + 1
-    quad = "f %d/%d/%d %d/%d/%d %d/%d/%d %d/%d/%d\n"
-    triangle = "f %d/%d/%d %d/%d/%d %d/%d/%d\n"
-    patterns = np.where(polygons[:, 3] < 0, triangle, quad)
+    columns = [polygons.astype(np.int64) + before[0], uv.astype(np.int64) + before[1]]
+    corners = np.stack([*columns, columns[0]] if normals else columns, 2) + 1
+    present = np.repeat(polygons >= 0, corners.shape[2], axis=1)
+    corner = "/".join(["%d"] * corners.shape[2])
+    patterns = np.where(polygons[:, 3] < 0, f"f {' '.join([corner] * 3)}\n", f"f {' '.join([corner] * 4)}\n")
     return "".join(patterns.tolist()) % tuple(corners.reshape(len(polygons), -1)[present].tolist())

@@ -7,20 +7,19 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.archive import png
 from service.archive.avatar import Avatar
 from service.archive.gltf_materials import JPEG_QUALITY, Picture
-from service.archive.images import encode_jpeg, encode_normals8, to_8_bits
-from service.archive.png import Rows
+from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
 from service.arrays import Float32, UInt8
 from service.reflectance.result import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-GLB_TEXTURE_PX = 2048
-"""Longest side of a texture in the GLB; many viewers refuse more than 4096."""
-OBJ_TEXTURE_PX = 1024
-"""Longest side of the maps that are there for the OBJ alone, as EXR without loss; the full ones lie in ``maps/``."""
+GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
+"""Longest side of a texture in the GLB, where many viewers refuse more than 4096: two thirds of the maps', but no
+more than the first and no less than the second."""
+OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
+"""The same of maps that are there for the OBJ alone, as EXR without loss: a third. The full ones lie in ``maps/``."""
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
@@ -46,11 +45,11 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
     made = avatar.reflectance
     found: dict[str, Any] = {}
     if made is not None and made.specular_normal is not None:
-        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal, OBJ_TEXTURE_PX))
+        found["specular_normal"] = unpack_normals(_fitting(made.specular_normal, obj=True))
     if made is not None and made.specular_albedo is not None:
-        found["specular_albedo"] = _fitting(made.specular_albedo, OBJ_TEXTURE_PX) / np.float32(65535)
+        found["specular_albedo"] = _fitting(made.specular_albedo, obj=True) / np.float32(65535)
     if avatar.surface is not None and avatar.surface.roughness is not None:
-        found["roughness"] = _fitting(avatar.surface.roughness, OBJ_TEXTURE_PX) / np.float32(255)
+        found["roughness"] = _fitting(avatar.surface.roughness, obj=True) / np.float32(255)
     return {role: np.asarray(values, np.float32) for role, values in found.items()}
 
 
@@ -62,7 +61,7 @@ def surface_picture(avatar: Avatar) -> Picture | None:
     channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
     channels[..., 0] = 255 if surface.cavity is None else surface.cavity
     channels[..., 1] = surface.roughness
-    return Picture(png.encode(Rows.of(channels), srgb=False), "image/png")
+    return Picture(_packed(channels), "image/png")
 
 
 def colours(avatar: Avatar) -> Picture:
@@ -86,7 +85,7 @@ def normal_picture(made: Reflectance) -> Picture | None:
     if made.specular_normal is None:
         return None
     codes = encode_normals8(unpack_normals(_fitting(made.specular_normal)))
-    return Picture(png.encode(Rows.of(codes), srgb=False), "image/png")
+    return Picture(_packed(codes), "image/png")
 
 
 def specular_picture(made: Reflectance) -> Picture | None:
@@ -99,14 +98,22 @@ def specular_picture(made: Reflectance) -> Picture | None:
     alpha = _fitting(made.specular_albedo)
     rgba = np.full((*alpha.shape, 4), 255, np.uint8)
     rgba[..., 3] = to_8_bits(alpha)
-    return Picture(png.encode(Rows.of(rgba), srgb=False), "image/png")
+    return Picture(_packed(rgba), "image/png")
 
 
-def _fitting(image: npt.NDArray[Scalar], most: int = GLB_TEXTURE_PX) -> npt.NDArray[Scalar]:
-    """The image, reduced by area where its longest side exceeds ``most``."""
+def _packed(codes: UInt8) -> bytes:
+    """PNG of data, the harder the smaller it is."""
+    return encode_png(codes, srgb=False, level=7 if max(codes.shape) <= SMALL_GLB_PX else 3)
+
+
+def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:
+    """The image, reduced by area to what GLB or OBJ have of it."""
     import cv2
 
     longest = max(image.shape[:2])
+    share = longest // 3 if obj else longest * 2 // 3
+    least, largest = (SMALL_OBJ_PX, OBJ_TEXTURE_PX) if obj else (SMALL_GLB_PX, GLB_TEXTURE_PX)
+    most = min(max(share, least), largest)
     if longest <= most:
         return image
     size = (image.shape[1] * most // longest, image.shape[0] * most // longest)

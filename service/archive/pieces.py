@@ -14,10 +14,10 @@ from service.geometry.normals import normalise
 from service.head.files import split_polygons
 from service.materials.part import MeshPart
 
-SMALLEST_OFFSET_M = 1e-5
+SMALLEST_OFFSET_M = 2.5e-5
 """Shorter position offsets of a blendshape are written as 0."""
-SMALLEST_TURN = 0.015
-"""Shorter normal offsets of a blendshape are written as 0: about a degree."""
+SMALLEST_TURN = 0.03
+"""Shorter normal offsets of a blendshape are written as 0: under two degrees."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 A SkelRoot with one Mesh per part (original polygons with ``subdivisionScheme = "none"``, chart as ``primvars:st``,
 origin bottom left: face-varying with indices, or one per vertex where the texture has no cuts), the ARKit units as
-UsdSkel blendshapes, a skeleton, and one material per kind of surface. Lengths are whole micrometres.
+UsdSkel blendshapes, a skeleton, and one material per kind of surface. Positions are whole micrometres, offsets of
+blendshapes tens of them.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from service.arrays import Float32, Float64, Int64
 from service.head.files import split_polygons
 from service.materials.part import MeshPart
 
-SMALLEST_OFFSET_M = 1e-5
+SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""
-SMALLEST_TURN = 0.015
-"""Blendshapes that turn no normal by more, which is a degree, have no offsets of normals."""
+SMALLEST_TURN, TURN_STEP = 0.3, 0.05
+"""Blendshapes that turn no normal by more, 17 degrees, have no offsets of normals; the others have them in steps."""
 
 REST = "rest_of_the_photo"
 """Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""
@@ -198,7 +199,7 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
         counts=integers(present.sum(1)),
         indices=integers(polygons[present]),
         points=fixed_tuples(part.neutral, 6),
-        normals=fixed_tuples(still, 3),
+        normals=fixed_tuples(still, 2),
         chart=_chart(part),
         joints=integers(indices),
         weights=numbers(influences, 7),
@@ -224,11 +225,11 @@ def _influences(weights: Float32) -> tuple[Float32, Int64]:
 def _chart(part: MeshPart) -> str:
     """The primvar ``st`` of a part."""
     if part.uv_faces is None:
-        return _CHART.format(st=fixed_tuples(part.uv, 6), interpolation="vertex", indices="")
+        return _CHART.format(st=fixed_tuples(part.uv, 5), interpolation="vertex", indices="")
     places = part.polygons_uv
     used, index = np.unique(places[places >= 0], return_inverse=True)
     indices = _CHART_INDICES.format(indices=integers(index))
-    return _CHART.format(st=fixed_tuples(part.uv[used], 6), interpolation="faceVarying", indices=indices)
+    return _CHART.format(st=fixed_tuples(part.uv[used], 5), interpolation="faceVarying", indices=indices)
 
 
 def _shape(name: str, offsets: Float32, turned: Float32) -> str:
@@ -236,8 +237,8 @@ def _shape(name: str, offsets: Float32, turned: Float32) -> str:
     turns = bool(np.abs(turned[moved]).max(initial=0.0) > SMALLEST_TURN)
     return _SHAPE.format(
         name=name,
-        offsets=fixed_tuples(offsets[moved], 6),
-        turned=_TURNED.format(turned=fixed_tuples(turned[moved], 2)) if turns else "",
+        offsets=fixed_tuples(offsets[moved], 5),
+        turned=_TURNED.format(turned=fixed_tuples(np.rint(turned[moved] / TURN_STEP) * TURN_STEP, 2)) if turns else "",
         indices=integers(moved),
     )
 

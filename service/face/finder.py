@@ -38,13 +38,17 @@ HINT, CERTAIN = 0.4, 0.5
 UNCERTAIN = 10.0
 """Presence logit below which the face gets the warning ``landmarks-uncertain``; typical from 75 degrees of yaw."""
 ABSENT = 1.0
-"""Presence logit below which there is no face; full profiles are below, as their landmarks would be guesses."""
+"""Presence logit below which there is no face; full profiles are below, as their landmarks would be guesses.
+
+The reader may still see one there (``service.face.profile``)."""
 CONSISTENT = 0.12
 """Largest mean distance between mesh and detector keypoints, over the box size, that counts as agreement.
 
 Measured: 0.01 to 0.04 on portraits, over 0.2 for a mesh beside the face."""
 MOST_ROUNDS = 3
 """Most rounds of detector and landmarks in the verification of a candidate."""
+DOUBTED_PASSES, MOST_DOUBTED = 3, 3
+"""Coarsest passes in which ``doubted`` looks, and how many boxes it gives at most."""
 LOW_RESOLUTION = 80.0
 """Face box in pixels below which the fit is less certain (warning ``low-resolution``)."""
 
@@ -72,6 +76,18 @@ class FaceFinder:
         if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
             raise ValueError(f"pixels must be (H, W, 3) uint8 and not empty, not {pixels.shape} {pixels.dtype}")
         return sorted(self._search(pixels), key=lambda face: -face.area)
+
+    def doubted(self, pixels: Pixels) -> list[Detection]:
+        """What the detector takes for upright faces, best first, whatever the landmark network says.
+
+        Of use where ``find`` has nothing: the landmark network sees few profiles (``service.face.profile``).
+        """
+        height, width = pixels.shape[:2]
+        found: list[Detection] = []
+        for side in list(passes(width, height))[:DOUBTED_PASSES]:
+            for region in tiles(width, height, side):
+                found.extend(self._detector(pixels, region, CERTAIN))
+        return merge(found)[:MOST_DOUBTED]
 
     def _search(self, pixels: Pixels) -> list[Face]:
         height, width = pixels.shape[:2]

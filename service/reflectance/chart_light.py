@@ -14,7 +14,7 @@ from service.reflectance.albedo_error import clues
 from service.reflectance.completion import albedo_prior
 from service.reflectance.corrections.exposure import EXPOSURE, mean_light
 from service.reflectance.corrections.light_contrast import LIGHT_CONTRAST
-from service.reflectance.corrections.on_light import ChartLight, corrected
+from service.reflectance.corrections.on_light import ChartLight, LightCorrection, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
 from service.reflectance.corrections.unseen_light import UNSEEN_SKIN
 from service.reflectance.planes import Planes
@@ -24,10 +24,10 @@ from service.runtime.tiles import run_whole
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 
-ON_LIT_SKIN = (EXPOSURE, SKIN_HUE, LIGHT_CONTRAST)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (EXPOSURE, SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
 
-EVERYWHERE = (UNSEEN_SKIN,)
+EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
 """Corrections of the light that is continued from there to the whole chart, in order."""
 
 

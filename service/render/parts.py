@@ -1,7 +1,8 @@
 """Parts beside the head's own in a picture: hair, lashes, brows and bust, every layer of their cards.
 
 Their light is the environment's irradiance and that of the lamps on the body that the cards make up. They throw no
-shadow, neither on each other nor on the head, and have no highlights of strands.
+shadow, neither on each other nor on the head, and have no highlights of strands. What lies in the mouth has the light
+that comes in between the lips.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from service.anatomy.mouth.light import PARTS as IN_THE_MOUTH
+from service.anatomy.mouth.light import light_inside, opening
 from service.archive.preview.parts import body_normals, painted, part_triangles
 from service.archive.reading import StoredPart
 from service.archive.unpack import unpack_texture
@@ -96,6 +99,7 @@ def parts_layer(
     nearest = rasterise(
         camera.project(vertices), depth, head.triangles, width, height, cull=True, perspective=True
     ).depth
+    lips = opening(head, vertices)
     pixels, depths, colours, alphas = [], [], [], []
     for part in parts:
         if part.material.opacity <= 0:
@@ -106,7 +110,10 @@ def parts_layer(
         if not len(found.pixel):
             continue
         colour, alpha = painted(part, interpolate(part.uv, places[found.triangle], found.barycentric), chart_albedo)
-        lit = light.on(part.vertices, body_normals(part, part.vertices, triangles))
+        normals = body_normals(part, part.vertices, triangles)
+        lit = light.on(part.vertices, normals)
+        if part.name in IN_THE_MOUTH:
+            lit = lit * light_inside(part.vertices, normals, lips)[:, None]
         shade = interpolate(lit, triangles[found.triangle], found.barycentric)
         pixels.append(found.pixel)
         depths.append(found.depth)

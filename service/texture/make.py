@@ -22,7 +22,7 @@ from service.texture.inpainting.inpaint import Completed, complete_skin
 from service.texture.parts import paint_parts
 from service.texture.result import MIRRORED, SEEN, Texture
 from service.texture.roots import darkening, root_shadow
-from service.texture.segmentation.covered import covered, grown, parts_at, parts_of_face
+from service.texture.segmentation.covered import covered, grown, opened, parts_at, parts_of_face
 from service.texture.segmentation.skin import segment, worn_before
 from service.texture.segmentation.zones import Zones
 from service.texture.shape import depth_map, shape_normals
@@ -66,7 +66,7 @@ def make_texture(
     weight, bald = unwrapped.weight, hair is not None and hair.bald_beneath
     part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
     hidden = covered(part, zones, bald=bald)
-    hidden = grown(chart, hidden) if bald else hidden
+    hidden = np.maximum(grown(chart, hidden) if bald else hidden, opened(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
     found = segment(chart, unwrapped, part, zones)
@@ -79,8 +79,8 @@ def make_texture(
         shadow = root_shadow(chart, None if reading is None else part, weight, zones, hair)
         roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
-    code = _confidence(completed)
-    parts = paint_parts(photo, chart, fit, unwrapped, zones, found.face, part, completed.colour, code, person)
+    sure = _confidence(completed)
+    parts = paint_parts(photo, chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(parts.colour))

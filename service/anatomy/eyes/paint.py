@@ -15,10 +15,6 @@ texture only, which has the photo's light baked in."""
 CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 """The same by horizontal distance over the radius, towards the corners of the lids."""
 
-ALIKE = 0.45
-"""sRGB distance between photo and painted eye at which the photo's weight is 1/e: at far more it shows skin or a
-mirrored lamp."""
-
 
 def paint_eye(angle: Float32, limbus: float, pupil: float, sclera: Float32, iris: Float32, socket: Float32) -> Float32:
     """(N, 3) sRGB of an eyeball by the angle (N,) in degrees from its line of sight.
@@ -69,9 +65,3 @@ def lid_shade(ball: Eyeball, points: AnyFloat) -> Float32:
     x, y, _ = (points - ball.centre).T / max(ball.radius, 1e-6)
     lids, corners = np.array(LID_SHADE).T, np.array(CORNER_SHADE).T
     return np.asarray(np.interp(y, *lids) * np.interp(np.abs(x), *corners), np.float32)[:, None]
-
-
-def alike(seen: Float32, painted: Float32) -> Float32:
-    """(n,) in [0, 1] how well sRGB colours (n, 3) of the photo agree with the painted ones."""
-    distance = ((seen - painted) ** 2).sum(1)
-    return np.asarray(np.exp(-distance / ALIKE**2), np.float32)

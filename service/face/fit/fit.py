@@ -168,7 +168,8 @@ def _result(
     yaw = abs(camera.yaw_pitch_roll_deg()[0])
     if yaw > WIDE_YAW_DEG:
         warnings.append("extreme-pose")
-    if rms > DISTRUST_RMS * inter_ocular or float((weight > 0.05).mean()) < 0.3 or yaw > 75:
+    doubted = rms > DISTRUST_RMS * inter_ocular or float((weight > 0.05).mean()) < 0.3
+    if doubted or yaw > 75 or "landmarks-read" in face.warnings:
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:
         warnings.append("gaze-not-seen")

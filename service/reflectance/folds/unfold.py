@@ -15,7 +15,8 @@ from service.reflectance.folds.creases import DIRECTIONS, GROUPS, Creases
 from service.reflectance.result import NORMAL_ONE, Wrinkle, unpack_normals
 
 WIDTH = 1536
-"""Of the maps on which folds are found, and of wrinkle maps, texels: 3.75 to a mm of the face."""
+"""Of the maps on which folds are found, texels: 3.75 to a mm of the face. Wrinkle maps are as large, but have no more
+than half the sides of the other maps."""
 
 FINEST, COARSEST = 1.0, 20.0
 """Standard deviations in those texels, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
@@ -49,6 +50,8 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
     for name, units in creases.units.items():
         own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
         if np.abs(own).max() > LEAST_SLOPE:
+            half = _small((codes.shape[0] // 2, codes.shape[1] // 2))
+            own = np.asarray(cv2.resize(own, half, interpolation=cv2.INTER_AREA), np.float32)
             wrinkles.append(Wrinkle(name, units, _codes(own)))
     return _without(codes, fold), tuple(wrinkles)
 

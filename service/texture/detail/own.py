@@ -33,7 +33,7 @@ from service.texture.detail.octaves import halo, joined, split
 from service.texture.detail.places import Places
 from service.texture.detail.reading import Reader, stretched
 from service.texture.detail.result import Detail, Octave
-from service.texture.detail.sharpness import Sharpness, measure
+from service.texture.detail.sharpness import LEAST_LEFT, Sharpness, measure
 from service.texture.result import SEEN, Texture
 
 STRIP = 512
@@ -43,8 +43,6 @@ AROUND, KERNEL = 1.5, (11, 11)
 that ends."""
 USUAL = 0.003
 """Least usual strength of an octave of skin, standard deviation of sRGB-coded luma."""
-LEAST_LEFT = 0.1
-"""Share of the power left by the blur below which what was there before is not computed from it."""
 FACE_BORDER = 8
 """Pixels around the face that its sharpness is measured on."""
 SOFT = 2.0
@@ -55,6 +53,10 @@ LEAST_TEXELS = 20
 """Texels of that size with fewer of which a region is not reported."""
 LEAST_SEEN = 0.01
 """Opacity of the photo below which a texel's detail is left alone."""
+WHITE, BLACK = 252 / 255, 2 / 255
+"""sRGB-coded values beyond which a channel is clipped."""
+CLIPPED_SOFT = 4.0
+"""Standard deviation, texels of the map, over which the photo's share fades out towards clipped skin."""
 SIZES = (576, 1152, 2304, 4608, 6144)
 """Widths of a texture that follows the photo's resolution."""
 DENSE = 0.9
@@ -105,7 +107,7 @@ class OwnDetail:
         if not seen.any():
             return TEXTURE_SIZE
         pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
-        width = float(np.quantile(pixels, DENSE)) * size[0]
+        width = float(np.quantile(pixels, DENSE)) * size[0] * min(2 * self.sharpness.finest, 1.0)
         fitting = [one for one in SIZES if one <= most] or [min(SIZES[0], most)]
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
@@ -194,6 +196,14 @@ def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
     return photo.pixels[top:bottom, left:right]
 
 
+def _clipped(photo: Float32) -> Float32:
+    """(h, w) in [0, 1]: where a photo (h, w, 3) is white or black in all channels, which tells of no detail."""
+    import cv2
+
+    lost = (photo.min(-1) > WHITE) | (photo.max(-1) < BLACK)
+    return np.asarray(cv2.GaussianBlur(lost.astype(np.float32), (0, 0), CLIPPED_SOFT), np.float32)
+
+
 class _Work:
     """One map that gets a photo's detail."""
 
@@ -233,6 +243,7 @@ class _Work:
         map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
         seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
         photo = self._reader.rows(window[0], window[1], window[2:])
+        seen *= 1 - _clipped(photo)
         inside = (slice(top - first, bottom - first), slice(columns[0] - begin, columns[1] - begin))
         ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
         theirs, _ = split(map_, self._octaves)

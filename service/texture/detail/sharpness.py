@@ -32,6 +32,8 @@ WIDE = 1.5
 """Blur, pixels, from which on it is measured at half the size."""
 UNKNOWN_BLUR = 2.0
 """Where there are too few edges to tell."""
+LEAST_LEFT = 0.1
+"""Share of the power left by the blur below which detail counts as lost."""
 QUIET = 1 / 255 / np.sqrt(12)
 """Noise of the rounding to 8 bits."""
 
@@ -54,6 +56,11 @@ class Sharpness:
         """Share of the power of detail that is left at frequencies in cycles per pixel, 0 beyond 0.5."""
         left = np.exp(-((2 * np.pi * self.blur * frequency) ** 2))
         return np.asarray(np.where(frequency < 0.5, left, 0), np.float32)
+
+    @property
+    def finest(self) -> float:
+        """Highest frequency of which the blur leaves ``LEAST_LEFT`` of the power, cycles per pixel, at most 0.5."""
+        return min(float(np.sqrt(-np.log(LEAST_LEFT))) / (2 * np.pi * max(self.blur, 1e-3)), 0.5)
 
     def noise_power(self, frequency: AnyFloat) -> Float32:
         """Variance of noise and quantisation in the octave that begins at ``frequency``, cycles per pixel."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.face.fit.result import Fit
-from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, MOUTH, OTHER, PARTS, SCLERA, SKIN
+from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, IRIS, MOUTH, OTHER, PARTS, SCLERA, SKIN
 from service.face.reading.reader import PART_CELLS, Reading
 from service.geometry.chart import Chart
 from service.texture.segmentation.zones import Zones
@@ -21,8 +21,10 @@ RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
 """Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
-STRANDS = (0.08, 0.3)
-"""The same for hair alone: single strands before the forehead would be left as streaks."""
+THIN = (0.08, 0.3)
+"""The same for hair alone and for glasses alone: strands and frames are thinner than the reader's cells."""
+CERTAIN = (0.5, 0.9)
+"""The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
 
 
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
@@ -45,9 +47,9 @@ def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
         x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
         for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
             planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
-            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR)
+            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
-    result[shown, BACKGROUND] += 1 - result[shown].sum(1)
+    result[shown[((at < 0) | (at > PART_CELLS)).any(1)]] = np.eye(result.shape[1], dtype=np.float32)[BACKGROUND]
     return result
 
 
@@ -78,9 +80,18 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
         bald: hair hides the scalp too, as it is a mesh of its own.
     """
     share = parts[:, list(BEFORE)].sum(1)
+    frames = ramp(parts[:, GLASSES], THIN)
     if not bald:
-        return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
-    return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
+        return np.maximum(ramp(share + parts[:, HAIR] * (1 - zones.scalp)), frames)
+    return np.maximum(ramp(share + parts[:, HAIR]), np.maximum(ramp(parts[:, HAIR], THIN), frames))
+
+
+def opened(parts: Float32, zones: Zones) -> Float32:
+    """(N,) float32 in [0, 1], 1 on skin in whose place the photo shows an eye or the inside of the mouth.
+
+    Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
+    """
+    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:

@@ -17,8 +17,6 @@ from service.texture.unwrap import Unwrapped
 SURFACE = (SKIN, BROW, BEARD, LIP)
 """Parts that lie on the skin: all of them are seen, and belong to the albedo."""
 
-DARK = (BROW, BEARD)
-"""Those from which no light is measured: dark hair on skin looks like shade. Their light is that of the skin beside."""
 
 COVERED = 0.2
 """Share of the face from which on a hat, a mask or a hand before it is worth a warning."""
@@ -34,7 +32,7 @@ class Segmentation:
 
     Attributes:
         seen: (N,) float32 opacity in [0, 1] of the photo where it shows the head's own surface.
-        lit: (N,) float32 in [0, 1], 1 where that is skin or lip: there the light can be measured.
+        lit: (N,) float32 in [0, 1], 1 where that is skin, brow or lip: there the light can be measured.
         colour: (3,) float32 sRGB, median of the face's bare skin; None where none is seen.
         face: (N,) bool, texels of the face's lit skin that are seen well.
     """
@@ -54,8 +52,9 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
         parts: (N, 13) as ``service.texture.segmentation.covered.parts_at`` gives them.
         zones: of the same texels.
     """
-    surface = 1 - ramp(1 - parts[:, list(SURFACE)].sum(1))
-    lit = np.asarray(surface * (1 - grown(chart, ramp(parts[:, list(DARK)].sum(1)))), np.float32)
+    # A beard looks like shade to who measures light: its light is that of the skin beside it.
+    smooth = 1 - grown(chart, ramp(parts[:, BEARD]))
+    lit = np.asarray(smooth * (1 - ramp(1 - parts[:, list(SURFACE)].sum(1))), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
     seen = opacity(unwrapped.weight) * (1 - zones.hidden)

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
+from service.face.reading.parts import SCLERA
+from service.face.reading.parts import SKIN as SKIN_READ
 from service.geometry.chart import Chart, mirrored
 from service.photo.photo import Photo
 from service.texture.make import make_texture
 from service.texture.result import MIRRORED, SEEN, Texture
-from tests.service.texture.scenes import SKIN, checks, fitted, one_sided_light, photograph, plain, turned
+from tests.service.texture.scenes import SKIN, checks, fitted, one_sided_light, photograph, plain, read_off, turned
 from tests.toyhead import SKIN_U, sphere_head
 
 HEAD = sphere_head(40, 60)
@@ -22,7 +24,16 @@ SKIN_MASK = CHART.part == 0
 
 
 def _texture(photo: Photo, yaw: float) -> Texture:
-    return make_texture(photo, HEAD, fitted(HEAD, turned(yaw)), CHART)
+    return make_texture(photo, HEAD, fitted(HEAD, turned(yaw)), CHART, read_off(HEAD, turned(yaw), _parts))
+
+
+def _parts(points: np.ndarray) -> np.ndarray:
+    return np.where(_on_eye(points), SCLERA, SKIN_READ)
+
+
+def _on_eye(points: np.ndarray) -> np.ndarray:
+    eyes = [np.linalg.norm(points - [x, 0, 0], axis=1) < 0.0122 for x in (-0.031, 0.031)]
+    return np.asarray(eyes[0] | eyes[1])
 
 
 def _error(texture: Texture, where: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -80,8 +91,7 @@ def test_an_eye_does_not_print_itself_on_the_skin_behind_it() -> None:
     """Without the z-test the texels of the sphere within the eyeball would show the eyeball."""
 
     def paint(points: np.ndarray) -> np.ndarray:
-        eye = np.minimum(*(np.linalg.norm(points - [x, 0, 0], axis=1) for x in (-0.031, 0.031))) < 0.0122
-        return np.where(eye[:, None], [0.0, 0.0, 1.0], SKIN)
+        return np.where(_on_eye(points)[:, None], [0.0, 0.0, 1.0], SKIN)
 
     texture = _texture(photograph(HEAD, turned(0), paint), 0)
     blue = texture.texture[..., 2].astype(float) - texture.texture[..., 0]
@@ -202,7 +212,6 @@ def test_a_fit_that_is_not_finite_is_refused_by_name(field: str) -> None:
 
 def test_visible_fraction_of_a_hidden_and_an_open_face() -> None:
     photo = photograph(HEAD, turned(0), plain(SKIN))
-    frontal = make_texture(photo, HEAD, fitted(HEAD, turned(0)), CHART).visible_fraction
-    averted = make_texture(photo, HEAD, fitted(HEAD, turned(180)), CHART).visible_fraction
+    frontal, averted = (_texture(photo, yaw).visible_fraction for yaw in (0, 180))
     assert frontal > 0.75
     assert averted < 0.02

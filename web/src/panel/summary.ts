@@ -20,8 +20,9 @@ const WARNINGS: Record<string, string> = {
   "under-exposed": "The face is dark; colours are uncertain.",
   "eyes-covered": "The eyes are covered; they are made up.",
   "gaze-not-seen": "Where the eyes look could not be seen.",
-  "glasses-removed": "Glasses were taken off; the skin under their frame is made up.",
-  "face-covered": "Something covers much of the face; it stays in the maps.",
+  "glasses-removed": "Glasses were taken off; the skin under them is made up.",
+  "face-covered": "Something covers much of the face; the skin under it is made up.",
+  "not-segmented": "Skin could not be told from hair and clothes; all but the face is made up.",
   "little-seen": "Little of the face is seen; the rest is made up.",
 };
 

@@ -13,6 +13,7 @@ from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.fit.result import Fit
+from service.face.profile import faces_by_reading
 from service.face.reading.parts import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import Reading
@@ -23,6 +24,8 @@ from service.photo.photo import Photo
 from service.photo.wire import FOCAL_RANGE_MM
 
 PEOPLE = Path(__file__).parents[3] / "data" / "people"
+PROFILES = ("turned_away", "dim_profile")
+"""Turned by more than 70 degrees: the landmark network says that there is no face."""
 TRUTH = json.loads((PEOPLE / "truth.json").read_text("utf-8"))
 
 
@@ -41,6 +44,9 @@ def read(name: str) -> tuple[Photo, Face, Reading]:
     finder, readers = networks()
     photo = read_photo((PEOPLE / f"{name}.jpg").read_bytes())
     faces = finder.find(photo.pixels)
+    if name in PROFILES:
+        assert not faces, f"{name}: the landmark network sees it, so the case tests nothing"
+        faces = faces_by_reading(photo.pixels, finder.doubted(photo.pixels), load_head(), readers.pixels)
     assert faces, f"{name}: no face"
     reading = read_face(photo.pixels, faces[0].landmarks, readers)
     assert reading is not None
@@ -77,6 +83,15 @@ def test_the_head_is_turned_as_in_the_photo(name: str) -> None:
     """Landmarks alone leave a profile at some 50 degrees."""
     yaw = -fitted(name).camera.yaw_pitch_roll_deg()[0]
     assert min(abs(yaw - TRUTH[name]["yaw_deg"]), abs(yaw + TRUTH[name]["yaw_deg"])) < 15
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_profile_is_turned_as_in_the_photo_and_says_that_it_is_uncertain(name: str) -> None:
+    """The landmark network alone refuses it."""
+    yaw = fitted(name).camera.yaw_pitch_roll_deg()[0]
+    assert abs(abs(yaw) - abs(TRUTH[name]["yaw_deg"])) < 20
+    assert "landmarks-read" in read(name)[1].warnings
+    assert "low-confidence" in fitted(name).warnings
 
 
 def test_closed_eyes_are_closed_and_open_ones_open(head: HeadModel) -> None:

@@ -1,0 +1,129 @@
+"""Faces that the landmark network does not see: from 60 degrees of yaw on, its presence falls though a face is there.
+
+The detector still finds them, and the reader, which was taught with heads turned by up to 75 degrees, says of every
+pixel which place of the head it shows. Its places give a pose, and the pose the landmarks that the fit starts from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Float64, UInt8
+from service.errors import NumericFault
+from service.face import conditions
+from service.face.detector import Detection
+from service.face.face import LANDMARK_COUNT, Face
+from service.face.fit.basis import LandmarkModel, at_barycentric
+from service.face.fit.dense import Correspondences, correspondences
+from service.face.fit.initial import WeakPose, weak_pose
+from service.face.fit.state import State
+from service.face.reading.reader import ReaderNetwork, crop_of
+from service.face.region import Region
+from service.head.model import HeadModel
+from service.robust import geman_mcclure
+
+CROP = 1.8
+"""Side of the first crop over that of the detector's box, so that the face fills it as the portraits were filled."""
+LOOKS = 3
+"""How often the face is read, each time in the crop that the landmarks of the time before ask for."""
+ROUNDS = 6
+"""Rounds of weights of one pose."""
+FEWEST_CELLS = 1000
+"""Fewest cells with a place on the head, of 4096, that make a face: profiles have 1500 to 2500."""
+AGREEMENT, NEAR_MM = 0.6, 8.0
+"""Least share of the cells that lie within so many millimetres of the average head in the pose found."""
+REACH_M = 0.012
+"""Distance on the head over which a landmark follows the cells around it, metres."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A face as the reader sees it.
+
+    Attributes:
+        landmarks: (468, 3) photo pixels, the third away from the camera.
+        share: of the cells that agree with the pose, in [0, 1].
+        cells: how many cells have a place on the head.
+        yaw_deg: turn of the head.
+    """
+
+    landmarks: Float64
+    share: float
+    cells: int
+    yaw_deg: float
+
+
+def faces_by_reading(pixels: UInt8, doubted: list[Detection], head: HeadModel, network: ReaderNetwork) -> list[Face]:
+    """The best of the detector's boxes in which the reader sees a face; empty where it sees none.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        doubted: boxes in which the landmark network saw no face (``FaceFinder.doubted``), best first.
+        head: average head with the landmark embedding.
+        network: the reader.
+
+    Returns:
+        At most one face, with the warning ``landmarks-read``: its landmarks come from the reader.
+    """
+    model = LandmarkModel(head, 0)
+    for detection in doubted:
+        seen = look(pixels, detection.region(CROP), head, model, network)
+        if seen is not None and seen.cells >= FEWEST_CELLS and seen.share >= AGREEMENT:
+            warnings = ("landmarks-read", *conditions.warnings(pixels, seen.landmarks))
+            return [Face(detection.box, detection.score, detection.keypoints, seen.landmarks, 0.0, warnings)]
+    return []
+
+
+def look(pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork) -> Seen | None:
+    """The face in a square of the photo, read ``LOOKS`` times; None where the reader finds no place of the head."""
+    seen = None
+    crop: Region | None = region
+    for _ in range(LOOKS):
+        if crop is None:
+            return None
+        try:
+            reading = network(pixels, crop)
+        except NumericFault:
+            return None
+        ahead = State(np.diag([1.0, -1.0, -1.0]), np.zeros(2), 0.0, 0.0, np.zeros(0))  # places need no pose
+        found = correspondences(head, reading, ahead, np.zeros(2))
+        seen = _seen(head, model, found)
+        if seen is None:
+            return None
+        crop = crop_of(seen.landmarks)
+    return seen
+
+
+def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Seen | None:
+    """Pose of the average head on the cells, and its landmarks in that pose, moved with the cells around them."""
+    if len(found.pixels) < 4:
+        return None
+    points = at_barycentric(head.mean, found.corners, found.weights)
+    certain = found.sure / np.maximum(found.sigma_mm, 1e-9) ** 2
+    weight, pose = certain, weak_pose(points, found.pixels, certain)
+    for _ in range(ROUNDS):
+        apart = np.linalg.norm(_shown(pose, points)[:, :2] - found.pixels, axis=1)
+        scale = pose.scale * 1e-3 * max(NEAR_MM, 1e3 * float(np.median(apart)) / pose.scale)
+        weight = certain * geman_mcclure(apart, scale)
+        pose = weak_pose(points, found.pixels, weight)
+    off = found.pixels - _shown(pose, points)[:, :2]
+    agrees = np.linalg.norm(off, axis=1) < NEAR_MM * 1e-3 * pose.scale
+    yaw = float(np.degrees(np.arctan2(pose.rotation[2, 0], -pose.rotation[2, 2])))
+    places = model.at_yaw(yaw).mean
+    landmarks = _shown(pose, places)
+    if landmarks.shape != (LANDMARK_COUNT, 3) or not np.isfinite(landmarks).all():
+        return None
+    near = np.exp(-((places[:, None] - points[None]) ** 2).sum(-1) / (2.0 * REACH_M**2)) * (weight * agrees)
+    total = near.sum(1, keepdims=True)
+    typical = float(np.median(certain))  # a landmark without cells around it stays where the pose has it
+    landmarks[:, :2] += near @ off / (total + max(typical, 1e-12))
+    return Seen(landmarks, float(agrees.mean()), len(points), yaw)
+
+
+def _shown(pose: WeakPose, points: Float64) -> Float64:
+    """(N, 3) photo pixels of head points in a pose, the third away from the camera."""
+    turned = pose.scale * points @ pose.rotation.T
+    turned[:, :2] += pose.offset
+    return np.asarray(turned)
