@@ -15,14 +15,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from models.people.make import Portrait
 from models.people.shards import decode, load
-from service.face.fit.dense import FLOOR_MM, FLOOR_SINE
+from service.face.fit.dense import FLOOR_MM, FLOOR_SINE, LEAST_SHARE
 from service.face.reading.parts import READ
-from service.face.reading.reader import CHART_MM, ReaderNetwork, Reading, crop_of
+from service.face.reading.reader import CELLS, CHART_MM, ReaderNetwork, Reading, crop_of
 
 Float = npt.NDArray[np.float64]
 
@@ -52,13 +53,15 @@ class Errors:
 
 
 def errors(reading: Reading, person: Portrait) -> Errors:
-    """Of one portrait, with the floors of the fit; cells beside the portrait or on other parts are left out."""
+    """Of one portrait, with the floors of the fit, in the cells that the fit uses and whose truth is known."""
+    share = reading.parts[..., list(READ)].sum(-1).astype(np.float32)
+    used = cv2.resize(share, (CELLS, CELLS), interpolation=cv2.INTER_AREA).ravel() > LEAST_SHARE
     height, width = person.part.shape
     x, y = np.floor(reading.cells).astype(int).T
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
     true = person.chart[y, x].astype(np.float64)
-    known = inside & np.isin(person.part[y, x], READ) & np.isfinite(true).all(1) & (true[:, 0] > 0)
+    known = used & inside & np.isin(person.part[y, x], READ) & np.isfinite(true).all(1) & (true[:, 0] > 0)
     read = reading.chart.reshape(-1, 2)[known]
     camera = person.camera
     normal = reading.camera_normals(camera.focal_px, camera.principal_point).reshape(-1, 3)[known]
@@ -109,7 +112,8 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=0, help="first seed of the people")
     parser.add_argument("--most", type=int, default=48, help="people at most")
     chosen = parser.parse_args()
-    network, faces = ReaderNetwork(), []
+    network = ReaderNetwork()
+    faces: list[Errors] = []
     for path in sorted(chosen.data.glob("people-*.npz")):
         first = int(path.stem.split("-")[2])
         if first < chosen.start or (first >= HELD_OUT_BELOW) != (chosen.start >= HELD_OUT_BELOW):

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -38,8 +39,9 @@ def strengths(stage: Stage, seed: int, size: int = 512) -> np.ndarray:
 
 
 def main(
-    subjects: Annotated[int, typer.Option(help="How many.")] = 8,
+    subjects: Annotated[int, typer.Option(help="How many.")] = 4,
     first: Annotated[int, typer.Option(help="Seed of the first.")] = 2000,
+    write: Annotated[Path | None, typer.Option(help="Markdown file to put the table into.")] = None,
 ) -> None:
     """Print the table."""
     stage = Stage.open()
@@ -47,7 +49,7 @@ def main(
     lines = ["| periods, texels of 6144 | log albedo | normal, x or y |", "|---|---|---|"]
     for index, (colour, bent) in enumerate(np.sqrt(np.square(every).mean(0))):
         lines.append(f"| {2 ** (index + 1)} to {2 ** (index + 2)} | {colour:.4f} | {bent:.4f} |")
-    tell("\n".join(lines), MARK, None)
+    tell("\n".join(lines), MARK, write)
 
 
 if __name__ == "__main__":

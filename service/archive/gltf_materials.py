@@ -138,7 +138,7 @@ class Materials:
 def _encoded(pixels: UInt8, slot: Slot) -> Picture:
     if slot == "colour" and pixels.shape[2] == 3:
         return Picture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
-    return Picture(encode_png(pixels, srgb=slot == "colour", level=9), "image/png")
+    return Picture(encode_png(pixels, srgb=slot == "colour", level=7), "image/png")
 
 
 def packed(pixels: UInt8, slot: Slot) -> UInt8:

@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from service.archive import png
 from service.archive.avatar import Avatar
-from service.archive.images import normal_coding, quantise_normals, to_8_bits
+from service.archive.images import encode_png, normal_coding, quantise_normals, to_8_bits
 from service.archive.png import Rows
 from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
 from service.reflectance.folds.creases import GROUPS
+from service.reflectance.plan import SURFACE
 from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
 from service.reflectance.surface.make import CODES_PER_MM
 from service.texture.result import MIRRORED, SEEN
@@ -100,7 +101,11 @@ def fine_mesh_wanted(avatar: Avatar) -> bool:
 def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
     """PNG bytes of one map, None where there is none; NumericFault where normals are not finite."""
     rows = spec.codes(avatar)
-    return None if rows is None else png.encode(rows, srgb=spec.colour_space == "srgb")
+    if rows is None:
+        return None
+    if spec.role in SURFACE:  # small, and smooth, so that matches pay
+        return encode_png(np.asarray(rows.read(0, rows.shape[0]), np.uint8), srgb=False, level=6)
+    return png.encode(rows, srgb=spec.colour_space == "srgb")
 
 
 def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Avatar], Any]:

@@ -78,5 +78,5 @@ def _textures(avatar: Avatar) -> dict[str, bytes]:
     """PNG of each texture of a part's own."""
     own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
     return {
-        f"maps/parts/{name}.png": encode_png(one.pixels, srgb=colour, level=9) for name, (one, colour) in own.items()
+        f"maps/parts/{name}.png": encode_png(one.pixels, srgb=colour, level=7) for name, (one, colour) in own.items()
     }

@@ -57,7 +57,9 @@ def _text(
 ) -> bytes:  # fmt: skip
     header = _HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)
     blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
-    blocks += [_lines("vt %.6f %.6f\n", rows) for rows in charts]
+    # Charts of parts are 1024 texels wide, that of the head 6144.
+    place = "vt %.6f %.6f\n" if normals else "vt %.5f %.5f\n"
+    blocks += [_lines(place, rows) for rows in charts]
     blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
     return "".join([*blocks, *faces]).encode("ascii")
 

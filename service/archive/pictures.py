@@ -20,8 +20,6 @@ GLB_TEXTURE_PX, SMALL_GLB_PX = 2048, 1024
 more than the first and no less than the second."""
 OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
 """The same of maps that are there for the OBJ alone, as EXR without loss: a third. The full ones lie in ``maps/``."""
-PNG_LEVEL = 6
-"""Of zlib, for the GLB's small textures."""
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
@@ -63,7 +61,7 @@ def surface_picture(avatar: Avatar) -> Picture | None:
     channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
     channels[..., 0] = 255 if surface.cavity is None else surface.cavity
     channels[..., 1] = surface.roughness
-    return Picture(encode_png(channels, srgb=False, level=PNG_LEVEL), "image/png")
+    return Picture(_packed(channels), "image/png")
 
 
 def colours(avatar: Avatar) -> Picture:
@@ -87,7 +85,7 @@ def normal_picture(made: Reflectance) -> Picture | None:
     if made.specular_normal is None:
         return None
     codes = encode_normals8(unpack_normals(_fitting(made.specular_normal)))
-    return Picture(encode_png(codes, srgb=False, level=PNG_LEVEL), "image/png")
+    return Picture(_packed(codes), "image/png")
 
 
 def specular_picture(made: Reflectance) -> Picture | None:
@@ -100,7 +98,12 @@ def specular_picture(made: Reflectance) -> Picture | None:
     alpha = _fitting(made.specular_albedo)
     rgba = np.full((*alpha.shape, 4), 255, np.uint8)
     rgba[..., 3] = to_8_bits(alpha)
-    return Picture(encode_png(rgba, srgb=False, level=PNG_LEVEL), "image/png")
+    return Picture(_packed(rgba), "image/png")
+
+
+def _packed(codes: UInt8) -> bytes:
+    """PNG of data, the harder the smaller it is."""
+    return encode_png(codes, srgb=False, level=7 if max(codes.shape) <= SMALL_GLB_PX else 3)
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:

@@ -23,8 +23,8 @@ from service.materials.part import MeshPart
 
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""
-SMALLEST_TURN, TURN_STEP = 0.2, 0.05
-"""Blendshapes that turn no normal by more, 12 degrees, have no offsets of normals; the others have them in steps."""
+SMALLEST_TURN, TURN_STEP = 0.3, 0.05
+"""Blendshapes that turn no normal by more, 17 degrees, have no offsets of normals; the others have them in steps."""
 
 REST = "rest_of_the_photo"
 """Blendshape of weight 1 that holds what the photo's pose has beyond the units, where it has anything."""

@@ -93,6 +93,7 @@ def kinds() -> dict[str, type]:
     from service.anatomy.hair.colour import HairColour
     from service.anatomy.hair.find import Hair
     from service.anatomy.hair.skull import Cut
+    from service.anatomy.hair.tailored import Tailored
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
@@ -107,8 +108,8 @@ def kinds() -> dict[str, type]:
     from service.texture.result import Texture
 
     found = (
-        Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Texture,
-        Similarity, Applied, Detail, Octave,
+        Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Tailored,
+        Texture, Similarity, Applied, Detail, Octave,
     )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 

@@ -77,7 +77,7 @@ def poses(archive: Path, folder: Path) -> Image.Image:
     kit = export_kit(archive, "blender", folder / "kit")
     assert kit.scene is not None
     (folder / "poses").mkdir()
-    in_blender("blender_kit.py", kit.scene, folder / "poses", 384, 24, ",".join(POSES))
+    in_blender("blender_kit.py", kit.scene, folder / "poses", 384, 12, ",".join(POSES))
     tiles = [np.asarray(Image.open(folder / "poses" / f"{pose}.png").convert("RGB")) for pose in POSES]
     return captioned([*tiles, np.full_like(tiles[0], tiles[0][0, 0])], (*POSES, ""), 4)
 
@@ -94,7 +94,7 @@ def captioned(tiles: list[np.ndarray], captions: tuple[str, ...], columns: int) 
     return Image.fromarray(np.concatenate(rows))
 
 
-def renderers(archive: Path, folder: Path, size: int = 480) -> Image.Image:
+def renderers(archive: Path, folder: Path, size: int = 360, samples: int = 16) -> Image.Image:
     """The archive's GLB in each renderer that is here; what its formats differ by is printed."""
     with zipfile.ZipFile(archive) as stored:
         stored.extractall(folder / "in")
@@ -103,11 +103,11 @@ def renderers(archive: Path, folder: Path, size: int = 480) -> Image.Image:
         say("Blender is not here: AVATARME_BLENDER does not name it")
     else:
         (folder / "blender").mkdir()
-        in_blender("blender_look.py", folder / "in", folder / "blender", size, 48)
+        in_blender("blender_look.py", folder / "in", folder / "blender", size, samples)
         found["Blender Cycles"] = _read(folder / "blender")
     read = {kind: surfaces(folder / "in", kind) for kind in FORMATS}
     box = bounds(read["glb"])
-    drawn = {kind: shown(draw(one, box, size, 48)) for kind, one in read.items()}
+    drawn = {kind: shown(draw(one, box, size, samples)) for kind, one in read.items()}
     found["Mitsuba 3"] = {kind: np.rint(one).astype(np.uint8) for kind, one in drawn.items()}
     if THREE.is_dir():
         (folder / "three").mkdir()

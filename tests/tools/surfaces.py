@@ -286,11 +286,11 @@ def _preview_surface(folder: Path, material: Any) -> tuple[Any, ...]:
         """(h, w, 4) of a texture, or (1, 1, 4) of a value."""
         given = shader.GetInput(name)
         if not given:
-            return np.ones((1, 1, 4)) * otherwise
+            return np.asarray(np.ones((1, 1, 4)) * otherwise)
         source = given.GetConnectedSources()[0]
         if not source:
             value = np.atleast_1d(np.array(given.Get(), np.float64))
-            return np.ones((1, 1, 4)) * np.concatenate([value, [1.0]] if len(value) == 3 else [value])
+            return np.asarray(np.ones((1, 1, 4)) * np.concatenate([value, [1.0]] if len(value) == 3 else [value]))
         from pxr import UsdShade
 
         node = UsdShade.Shader(source[0].source.GetPrim())

@@ -148,9 +148,11 @@ def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:
 
 def _vessels(eye: DrawnEye, random: np.random.Generator) -> Float32:
     """(N,) share of green and blue that vessels take: zeros of a noise, stronger towards the corners of the lids."""
-    noise = np.zeros(len(eye.radius), np.float32)
+    share = np.asarray(VESSELS * smoothstep(eye.radius, 1.2, 2.6), np.float32)
+    white = np.flatnonzero(share)
+    direction, noise = eye.direction[white], np.zeros(len(white), np.float32)
     for scale in (5.0, 9.0, 16.0, 30.0):
-        axes = random.normal(0, scale, (6, 3)).astype(np.float32)
-        noise += np.cos(eye.direction @ axes.T + random.uniform(0, 2 * np.pi, 6)).sum(1).astype(np.float32) / 6
-    ridge = np.exp(-((noise / VESSEL_WIDTH) ** 2))
-    return np.asarray(VESSELS * ridge * smoothstep(eye.radius, 1.2, 2.6), np.float32)
+        axes, phases = random.normal(0, scale, (6, 3)).astype(np.float32), random.uniform(0, 2 * np.pi, 6)
+        noise += np.cos(direction @ axes.T + phases.astype(np.float32)).sum(1) / np.float32(6)
+    share[white] *= np.exp(-((noise / np.float32(VESSEL_WIDTH)) ** 2))
+    return share

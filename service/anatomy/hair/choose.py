@@ -19,9 +19,9 @@ LEAST_SCALP = 0.4
 POOR = 0.45
 """Agreement below which the choice is in doubt."""
 REFINED = 4
-"""Styles whose volume and length are tried as well."""
-VOLUMES = (0.7, 1.5)
-LENGTHS = (1.5,)
+"""Styles whose volume is tried as well. Length is not: hair longer than the photo shows is not made up, and what is too
+long is cut (``service.anatomy.hair.tailored``)."""
+VOLUMES = (0.7, 1.0, 1.5)
 LEAST_HUNG = 0.01
 """Share of the frame from which on hair below the ears counts: a strand does not make it long."""
 FACE = 0.35
@@ -101,10 +101,9 @@ def choose(
 
 
 def _variants(cut: Cut) -> Iterator[Cut]:
-    for volume in (1.0, *VOLUMES):
-        for length in (1.0, *LENGTHS):
-            if (volume, length) != (1.0, 1.0):
-                yield replace(cut, volume=volume, length=length)
+    for volume in VOLUMES:
+        if volume != cut.volume:
+            yield replace(cut, volume=volume)
 
 
 def plain_mask(parts: Float32, *kinds: int) -> Float32:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from service.anatomy.hair.colour import HairColour, guessed, measure
 from service.anatomy.hair.item import Items, read_items
 from service.anatomy.hair.names import AUTO, NONE
 from service.anatomy.hair.silhouette import Frame, agreement
-from service.anatomy.hair.skull import Cut, Skull, fits, hair_on, mirrored
+from service.anatomy.hair.skull import EAR_M, Cut, Skull, fits, hair_on, mirrored
 from service.anatomy.hair.tailored import Tailored, tailored
 from service.arrays import Bool, Float32
 from service.colour import bytes_to_linear, srgb_to_linear
@@ -125,7 +125,11 @@ def _choose(
     if choice.doubts:
         return choice, along, None
     worn = mirrored(item, head) if choice.cut.mirrored else item
-    return choice, along, tailored(worn, points, skull, frame, shown, known)
+    fitted = tailored(worn, points, skull, frame, shown, known)
+    if fitted.ends_m is not None:
+        hung = (fitted.ends_m - EAR_M) / min(float(points[:, 1].min()) - EAR_M, -1e-3)
+        choice = replace(choice, cut=replace(choice.cut, length=round(float(np.clip(hung, 0, 1)), 3)))
+    return choice, along, fitted
 
 
 def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:

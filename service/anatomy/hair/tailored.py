@@ -99,7 +99,8 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
     columns, triangles = np.concatenate([moved, item.uv], 1), item.triangles.astype(np.int64)
     # Split first where it is moved, and beyond: what is split along still edges has no cracks.
     soft = np.asarray(_blurred(free, ROOTED_CELLS), np.float64)
-    columns, triangles = split(columns, triangles, (_nearness(columns[:, :3], frame, soft) > 1e-3)[triangles].any(1))
+    near = _nearness(columns[:, :3], frame, soft)[triangles].max(1)
+    columns, triangles = split(columns, triangles, np.asarray(near > 1e-3))
     columns[:, :3] = _rooted(columns[:, :3], skull, frame, soft)
     for _ in range(SPLITS):
         columns, triangles = split(columns, triangles, _near_cut(field(columns), triangles))

@@ -182,7 +182,9 @@ def _part(
     """A mesh (N, 3) on the mean head whose vertices follow the head's vertices ``own`` by weights (N, len(own))."""
 
     def moved(offsets: AnyFloat) -> Float64:
-        return np.asarray(weights @ np.asarray(offsets, np.float64)[own])
+        led = np.asarray(offsets, np.float64)[own]
+        # Most units leave an eye where it is.
+        return np.asarray(weights @ led) if led.any() else np.zeros((len(weights), 3))
 
     return MeshPart(
         name=name,

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Bool, Float32, Float64, Int32
+from service.arrays import Bool, Float64, Int32
+from service.face.fit.softened import Softened
 from service.face.fit.state import State, project
 from service.face.fit.terms import PointTerm
 from service.head.model import HeadModel
@@ -100,7 +101,7 @@ class OutlineFinder:
 
 
 def outline_term(
-    photo: Float32,
+    photo: Softened,
     middle: Float64,
     state: State,
     outline: Outline,
@@ -111,7 +112,7 @@ def outline_term(
     """Residuals between the contour and the edges of the photo, along the contour's normals.
 
     Args:
-        photo: (H, W, 3) float32 sRGB in [0, 1], blurred to about 1 mm on the face.
+        photo: sRGB, blurred to about 1 mm on the face.
         middle: (2,) principal point, pixels.
         state: current pose.
         outline: N contour points at that pose.
@@ -127,10 +128,10 @@ def outline_term(
     if not len(outline.uv):
         return None
     offset = np.linspace(-1.0, 1.0, SAMPLES) * reach_m * state.scale
-    where = outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + middle - 0.5
-    height, width = photo.shape[:2]
+    where = photo.at(outline.uv[:, None] + offset[None, :, None] * outline.normal[:, None] + middle) - 0.5
+    height, width = photo.image.shape[:2]
     x, y = np.moveaxis(where.astype(np.float32), -1, 0)
-    lines = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    lines = cv2.remap(photo.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     outside: Bool = np.asarray(((where < 0) | (where > np.array([width - 1, height - 1]))).any(-1))
     step = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
     step[outside[:, 1:-1]] = 0.0

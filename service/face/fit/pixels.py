@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.arrays import Float32, Float64, UInt8
-from service.colour import srgb_to_linear
+from service.arrays import Float64, UInt8
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.contour import OutlineFinder, outline_term
 from service.face.fit.landmarks import LandmarkFit, bounds
 from service.face.fit.shading import light_on_face, shading_term
+from service.face.fit.softened import Softened
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
 from service.face.fit.terms import Term
@@ -45,8 +45,8 @@ class PixelRefiner:
             middle: (2,) principal point in pixels.
         """
         state = initial.state
-        soft = blurred(pixels, BLUR_M * state.scale)
-        linear = srgb_to_linear(soft)
+        soft = Softened.of(pixels, BLUR_M * state.scale)
+        linear = soft.linear()
         lower, upper = bounds(self.model)
         active = np.ones(POSE + self.model.shape_count, bool)
         for reach in REACH_M:
@@ -54,12 +54,12 @@ class PixelRefiner:
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
 
-    def terms(self, soft: Float32, linear: Float32, middle: Float64, state: State, reach: float) -> list[Term]:
+    def terms(self, soft: Softened, linear: Softened, middle: Float64, state: State, reach: float) -> list[Term]:
         """The outline's and the shading's terms at a state, as far as the photo shows them.
 
         Args:
-            soft: (H, W, 3) the photo blurred by ``BLUR_M``, sRGB in [0, 1].
-            linear: (H, W, 3) the same as linear RGB.
+            soft: the photo blurred by ``BLUR_M``, sRGB.
+            linear: the same as linear RGB.
             middle: (2,) principal point in pixels.
             state: pose and shape.
             reach: half length of the search lines, metres on the face.
@@ -75,7 +75,7 @@ class PixelRefiner:
         identity, expression = np.split(state.coefficients, [self.model.identity_count])
         return self.head.shape(identity, expression).astype(np.float64)
 
-    def _outline(self, photo: Float32, middle: Float64, state: State, vertices: Float64, reach: float) -> Term | None:
+    def _outline(self, photo: Softened, middle: Float64, state: State, vertices: Float64, reach: float) -> Term | None:
         outline = self.outline.find(state, vertices)
         ends = outline.vertices
         count = self.model.identity_count
@@ -84,18 +84,8 @@ class PixelRefiner:
         return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
-def blurred(pixels: UInt8, sigma_px: float) -> Float32:
-    """(H, W, 3) uint8 -> float32 sRGB in [0, 1], Gaussian blur of sigma_px (none below a third of a pixel)."""
-    import cv2
-
-    image = pixels.astype(np.float32) / 255.0
-    if sigma_px < 1 / 3:
-        return image
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(sigma_px, 50.0)), np.float32)
-
-
 def light_of(head: HeadModel, state: State, pixels: UInt8, middle: Float64) -> Float64 | None:
     """The light on the face at a state of ``head``, as :meth:`PixelRefiner.refine` gives it."""
-    linear = srgb_to_linear(blurred(pixels, BLUR_M * state.scale))
+    linear = Softened.of(pixels, BLUR_M * state.scale).linear()
     vertices = head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
     return light_on_face(head, linear, middle, state, vertices)

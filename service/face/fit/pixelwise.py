@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from service.arrays import Bool, Float64, UInt8
-from service.colour import srgb_to_linear
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.beyond import extended
 from service.face.fit.dense import DenseTerms, correspondences, seen_share
 from service.face.fit.landmarks import LandmarkFit, bounds, weigh
-from service.face.fit.pixels import BLUR_M, REACH_M, PixelRefiner, blurred
+from service.face.fit.pixels import BLUR_M, REACH_M, PixelRefiner
 from service.face.fit.settings import FitSettings
+from service.face.fit.softened import Softened
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
 from service.face.fit.terms import Prior, Term
@@ -75,8 +75,8 @@ class Refiner:
         known = np.where(good[:, None], face, 0.0)
         trust: Float64 = np.asarray(LANDMARK_SHARE * good)
         lower, upper = bounds(self.model)
-        soft = blurred(photo, BLUR_M * state.scale)
-        linear = srgb_to_linear(soft)
+        soft = Softened.of(photo, BLUR_M * state.scale)
+        linear = soft.linear()
         for reach in REACH_M:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from service.arrays import Bool, Float32, Float64, Int32
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import facing
+from service.face.fit.softened import Softened
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import cross, vertex_normals
 from service.head.model import HeadModel
@@ -123,31 +124,33 @@ class SkinSamples:
     weight: Float64
 
 
-def seen_skin(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
+def seen_skin(head: HeadModel, linear: Softened, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
     """Sample the photo at the visible vertices of the face's skin.
 
     Args:
         head: the head model.
-        linear: (H, W, 3) float32 linear RGB.
+        linear: the photo in linear RGB.
         middle: (2,) principal point in pixels.
         state: pose.
         vertices: (V, 3) metres at that state.
     """
-    height, width = linear.shape[:2]
+    height, width = linear.image.shape[:2]
     projection = project(state, vertices)
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
-    where = np.floor(projection.uv + middle).astype(int)
+    where = np.floor(linear.at(projection.uv + middle)).astype(int)
     inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))
     weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
     # At grazing angles the colour is unreliable; there the contour term constrains the shape.
     view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
     weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
     used = np.flatnonzero(weight > 0.05)
-    colour = linear[where[used, 1], where[used, 0]].astype(np.float64)
+    colour = linear.image[where[used, 1], where[used, 0]].astype(np.float64)
     return SkinSamples(used, normals[used], colour, weight[used])
 
 
-def light_on_face(head: HeadModel, linear: Float32, middle: Float64, state: State, vertices: Float64) -> Float64 | None:
+def light_on_face(
+    head: HeadModel, linear: Softened, middle: Float64, state: State, vertices: Float64
+) -> Float64 | None:
     """Light on the fitted face; the arguments are those of :func:`seen_skin`.
 
     Returns:
@@ -161,7 +164,7 @@ def light_on_face(head: HeadModel, linear: Float32, middle: Float64, state: Stat
 def shading_term(
     head: HeadModel,
     model: LandmarkModel,
-    linear: Float32,
+    linear: Softened,
     middle: Float64,
     state: State,
     vertices: Float64,
@@ -171,7 +174,7 @@ def shading_term(
     Args:
         head: the head model.
         model: how many of its components are fitted.
-        linear: (H, W, 3) float32 linear RGB.
+        linear: the photo in linear RGB.
         middle: (2,) principal point in pixels.
         state: current pose and shape.
         vertices: (V, 3) metres at that state.

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import cv2
 import numpy as np
 import pytest
 
 from service.jobs.artifacts import Artifacts
+from service.jobs.child import kinds
 from service.jobs.stages import KeptStages
 
 JOB = "a" * 32
@@ -60,7 +62,7 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
     from service.archive.manifest import from_json
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
-    from service.jobs.child import kinds, options_from
+    from service.jobs.child import options_from
     from service.pipeline import SMALL_TILES, make_avatar
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
     from service.stages import Stages, Unkept
@@ -84,3 +86,12 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
         apart = np.abs(one.astype(int) - other.astype(int))
         assert apart.max() <= (1 if map_.bits == 8 else 8), map_.path
         assert (apart > 0).mean() < 0.01, map_.path
+
+
+def test_whatever_a_kept_result_holds_is_known_too() -> None:
+    known = kinds()
+    for kind in known.values():
+        for field, hint in get_type_hints(kind).items():
+            for part in (hint, *get_args(hint)):
+                if is_dataclass(part) and isinstance(part, type):
+                    assert part.__name__ in known, f"{kind.__name__}.{field} is a {part.__name__}, which is not kept"

@@ -52,9 +52,10 @@ def test_fuller_hair_becomes_fuller(frame: Frame) -> None:
 
     item, points = worn("hair/short01")
     shown, _ = frame.hair(item, points)
-    fuller = cv2.dilate(shown, np.ones((9, 9))) * np.where(np.isfinite(frame.behind), shown, 1)
+    wide = np.asarray(cv2.dilate(shown, np.ones((9, 9))), np.float32)
+    fuller = np.where(np.isfinite(frame.behind), shown, wide)
     before = agreement(fuller, shown, ONE)
-    made = tailored(item, points, SKULL, frame, np.asarray(fuller, np.float32), ONE)
+    made = tailored(item, points, SKULL, frame, fuller, ONE)
     assert made.wider_m > 0.004
     assert agreement(fuller, drawn(frame, item, made), ONE) > before + 0.1
 
