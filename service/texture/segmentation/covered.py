@@ -21,8 +21,8 @@ RAMP = (0.25, 0.55)
 """Probability up to which a texel counts as seen, and from which on as hidden."""
 SHADOW = 0.009
 """Width of the shadow of hair on the forehead, over the chart's width: 4 mm."""
-THIN = (0.08, 0.3)
-"""The same for hair alone and for glasses alone: strands and frames are thinner than the reader's cells."""
+STRANDS = (0.08, 0.3)
+"""The same for hair alone: single strands before the forehead would be left as streaks."""
 CERTAIN = (0.5, 0.9)
 """The same for eyes and mouth in place of skin: the rims of lids and lips lie in cells that they share with these."""
 
@@ -80,10 +80,9 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
         bald: hair hides the scalp too, as it is a mesh of its own.
     """
     share = parts[:, list(BEFORE)].sum(1)
-    frames = ramp(parts[:, GLASSES], THIN)
     if not bald:
-        return np.maximum(ramp(share + parts[:, HAIR] * (1 - zones.scalp)), frames)
-    return np.maximum(ramp(share + parts[:, HAIR]), np.maximum(ramp(parts[:, HAIR], THIN), frames))
+        return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
+    return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
 
 
 def opened(parts: Float32, zones: Zones) -> Float32:

@@ -21,9 +21,9 @@ SURFACE = (SKIN, BROW, BEARD, LIP)
 COVERED = 0.2
 """Share of the face from which on a hat, a mask or a hand before it is worth a warning."""
 
-FRAME = (0.1, 0.1)
-"""Probability of glasses, and share of the face with more, from which on glasses are worn: 0.14 and 0.20 on two photos
-with them, 0.07 at most on 27 without. Frames are thinner than the reader's cells."""
+FRAME = (0.1, 0.07)
+"""Probability of glasses, and share of the face with more, from which on glasses are worn: 0.12 and 0.15 on two photos
+with them, 0.04 at most on 27 without. Frames are thinner than the reader's cells."""
 
 
 @dataclass(frozen=True)

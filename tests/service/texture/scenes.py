@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from service.face.fit.result import Fit
 from service.face.reading.parts import BACKGROUND, PARTS
+from service.face.reading.parts import SKIN as SKIN_PART
 from service.face.reading.reader import CELLS, PART_CELLS, Reading
 from service.face.region import Region
 from service.geometry.camera import Camera
@@ -72,6 +73,11 @@ def read_off(head: HeadModel, camera: Camera, part: Callable[[Array], npt.NDArra
     unknown, middle = np.ones((CELLS, CELLS)), camera.width / 2
     region, vectors = Region(middle, middle, camera.width), np.zeros((CELLS, CELLS, 3))
     return Reading(region, vectors[..., :2], unknown, vectors, unknown, np.eye(len(PARTS), dtype=np.float32)[label])
+
+
+def bare(head: HeadModel, camera: Camera) -> Reading:
+    """The same where all of the head is skin."""
+    return read_off(head, camera, lambda points: np.full(len(points), SKIN_PART))
 
 
 def plain(colour: tuple[float, float, float]) -> Callable[[Array], Array]:

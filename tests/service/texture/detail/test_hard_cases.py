@@ -17,7 +17,7 @@ from service.texture.detail.reading import Reader
 from service.texture.make import make_texture
 from service.texture.result import Texture
 from tests.service.texture.detail.test_own import CHART, HEAD, SIZE, enlarged, seen_by, spots, truth
-from tests.service.texture.scenes import SKIN, fitted, photograph, plain, turned
+from tests.service.texture.scenes import SKIN, bare, fitted, photograph, plain, turned
 
 SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
 RANDOM = np.random.default_rng(7)
@@ -65,7 +65,7 @@ def blurred(image: Float32) -> Float32:
 
 
 def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
-    texture = make_texture(photo, HEAD, FIT, CHART)
+    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
     return texture, OwnDetail.of(photo, HEAD, FIT, texture)
 
 
@@ -139,7 +139,7 @@ def test_clipped_light_takes_no_grain_from_the_map() -> None:
     photo = photograph(HEAD, turned(0, 1000), plain(SKIN))
     half = photo.pixels.copy()
     half[:, :500] = 255
-    texture = make_texture(photo, HEAD, FIT, CHART)
+    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
     grain = RANDOM.normal(0, 1500, (*SIZE[::-1], 1))
     before = np.clip(enlarged(texture) + grain, 0, 65535).astype(np.uint16)
     after, lit = before.copy(), before.copy()

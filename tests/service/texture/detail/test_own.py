@@ -17,7 +17,7 @@ from service.texture.detail.result import Detail
 from service.texture.detail.sharpness import LEAST_BLUR, Sharpness
 from service.texture.make import make_texture
 from service.texture.result import Texture
-from tests.service.texture.scenes import SKIN, Array, fitted, photograph, plain, turned
+from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(40, 60)
@@ -34,7 +34,7 @@ def spots(points: Array) -> Array:
 @pytest.fixture(scope="module")
 def scene() -> tuple[Photo, Texture, OwnDetail]:
     photo, fit = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
-    texture = make_texture(photo, HEAD, fit, CHART)
+    texture = make_texture(photo, HEAD, fit, CHART, bare(HEAD, turned(0, 1000)))
     return photo, texture, OwnDetail.of(photo, HEAD, fit, texture)
 
 
@@ -113,7 +113,7 @@ def degraded(photo: Photo, blur: float = 0.0, noise: float = 0.0, factor: int = 
 def told_of(photo: Photo) -> tuple[Detail, float]:
     """What is said of a photo, and the error of the map on seen skin."""
     fit = fitted(HEAD, turned(0, 1000))
-    texture = make_texture(photo, HEAD, fit, CHART)
+    texture = make_texture(photo, HEAD, fit, CHART, bare(HEAD, turned(0, 1000)))
     own, codes = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture)
     told = own.onto(codes)
     return told, float(np.abs(codes / 65535 - truth())[seen_by(own)].mean())
