@@ -335,7 +335,7 @@ class Hair(_Strict):
     """Name of the style; null for a bald head."""
     volume: Annotated[float, Gt(0)]
     """Factor on the distance of the style's hair from the skull."""
-    length: Annotated[float, Gt(0)]
+    length: Annotated[float, Ge(0)]
     """Factor on how far it hangs below the ears."""
     mirrored: bool
     """Whether left and right of the style are exchanged."""

@@ -32,8 +32,12 @@ ROUNDS = 6
 """Rounds of weights of one pose."""
 FEWEST_CELLS = 1000
 """Fewest cells with a place on the head, of 4096, that make a face: profiles have 1500 to 2500."""
+INSIDE = 0.5
+"""Least share of a box inside the photo: beyond it all is black, of which the reader knows nothing."""
 AGREEMENT, NEAR_MM = 0.6, 8.0
 """Least share of the cells that lie within so many millimetres of the average head in the pose found."""
+SPREAD_M = 0.05
+"""Least extent of the cells' places on the head, metres: places that lie together tell no pose."""
 REACH_M = 0.012
 """Distance on the head over which a landmark follows the cells around it, metres."""
 
@@ -69,11 +73,20 @@ def faces_by_reading(pixels: UInt8, doubted: list[Detection], head: HeadModel, n
     """
     model = LandmarkModel(head, 0)
     for detection in doubted:
+        if _inside(detection, pixels) < INSIDE:
+            continue
         seen = look(pixels, detection.region(CROP), head, model, network)
         if seen is not None and seen.cells >= FEWEST_CELLS and seen.share >= AGREEMENT:
             warnings = ("landmarks-read", *conditions.warnings(pixels, seen.landmarks))
             return [Face(detection.box, detection.score, detection.keypoints, seen.landmarks, 0.0, warnings)]
     return []
+
+
+def _inside(detection: Detection, pixels: UInt8) -> float:
+    """Share of a box's area that lies in the photo."""
+    size = np.array(pixels.shape[1::-1], np.float64)
+    low, high = np.clip(detection.box[:2], 0.0, size), np.clip(detection.box[2:], 0.0, size)
+    return float(np.prod(high - low)) / max(float(np.prod(detection.box[2:] - detection.box[:2])), 1e-9)
 
 
 def look(pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork) -> Seen | None:
@@ -101,6 +114,8 @@ def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Seen
     if len(found.pixels) < 4:
         return None
     points = at_barycentric(head.mean, found.corners, found.weights)
+    if float(np.ptp(points, axis=0).max()) < SPREAD_M:
+        return None
     certain = found.sure / np.maximum(found.sigma_mm, 1e-9) ** 2
     weight, pose = certain, weak_pose(points, found.pixels, certain)
     for _ in range(ROUNDS):

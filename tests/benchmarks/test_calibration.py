@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
 from benchmarks.calibration import DISTANCES_MM, RANGES_MM, Errors, correlation, errors, report, table
 from models.people.make import Portrait

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+
 from benchmarks.unseen_skin import Steps, bands, row
 
 SHAPE = (128, 192)
