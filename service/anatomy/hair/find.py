@@ -128,7 +128,7 @@ def _choose(
     fitted = tailored(worn, points, skull, frame, shown, known)
     if fitted.ends_m is not None:
         hung = (fitted.ends_m - EAR_M) / min(float(points[:, 1].min()) - EAR_M, -1e-3)
-        choice = replace(choice, cut=replace(choice.cut, length=round(min(max(float(hung), 0.0), 1.0), 3) + 0.0))
+        choice = replace(choice, cut=replace(choice.cut, length=round(min(max(0.0, float(hung)), 1.0), 3)))
     return choice, along, fitted
 
 

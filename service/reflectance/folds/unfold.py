@@ -13,6 +13,7 @@ import numpy.typing as npt
 from service.arrays import Float32, UInt16
 from service.reflectance.folds.creases import DIRECTIONS, GROUPS, Creases
 from service.reflectance.result import NORMAL_ONE, Wrinkle, unpack_normals
+from service.reflectance.texels import interpolated
 
 WIDTH = 1536
 """Of the maps on which folds are found, texels: 3.75 to a mm of the face. Wrinkle maps are as large, but have no more
@@ -140,11 +141,5 @@ def _box(mask: npt.NDArray[np.bool_], size: tuple[int, int], shape: tuple[int, .
 
 
 def _enlarged(plane: Float32, shape: tuple[int, ...], rows: slice, columns: slice) -> Float32:
-    """Bilinear values of a small plane at texels of the full map."""
-    import cv2
-
-    tall, wide = plane.shape[0] / shape[0], plane.shape[1] / shape[1]
-    y = ((np.arange(rows.start, rows.stop) + 0.5) * tall - 0.5).astype(np.float32)
-    x = ((np.arange(columns.start, columns.stop) + 0.5) * wide - 0.5).astype(np.float32)
-    grid = np.meshgrid(x, y)
-    return np.asarray(cv2.remap(plane, grid[0], grid[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    """Values of a small plane at texels of the full map."""
+    return interpolated(plane, (shape[1], shape[0]), np.r_[rows], np.r_[columns])

@@ -9,7 +9,6 @@ import numpy as np
 from service.arrays import Bool, Float32
 from service.face.reading.parts import BEARD, BROW, CLOTH, GLASSES, HAT, LIP, OTHER, SKIN
 from service.geometry.chart import Chart
-from service.head.regions import vertex_mask
 from service.texture.inpainting.inpaint import opacity
 from service.texture.segmentation.covered import grown, ramp
 from service.texture.segmentation.zones import Zones
@@ -61,8 +60,7 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
     lit = np.asarray(smooth * (1 - ramp(1 - parts[:, list(SURFACE)].sum(1))), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
-    neck = chart.inside(vertex_mask(chart.head, "neck")[:, None])[:, 0]
-    doubt = neck * (parts[:, [SKIN, BEARD]].sum(1) < SURE_NECK)  # collars take the neck's shape
+    doubt = zones.neck * (parts[:, [SKIN, BEARD]].sum(1) < SURE_NECK)  # collars take the neck's shape
     seen = opacity(unwrapped.weight) * (1 - zones.hidden) * (1 - doubt)
     return Segmentation(np.asarray(seen, np.float32), lit, colour, face)
 

@@ -19,6 +19,7 @@ class Zones:
         skin: bool, texel of the part "skin".
         face: the face proper, where hair and make-up are part of the likeness.
         scalp: where hair is expected.
+        neck: below the jaw.
         mouth: the inside of the mouth.
         hidden: inside of the mouth and of the eye sockets.
     """
@@ -26,6 +27,7 @@ class Zones:
     skin: Bool
     face: Float32
     scalp: Float32
+    neck: Float32
     mouth: Float32
     hidden: Float32
 
@@ -36,6 +38,7 @@ class Zones:
         rows = [
             vertex_mask(head, "face"),
             vertex_mask(head, "scalp"),
+            vertex_mask(head, "neck"),
             vertex_mask(head, "mouth_inner"),
             vertex_mask(head, "mouth_inner", "eye_socket"),
         ]
