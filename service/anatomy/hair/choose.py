@@ -91,14 +91,13 @@ def choose(
 
     def score(name: str, cut: Cut) -> tuple[float, float]:
         item = mirrored(items.items[name], skull.head) if cut.mirrored else items.items[name]
-        points = hair_on(items.items[name], items, skull, cut)
+        loose = hair_on(items.items[name], items, skull, cut)
         # As it would be worn: what a hairdresser does to its volume is not what tells it from others.
-        plain, _ = frame.hair(item, points)
-        points = to_outline(points.astype(np.float64), skull, frame, plain, shown, known)[0]
+        before, _ = frame.hair(item, loose)
+        points = to_outline(loose.astype(np.float64), skull, frame, before, shown, known)[0]
         pixel, triangle, barycentric = frame.nearest(item, points)
-        mask = np.zeros(frame.side**2, np.float32)
-        mask[pixel] = 1.0
-        mask = mask.reshape(frame.side, -1)
+        mask = np.zeros((frame.side, frame.side), np.float32)
+        mask.ravel()[pixel] = 1.0
         cut_away = np.maximum(skin, frame.below * known) * (1 - shown)  # see service.anatomy.hair.tailored
         worn = mask * (1 - cut_away)
         whole, above = (agreement(shown, worn, known * zone) for zone in (1.0, 1 - frame.below))

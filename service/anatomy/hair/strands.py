@@ -63,7 +63,7 @@ def in_photo(pixels: Float32, hair: Float32) -> Float32:
 def in_texture(picture: UInt8) -> Float32:
     """(H, W, 2) directions of the strands on the texture of a style, row 0 at v = 1; v points up in them."""
     solid = (picture[..., -1] > 127).astype(np.float32)
-    found = doubled((picture[..., 0].astype(np.float32) / 255) ** 2, solid)
+    found = doubled(np.asarray((picture[..., 0] / 255.0) ** 2, np.float32), solid)
     return np.asarray(found * np.array([1, -1], np.float32), np.float32)
 
 

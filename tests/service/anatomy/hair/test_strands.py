@@ -63,17 +63,17 @@ def card(points: list[list[float]], uv: list[list[float]]) -> tuple[Item, Float3
 def test_a_style_is_seen_with_the_strands_of_its_texture() -> None:
     uv = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
     thirds, first = np.full((1, 3), 1 / 3, np.float32), np.zeros(1, np.int64)
-    upright, flat = card([[0, 0], [10, 0], [0, -10]], uv)
+    upright, flat = card([[0.0, 0.0], [10.0, 0.0], [0.0, -10.0]], uv)
     assert drawn(upright, in_texture(upright.picture), flat, first, thirds)[0] @ twice(90.0) > 0.8
-    turned, flat = card([[0, 0], [0, 10], [10, 0]], uv)  # v runs along x
+    turned, flat = card([[0.0, 0.0], [0.0, 10.0], [10.0, 0.0]], uv)  # v runs along x
     assert drawn(turned, in_texture(turned.picture), flat, first, thirds)[0] @ twice(0.0) > 0.8
 
 
 def test_a_triangle_without_area_has_no_direction() -> None:
     thirds, first = np.full((1, 3), 1 / 3, np.float32), np.zeros(1, np.int64)
     for points, uv in (
-        ([[0, 0], [10, 0], [0, -10]], [[0.5, 0.5]] * 3),
-        ([[3, 3]] * 3, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+        ([[0.0, 0.0], [10.0, 0.0], [0.0, -10.0]], [[0.5, 0.5]] * 3),
+        ([[3.0, 3.0]] * 3, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
     ):
         item, flat = card(points, uv)
         assert not drawn(item, in_texture(item.picture), flat, first, thirds).any()
