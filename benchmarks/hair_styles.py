@@ -40,7 +40,7 @@ SIZE, MOST_YAW, FIRST = 384, 45.0, 500_001
 SKINS = (1, 6, 9, 14)
 """Skins of the people, as drawing one takes long."""
 CROPPED = "cropped"
-ROWS = {
+ROWS: dict[str, dict[str, object]] = {
     "all": {},
     "without strands": {"ALONG": 0.0},
     "without waste": {"WASTE": 0.0},
