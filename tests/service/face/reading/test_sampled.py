@@ -31,10 +31,12 @@ def test_hair_beyond_the_narrow_crop_is_read_in_the_wider_one() -> None:
 def test_hair_is_where_either_crop_shows_it_and_probabilities_stay_such() -> None:
     at = np.array([[200.0, 200.0], [152.0, 200.0]])
     for narrow, wide in ((0.1, 0.4), (0.4, 0.1), (0.0, 0.0), (1.0, 0.2), (0.0, 1.0)):
-        found = parts_at_pixels(reading(100, narrow, reading(200, wide)), at)
+        found = parts_at_pixels(reading(100, narrow, reading(200, wide)), at, strands=True)
         np.testing.assert_allclose(found.sum(1), 1, atol=1e-5)
         assert found[0, HAIR] == np.float32(max(narrow, wide))
         assert (found >= 0).all()
+        plain = parts_at_pixels(reading(100, narrow, reading(200, wide)), at)
+        assert plain[0, HAIR] == np.float32(narrow), "the outline of the hair is that of the finer crop"
 
 
 def test_more_points_than_opencv_takes_at_a_time() -> None:
