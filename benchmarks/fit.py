@@ -35,14 +35,18 @@ from service.photo.photo import Photo
 
 HELD_OUT = range(110, 1000)
 """ICT heads on which no setting was looked at while defaults were chosen."""
-DEFAULT = "full: + free form"
+DEFAULT = "+ free form (full)"
 AVERAGE = "average head, pose only"
 SETTINGS: dict[str, dict[str, Any]] = {
     AVERAGE: {"identity_components": 0, "refine": "landmarks"},
-    "landmarks": {"refine": "landmarks"},
+    "landmarks": {"refine": "landmarks", "scores": False},
     "landmarks, outline, shading (not read)": {},
-    "dense: chart and normals": {"refine": "dense"},
-    "full: + free form": {"refine": "full"},
+    "landmarks + scores": {"refine": "landmarks"},
+    "+ places": {"refine": "dense", "normals": False},
+    "+ normals (dense)": {"refine": "dense"},
+    DEFAULT: {},
+    "full without scores": {"scores": False},
+    "full without normals": {"normals": False},
     "full, 40 components": {"identity_components": 40},
     "full, 60 modes of free form": {"beyond": 60},
     "full, identity prior 0.3": {"identity_prior": 0.3},

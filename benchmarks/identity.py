@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program itself does
 
@@ -25,7 +26,7 @@ from service.errors import AvatarError
 from service.face.choice import choose_face
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
-from service.face.fit.settings import FitSettings
+from service.face.fit.settings import FitSettings, Refine
 from service.face.identity import Embedding, Recogniser, centred_cosine, distance, population
 from service.face.reading.read import Readers, read_face
 from service.geometry.chart import Chart
@@ -172,7 +173,7 @@ def main() -> int:
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
     parser.add_argument("--by-prefix", action="store_true", help="names up to the first underscore name the person")
     parser.add_argument("--match", default="*", help="only files like this, for example 'ict*_0_soft*'")
-    parser.add_argument("--refine", choices=("landmarks", "pixels"), default=FitSettings().refine)
+    parser.add_argument("--refine", choices=get_args(Refine), default=FitSettings().refine)
     arguments = parser.parse_args()
     maker, samples, refused = Maker(FitSettings(refine=arguments.refine)), [], []
     for path in photos_of(arguments.folders, arguments.match):

@@ -89,7 +89,7 @@ def make(
     ] = None,
     detail: Detail = None,
     seed: Seed = None,
-    fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks' or 'pixels'.")] = None,
+    fit: Annotated[str | None, typer.Option(help="Where the fit stops: 'landmarks', 'dense' or 'full'.")] = None,
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
     hair: Annotated[

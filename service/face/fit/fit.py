@@ -105,7 +105,7 @@ def fit_face(
     width, height = photo.size
     middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
-    scores = None if reading is None else reading.scores
+    scores = reading.scores if reading is not None and settings.scores else None
     openings = {} if reading is None else reading.openings
     prior = prior_for(photo, model, settings, scores)
     initial = fit_landmarks(model, face.landmarks, middle, prior, settings)

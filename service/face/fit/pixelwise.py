@@ -39,11 +39,11 @@ class Refiner:
 
     Args:
         head: the head model.
-        settings: identity components, number and strength of the modes beyond them.
+        settings: identity components, number of the modes beyond them, whether normals are followed.
     """
 
     def __init__(self, head: HeadModel, settings: FitSettings) -> None:
-        self.plain = head
+        self.plain, self.normals = head, settings.normals
         self.components = min(settings.identity_components, len(head.identity))
         self.head = extended(head, self.components, settings.beyond if settings.refine == "full" else 0)
         self.beyond = len(self.head.identity) - self.components
@@ -81,7 +81,7 @@ class Refiner:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)
             near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
-            read = (dense.points(state), dense.normals(state, vertices))
+            read = (dense.points(state), *((dense.normals(state, vertices),) if self.normals else ()))
             terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, linear, middle, state, reach))
             active = np.ones(POSE + self.model.shape_count, bool)
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)

@@ -98,6 +98,20 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     assert error_mm(head, dense.neutral, truth) < min(1.0, 0.6 * error_mm(head, points.neutral, truth))
 
 
+def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
+    """Places alone leave the depth open; the switch that leaves normals out has to leave them out."""
+    truth = somebody(head)
+    face, photo, reading = seen(head, truth)
+    vague = replace(reading, chart_mm=np.full_like(reading.chart_mm, 6.0))
+    both = fit_face(face, photo, head, FitSettings(refine="dense"), vague)
+    places = fit_face(face, photo, head, FitSettings(refine="dense", normals=False), vague)
+    assert error_mm(head, both.neutral, truth) < 0.9 * error_mm(head, places.neutral, truth)
+    turned = replace(vague, normal=vague.normal * [-1.0, 1.0, 1.0])
+    assert np.array_equal(
+        fit_face(face, photo, head, FitSettings(refine="dense", normals=False), turned).vertices, places.vertices
+    )
+
+
 def test_free_form_follows_what_no_component_has(head: HeadModel) -> None:
     rng = np.random.default_rng(2)
     bent = somebody(head) + np.tensordot(rng.normal(size=100), modes(head, 100), 1)
@@ -201,6 +215,9 @@ def test_scores_decide_what_points_leave_open(head: HeadModel) -> None:
     without, puffed, unknown = (fit.expression[unit] for fit in scored)
     assert puffed > without + 0.2
     assert abs(unknown - fit_face(face, photo, head, points).expression[unit]) < 1e-9
+    ignored = replace(reading, scores=Scores(face.landmarks, {"cheekPuff": 0.8}))
+    without_scores = fit_face(face, photo, head, FitSettings(refine="landmarks", scores=False), ignored)
+    assert abs(without_scores.expression[unit] - unknown) < 1e-9
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

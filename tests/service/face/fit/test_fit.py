@@ -179,7 +179,15 @@ def test_the_same_input_gives_the_same_fit(head: HeadModel) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"iterations": 0}, {"identity_components": -1}, {"identity_prior": 0.0}, {"distance_m": 0.0}, {"refine": "magic"}],
+    [
+        {"iterations": 0},
+        {"identity_components": -1},
+        {"identity_prior": 0.0},
+        {"distance_m": 0.0},
+        {"refine": "magic"},
+        {"scores": 1},
+        {"normals": "no"},
+    ],
 )
 def test_settings_name_the_bad_value(wrong: dict[str, object]) -> None:
     with pytest.raises(UsageError, match=repr(next(iter(wrong.values())))):

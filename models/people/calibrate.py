@@ -1,16 +1,17 @@
-"""Where on our head does the landmark network put its 468 points: ``python -m models.head.calibrate``.
+"""Where on our head does the landmark network put its 468 points: ``python -m models.people.calibrate --data SHARDS``.
 
-Renders random painted heads in random poses, lights and mild expressions, runs the very face finder of the service on
-them and carries every landmark back to the surface. Expressed on the mean head, the robust centre of the hits of a
-landmark is its embedding and their scatter its spread. The network's habits (where it thinks a nose tip is) are so
-part of the embedding and cancel when a photo is fitted. Points of the face outline slide with the pose; they get one
-place per 15 degrees of yaw.
+Runs the very face finder of the service on portraits of synthetic people (``python -m models.people --out SHARDS``) and
+carries every landmark back to the surface that its pixel shows. Expressed on the mean head, the robust centre of the
+hits of a landmark is its embedding and their scatter its spread. The network's habits (where it thinks a nose tip is,
+how far below the hairline a forehead ends) are so part of the embedding and cancel when a photo is fitted. Points of
+the face outline slide with the pose; they get one place per 15 degrees of yaw.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -21,23 +22,19 @@ import numpy.typing as npt
 from models.head.digest import write_digest
 from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
 from models.head.nearest import nearest_on_triangles
-from models.head.paint import Canvas, paint
-from models.head.shoot import Shot, look_at, shoot
+from models.people.make import Portrait
+from models.people.shards import decode, load
 from service.face.face import LANDMARK_COUNT
 from service.geometry.normals import area_normals
+from service.geometry.raster import rasterise
 from service.head.files import DEFAULT_HEAD, load_head, save_head
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
 
 YAW_BINS = np.arange(-60.0, 61.0, 15.0)
-IMAGE = 512
-CANVAS = (1056, 704)
-MILD = (
-    "mouthSmileLeft", "mouthSmileRight", "browInnerUp", "browDownLeft", "browDownRight", "eyeSquintLeft",
-    "eyeSquintRight",
-    "jawOpen", "mouthPucker", "mouthFrownLeft", "mouthFrownRight", "eyeBlinkLeft", "eyeBlinkRight",
-)  # fmt: skip
+MISSED = 0.03
+"""How far beside the head a landmark may lie, over the diagonal of the landmarks' bounding box."""
 GROUPS = {
     "eyes": (33, 133, 159, 145, 263, 362, 386, 374, 160, 158, 153, 144, 385, 387, 373, 380),
     "brows": (70, 63, 105, 66, 107, 336, 296, 334, 293, 300),
@@ -54,7 +51,7 @@ class Hits:
     """Back-projected landmarks on the mean head.
 
     Attributes:
-        yaw: (N,) degrees, as rendered.
+        yaw: (N,) degrees, as ``Camera.yaw_pitch_roll_deg`` has it.
         point: (N, 468, 3) metres on the mean head; NaN where a landmark missed the mesh by more than the allowance.
         facing: (N, V) cosine between each vertex's normal and the direction to the camera.
         tried, found: per yaw bin.
@@ -67,65 +64,42 @@ class Hits:
     found: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(YAW_BINS), np.int64))
 
 
-def back_project(head: HeadModel, shot: Shot, landmarks: Float, allowance_px: float) -> Float:
-    """(468, 3) points on the mean head under (468, 2) pixels; NaN where the mesh is further than the allowance."""
+def back_project(head: HeadModel, person: Portrait, landmarks: Float) -> Float:
+    """(468, 3) points on the mean head under (468, 2) pixels of a portrait; NaN beside the head (``MISSED``)."""
     from scipy.spatial import cKDTree
 
-    rows, columns = np.nonzero(shot.raster.mask)
+    shown = np.flatnonzero(head.triangle_part != head.part_names.index("lashes"))
+    uv, depth = person.camera.project(person.vertices), person.camera.to_camera(person.vertices)[:, 2]
+    height, width = person.part.shape
+    raster = rasterise(np.asarray(uv, np.float64), depth, head.triangles[shown], width, height, perspective=True)
+    rows, columns = np.nonzero(raster.mask)
     distance, nearest = cKDTree(np.c_[columns + 0.5, rows + 0.5]).query(landmarks)
     row, column = rows[nearest], columns[nearest]
-    triangle = shot.triangle_index[shot.raster.triangle[row, column]]
-    weight = shot.raster.barycentric[row, column].astype(float)
-    point = np.einsum("nk,nkc->nc", weight, head.mean[head.triangles[triangle]].astype(float))
-    point[distance > allowance_px] = np.nan
+    corners = head.mean[head.triangles[shown[raster.triangle[row, column]]]].astype(float)
+    point = (raster.barycentric[row, column].astype(float)[..., None] * corners).sum(1)
+    point[distance > MISSED * np.linalg.norm(np.ptp(landmarks, axis=0))] = np.nan
     return np.asarray(point)
 
 
-def collect(head: HeadModel, count: int, seed: int) -> Hits:
-    """Render, detect and back-project ``count`` random subjects, each as rendered and (by symmetry) as its mirror
-    image.
-    """
+def collect(head: HeadModel, people: Iterable[Portrait]) -> Hits:
+    """Detect and back-project the landmarks of portraits."""
     from service.face.finder import FaceFinder
 
-    finder = FaceFinder()
-    canvas = Canvas.of(head, *CANVAS)
-    names = {name: k for k, name in enumerate(head.expression_names)}
-    hits = Hits()
-    for k, stream in enumerate(np.random.SeedSequence(seed).spawn(count)):
-        random = np.random.default_rng(stream)
-        identity = random.normal(size=len(head.identity)) * 0.9
-        expression = np.zeros(len(names))
-        for name in random.choice(MILD, 3, replace=False):
-            expression[names[str(name)]] = random.uniform(0.0, 0.35)
-        vertices = head.shape(identity, expression).astype(float)
-        yaw = random.uniform(-30, 30) if k % 5 < 3 else random.uniform(-66, 66)
-        distance = random.uniform(0.6, 2.0)
-        focal = IMAGE * random.uniform(2.6, 3.4) * distance
-        camera = look_at(yaw, random.normal(0, 8), random.normal(0, 5), distance, IMAGE, focal)
-        light = np.array([random.uniform(-0.7, 0.7), random.uniform(-0.1, 0.8), 1.0])
-        background = np.full((IMAGE, IMAGE, 3), 0.0, np.float32) + random.uniform(0.05, 0.8, 3).astype(np.float32)
-        shot = shoot(
-            head,
-            vertices,
-            paint(head, canvas, random),
-            camera,
-            light / np.linalg.norm(light),
-            random.uniform(0.25, 0.6),
-            background,
-        )
+    finder, hits = FaceFinder(), Hits()
+    for person in people:
+        yaw = float(person.camera.yaw_pitch_roll_deg()[0])
         slot = int(np.argmin(np.abs(YAW_BINS - yaw)))
         hits.tried[slot] += 1
-        faces = finder.find(shot.pixels)
+        faces = finder.find(person.image)
         if not faces:
             continue
         hits.found[slot] += 1
-        landmarks = faces[0].landmarks[:, :2]
-        scale = float(np.linalg.norm(np.ptp(landmarks, axis=0)))
-        normals = area_normals(vertices, head.triangles)
-        ray = camera.centre - vertices
-        hits.yaw.append(float(yaw))
-        hits.point.append(back_project(head, shot, landmarks, 0.03 * scale))
-        hits.facing.append(((normals * ray).sum(1) / np.linalg.norm(ray, axis=1)).astype(np.float32))
+        vertices = person.vertices.astype(np.float64)
+        ray = person.camera.centre - vertices
+        cosine = (area_normals(vertices, head.triangles) * ray).sum(1) / np.linalg.norm(ray, axis=1)
+        hits.yaw.append(yaw)
+        hits.point.append(back_project(head, person, faces[0].landmarks[:, :2]))
+        hits.facing.append(cosine.astype(np.float32))
     return hits
 
 
@@ -246,17 +220,30 @@ def report(hits: Hits, spreads: Float) -> None:
     log.info("%-8s scatter %.2f mm (90 %%: %.2f)", "all", 1e3 * np.median(spreads), 1e3 * np.percentile(spreads, 90))
 
 
+def portraits(folder: Path, most: int) -> Iterator[Portrait]:
+    """At most so many portraits of a folder's shards.
+
+    Raises:
+        SystemExit: there are no shards.
+    """
+    paths = sorted(folder.glob("people-*.npz"))
+    if not paths:
+        raise SystemExit(f"{folder}: no shards; draw them by python -m models.people --out {folder}")
+    everyone = (person for path in paths for person in decode(load(path)))
+    return (person for _, person in zip(range(most), everyone, strict=False))
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder of shards")
+    parser.add_argument("--most", type=int, default=1000, help="portraits at most")
     parser.add_argument("--head", type=Path, default=DEFAULT_HEAD)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--out", type=Path, default=EMBEDDING_FILE, help="embedding file that the builder takes over")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     head = load_head(arguments.head)
-    hits = collect(head, arguments.count, arguments.seed)
+    hits = collect(head, portraits(arguments.data, arguments.most))
     embedding, spreads = embed(head, hits)
     report(hits, spreads)
     save_embedding(embedding, arguments.out)
