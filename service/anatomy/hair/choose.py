@@ -34,6 +34,9 @@ ALONG = 0.4
 WASTE = 0.2
 """Weight of the share of a style's silhouette that has to be cut from it: long hair that is cut short hangs as long
 hair does."""
+RARE = {"hair/afro01": 0.06}
+"""What a style has to agree better than others to be worn: few people have it, and its strands have no direction that
+could disagree."""
 CROPPED_MM = 4.5
 """Thickness under which hair is cropped to the skin, and is no mesh: of portraits with hair painted on, or fur of 3 to
 4 mm, the median is 3.0, of other short hair 6 to 20."""
@@ -113,7 +116,8 @@ def choose(
             flat = frame.place(frame.camera.project(points))
             ways[pixel] = drawn(item, textures[name], flat, triangle, barycentric)
             along = agreeing(strands, ways.reshape(frame.side, -1, 2), shown * known)
-        return 0.5 * whole + 0.3 * above + 0.2 * length + ALONG * along - FACE * bare - WASTE * waste, whole
+        agrees = 0.5 * whole + 0.3 * above + 0.2 * length + ALONG * along - RARE.get(name, 0.0)
+        return agrees - FACE * bare - WASTE * waste, whole
 
     plain = [(name, Cut(mirrored=m)) for name in names or items.names("hair") for m in (False, True)]
     scored = sorted(((score(*one), *one) for one in plain), key=lambda s: -s[0][0])
