@@ -68,8 +68,8 @@ def test_moles_lips_and_paler_patches_are_no_highlights(name: str) -> None:
 def test_pores_in_a_sheen_leave_no_net_of_dots(name: str) -> None:
     """Taken off as a whole, a sheen left its bright dots and what lay between them too dark and too red."""
     size = (2304, 1536)
-    skin = cv2.resize(skin_of(name, (576, 384)), size, interpolation=cv2.INTER_CUBIC)
-    glossy = cv2.resize(spot((576, 384), 8.0), size)
+    skin = np.asarray(cv2.resize(skin_of(name, (576, 384)), size, interpolation=cv2.INTER_CUBIC), np.float32)
+    glossy = np.asarray(cv2.resize(spot((576, 384), 8.0), size), np.float32)
     dots = np.clip(0.5 + 0.3 * np.random.default_rng(2).normal(size=size[::-1]), 0, 1).astype(np.float32)
     dots = cv2.GaussianBlur(dots, (0, 0), 1.5)
     shown = np.asarray(skin + 1.2 * skin[..., :1] * (glossy * dots)[..., None], np.float32)
@@ -86,7 +86,8 @@ def test_pores_in_a_sheen_leave_no_net_of_dots(name: str) -> None:
 
 def test_detail_of_the_skin_stays_and_the_lamp_s_goes() -> None:
     skin = np.tile(np.array(SKINS["light"], np.float32), (4, 1))
-    own, lamp = np.float32([[0.1], [-0.1], [0.0], [0.05]]) * skin, np.float32([[0.0], [0.1], [0.1], [-0.05]])
+    own = np.array([[0.1], [-0.1], [0.0], [0.05]], np.float32) * skin
+    lamp = np.array([[0.0], [0.1], [0.1], [-0.05]], np.float32)
     np.testing.assert_allclose(skin_detail(own + lamp, skin, np.ones(4, np.float32)), own, atol=1e-6)
     np.testing.assert_array_equal(skin_detail(own + lamp, skin, np.zeros(4, np.float32)), own + lamp)
     grey = np.full((4, 3), 0.3, np.float32)
