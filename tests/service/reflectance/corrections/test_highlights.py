@@ -71,7 +71,7 @@ def test_pores_in_a_sheen_leave_no_net_of_dots(name: str) -> None:
     skin = np.asarray(cv2.resize(skin_of(name, (576, 384)), size, interpolation=cv2.INTER_CUBIC), np.float32)
     glossy = np.asarray(cv2.resize(spot((576, 384), 8.0), size), np.float32)
     dots = np.clip(0.5 + 0.3 * np.random.default_rng(2).normal(size=size[::-1]), 0, 1).astype(np.float32)
-    dots = cv2.GaussianBlur(dots, (0, 0), 1.5)
+    dots = np.asarray(cv2.GaussianBlur(dots, (0, 0), 1.5), np.float32)
     shown = np.asarray(skin + 1.2 * skin[..., :1] * (glossy * dots)[..., None], np.float32)
     codes = np.rint(linear_to_srgb(shown) * FULL_CODE).astype(np.uint16)
     mended = without_highlights(codes.copy(), codes, np.full(size[::-1], 255, np.uint8))
