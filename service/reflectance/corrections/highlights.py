@@ -2,7 +2,8 @@
 
 At a highlight the photo shows the skin's colour plus the lamp's (the dichromatic model, Shafer 1985). Divided by the
 light this is albedo plus grey, so a highlight is much less colourful than the skin around it, and was brighter in the
-photo. There the skin's usual colour is put back, no brighter than its surroundings.
+photo. There the skin's usual colour is put back, no brighter than its surroundings. Finer than ``WIDTH`` texels a sheen
+is a pattern of bright dots, the sides of pores that mirror the lamp: its colour is taken off the detail, too.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ COLOURFUL = (0.20, 0.35)
 """Usual blue below red, as a share of red, from which on skin is colourful enough to tell, and tells all."""
 DARKEST = 0.03
 """Red of the darkest skin: of less, a share would be that of rounding."""
+GREYEST = 0.1
+"""Blue below red, as a share of the brightest channel, below which skin is as grey as a lamp."""
 LEAST = 0.3
 """Share of each channel that is left at least."""
 STRIP = 512
@@ -68,7 +71,7 @@ def without_highlights(
     weight = np.asarray(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
     if lit is not None:
         weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
-    change = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
+    change, told = found(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     marked = np.abs(change).max(-1) > 0
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
@@ -82,7 +85,10 @@ def without_highlights(
         added = np.stack(planes, -1)
         chosen = (np.abs(added).max(-1) > 1e-4) & (skin[place] == 255)
         linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
-        linear = np.maximum(linear + added[chosen], LEAST * linear)
+        coarse = np.stack([interpolated(bare[..., i], (width, height), rows, columns)[chosen] for i in range(3)], -1)
+        share = interpolated(told, (width, height), rows, columns)[chosen]
+        new = coarse + added[chosen]
+        linear = np.maximum(new + skin_detail(linear - coarse, new, share), LEAST * linear)
         changed = np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
         if grey is not None:
             more = (changed.astype(np.float32) - albedo[place][chosen]) @ LUMA
@@ -101,8 +107,33 @@ def _touched(marked: npt.NDArray[np.bool_], rows: Indices, size: tuple[int, int]
     return np.arange(max(int((first - 1) * wide), 0), min(int(np.ceil((last + 2) * wide)), size[0]), dtype=np.int64)
 
 
+def skin_detail(detail: Float32, colour: Float32, share: Float32) -> Float32:
+    """(N, 3) detail of linear albedo without what a lamp adds to it, by a share of it.
+
+    Detail is a number times the skin's colour plus a number times the lamp's, which is grey: red less blue tells the
+    first.
+
+    Args:
+        detail: (N, 3) of linear albedo.
+        colour: (N, 3) linear RGB of the skin.
+        share: (N,) in [0, 1] of highlight; where skin is as grey as the lamp nothing is told apart, and all of it goes.
+    """
+    apart = colour[:, 0] - colour[:, 2]
+    clear = apart > GREYEST * np.abs(colour).max(-1)
+    strength = np.where(clear, (detail[:, 0] - detail[:, 2]) / np.where(clear, apart, 1), 0)
+    skin = np.clip(strength, -1, 1)[:, None] * colour
+    return np.asarray(detail + share[:, None] * (skin - detail), np.float32)
+
+
 def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> Float32:
-    """(h, w, 3) what has to be added to a linear albedo; 0 where there is no highlight, finite for any input.
+    """:func:`found`, without the share."""
+    return found(albedo, texture, skin, scale)[0]
+
+
+def found(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> tuple[Float32, Float32]:
+    """What has to be added to a linear albedo, and how much of a highlight there is: (h, w, 3), and (h, w) in [0, 1].
+
+    Both are 0 where there is no highlight, and finite for any input.
 
     Args:
         albedo: (h, w, 3) linear, small.
@@ -122,7 +153,7 @@ def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 
     wanted = np.minimum(bright, around) + shone * np.maximum(around - bright, 0)
     colour = np.concatenate([np.ones_like(usual[..., :1]), usual], -1)
     colour = colour * (wanted / np.maximum(luma(colour), 1e-3))[..., None]
-    return _blur(told[..., None] * (colour - albedo), scale)
+    return _blur(told[..., None] * (colour - albedo), scale), np.clip(_blur(told, scale), 0, 1)
 
 
 def _usual_ratios(albedo: Float32, skin: Float32, scale: float) -> Float32:
