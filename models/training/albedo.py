@@ -48,12 +48,12 @@ def cells_of(side: int) -> int:
     return max(round(side / CONTEXT_CELL), 2)
 
 
-def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
-    """L1 of coded albedo and, a fifth as much, of its logarithm (method: method.md 3.4)."""
+def albedo_loss(albedo: Tensor, truth: Tensor, mask: Tensor, relative: float = 0.05) -> Tensor:
+    """L1 of coded albedo and, ``relative`` as much, of its logarithm (method: method.md 3.4)."""
     coded = (albedo - truth).abs()
     logs = torch.log(linear(albedo).clamp(min=DARKEST)) - torch.log(linear(truth).clamp(min=DARKEST))
     weight = mask / (mask.mean() + 1e-3)
-    return ((coded + 0.2 * logs.abs().clamp(max=2.0) * 0.25) * weight).mean()
+    return ((coded + relative * logs.abs().clamp(max=2.0)) * weight).mean()
 
 
 class DeltaTask:

@@ -1,8 +1,8 @@
 """How much of the skin a photo shows: hair, collars, glasses and the far side of the head leave parts of it.
 
 The light stage's heads are bald and seen from all round. The texture of a photo has lit skin on a third of the chart;
-the rest is hair, or colour that was made up. So training hides as much
-(``service.texture.segmentation.skin.lit_skin``).
+the rest is hair, or colour that was made up. So training hides as much. Brows and beards are seen and belong to the
+albedo, but tell nothing of the light (``service.texture.segmentation.skin``).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from models.networks.context import HEIGHT, WIDTH
 from models.training.degrade import blur, smooth_field
@@ -37,6 +38,10 @@ STRANDS, SCREEN_CELLS = 0.3, (5, 8, 14, 24)
 LEAST = 0.03
 """Share of the chart that is seen at least, else all of it."""
 
+UNREAD, GROWN = 0.15, 0.009
+"""Share of the charts whose brows, or whose beard, the reader takes for skin; and how much beside hair is left out too,
+over the chart's width (``service.texture.segmentation.covered.SHADOW``)."""
+
 _NORMAL = [GEOMETRY.index(f"normal_object_{axis}") for axis in "xyz"]
 
 
@@ -45,7 +50,9 @@ class Cover:
 
     def __init__(self) -> None:
         chart = context_chart()
-        self.scalp, self.neck, self.hidden = region_planes(("scalp",), ("neck",), ("mouth_inner", "eye_socket"))
+        self.scalp, self.neck, self.hidden, self.brows = region_planes(
+            ("scalp",), ("neck",), ("mouth_inner", "eye_socket"), ("brow_left", "brow_right")
+        )
         self.skin = torch.from_numpy((chart.part == chart.head.part_names.index("skin")).astype(np.float32))
 
     def __call__(self, geometry: Tensor, generator: torch.Generator) -> Tensor:
@@ -63,6 +70,27 @@ class Cover:
         lit = torch.where(bare, 1.0, blur(seen, 0.8).clamp(0.0, 1.0)) * mask
         enough = lit.mean((1, 2, 3), keepdim=True) >= LEAST
         return torch.where(enough, lit, mask)
+
+    def measurable(self, seen: Tensor, beard: Tensor, generator: torch.Generator) -> Tensor:
+        """(N, 1, h, w) in [0, 1]: 1 where light can be measured, on the skin that is seen beside brows and beards.
+
+        Args:
+            seen: (N, 1, h, w) in [0, 1], of :meth:`__call__`.
+            beard: (N, 1, h, w) in [0, 1], how much of the skin a beard covers.
+            generator: how the reader errs.
+        """
+        n, reach = len(seen), max(round(GROWN * WIDTH), 1)
+        brows = self.brows + STRANDS * self._field(n, (24, 48), generator) * (self.brows > 0.01)
+        bare = torch.ones_like(seen)
+        for hair in (beard, brows):
+            edge = uniform(generator, 0.2, 0.6, n, 1, 1, 1)
+            missed = torch.rand(n, 1, 1, 1, generator=generator) < UNREAD
+            found = ((hair - edge) * 8.0 + 0.5).clamp(0.0, 1.0) * ~missed
+            grown = functional.max_pool2d(found, 2 * reach + 1, 1, reach)
+            bare = bare * (1.0 - torch.maximum(blur(grown, reach / 2), found).clamp(0.0, 1.0))
+        left = seen * bare
+        enough = left.mean((1, 2, 3), keepdim=True) >= LEAST
+        return torch.where(enough, left, seen)
 
     def _facing(self, normal: Tensor, generator: torch.Generator) -> Tensor:
         n = len(normal)

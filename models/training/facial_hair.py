@@ -93,8 +93,11 @@ class Barber:
     def __init__(self) -> None:
         self.places = Places.of_head()
 
-    def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same hair; the light between them stays as it was."""
+    def __call__(self, texture: Tensor, albedo: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """Both (N, 3, h, w), sRGB-coded in [0, 1], with the same hair; the light between them stays as it was.
+
+        The third, (N, 1, h, w) in [0, 1], is the share of the skin that a beard covers.
+        """
         n = len(texture)
         skin, shown = linear(albedo), linear(texture)
         colour = self._colour(n, generator)
@@ -109,7 +112,7 @@ class Barber:
         grown = grown + (1.0 - torch.exp(-brow)) * (darker - grown)
         # What is bright already has no room for white hair; the light would change where it is cut off.
         factor = (grown / skin.clamp(min=1e-4)).minimum(1.0 / shown.clamp(min=1e-4)).minimum(1.0 / skin.clamp(min=1e-4))
-        return srgb((shown * factor).clamp(0.0, 1.0)), srgb((skin * factor).clamp(0.0, 1.0))
+        return srgb((shown * factor).clamp(0.0, 1.0)), srgb((skin * factor).clamp(0.0, 1.0)), cover
 
     def _beard(self, n: int, generator: torch.Generator) -> Tensor:
         """(N, 1, h, w) where it grows: one of the styles, its edges moved and uneven."""

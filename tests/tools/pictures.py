@@ -1,4 +1,4 @@
-"""Pictures of the sample in the docs: ``python -m tests.tools.pictures AVATAR.zip [--out docs] [NAME ...]``.
+"""Pictures of the sample in the docs: ``python -m tests.tools.pictures AVATAR.zip [NAME ...] [--out docs]``.
 
 AVATAR.zip is ``make run``'s. The names are overlay, sheet, render, blender and renderers; without any, all are made.
 ``blender`` wants Blender (``docs/blender.md``), ``renderers`` that, Mitsuba, and Chromium with three.js; where one is

@@ -13,8 +13,11 @@ LEAST_PIXELS = 40
 """Fewest pixels of hair from which its colour is measured."""
 LEAST_END = 25
 """Fewest pixels near the roots, and near the tips, for the two to be told apart."""
-ENDS = (0.35, 0.65)
-"""Coordinate from root to tip up to which pixels count as roots, and from which on as tips."""
+ENDS = (0.25, 0.75)
+"""Ranks by the coordinate from root to tip up to which pixels count as roots, and from which on as tips: of what the
+photo shows, as hair that is cut has its tips where it was cut."""
+LEAST_APART = 0.2
+"""Least difference of that coordinate between the two, for them to be told apart."""
 SHADE = (0.1, 0.4)
 LIGHT = (0.6, 0.9)
 """Ranks by luminance, from which the colours of shaded and of lit strands are taken; the extremes are gaps between
@@ -34,6 +37,8 @@ class HairColour:
     Attributes:
         shaded, lit: of the darker and of the brighter strands.
         root, tip: factors on both at the roots and at the tips.
+        ends: coordinates from root to tip, of the style that was compared, between which the first goes over into the
+            second.
         grey: share of lit strands without pigment, in [0, 1].
         sheen: how much brighter highlights are than usual strands, >= 1.
         measured: whether the photo showed enough hair; else all is a guess.
@@ -46,6 +51,7 @@ class HairColour:
     grey: float
     sheen: float
     measured: bool
+    ends: tuple[float, float] = (0.0, 1.0)
 
     @property
     def usual(self) -> Float32:
@@ -75,16 +81,20 @@ def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | Non
     ratio = float(luma(lit) / max(float(luma(shaded)), 1e-6))
     apart = np.float32(np.sqrt(float(np.clip(ratio, *CONTRAST)) / max(ratio, 1e-6)))
     shaded, lit = shaded / apart, lit * apart  # their geometric mean stays
-    fading = np.ones(3)
-    ends = own[(where > 0) & (where < ENDS[0])], own[where > ENDS[1]]
-    if min(len(end) for end in ends) >= LEAST_END:
-        middles = [np.maximum(np.median(end, 0), 1e-4) for end in ends]
-        fading = np.clip(np.sqrt(middles[1] / middles[0]), MOST_FADING**-0.5, MOST_FADING**0.5)
+    fading, ends = np.ones(3), (0.0, 1.0)
+    if int((where > 0).sum()) >= 2 * LEAST_END:
+        low, high = (float(np.quantile(where[where > 0], rank)) for rank in ENDS)
+        pair = own[(where > 0) & (where <= low)], own[where >= high]
+        if high - low >= LEAST_APART and min(len(end) for end in pair) >= LEAST_END:
+            middles = [np.maximum(np.median(end, 0), 1e-4) for end in pair]
+            fading = np.clip(np.sqrt(middles[1] / middles[0]), MOST_FADING**-0.5, MOST_FADING**0.5)
+            ends = (low, high)
     saturation = 1 - float(lit.min()) / max(float(lit.max()), 1e-6)
     f = np.float32
     return HairColour(
         shaded.astype(f), lit.astype(f), np.asarray(1 / fading, f), np.asarray(fading, f),
-        float(np.clip(2 - saturation / GREY, 0, 1)), max(float(luma(top)) / max(float(luma(lit)), 1e-6), 1.0), True,
+        float(np.clip(2 - saturation / GREY, 0, 1)), max(float(luma(top)) / max(float(luma(lit)), 1e-6), 1.0),
+        True, ends,
     )  # fmt: skip
 
 

@@ -6,24 +6,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.anatomy.hair.choose import UNSEEN, Choice, choose, plain_mask
+from service.anatomy.hair.choose import UNSEEN, Choice, choose
 from service.anatomy.hair.colour import HairColour, guessed, measure
 from service.anatomy.hair.item import Items, read_items
 from service.anatomy.hair.names import AUTO, NONE
+from service.anatomy.hair.seen import RAMP, Seen
 from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import EAR_M, Cut, Skull, fits, hair_on, mirrored
 from service.anatomy.hair.tailored import Tailored, tailored
-from service.arrays import Bool, Float32
-from service.colour import bytes_to_linear, srgb_to_linear
+from service.arrays import Float32
+from service.colour import srgb_to_linear
 from service.face.fit.result import Fit
-from service.face.reading.parts import BEARD, BROW, HAIR, HAT, IRIS, OTHER, SCLERA, SKIN
-from service.face.reading.reader import PART_CELLS, Reading, middles
+from service.face.reading.reader import Reading
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.photo.photo import Photo
 
-RAMP = (0.15, 0.45)
-"""Probability up to which a pixel shows no hair, and from which on it does: the reader is unsure at soft edges."""
 CERTAIN = 1.0
 """Ramped probability from which on a pixel gives its colour."""
 BEFORE_M = 0.004
@@ -84,76 +82,62 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         name = None if asked == NONE else named[0] if named else UNSEEN
         doubts = () if asked != AUTO else ("hair-unseen",)
         return Hair(asked, Choice(name, Cut(), 0.0, 1.0, doubts), guessed(skin))
-    pixels = bytes_to_linear(reading.region.cut(photo.pixels, PART_CELLS))
-    shown, inside = _ramp(plain_mask(reading.parts, HAIR)), _in_photo(photo, reading)
-    certain = (shown >= CERTAIN) & inside
-    frame = _frame(head, fit, reading)
-    brow_colour = _brow(pixels, reading, inside)
-    brow = None if brow_colour is None else _brow_shape(fit, reading, items, frame)
+    seen = Seen.of(photo, reading)
+    certain = (seen.hair >= CERTAIN) & seen.inside
+    frame = _frame(head, fit, seen)
+    brow_colour = _brow(seen)
+    brow = None if brow_colour is None else _brow_shape(fit, seen, items, frame)
     if asked == NONE:
-        choice, along, fitted = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(shown), None
+        choice, along, fitted = Choice(None, Cut(), 0.0, 0.0), np.zeros_like(seen.hair), None
     else:
-        choice, along, fitted = _choose(head, fit, reading, items, frame, shown, inside, named)
+        choice, along, fitted = _choose(head, fit, seen, items, frame, named)
     # What hides the scalp may be taken for hair.
-    seen = np.zeros_like(certain) if "hair-unseen" in choice.doubts else certain
-    found = measure(pixels.reshape(-1, 3), along.ravel(), seen.ravel())
+    certain = np.zeros_like(certain) if "hair-unseen" in choice.doubts else certain
+    found = measure(seen.pixels.reshape(-1, 3), along.ravel(), certain.ravel())
     return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour, fitted)
 
 
-def _frame(head: HeadModel, fit: Fit, reading: Reading) -> Frame:
-    region, scalp = reading.region, vertex_mask(head, "scalp")
-    return Frame.of(fit.camera, lambda at: region.to_crop(at, PART_CELLS), PART_CELLS, head, fit.vertices, scalp)
+def _frame(head: HeadModel, fit: Fit, seen: Seen) -> Frame:
+    side, scalp = len(seen.hair), vertex_mask(head, "scalp")
+    return Frame.of(fit.camera, lambda at: seen.region.to_crop(at, side), side, head, fit.vertices, scalp)
 
 
 def _choose(
-    head: HeadModel, fit: Fit, reading: Reading, items: Items, frame: Frame, shown: Float32, inside: Bool,
-    named: list[str] | None,
-) -> tuple[Choice, Float32, Tailored | None]:  # fmt: skip
-    """The style, its coordinate from root to tip in the reader's cells, 0 beside it, and the style fitted to the photo.
+    head: HeadModel, fit: Fit, seen: Seen, items: Items, frame: Frame, named: list[str] | None
+) -> tuple[Choice, Float32, Tailored | None]:
+    """The style, its coordinate from root to tip in the frame, 0 beside it, and the style fitted to the photo.
 
     What was chosen blindly, or agrees little, is not fitted.
     """
-    known = np.asarray(inside * (1 - _ramp(plain_mask(reading.parts, HAT, OTHER))), np.float32)
-    skin = _ramp(plain_mask(reading.parts, SKIN, BROW, BEARD, SCLERA, IRIS))
     skull = Skull.of(head, fit.neutral)
-    choice = choose(items, skull, frame, shown, skin, known, named)
+    choice = choose(items, skull, frame, seen.hair, seen.skin, seen.known, named, seen.strands)
     if choice.name is None:
-        return choice, np.zeros_like(shown), None
+        return choice, np.zeros_like(seen.hair), None
     item = items.items[choice.name]
     points = hair_on(item, items, skull, choice.cut)
     along = frame.hair(item, points)[1]
     if choice.doubts:
         return choice, along, None
     worn = mirrored(item, head) if choice.cut.mirrored else item
-    fitted = tailored(worn, points, skull, frame, shown, known)
+    fitted = tailored(worn, points, skull, frame, seen.hair, seen.known)
     if fitted.ends_m is not None:
         hung = (fitted.ends_m - EAR_M) / min(float(points[:, 1].min()) - EAR_M, -1e-3)
         choice = replace(choice, cut=replace(choice.cut, length=round(min(max(0.0, float(hung)), 1.0), 3)))
     return choice, along, fitted
 
 
-def _brow_shape(fit: Fit, reading: Reading, items: Items, frame: Frame) -> str:
+def _brow_shape(fit: Fit, seen: Seen, items: Items, frame: Frame) -> str:
     """The brows that overlap most with those of the photo."""
-    shown = np.asarray(plain_mask(reading.parts, BROW) > 0.5, np.float32)
+    shown = np.asarray(seen.brow > 0.5, np.float32)
     moved = fit.vertices - items.fitted_head
     masks = ((name, frame.hair(items.items[name], items.items[name].worn(moved), BEFORE_M)[0]) for name in
              items.names("brow"))  # fmt: skip
     return max((agreement(shown, mask, np.ones_like(shown)), name) for name, mask in masks)[1]
 
 
-def _ramp(share: Float32) -> Float32:
-    return np.asarray(np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0, 1), np.float32)
-
-
-def _in_photo(photo: Photo, reading: Reading) -> Bool:
-    """(128, 128) whether the middles of the reader's cells lie in the photo; it also reads the black around it."""
-    at = middles(reading.region, PART_CELLS)
-    return np.asarray(((at >= 0) & (at < photo.size)).all(1).reshape(PART_CELLS, PART_CELLS))
-
-
-def _brow(pixels: Float32, reading: Reading, inside: Bool) -> Float32 | None:
+def _brow(seen: Seen) -> Float32 | None:
     """(3,) linear RGB of the darker half of the brows; None where hardly any are seen."""
-    own = pixels[(plain_mask(reading.parts, BROW) > RAMP[1]) & inside]
+    own = seen.pixels[(seen.brow > RAMP[1]) & seen.inside]
     if len(own) < 12:
         return None
     return np.asarray(np.median(own[own.sum(1) <= np.median(own.sum(1))], 0), np.float32)

@@ -45,7 +45,9 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     along = _on_texture(item)[..., None]
     shaded, bright = lifted(colour.shaded * light, colour.lit * light)
     usual = shaded + lit * (bright - shaded)
-    albedo = usual * (colour.root + along * (colour.tip - colour.root))
+    low, high = colour.ends
+    faded = np.clip((along - low) / max(high - low, 1e-3), 0, 1)
+    albedo = usual * (colour.root + faded * (colour.tip - colour.root))
     coded = linear_to_srgb(np.clip(albedo, 0, np.float32(BRIGHTEST)).astype(np.float32))
     opaque = np.rint(alpha * _fading(item, along[..., 0])).astype(np.uint8)
     return np.concatenate([np.rint(255 * coded).astype(np.uint8), opaque[..., None]], 2)

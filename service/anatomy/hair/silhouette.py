@@ -9,7 +9,7 @@ import numpy as np
 
 from service.anatomy.hair.item import Item
 from service.anatomy.hair.skull import EAR_M
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.geometry.camera import Camera
 from service.geometry.raster import fragments, interpolate, rasterise
 from service.geometry.sampling import sample_chart
@@ -74,18 +74,27 @@ class Frame:
             points: (N, 3) its vertices on the head.
             behind: metres behind the head's surface up to which it is drawn.
         """
-        flat, depth = self.place(self.camera.project(points)), self.camera.to_camera(points)[:, 2]
-        found = fragments(flat, depth, item.triangles, self.side, self.side, nearer=self.behind + np.float32(behind))
-        corners = item.triangles[found.triangle]
-        alpha = sample_chart(item.picture, interpolate(item.uv, corners, found.barycentric))[:, -1] / 255
-        solid = np.flatnonzero(alpha > OPAQUE)
-        pixel, first = np.unique(found.pixel[solid], return_index=True)
+        pixel, triangle, share = self.nearest(item, points, behind)
         mask, along = (np.zeros(self.side**2, np.float32) for _ in range(2))
         mask[pixel] = 1.0
         if item.along is not None:
-            nearest = solid[first]
-            along[pixel] = interpolate(item.along[:, None], corners[nearest], found.barycentric[nearest])[:, 0]
+            along[pixel] = interpolate(item.along[:, None], item.triangles[triangle], share)[:, 0]
         return mask.reshape(self.side, -1), along.reshape(self.side, -1)
+
+    def nearest(self, item: Item, points: AnyFloat, behind: float = 0.0) -> tuple[Int64, Int64, Float32]:
+        """Pixels (N,) where a style shows, row by row, and there its triangle (N,) and barycentric coordinates (N, 3).
+
+        Args:
+            item: the style.
+            points: (N, 3) its vertices on the head.
+            behind: metres behind the head's surface up to which it is drawn.
+        """
+        flat, depth = self.place(self.camera.project(points)), self.camera.to_camera(points)[:, 2]
+        found = fragments(flat, depth, item.triangles, self.side, self.side, nearer=self.behind + np.float32(behind))
+        uv = interpolate(item.uv, item.triangles[found.triangle], found.barycentric)
+        solid = np.flatnonzero(sample_chart(item.picture, uv)[:, -1] > 255 * OPAQUE)
+        pixel, first = np.unique(found.pixel[solid], return_index=True)
+        return pixel, found.triangle[solid[first]], found.barycentric[solid[first]]
 
 
 def agreement(shown: Float32, mask: Float32, known: Float32) -> float:

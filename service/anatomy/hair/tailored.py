@@ -13,21 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.anatomy.hair.item import Item
+from service.anatomy.hair.outline import off_skin, to_outline
 from service.anatomy.hair.silhouette import Frame
-from service.anatomy.hair.skull import CLEARANCE_M, EAR_M, REACH_M, Skull
+from service.anatomy.hair.skull import CLEARANCE_M, EAR_M, Skull
 from service.arrays import Bool, Float32, Float64, Int32, Int64
 from service.geometry.cutting import clipped, split
 
-RAYS = 72
-"""Directions in the picture in which outlines are compared."""
-SMOOTH_RAYS = 2.0
-"""Standard deviation, in rays, of the smoothing of their difference."""
-FARTHEST_M = (0.02, 0.035)
-"""How far the outline is moved at most, inwards and outwards."""
-SIDEWAYS_DEG = (95.0, 130.0)
-"""Angle from upwards up to which outlines are matched, and from which on not at all: below, hair hangs."""
-MIDDLE_M = (0.0, 0.0, -0.07)
-"""Middle of the head, from which the rays go."""
 UNEVEN, UNEVEN_ENDS = 0.15, 0.4
 """Amplitude of the field's unevenness from strand to strand, at the hairline and at cut ends: neither is an edge."""
 STRANDS = 90.0
@@ -82,7 +73,7 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
         known: (side, side) in [0, 1], 0 beside the photo and where something hides what is there.
     """
     mask, _ = frame.hair(item, points)
-    moved, wider = _to_outline(points.astype(np.float64), skull, frame, mask, shown, known)
+    moved, wider = to_outline(points.astype(np.float64), skull, frame, mask, shown, known)
     # Hair is where the photo shows it but for a cell: its border is soft.
     free = known * (1 - shown) * np.isfinite(frame.behind)
     bare = np.asarray(_blurred(free, SOFT_CELLS), np.float64)
@@ -109,91 +100,21 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
         cut, left, ends = columns, triangles, None  # this photo has no such hair at all
     columns, triangles = cut, left
     f = np.float32
-    own = _off_skin(columns[:, :3], skull).astype(f)
+    own = off_skin(columns[:, :3], skull).astype(f)
     return Tailored(own, columns[:, 3:5].astype(f), triangles.astype(np.int32), ends, float(wider))
-
-
-# --- The outline ------------------------------------------------------------------------------------------------------
-
-
-def _to_outline(
-    points: Float64, skull: Skull, frame: Frame, mask: Float32, shown: Float32, known: Float32
-) -> tuple[Float64, float]:
-    """Points moved so that the outline of the style is that of the photo's hair, and their mean movement, metres."""
-    middle = np.array([MIDDLE_M])
-    centre = frame.place(frame.camera.project(middle))[0]
-    axes = frame.camera.rotation[:2]
-    cells_per_m = np.stack([
-        (frame.place(frame.camera.project(middle + 0.01 * axis))[0] - centre) / 0.01 for axis in axes
-    ], 1)  # fmt: skip
-    if not abs(np.linalg.det(cells_per_m)) > 1e-6:
-        return points, 0.0
-    scale = float(np.sqrt(abs(np.linalg.det(cells_per_m))))
-    up = frame.place(frame.camera.project(middle + np.array([0.0, 0.05, 0.0])))[0] - centre
-    upwards = np.arctan2(up[1], up[0])
-    difference, reach = _differences(centre, upwards, scale, mask, shown, known)
-    if not difference.any():
-        return points, 0.0
-    away = frame.place(frame.camera.project(points)) - centre
-    length = np.linalg.norm(away, axis=1)
-    turn = np.mod(np.arctan2(away[:, 1], away[:, 0]) - upwards, 2 * np.pi) / (2 * np.pi) * RAYS
-    own, outer = (np.interp(turn, np.arange(RAYS + 1), np.append(row, row[0])) for row in (difference, reach))
-    share = np.clip(length / np.maximum(outer, 1e-6), 0, 1.1) ** 2
-    direction = away / np.maximum(length, 1e-6)[:, None]
-    across = (direction * (own * share)[:, None]) @ np.linalg.inv(cells_per_m).T
-    # What a photo from the front does not tell, the back of the head, is as full as the sides.
-    top = _sideways(np.arange(RAYS)) > 0.5
-    deep = frame.camera.to_camera(points)[:, 2] - frame.camera.to_camera(middle)[0, 2]
-    behind = np.clip(deep / 0.1, 0, 1) ** 2 * (points[:, 1] > EAR_M) * float(difference[top].mean()) / scale
-    offset = np.concatenate([across, behind[:, None]], 1) @ frame.camera.rotation
-    moved = points + offset
-    return _off_skin(moved, skull), float(difference[top].mean()) / scale
-
-
-def _off_skin(points: Float64, skull: Skull) -> Float64:
-    _, height, normal = skull.nearest(points)
-    lower = (height < CLEARANCE_M) & (height > -REACH_M)
-    return np.asarray(points + np.where(lower, CLEARANCE_M - height, 0.0)[:, None] * normal)
-
-
-def _differences(
-    centre: Float64, upwards: float, scale: float, mask: Float32, shown: Float32, known: Float32
-) -> tuple[Float64, Float64]:
-    """(RAYS,) cells by which the photo's hair reaches beyond the style's, smoothed, and how far the style's reaches."""
-    side = mask.shape[0]
-    radii = np.arange(1.0, 0.16 * scale, 0.5)
-    angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
-    x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
-    inside = (x >= 0) & (y >= 0) & (x < side) & (y < side)
-    at = np.clip(y, 0, side - 1).astype(int), np.clip(x, 0, side - 1).astype(int)
-    hair, style = (shown[at] > 0.5) & inside, (mask[at] > 0.5) & inside
-    ends = [np.where(one.any(1), radii[one.shape[1] - 1 - np.argmax(one[:, ::-1], 1)], 0.0) for one in (hair, style)]
-    # Hair that goes on beyond the photo, or behind something, does not tell where it ends.
-    beyond = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1)
-    sure = (known[at] > 0.5)[np.arange(RAYS), beyond] & inside[np.arange(RAYS), beyond]
-    trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(np.arange(RAYS))
-    difference = np.clip(ends[0] - ends[1], -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
-    apart = np.minimum(np.arange(RAYS), RAYS - np.arange(RAYS))
-    kernel = np.fft.rfft(np.exp(-0.5 * (apart / SMOOTH_RAYS) ** 2))
-    summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
-    return np.asarray(summed / (np.maximum(weight, 0) + 0.5)), np.maximum(ends[1], 1.0)
-
-
-def _sideways(rays: Int64 | Float64) -> Float64:
-    """Weight of a ray by its angle from upwards."""
-    turn = np.asarray(rays, np.float64) * (360.0 / RAYS)
-    angle = np.abs(np.mod(turn + 180.0, 360.0) - 180.0)
-    return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))
 
 
 # --- Cuts -------------------------------------------------------------------------------------------------------------
 
 
 def _hairline(points: Float64, frame: Frame, bare: Float64) -> Float64:
-    """(N,) 0.5 where hair stays, below 0 where the photo shows skin instead; the unseen side is as the seen one."""
+    """(N,) 0.5 where hair stays, below 0 where the photo shows skin instead; the unseen side is as the seen one.
+
+    That holds above the eyes only: hair that is put behind one ear may hang over the other.
+    """
     own, sees = _cover(points, frame, bare)
     other, other_sees = _cover(points * [-1, 1, 1], frame, bare)
-    return np.asarray(0.5 - np.where(sees, own, np.where(other_sees, other, 0.0)))
+    return np.asarray(0.5 - np.where(sees, own, np.where(other_sees, other * _above_eyes(points), 0.0)))
 
 
 def _rooted(points: Float64, skull: Skull, frame: Frame, soft: Float64) -> Float64:
@@ -208,7 +129,12 @@ def _nearness(points: Float64, frame: Frame, soft: Float64) -> Float64:
     own, sees = _cover(points, frame, soft)
     other, other_sees = _cover(points * [-1, 1, 1], frame, soft)
     near = np.clip(2 * np.where(sees, own, np.where(other_sees, other, 0.0)), 0, 1)
-    return np.asarray(near * np.clip((points[:, 1] - ROOTED_M[0]) / (ROOTED_M[1] - ROOTED_M[0]), 0, 1))
+    return np.asarray(near * _above_eyes(points))
+
+
+def _above_eyes(points: Float64) -> Float64:
+    """(N,) 0 to 1 over ``ROOTED_M``."""
+    return np.asarray(np.clip((points[:, 1] - ROOTED_M[0]) / (ROOTED_M[1] - ROOTED_M[0]), 0, 1))
 
 
 def _cover(points: Float64, frame: Frame, bare: Float64) -> tuple[Float64, Bool]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from service.arrays import Float64, UInt8
 from service.errors import NumericFault
 from service.face.reading.openings import OpeningsNetwork, read_openings
-from service.face.reading.reader import ReaderNetwork, Reading, crop_of
+from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, ReaderNetwork, Reading, crop_of
 from service.face.reading.scores import Landmarker, read_scores
 
 log = logging.getLogger(__name__)
@@ -38,9 +38,10 @@ def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | 
     None where the landmarks give no crop or the network of pixels gives no numbers; openings and scores of which the
     networks give none are missing.
     """
-    region = crop_of(landmarks)
+    region, wide = crop_of(landmarks), crop_of(landmarks, AROUND_FILL, AROUND_ABOVE)
     try:
         reading = None if region is None else readers.pixels(pixels, region)
+        around = None if wide is None else readers.pixels(pixels, wide)
     except NumericFault as fault:
         log.warning("the face is not read: %s", fault)
         return None
@@ -48,6 +49,7 @@ def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | 
         return None
     return replace(
         reading,
+        around=around,
         openings=read_openings(pixels, landmarks, readers.openings),
         scores=read_scores(pixels, landmarks, readers.scores),
     )

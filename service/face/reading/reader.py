@@ -24,6 +24,8 @@ FILL = 0.64
 """Longer side of the landmarks' bounding box over the crop's; the portraits have 0.45 to 0.86."""
 ABOVE = 0.03
 """How far the middle of the landmarks stands above the middle of the crop, over its side, as in the portraits."""
+AROUND_FILL, AROUND_ABOVE = 0.47, -0.04
+"""The same of the wider crop that holds all of the hair: near the widest of the portraits, whose middles vary."""
 CHART_MM = (410.0, 273.0)
 """Millimetres of face that one unit of u and of v stands for, about."""
 
@@ -41,6 +43,7 @@ class Reading:
         parts: (128, 128, 13) float32 probabilities of ``service.face.reading.parts``.
         openings: edges of lids and lips; those that could not be read are missing.
         scores: of the expression; None where they could not be read.
+        around: the same network's answer to a wider crop, which holds the hair; None where there is none.
     """
 
     region: Region
@@ -51,6 +54,7 @@ class Reading:
     parts: Float32
     openings: Openings = field(default_factory=dict)
     scores: Scores | None = None
+    around: Reading | None = None
 
     @property
     def cells(self) -> Float64:
@@ -70,8 +74,14 @@ def middles(region: Region, count: int) -> Float64:
     return region.to_photo(np.stack([x.ravel(), y.ravel()], 1), count)
 
 
-def crop_of(landmarks: Float64) -> Region | None:
-    """The upright square that the reader sees; None where fewer than three landmarks are finite or all coincide."""
+def crop_of(landmarks: Float64, fill: float = FILL, above: float = ABOVE) -> Region | None:
+    """The upright square that the reader sees; None where fewer than three landmarks are finite or all coincide.
+
+    Args:
+        landmarks: (468, 2 or 3) photo pixels.
+        fill: as ``FILL``.
+        above: as ``ABOVE``.
+    """
     good = landmarks[np.isfinite(landmarks).all(1), :2]
     if len(good) < 3:
         return None
@@ -81,10 +91,10 @@ def crop_of(landmarks: Float64) -> Region | None:
     turn = np.array([[cos, sin], [-sin, cos]])
     level = good @ turn.T
     low, high = level.min(0), level.max(0)
-    side = float((high - low).max()) / FILL
+    side = float((high - low).max()) / fill
     if not side > 1.0:
         return None
-    x, y = turn.T @ ((low + high) / 2 + [0.0, ABOVE * side])
+    x, y = turn.T @ ((low + high) / 2 + [0.0, above * side])
     return Region(float(x), float(y), side, angle)
 
 

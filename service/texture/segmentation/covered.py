@@ -10,7 +10,8 @@ import numpy as np
 from service.arrays import Float32
 from service.face.fit.result import Fit
 from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, IRIS, MOUTH, OTHER, PARTS, SCLERA, SKIN
-from service.face.reading.reader import PART_CELLS, Reading
+from service.face.reading.reader import Reading
+from service.face.reading.sampled import parts_at_pixels
 from service.geometry.chart import Chart
 from service.texture.segmentation.zones import Zones
 from service.texture.unwrap import Unwrapped
@@ -30,26 +31,16 @@ CERTAIN = (0.5, 0.9)
 def parts_at(reading: Reading, fit: Fit, unwrapped: Unwrapped) -> Float32:
     """(N, 13) float32 probabilities of the parts at each texel; 0 where the photo does not show it.
 
-    Beyond the crop, where nothing was read, all counts as background.
+    Beyond the crops, where nothing was read, all counts as background.
 
     Args:
         reading: of the photo that was fitted.
         fit: camera of the photo.
         unwrapped: the photo on the chart's inner texels.
     """
-    import cv2
-
     result = np.zeros((len(unwrapped.weight), reading.parts.shape[-1]), np.float32)
     shown = np.flatnonzero(unwrapped.weight > 0)
-    at = reading.region.to_crop(fit.camera.project(unwrapped.position[shown]), PART_CELLS).astype(np.float32)
-    for first in range(0, len(shown), _LONGEST):
-        part = slice(first, first + _LONGEST)
-        x, y = (at[part, None, k] - np.float32(0.5) for k in (0, 1))
-        for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
-            planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
-            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            result[shown[part], start : start + 4] = np.asarray(found).reshape(len(x), -1)
-    result[shown[((at < 0) | (at > PART_CELLS)).any(1)]] = np.eye(result.shape[1], dtype=np.float32)[BACKGROUND]
+    result[shown] = parts_at_pixels(reading, fit.camera.project(unwrapped.position[shown]), strands=True)
     return result
 
 
@@ -65,10 +56,6 @@ def parts_of_face(chart: Chart, unwrapped: Unwrapped, zones: Zones) -> Float32:
         result[own] = 0
         result[own, part] = 1
     return result * (unwrapped.weight > 0)[:, None]
-
-
-_LONGEST = 30_000
-"""Rows that OpenCV remaps at a time: it counts them in 16 bits."""
 
 
 def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:

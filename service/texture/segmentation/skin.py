@@ -35,7 +35,7 @@ class Segmentation:
 
     Attributes:
         seen: (N,) float32 opacity in [0, 1] of the photo where it shows the head's own surface.
-        lit: (N,) float32 in [0, 1], 1 where that is skin, brow or lip: there the light can be measured.
+        lit: (N,) float32 in [0, 1], 1 where that is skin or lip: there the light can be measured.
         colour: (3,) float32 sRGB, median of the face's bare skin; None where none is seen.
         face: (N,) bool, texels of the face's lit skin that are seen well.
     """
@@ -55,8 +55,8 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
         parts: (N, 13) as ``service.texture.segmentation.covered.parts_at`` gives them.
         zones: of the same texels.
     """
-    # A beard looks like shade to who measures light: its light is that of the skin beside it.
-    smooth = 1 - grown(chart, ramp(parts[:, BEARD]))
+    # Beards and brows look like shade to who measures light: theirs is that of the skin beside them.
+    smooth = 1 - grown(chart, ramp(parts[:, [BEARD, BROW]].sum(1)))
     lit = np.asarray(smooth * (1 - ramp(1 - parts[:, list(SURFACE)].sum(1))), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 
 from models.lightstage.split import HELD_OUT, TRAIN  # noqa: E402
 from models.training.capture import WHOLE  # noqa: E402
-from models.training.context import MISFIT, MISFITTED, ContextTask, best_gain, misfitted  # noqa: E402
+from models.training.context import MISFIT, MISFITTED, MISPLACED, ContextTask, best_gain, misfitted, misplaced  # noqa: E402
 from models.training.eyes import ERROR, FAITH, LESS, eye_light, lid_zones  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -94,3 +94,14 @@ def test_a_gain_costs_once_and_shade_twice() -> None:
     light = gain.expand(2, 3, 8, 12) + torch.where(lit > 0, 0.0, 5.0)
     assert torch.allclose(best_gain(light, batch), gain, atol=1e-5)
     assert torch.isfinite(best_gain(light, batch | {"lit": torch.zeros_like(lit)})).all(), "divided by no skin"
+
+
+def test_misplaced_planes_stay_together_and_move_by_little() -> None:
+    """Texture and albedo moved apart would be light that nobody cast; moved too far, brows would be on the lids."""
+    ramp = torch.arange(96.0).expand(40, 1, 64, 96)
+    both = misplaced([ramp, 2.0 * ramp], torch.Generator().manual_seed(5))
+    assert torch.allclose(both[1], 2.0 * both[0], atol=1e-3)
+    moved = (both[0] - ramp)[:, 0, 8:-8, 8:-8]
+    each = moved.square().mean((1, 2)).sqrt()
+    assert torch.isfinite(moved).all() and 0.2 * MISPLACED < float(each.mean()) < MISPLACED
+    assert float(moved.diff(dim=2).abs().amax()) < 1.0, "smooth: nothing is torn or folded"

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch")
 from torch import Tensor  # noqa: E402
 
 from models.networks.context import HEIGHT, WIDTH  # noqa: E402
-from models.training.cover import BARE, LEAST, Cover  # noqa: E402
+from models.training.cover import BARE, LEAST, UNREAD, Cover  # noqa: E402
 from service.geometry.chart import Chart  # noqa: E402
 from service.head.files import load_head  # noqa: E402
 from service.head.regions import vertex_mask  # noqa: E402
@@ -71,3 +71,22 @@ def test_a_head_without_face_towards_anybody_is_all_seen() -> None:
     flat[:, 1:4] = 0.0
     lit = COVER(flat, torch.Generator().manual_seed(3))[:, 0]
     assert torch.isfinite(lit).all() and (lit.mean((1, 2)) > LEAST).all()
+
+
+def test_no_light_is_measured_on_brows_and_beards_and_a_beard_everywhere_leaves_enough() -> None:
+    """Lit skin in training alone, they would be shade to the network; with nothing left it would see nothing."""
+    brows, cheeks = (torch.from_numpy(CHART.interpolate(vertex_mask(HEAD, *names)[:, None])[..., 0] > 0.9)
+                     for names in (("brow_left", "brow_right"), ("cheek_left", "cheek_right")))  # fmt: skip
+    seen = torch.from_numpy(CHART.part == HEAD.part_names.index("skin")).float().expand(60, 1, -1, -1)
+    beard = torch.zeros_like(seen)
+    beard[..., : WIDTH // 2] = 1.0
+    generator = torch.Generator().manual_seed(4)
+    left = COVER.measurable(seen, beard, generator)
+    assert torch.isfinite(left).all() and left.min() >= 0.0 and (left <= seen).all()
+    hidden = 1.0 - left / seen.clamp(min=0.5)
+    assert 1.0 - 2.0 * UNREAD < float(hidden[:, 0, brows].mean()) <= 1.0
+    bearded, bare = cheeks & (torch.arange(WIDTH) < WIDTH // 2), cheeks & (torch.arange(WIDTH) > WIDTH // 2 + 8)
+    assert bearded.any() and 1.0 - 2.0 * UNREAD < float(hidden[:, 0, bearded].mean()) < 1.0
+    assert bare.any() and float(hidden[:, 0, bare].mean()) < 0.05
+    whole = COVER.measurable(seen, torch.ones_like(seen), generator)
+    assert (whole.mean((1, 2, 3)) >= LEAST).all()

@@ -24,14 +24,15 @@ BARBER = Barber()
 def test_the_light_stays_whatever_grows(albedo: float, light: float) -> None:
     """Black skin and white hair are the extremes: neither is cut off on one side only."""
     texture, skin = charts(12, albedo, light)
-    shown, grown = BARBER(texture, skin, torch.Generator().manual_seed(1))
+    shown, grown, beard = BARBER(texture, skin, torch.Generator().manual_seed(1))
+    assert beard.shape == (12, 1, *skin.shape[2:]) and beard.min() >= 0.0 and beard.max() <= 1.0
     assert torch.isfinite(shown).all() and torch.isfinite(grown).all()
     assert torch.allclose(log_light(shown, grown), log_light(texture, skin), atol=2e-2)
 
 
 def test_hair_grows_where_hair_grows() -> None:
     texture, skin = charts(40, 0.7, 0.8)
-    _, grown = BARBER(texture, skin, torch.Generator().manual_seed(2))
+    _, grown, _ = BARBER(texture, skin, torch.Generator().manual_seed(2))
     apart = (grown - skin).abs().amax((0, 1))
     cheeks, forehead, nose, lips = region_planes(("eyelid_lower_left",), ("forehead",), ("nose_tip",), ("lips",))
     for bare in (cheeks > 0.9, nose > 0.5):
@@ -53,7 +54,7 @@ def test_full_beards_have_the_colour_of_hair_and_shadows_stay_skin(monkeypatch: 
     monkeypatch.setattr(hair, "BROWED", 0.0)
     monkeypatch.setattr(hair, "BEARD_DENSITY", (8.0, 9.0))
     texture, skin = charts(24, 0.8, 0.9)
-    _, grown = BARBER(texture, skin, torch.Generator().manual_seed(3))
+    _, grown, _ = BARBER(texture, skin, torch.Generator().manual_seed(3))
     darkest = linear(grown).amin((1, 2, 3))
     shaved = linear(skin)[0, 0, 0, 0] * torch.exp(torch.tensor(-2.0 * hair.SHAVED))
     full = darkest < 0.8 * float(COLOURS.max())

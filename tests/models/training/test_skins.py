@@ -55,14 +55,16 @@ def test_the_light_stays_when_the_skin_changes() -> None:
 
 def test_another_device_changes_the_albedo_and_not_the_exposure() -> None:
     """The texture keeps its brightness, so that what is taken for light makes up for the scale; drawn as documented."""
-    n = 400
+    n = 3000
     albedo, texture = torch.full((n, 3, 4, 6), 0.60), torch.full((n, 3, 4, 6), 0.6)
     assert float(fairness(albedo).min()) == 1.0
     shown, skin = recalibrated(texture, albedo, torch.Generator().manual_seed(3))
     assert linear(shown).log().mean((1, 2, 3)).sub(linear(texture).log().mean()).abs().max() < 1e-4
     scale = (linear(skin) / linear(albedo)).log()
-    assert float(scale.mean()) == pytest.approx(SCALE[0], abs=0.05)
-    assert float(scale.mean((1, 2, 3)).std()) == pytest.approx(SCALE[1], rel=0.15)
+    each = scale.mean((1, 2, 3))
+    assert float(each.median()) == pytest.approx(SCALE[0], abs=0.05)
+    lower = float(each.median() - each.quantile(0.16))
+    assert lower == pytest.approx(SCALE[1], rel=0.15), "the upper half may end at the brightest skin"
     hue = scale - scale.mean(1, keepdim=True)
     assert float(hue.std()) == pytest.approx(HUE * (2 / 3) ** 0.5, rel=0.15)
     light = log_light(shown, skin) - log_light(texture, albedo)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.hair.choose import BALD, UNSEEN, choose
+from service.anatomy.hair.choose import BALD, CROPPED_MM, UNSEEN, choose
 from service.anatomy.hair.item import read_items
+from service.anatomy.hair.outline import thickness_mm
 from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import CLEARANCE_M, Cut, Skull, fits, hair_on
+from service.anatomy.hair.strands import drawn, in_texture
 from service.archive.preview.render import turned_camera
 from service.arrays import Float32
 from service.head.files import load_head
@@ -47,6 +49,47 @@ def test_volume_and_the_side_of_the_parting_are_found_too(frame: Frame) -> None:
     shown, skin = silhouette(frame, "hair/bob02", Cut(volume=1.5, mirrored=True))
     found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown))
     assert found.name == "hair/bob02" and found.cut.mirrored and found.cut.volume == 1.5
+
+
+def ways(frame: Frame, name: str) -> Float32:
+    """Directions of a style's strands in the frame."""
+    item, out = ITEMS.items[name], np.zeros((SIDE * SIDE, 2), np.float32)
+    points = hair_on(item, ITEMS, SKULL)
+    pixel, triangle, where = frame.nearest(item, points)
+    out[pixel] = drawn(item, in_texture(item.picture), frame.place(frame.camera.project(points)), triangle, where)
+    return out.reshape(SIDE, SIDE, 2)
+
+
+@pytest.mark.parametrize("name", ["hair/ponytail01", "hair/short01", "hair/short04"])
+def test_strands_tell_styles_whose_silhouettes_are_alike(frame: Frame, name: str) -> None:
+    """Hair that is tied back hugs the skull as short hair does: without strands it came as short hair or a bob."""
+    shown, skin = silhouette(frame, name, Cut())
+    other = {"hair/ponytail01": "hair/short01"}.get(name, "hair/ponytail01")
+    pair = [name, other]
+    found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown), pair, ways(frame, name))
+    assert found.name == name
+    across = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown), pair, -ways(frame, name))
+    assert across.agreement <= found.agreement
+
+
+def test_long_hair_is_not_cut_to_be_short_hair(frame: Frame) -> None:
+    """Hair that ends at the ears came as long hair cut off there, which hangs like a bell."""
+    shown, skin = silhouette(frame, "hair/short02", Cut(volume=1.5))
+    found = choose(ITEMS, SKULL, frame, shown, skin, np.ones_like(shown), ["hair/long01", "hair/short02"])
+    assert found.name == "hair/short02"
+
+
+def test_hair_cropped_to_the_skull_is_no_mesh(frame: Frame) -> None:
+    """A buzz cut came as curls: it covers the scalp, but stands nowhere off it."""
+    scalp = (frame.scalp > 0.3).astype(np.float32)
+    skin = np.asarray(np.isfinite(frame.behind) * (1 - scalp), np.float32)
+    found = choose(ITEMS, SKULL, frame, scalp, skin, np.ones_like(scalp))
+    assert found.name is None and found.share > BALD
+    thick = thickness_mm(frame, scalp, np.ones_like(scalp))
+    assert thick is not None and thick < CROPPED_MM
+    worn, _ = silhouette(frame, "hair/short02", Cut())
+    assert (thickness_mm(frame, worn, np.ones_like(worn)) or 0.0) > CROPPED_MM
+    assert thickness_mm(frame, scalp, np.zeros_like(scalp)) is None, "what is hidden does not tell"
 
 
 def test_longer_hair_is_longer(frame: Frame) -> None:

@@ -10,7 +10,7 @@ from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import CLEARANCE_M, EAR_M, Skull, hair_on
 from service.anatomy.hair.tailored import Tailored, tailored
 from service.archive.preview.render import turned_camera
-from service.arrays import Float32
+from service.arrays import Float32, Int32
 from service.head.files import load_head
 from service.head.regions import vertex_mask
 
@@ -107,3 +107,28 @@ def test_a_style_that_the_photo_lacks_altogether_is_left_whole(frame: Frame) -> 
     item, points = worn("hair/short02")
     made = tailored(item, points, SKULL, frame, np.zeros_like(ONE), ONE)
     assert len(made.triangles) >= len(item.triangles)
+
+
+def test_an_ear_that_is_seen_makes_no_hole_on_the_side_that_is_not() -> None:
+    """The unseen side takes over the hairline, not the ear that hair is put behind."""
+    camera = turned_camera(NEUTRAL, 40.0, SIDE, SIDE)
+    turned = Frame.of(camera, lambda at: at, SIDE, HEAD, NEUTRAL, vertex_mask(HEAD, "scalp"))
+    item, points = worn("hair/bob02")
+    shown, _ = turned.hair(item, points)
+    ears = [NEUTRAL[vertex_mask(HEAD, f"ear_{side}") > 0.5].mean(0) for side in ("left", "right")]
+    seen, unseen = sorted(ears, key=lambda ear: camera.to_camera(ear[None])[0, 2])
+    x, y = camera.project(seen[None])[0]
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    shown = np.where((columns - x) ** 2 + (rows - y) ** 2 < 12**2, 0, shown).astype(np.float32)
+    made = tailored(item, points, SKULL, turned, shown, ONE)
+
+    def over(ear: Float32, points: Float32, triangles: Int32) -> float:
+        """Square metres of hair beside an ear."""
+        corners = points[triangles]
+        area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        centres = corners.mean(1)
+        near = (np.linalg.norm((centres - ear)[:, 1:], axis=1) < 0.02) & (centres[:, 0] * ear[0] > 0)
+        return float(area[near].sum())
+
+    left = [over(ear, made.points, made.triangles) / over(ear, points, item.triangles) for ear in (seen, unseen)]
+    assert left[0] < 0.6 and left[1] > 0.85, left

@@ -77,13 +77,13 @@ def bare_face() -> tuple[Texture, Mask]:
     return bare, np.asarray(OWN & (bare.confidence > 200) & (bare.lit_skin > 250))
 
 
-@pytest.mark.parametrize(("part", "lit"), [(BEARD, 0), (BROW, 255)])
-def test_hair_on_the_face_is_seen_and_kept_and_no_light_is_read_from_a_beard(part: int, lit: int) -> None:
-    """Left out it would be replaced by skin; taken for lit skin a beard's darkness would be taken for shade."""
+@pytest.mark.parametrize("part", [BEARD, BROW])
+def test_hair_on_the_face_is_seen_and_kept_and_no_light_is_read_from_it(part: int) -> None:
+    """Left out it would be replaced by skin; taken for lit skin its darkness would be taken for shade."""
     texture = made(chin, BLACK, part)
     hair, bare = inner(chin) & bare_face()[1], inner(chin, -8) & bare_face()[1]
     assert hair.sum() > 150 and bare.sum() > 1000
-    assert (texture.confidence[hair] >= SEEN).all() and (np.abs(texture.lit_skin[hair].astype(int) - lit) < 5).all()
+    assert (texture.confidence[hair] >= SEEN).all() and (texture.lit_skin[hair] < 5).all()
     assert np.abs(texture.texture[hair] / 255 - BLACK).max() < 0.03
     assert (texture.lit_skin[bare] > 250).all() and texture.warnings == ()
 
