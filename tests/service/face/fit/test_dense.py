@@ -98,6 +98,22 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     assert error_mm(head, dense.neutral, truth) < min(1.0, 0.6 * error_mm(head, points.neutral, truth))
 
 
+def test_a_child_keeps_its_proportions(head: HeadModel) -> None:
+    """A face a sixth shorter below the eyes lies far out in the prior of adults, which would draw it long again."""
+    truth = np.asarray(head.mean, np.float64).copy()
+    truth[:, 1] = np.where(truth[:, 1] < 0, 0.84 * truth[:, 1], 1.05 * truth[:, 1])
+    face, photo, reading = seen(head, truth, yaw=0.0)
+    fit = fit_face(face, photo, head, None, reading)
+
+    def length(vertices: np.ndarray) -> float:
+        chin, right, left = ((vertices[head.triangles[head.landmark_triangle[k]]]).mean(0) for k in (152, 33, 263))
+        return float(np.linalg.norm(chin - (right + left) / 2) / np.linalg.norm(right - left))
+
+    assert not {"low-confidence", "not-read"} & set(fit.warnings)
+    assert abs(length(fit.neutral) / length(truth) - 1) < 0.05
+    assert length(head.mean) / length(truth) > 1.1
+
+
 def test_normals_bend_the_shape_where_places_are_vague(head: HeadModel) -> None:
     """Places alone leave the depth open; the switch that leaves normals out has to leave them out."""
     truth = somebody(head)
