@@ -17,6 +17,7 @@ from service.errors import ModelFault
 from service.geometry.normals import area_normals
 from service.geometry.sampling import sample_chart
 from service.head.files import load_head
+from service.materials.material import OwnMap
 from tests.service.archive.toys import toy_avatar
 
 HEAD, ITEMS = load_head(), read_items()
@@ -99,7 +100,7 @@ def test_lashes_let_light_into_the_eye() -> None:
     """They were a dark band: in path tracers their shadow lay on the whole eye."""
     neutral = HEAD.shape(np.zeros(1))
     part = lash_part(HEAD, replace(toy_avatar().fit, vertices=neutral, neutral=neutral))
-    assert part is not None and part.material.colour_map is not None
+    assert part is not None and isinstance(part.material.colour_map, OwnMap)
     corners = part.uv[part.faces]
     share = np.random.default_rng(0).dirichlet(np.ones(3), (len(corners), 8))
     places = np.einsum("tsk,tkc->tsc", share, corners).reshape(-1, 2).astype(np.float32)
