@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from service.archive.surface import vertex_normals
 from tests.tools.exr import read as read_exr
 
 Float = npt.NDArray[np.float64]
@@ -197,8 +198,11 @@ def _obj_file(path: Path, materials: dict[str, tuple[Any, ...]]) -> list[Surface
     points, uv, normals = (np.array(rows[key]) for key in ("v", "vt", "vn"))
     found = []
     for name, used, corners in parts:
-        own, place = np.unique(np.array(corners).reshape(-1, 3), axis=0, return_inverse=True)
-        at = points[own[:, 0]], normals[own[:, 2]], uv[own[:, 1]]
+        triangles = np.array(corners)
+        own, place = np.unique(triangles.reshape(-1, triangles.shape[2]), axis=0, return_inverse=True)
+        # Without normals a smoothing group stands for them.
+        turned = normals[own[:, 2]] if len(normals) else vertex_normals(points, triangles[..., 0])[own[:, 0]]
+        at = points[own[:, 0]], np.asarray(turned, np.float64), uv[own[:, 1]]
         found.append(Surface(name, *at, place.reshape(-1, 3).astype(np.int64), *materials[used[0]]))
     return found
 
@@ -255,9 +259,10 @@ def _usd(folder: Path) -> list[Surface]:
             continue
         mesh = UsdGeom.Mesh(prim)
         points, normals = (np.array(_at(one)) for one in (mesh.GetPointsAttr(), mesh.GetNormalsAttr()))
-        places = np.array(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st").Get())
+        places = np.array(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st").ComputeFlattened())
         counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
         corners = np.array(mesh.GetFaceVertexIndicesAttr().Get())
+        places = places[corners] if len(places) != len(corners) else places  # one for each vertex, or for each corner
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         fan = [np.stack([first, first + k, first + k + 1], 1)[counts > k + 1] for k in range(1, int(counts.max()) - 1)]
         triangles = np.arange(len(corners))[np.concatenate(fan)]

@@ -21,6 +21,8 @@ SPREAD = 0.008
 """Blur of the coordinate from root to tip on the texture, over its width: cards that share texels differ."""
 HAIRLINE = 0.05
 """Coordinate up to which cards fade in at the roots, strand by strand: a hairline is no edge."""
+LEVELS_PX = 0.8
+"""Standard deviation of the blur between levels of grey, texels of 512."""
 STRANDS_PX = 3.0
 """Standard deviation of the blur that strands are told from, texels of 512."""
 
@@ -35,13 +37,17 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
         colour: in the photo's light.
         light: (3,) factors from colours in the photo's light to albedo.
     """
+    import cv2
+
     grey, alpha = item.picture[..., 0], item.picture[..., -1]
     solid = np.sort(grey[alpha > 127]) if (alpha > 127).any() else np.zeros(1, np.uint8)
-    table = np.searchsorted(solid, np.arange(256), "right") / len(solid)
+    table = sum(np.searchsorted(solid, np.arange(256), side) for side in ("left", "right")) / (2 * len(solid))
     # Half ranks, half levels: ranks alone would draw out what noise there is in an even picture.
     low, high = (float(np.quantile(solid, q)) for q in (0.05, 0.95))
     level = np.clip((np.arange(256) - low) / max(high - low, 8.0), 0, 1)
-    lit = (0.5 * table + 0.5 * level).astype(np.float32)[grey][..., None]
+    # Between levels too: in a dark picture a third of the texels have one level, and its border would be an edge.
+    soft = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), LEVELS_PX * grey.shape[1] / 512))
+    lit = np.interp(soft, np.arange(256), 0.5 * table + 0.5 * level).astype(np.float32)[..., None]
     along = _on_texture(item)[..., None]
     shaded, bright = lifted(colour.shaded * light, colour.lit * light)
     usual = shaded + lit * (bright - shaded)

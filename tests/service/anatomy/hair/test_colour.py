@@ -91,3 +91,17 @@ def test_black_hair_is_no_hole_and_bright_hair_stays() -> None:
     brown = np.array([0.05, 0.03, 0.02], np.float32)
     same = lifted(brown, 2 * brown)
     np.testing.assert_array_equal(same, (brown, 2 * brown))
+
+
+def test_a_dark_texture_has_no_edges_where_its_levels_change() -> None:
+    """A third of the texels of a dark style have one level of grey: its border was an edge through the hair."""
+    item = read_items().items["hair/braid01"]
+    found = measure(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
+    assert found is not None
+    picture = hair_picture(item, found, np.ones(3, np.float32))[..., 0].astype(float)
+    grey, solid = item.picture[..., 0].astype(int), item.picture[..., 1] > 200
+    common = int(np.bincount(grey[solid]).argmax())
+    border = (solid[:, 1:] & solid[:, :-1]) & (np.maximum(grey[:, 1:], grey[:, :-1]) == common)
+    border &= np.abs(np.diff(grey, axis=1)) == 1
+    jumps = np.abs(np.diff(picture, axis=1))[border]
+    assert len(jumps) > 100 and np.median(jumps) < 0.1 * np.ptp(picture[solid])

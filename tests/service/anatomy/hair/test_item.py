@@ -11,10 +11,13 @@ import pytest
 from service.anatomy.hair.bust import bust_part, seam
 from service.anatomy.hair.item import read_items, write_items
 from service.anatomy.hair.names import STYLES
+from service.anatomy.hair.parts import lash_part
 from service.arrays import Float32
 from service.errors import ModelFault
 from service.geometry.normals import area_normals
+from service.geometry.sampling import sample_chart
 from service.head.files import load_head
+from service.materials.material import OwnMap
 from tests.service.archive.toys import toy_avatar
 
 HEAD, ITEMS = load_head(), read_items()
@@ -91,3 +94,15 @@ def test_the_bust_leaves_the_neck_in_its_tangent_planes() -> None:
     # Far from the seam the shoulders are the base mesh's.
     far = np.flatnonzero(np.abs(plain[:, 0]) > 0.15)
     np.testing.assert_array_equal(bust.neutral[far], plain[far])
+
+
+def test_lashes_let_light_into_the_eye() -> None:
+    """They were a dark band: in path tracers their shadow lay on the whole eye."""
+    neutral = HEAD.shape(np.zeros(1))
+    part = lash_part(HEAD, replace(toy_avatar().fit, vertices=neutral, neutral=neutral))
+    assert part is not None and isinstance(part.material.colour_map, OwnMap)
+    corners = part.uv[part.faces]
+    share = np.random.default_rng(0).dirichlet(np.ones(3), (len(corners), 8))
+    places = np.einsum("tsk,tkc->tsc", share, corners).reshape(-1, 2).astype(np.float32)
+    covered = sample_chart(part.material.colour_map.pixels, places)[:, -1] / 255
+    assert 0.1 < covered.mean() < 0.35
