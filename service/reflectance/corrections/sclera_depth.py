@@ -1,8 +1,10 @@
 """How much of the light reaches the sclera, by the direction that it comes from.
 
 The sclera tells the light, but lies between lids and under brows: a lamp before the face reaches it better than a sky
-above it. The direction is known from the shading of the face (``service.light.skin_light``). What reaches sclera and
-lids from each direction depends on the head; the constants are those of the mean head, in second-order harmonics.
+above it. In scanned heads it lies less deep than in those of the light stage, which the network learnt on, and shows
+more of the same light. The direction is known from the shading of the face (``service.light.skin_light``). What reaches
+sclera and lids from each direction depends on the head; the constants are those of the mean head, in second-order
+harmonics.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ USUAL = -0.91
 SLOPE = 1.25
 """Change of the sclera's log light over the change of that ratio: one, and more for the shadows of hard lamps, which
 harmonics blur."""
+SHALLOW = 0.3
+"""Log light by which the sclera of scanned heads counts as brighter than that of the stage's in the same light. Over
+that on the lids a head of ICT-FaceKit has 0.06 to 0.27, a subject of the stage -1.05 to -0.72 (``benchmarks.eye_whites``,
+with and without ``--stage``). A third of it: the network allows for the depth that the fitted head has."""
 LEAST, MOST = 0.12, 0.6
 """Share of the lids' light that reaches the sclera in any case, from the skin around; and the largest correction, in
 logarithms."""
@@ -54,16 +60,16 @@ def in_usual_light(
     light: npt.NDArray[np.floating] | None,
     rotation: npt.NDArray[np.floating],
 ) -> npt.NDArray[np.float64] | None:
-    """(3,) radiance that the sclera would show if as much light came from where it usually comes.
+    """(3,) radiance that the stage's sclera would show if as much light came from where it usually comes.
 
     Args:
         eye_light: (3,) linear RGB that they show (``service.light.white_reference``); None: not known.
-        light: (9, 3) of the fit; None: not known, and ``eye_light`` comes back as it is.
+        light: (9, 3) of the fit; None: not known, and counts as usual.
         rotation: (3, 3) from head space to the camera.
     """
     if eye_light is None:
         return None
-    shown = np.asarray(eye_light, np.float64)
+    shown = np.asarray(eye_light, np.float64) * np.exp(-SHALLOW)
     if light is None:
         return shown
     apart = SLOPE * (beside_lids(light, rotation) - USUAL)
@@ -72,11 +78,12 @@ def in_usual_light(
 
 SCLERA_DEPTH = Correction(
     name="sclera-depth",
-    mends="Light from above reaches the sclera less than the lids, so that skin is taken for fairer than it is.",
+    mends="The direction of the light and the depth of the eyes are taken for the strength of the light.",
     source="light",
     constants={
         "usual": Constant(USUAL, "log radiance on the sclera over that on the lids", "models.lightstage.light.sclera"),
         "slope": Constant(SLOPE, "log over log", "benchmarks.eye_whites"),
+        "shallow": Constant(SHALLOW, "log radiance", "benchmarks.eye_whites, with and without --stage"),
         "most": Constant(MOST, "log radiance", "largest correction"),
     },
     cases=("soft", "hard"),

@@ -13,6 +13,7 @@ from service.reflectance.corrections.sclera_depth import (
     LIDS,
     MOST,
     SCLERA,
+    SHALLOW,
     SLOPE,
     USUAL,
     beside_lids,
@@ -49,23 +50,23 @@ def test_the_frame_is_the_cameras_and_the_strength_cancels() -> None:
     assert beside_lids(100.0 * light, HEAD) == pytest.approx(expected, abs=1e-9)
 
 
-def test_usual_light_changes_nothing_and_no_light_is_said_to_be_more_than_it_can_be() -> None:
-    """Deeper shade counts as more light, by at most MOST; what is not known stays so."""
+def test_no_light_is_said_to_be_more_than_it_can_be() -> None:
+    """Deeper shade counts as more light, by at most MOST, shallow eyes as less; what is not known stays so."""
     shown = np.array([0.3, 0.25, 0.2])
     above = from_direction((0.0, 1.0, 0.0), 0.5)
     more = in_usual_light(shown, above, HEAD)
     assert more is not None
     factor = np.exp(np.clip(-SLOPE * (beside_lids(above, HEAD) - USUAL), -MOST, MOST))
-    assert np.allclose(more / shown, factor) and factor > 1.0
+    assert np.allclose(more / shown, factor * np.exp(-SHALLOW)) and factor > 1.0
     assert in_usual_light(None, above, HEAD) is None
-    assert np.array_equal(np.asarray(in_usual_light(shown, None, HEAD)), shown)
+    assert np.allclose(np.asarray(in_usual_light(shown, None, HEAD)), shown * np.exp(-SHALLOW))
 
 
 @pytest.mark.parametrize("light", [np.zeros((9, 3)), np.full((9, 3), np.nan), -from_direction((0, 0, 1))])
 def test_lids_without_light_tell_nothing(light: np.ndarray) -> None:
     """A ratio to no light, or to the negative light of a bad fit, would be NaN or infinite in the network's input."""
     assert beside_lids(light, HEAD) == USUAL
-    assert np.allclose(np.asarray(in_usual_light(np.ones(3), light, HEAD)), 1.0)
+    assert np.allclose(np.asarray(in_usual_light(np.ones(3), light, HEAD)), np.exp(-SHALLOW))
 
 
 @pytest.mark.train
