@@ -28,9 +28,9 @@ SLOPE = 1.25
 """Change of the sclera's log light over the change of that ratio: one, and more for the shadows of hard lamps, which
 harmonics blur."""
 SHALLOW = 0.3
-"""Log light by which the sclera of scanned heads counts as brighter than that of the stage's in the same light. Over
-that on the lids a head of ICT-FaceKit has 0.06 to 0.27, a subject of the stage -1.05 to -0.72 (``benchmarks.eye_whites``,
-with and without ``--stage``). A third of it: the network allows for the depth that the fitted head has."""
+"""Log light by which the sclera of scanned heads counts as brighter than that of the stage's in the same light. Beside
+the lids a head of ICT-FaceKit has 0.06 to 0.27, a subject of the stage -1.05 to -0.72 (``benchmarks.eye_whites``, with
+and without ``--stage``). A third of it: the network allows for the depth that the fitted head has."""
 LEAST, MOST = 0.12, 0.6
 """Share of the lids' light that reaches the sclera in any case, from the skin around; and the largest correction, in
 logarithms."""
