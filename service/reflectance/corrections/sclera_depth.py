@@ -69,7 +69,7 @@ def in_usual_light(
     """
     if eye_light is None:
         return None
-    shown = np.asarray(eye_light, np.float64) * np.exp(-SHALLOW)
+    shown = np.asarray(np.asarray(eye_light, np.float64) * np.exp(-SHALLOW))
     if light is None:
         return shown
     apart = SLOPE * (beside_lids(light, rotation) - USUAL)
