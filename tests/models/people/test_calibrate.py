@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '.[train]'")
+
 from models.head.embedding import CONTOUR
 from models.head.shoot import look_at
 from models.people.calibrate import LOWER_INNER, UPPER_INNER, Hits, back_project, embed, robust_centre
