@@ -51,8 +51,9 @@ def main(
     run: Annotated[Path, typer.Argument(help="Folder of a training run.")],
     output: Annotated[Path, typer.Option("-o", help="Folder of the service's models.")] = MODELS,
 ) -> None:
-    """Write the ONNX files of lids and lips and their rows in models.json."""
-    for kind in KINDS:
+    """Write the ONNX files of the networks that the run has, lids or lips or both, and their rows in models.json."""
+    found = [kind for kind in KINDS if (run / f"{kind.name}.pt").is_file()] or KINDS
+    for kind in found:
         typer.echo(write(run, kind, output))
 
 
