@@ -19,6 +19,7 @@ from models.training.degrade import blur, smooth_field
 from models.training.regions import context_chart, region_planes
 from models.training.tasks import choice, uniform
 from service.reflectance.subject import GEOMETRY
+from service.texture.segmentation.covered import SHADOW
 
 BARE = 0.08
 """Share of the charts of which all skin is seen, as on rendered scans."""
@@ -38,9 +39,8 @@ STRANDS, SCREEN_CELLS = 0.3, (5, 8, 14, 24)
 LEAST = 0.03
 """Share of the chart that is seen at least, else all of it."""
 
-UNREAD, GROWN = 0.15, 0.009
-"""Share of the charts whose brows, or whose beard, the reader takes for skin; and how much beside hair is left out too,
-over the chart's width (``service.texture.segmentation.covered.SHADOW``)."""
+UNREAD = 0.15
+"""Share of the charts whose brows, or whose beard, the reader takes for skin."""
 
 _NORMAL = [GEOMETRY.index(f"normal_object_{axis}") for axis in "xyz"]
 
@@ -68,8 +68,7 @@ class Cover:
         seen = seen * (1.0 - self.hidden)
         bare = torch.rand(len(mask), 1, 1, 1, generator=generator) < BARE
         lit = torch.where(bare, 1.0, blur(seen, 0.8).clamp(0.0, 1.0)) * mask
-        enough = lit.mean((1, 2, 3), keepdim=True) >= LEAST
-        return torch.where(enough, lit, mask)
+        return _enough(lit, mask)
 
     def measurable(self, seen: Tensor, beard: Tensor, generator: torch.Generator) -> Tensor:
         """(N, 1, h, w) in [0, 1]: 1 where light can be measured, on the skin that is seen beside brows and beards.
@@ -79,7 +78,7 @@ class Cover:
             beard: (N, 1, h, w) in [0, 1], how much of the skin a beard covers.
             generator: how the reader errs.
         """
-        n, reach = len(seen), max(round(GROWN * WIDTH), 1)
+        n, reach = len(seen), max(round(SHADOW * WIDTH), 1)  # as the service leaves out what lies beside hair
         brows = self.brows + STRANDS * self._field(n, (24, 48), generator) * (self.brows > 0.01)
         bare = torch.ones_like(seen)
         for hair in (beard, brows):
@@ -88,9 +87,7 @@ class Cover:
             found = ((hair - edge) * 8.0 + 0.5).clamp(0.0, 1.0) * ~missed
             grown = functional.max_pool2d(found, 2 * reach + 1, 1, reach)
             bare = bare * (1.0 - torch.maximum(blur(grown, reach / 2), found).clamp(0.0, 1.0))
-        left = seen * bare
-        enough = left.mean((1, 2, 3), keepdim=True) >= LEAST
-        return torch.where(enough, left, seen)
+        return _enough(seen * bare, seen)
 
     def _facing(self, normal: Tensor, generator: torch.Generator) -> Tensor:
         n = len(normal)
@@ -120,3 +117,8 @@ class Cover:
     @staticmethod
     def _field(n: int, cells: tuple[int, ...], generator: torch.Generator) -> Tensor:
         return smooth_field((n, 1, HEIGHT, WIDTH), cells[choice(generator, len(cells))], generator)
+
+
+def _enough(left: Tensor, before: Tensor) -> Tensor:
+    """(N, 1, h, w) what is left, or what there was before in charts of which less than ``LEAST`` is."""
+    return torch.where(left.mean((1, 2, 3), keepdim=True) >= LEAST, left, before)

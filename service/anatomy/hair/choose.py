@@ -90,7 +90,8 @@ def choose(
         if share < BALD or (thick is not None and thick < CROPPED_MM):
             return Choice(None, Cut(), 0.0, share)
 
-    textures = {name: in_texture(items.items[name].picture) for name in names or items.names("hair")}
+    asked = names or items.names("hair")
+    textures = {} if strands is None else {name: in_texture(items.items[name].picture) for name in asked}
 
     def score(name: str, cut: Cut) -> tuple[float, float]:
         item = mirrored(items.items[name], skull.head) if cut.mirrored else items.items[name]
@@ -119,7 +120,7 @@ def choose(
         agrees = 0.5 * whole + 0.3 * above + 0.2 * length + ALONG * along - RARE.get(name, 0.0)
         return agrees - FACE * bare - WASTE * waste, whole
 
-    plain = [(name, Cut(mirrored=m)) for name in names or items.names("hair") for m in (False, True)]
+    plain = [(name, Cut(mirrored=m)) for name in asked for m in (False, True)]
     scored = sorted(((score(*one), *one) for one in plain), key=lambda s: -s[0][0])
     best = scored[0]
     for _, name, cut in scored[:REFINED]:

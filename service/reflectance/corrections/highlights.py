@@ -71,7 +71,7 @@ def without_highlights(
     weight = np.asarray(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
     if lit is not None:
         weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
-    change, told = found(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
+    change, told = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     marked = np.abs(change).max(-1) > 0
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
@@ -125,12 +125,7 @@ def skin_detail(detail: Float32, colour: Float32, share: Float32) -> Float32:
     return np.asarray(detail + share[:, None] * (skin - detail), np.float32)
 
 
-def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> Float32:
-    """:func:`found`, without the share."""
-    return found(albedo, texture, skin, scale)[0]
-
-
-def found(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> tuple[Float32, Float32]:
+def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 1.0) -> tuple[Float32, Float32]:
     """What has to be added to a linear albedo, and how much of a highlight there is: (h, w, 3), and (h, w) in [0, 1].
 
     Both are 0 where there is no highlight, and finite for any input.

@@ -69,11 +69,8 @@ def in_usual_light(
     """
     if eye_light is None:
         return None
-    shown = np.asarray(np.asarray(eye_light, np.float64) * np.exp(-SHALLOW))
-    if light is None:
-        return shown
-    apart = SLOPE * (beside_lids(light, rotation) - USUAL)
-    return np.asarray(shown * np.exp(-np.clip(apart, -MOST, MOST)))
+    apart = 0.0 if light is None else SLOPE * (beside_lids(light, rotation) - USUAL)
+    return np.asarray(np.asarray(eye_light, np.float64) * np.exp(-SHALLOW - np.clip(apart, -MOST, MOST)))
 
 
 SCLERA_DEPTH = Correction(

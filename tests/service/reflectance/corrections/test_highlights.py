@@ -36,7 +36,7 @@ def test_a_glint_goes_and_the_skin_stays(name: str) -> None:
     """As white dots on nose and brow they would shine in every other light too."""
     skin = skin_of(name)
     shown = skin + 0.8 * skin[..., :1] * spot()[..., None]
-    found = highlights(shown, shown, everywhere(skin), SCALE)
+    found = highlights(shown, shown, everywhere(skin), SCALE)[0]
     away = np.hypot(*(np.indices(skin.shape[:2]) - np.array([60, 90]).reshape(2, 1, 1))) > 12
     assert np.abs(found[away]).max() < 0.02 * skin.mean()
     assert np.abs(shown + found - skin)[MIDDLE].mean() < 0.55 * np.abs(shown - skin)[MIDDLE].mean()
@@ -48,9 +48,9 @@ def test_a_highlight_that_left_only_grey_is_coloured_again(name: str) -> None:
     skin, mark = skin_of(name), spot(radius=4.0)[..., None]
     grey = skin + mark * (0.8 * skin.mean(2, keepdims=True) - skin)
     photo = 0.2 * skin + 0.8 * mark
-    found = highlights(grey, photo, everywhere(skin), SCALE)
+    found = highlights(grey, photo, everywhere(skin), SCALE)[0]
     assert np.abs(grey + found - skin)[MIDDLE].mean() < 0.55 * np.abs(grey - skin)[MIDDLE].mean()
-    unseen = highlights(grey, 0.2 * skin, everywhere(skin), SCALE)
+    unseen = highlights(grey, 0.2 * skin, everywhere(skin), SCALE)[0]
     assert np.abs(unseen).max() < 0.2 * np.abs(found).max(), "stubble is grey too, but did not shine"
 
 
@@ -60,7 +60,7 @@ def test_moles_lips_and_paler_patches_are_no_highlights(name: str) -> None:
     skin, mark = skin_of(name), spot(radius=6.0)[..., None]
     for factor in ([0.4, 0.3, 0.25], [1.0, 0.6, 0.65], [1.25, 1.25, 1.25], [1.2, 1.3, 1.1]):
         marked = np.asarray(skin * (1 + mark * (np.array(factor) - 1)), np.float32)
-        found = highlights(marked, marked, everywhere(skin), SCALE)
+        found = highlights(marked, marked, everywhere(skin), SCALE)[0]
         assert np.abs(found).max() < 0.05 * skin[..., 0].max()
 
 
@@ -98,7 +98,7 @@ def test_detail_of_the_skin_stays_and_the_lamp_s_goes() -> None:
 def test_only_skin_is_judged() -> None:
     """White hair and the whites of the eyes are pale by right."""
     shown = skin_of("brown") + 0.3 * spot()[..., None]
-    assert not highlights(shown, shown, np.zeros(shown.shape[:2], np.float32)).any()
+    assert not highlights(shown, shown, np.zeros(shown.shape[:2], np.float32))[0].any()
     codes, skin = np.rint(linear_to_srgb(shown) * FULL_CODE).astype(np.uint16), np.full((128, 192), 255, np.uint8)
     mended = without_highlights(codes.copy(), codes, skin)
     nowhere = without_highlights(codes.copy(), codes, skin, np.zeros((20, 30), np.float32))
