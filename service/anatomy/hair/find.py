@@ -110,7 +110,7 @@ def _choose(
     What was chosen blindly, or agrees little, is not fitted.
     """
     skull = Skull.of(head, fit.neutral)
-    choice = choose(items, skull, frame, seen.hair, seen.skin, seen.known, named, seen.strands)
+    choice = choose(items, skull, frame, seen.hair, seen.skin, seen.known, named)
     if choice.name is None:
         return choice, np.zeros_like(seen.hair), None
     item = items.items[choice.name]
