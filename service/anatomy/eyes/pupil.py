@@ -36,7 +36,7 @@ DARKEST = 0.002
 """Linear luminance below which differences are noise."""
 FLOOR = 0.25
 """What is added to luminances, as a share of their median, before those on the two sides of circles are divided: by
-ratios alone a blurred edge lies within the pupil, by differences a faint one is lost beside bright zones."""
+ratios alone a blurred edge lies within the pupil, by differences a faint one is lost beside brightness."""
 LEAST_RISE = 0.5
 """Smallest difference of the logarithm of luminance on the two sides of a pupil's edge."""
 MOST_APART = 0.12

@@ -15,8 +15,9 @@ from service.arrays import Float32
 
 BALD = 0.55
 """Share of the visible scalp with hair on it below which a head is bald or shaved."""
-LEAST_SCALP = 0.4
-"""Least share of the scalp in the picture that has to be seen to tell; less is seen under a cap."""
+LEAST_SCALP, LEAST_HAIR = 0.4, 0.5
+"""Least share of the scalp in the picture that has to be seen to tell, or area of hair over that of the scalp: a tight
+picture shows the hair at the sides. Less is seen under a cap."""
 POOR = 0.45
 """Agreement below which the choice is in doubt."""
 REFINED = 4
@@ -78,7 +79,8 @@ def choose(
     seen = frame.scalp * known
     share = float((seen * shown).sum() / max(float(seen.sum()), 1e-6))
     if names is None:
-        if not float(seen.sum()) > LEAST_SCALP * float(frame.scalp.sum()):
+        scalp = float(frame.scalp.sum())
+        if not (float(seen.sum()) > LEAST_SCALP * scalp or float((shown * known).sum()) > LEAST_HAIR * scalp):
             return Choice(UNSEEN, Cut(), 0.0, 1.0, ("hair-unseen",))
         thick = thickness_mm(frame, shown, known)
         if share < BALD or (thick is not None and thick < CROPPED_MM):

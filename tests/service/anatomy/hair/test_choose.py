@@ -95,6 +95,16 @@ def test_under_a_hat_the_shortest_is_worn_and_the_doubt_is_said(frame: Frame) ->
     assert found.name == UNSEEN and found.doubts == ("hair-unseen",)
 
 
+def test_hair_at_the_sides_of_a_tight_picture_tells(frame: Frame) -> None:
+    """Its top is cut off, so that little scalp is seen: long brown hair came as short and fair."""
+    shown, skin = silhouette(frame, "hair/long01", Cut())
+    low = np.arange(SIDE)[:, None] > np.flatnonzero((frame.scalp > 0.5).any(1)).mean()
+    known = np.broadcast_to(low, shown.shape).astype(np.float32)
+    assert (frame.scalp * known).sum() < 0.4 * frame.scalp.sum()
+    found = choose(ITEMS, SKULL, frame, shown * known, skin * known, known)
+    assert found.name == "hair/long01" and not found.doubts
+
+
 def test_a_style_that_is_named_is_worn_whatever_is_seen(frame: Frame) -> None:
     empty, skin = np.zeros((SIDE, SIDE), np.float32), np.isfinite(frame.behind).astype(np.float32)
     found = choose(ITEMS, SKULL, frame, empty, skin, np.ones_like(empty), ["hair/afro01"])
