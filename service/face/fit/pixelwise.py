@@ -76,13 +76,12 @@ class Refiner:
         trust: Float64 = np.asarray(LANDMARK_SHARE * good)
         lower, upper = bounds(self.model)
         soft = Softened.of(photo, BLUR_M * state.scale)
-        linear = soft.linear()
         for reach in REACH_M:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)
             near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
             read = (dense.points(state), *((dense.normals(state, vertices),) if self.normals else ()))
-            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, linear, middle, state, reach))
+            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, middle, state, reach))
             active = np.ones(POSE + self.model.shape_count, bool)
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         basis = self.model.at_yaw(state.yaw_deg)
