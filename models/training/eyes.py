@@ -7,11 +7,13 @@ import math
 import torch
 from torch import Tensor
 
+from models.colour import linear, srgb
+from models.training.albedo import log_light
 from models.training.regions import region_planes
 from models.training.tasks import uniform
 from service.anatomy.eyes.sclera import BRIGHTEST_TOLD
 
-KNOWN = 0.85
+KNOWN = 0.7
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""
 
 FAITH, LESS = 0.95, -0.6
@@ -27,6 +29,10 @@ of each chart are told nearer to the first number by a share between the other t
 ERROR = 0.27
 """Standard deviation of what is left; 0.25 and 0.18 there."""
 
+EXPOSED = (-0.5, 0.6)
+"""Mean and standard deviation of the log light on faces as photos expose them. ``benchmarks.eye_whites --photos`` has a
+median of -0.7 for the lids, and 0.45 for half of the middle two thirds; the rest of a face stands in 0.2 more."""
+
 BRIGHTEST, DARKEST = 4.0, 1e-3
 """Log light, and light, beyond which an 8-bit texture tells nothing."""
 
@@ -41,6 +47,28 @@ def lid_zones() -> Tensor:
     """(2, h, w) weights of the skin round either eye on the context's chart, the left one first, each of sum 1."""
     zones = region_planes(("eyelid_left",), ("eyelid_right",))
     return zones / zones.sum((1, 2), keepdim=True)
+
+
+def face_zone() -> Tensor:
+    """(1, h, w) weights of the skin of the face on the context's chart, of sum 1."""
+    zone = region_planes(("forehead", "nose", "cheek_left", "cheek_right", "chin"))
+    return zone / zone.sum()
+
+
+def exposed(texture: Tensor, albedo: Tensor, zone: Tensor, here: Tensor, generator: torch.Generator) -> Tensor:
+    """sRGB-coded textures (N, 3, h, w), some of them as bright as a photo would show them, whatever the skin.
+
+    Args:
+        texture: sRGB-coded in [0, 1].
+        albedo: (N, 3, h, w) likewise.
+        zone: of :func:`face_zone`.
+        here: (N,) 1 for charts that are exposed anew, 0 for those that stay.
+        generator: the light of each chart.
+    """
+    light = torch.einsum("nchw,ehw->ne", log_light(texture, albedo).clamp(max=BRIGHTEST).exp(), zone) / 3.0
+    wanted = EXPOSED[0] + EXPOSED[1] * torch.randn(len(texture), 1, generator=generator)
+    factor = torch.exp((wanted - light.clamp(min=DARKEST).log()) * here[:, None])[..., None, None]
+    return torch.where(here.view(-1, 1, 1, 1) > 0, srgb((linear(texture) * factor).clamp(0.0, 1.0)), texture)
 
 
 def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
