@@ -91,8 +91,8 @@ class ContextNet(nn.Module):
     """Texture (sRGB-coded, [-1, 1]), light of the eyes, geometry -> log of (texture / diffuse albedo), linear values.
 
     The last channel is the lit skin: of all else, hair or made-up colour, the texture is not looked at. A texture that
-    is brighter by a factor gives, beside eyes that are as well, a light that is brighter by that factor, as long as nothing
-    is clipped.
+    is brighter by a factor gives, beside eyes that are as well, a light that is brighter by that factor, as long as
+    nothing is clipped.
     """
 
     def __init__(self, channels: int, size: ContextSize) -> None:

@@ -11,7 +11,7 @@ from torch.nn import functional
 from models.networks.configs import CONTEXT_CHANNELS
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.cover import Cover
-from models.training.degrade import blur, gain, graded, half_mirrored, noisy, smooth_field
+from models.training.degrade import blur, gain, graded, half_mirrored, noisy, smooth_field, tinted
 from models.training.eyes import KNOWN, exposed, eye_light, face_zone, lid_zones
 from models.training.facial_hair import Barber
 from models.training.paint import Painter
@@ -93,7 +93,7 @@ class ContextTask:
         for skin in (darkened, recalibrated):
             batch["texture"], batch["albedo"] = skin(batch["texture"], batch["albedo"], generator)
         batch["texture"], batch["albedo"], beard = self.barber(batch["texture"], batch["albedo"], generator)
-        texture = hard_light(batch["texture"], batch["geometry"], generator)
+        texture = tinted(hard_light(batch["texture"], batch["geometry"], generator), generator)
         open_ = batch["whites"].isfinite().all(2).any(1)
         known = (torch.rand(size, generator=generator) < KNOWN).float() * open_
         texture = exposed(texture, batch["albedo"], self.face, 1.0 - known, generator)

@@ -16,14 +16,15 @@ from service.anatomy.eyes.sclera import BRIGHTEST_TOLD
 KNOWN = 0.7
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""
 
-FAITH, LESS = 0.95, -0.6
+FAITH, LESS = 0.95, -0.3
 """How the light that the program reads off the whites goes with the computed one (``models.lightstage.light.sclera``),
 in logarithms, both beside the light on the lids: slope and shift. ``benchmarks.eye_whites`` has 0.93 and -0.57 for
-heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed."""
+heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed. It
+counts all skin round the eyes; the zones of :func:`lid_zones` are nearer to them and 0.3 darker."""
 
 FLAT, FLATTER = 0.15, (0.3, 1.0)
 """Eyes of the light stage's heads lie deeper between their lids than people's: under an even sky their whites stand in
-0.2 to 0.65 less log light than the lids, those of scanned heads in 0 to 0.2 more (``benchmarks.eye_whites``). The whites
+0.2 to 0.65 less log light than the lids, those of scanned heads in 0 to 0.2 more (``Whites.beside_lids``). The whites
 of each chart are told nearer to the first number by a share between the other two."""
 
 ERROR = 0.27

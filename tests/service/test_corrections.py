@@ -10,7 +10,7 @@ import pytest
 from service.colour import linear_to_srgb
 from service.corrections import NAMES, REGISTRY
 from service.errors import UsageError
-from service.ledger import Correction, Ledger, changed_texels
+from service.ledger import Applied, Correction, Ledger, changed_texels
 from service.options import Options
 
 ONE = Correction(name="one", mends="Something.", source="light")

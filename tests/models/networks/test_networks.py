@@ -180,7 +180,7 @@ def test_context_takes_the_whole_chart() -> None:
 
 
 def test_context_knows_no_exposure_where_eyes_tell_the_light() -> None:
-    """Half the light in texture and eyes is half the light found; without eyes the exposure is what there is to tell."""
+    """Half the light in texture and eyes is half the light found; without eyes the exposure is what tells it."""
     torch.manual_seed(3)
     network = build("delta_context", "slim").eval()
     nn.init.normal_(network.head.weight, std=0.3)

@@ -70,7 +70,7 @@ def test_closed_eyes_tell_nothing_and_the_open_one_is_seen() -> None:
 
 
 def test_eyes_tell_no_more_light_than_a_sensor_can_show() -> None:
-    """The photo of a dark face is bright, and its whites are overexposed: they tell the least that does that, tinted."""
+    """The photo of a dark face is bright, and its whites are overexposed: they tell the least that does that."""
     zones = lid_zones()
     light = torch.full((200, 3, *zones.shape[1:]), 3.0)
     light[:, 0] += 0.3
@@ -81,7 +81,7 @@ def test_eyes_tell_no_more_light_than_a_sensor_can_show() -> None:
 
 
 def test_photos_are_exposed_for_the_light_and_not_for_the_skin() -> None:
-    """Dark and fair skin get the same light, so that brightness tells them apart; what stays is the same bit for bit."""
+    """Dark and fair skin get the same light, so that brightness tells them apart; what stays is the same."""
     zone = face_zone()
     assert float(zone.sum()) == pytest.approx(1.0, abs=1e-4)
     skin = torch.tensor([0.03, 0.3]).repeat(300).view(-1, 1, 1, 1).expand(-1, 3, *zone.shape[1:])
