@@ -48,7 +48,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "full without scores": {"scores": False},
     "full without normals": {"normals": False},
     "full, 40 components": {"identity_components": 40},
-    "full, 60 modes of free form": {"beyond": 60},
+    "full, 150 modes of free form": {"beyond": 150},
     "full, identity prior 0.3": {"identity_prior": 0.3},
     "full, identity prior 3": {"identity_prior": 3.0},
 }

@@ -42,7 +42,6 @@ SKINS = (1, 6, 9, 14)
 CROPPED = "cropped"
 ROWS: dict[str, dict[str, object]] = {
     "all": {},
-    "without strands": {"ALONG": 0.0},
     "without waste": {"WASTE": 0.0},
     "without thickness": {"CROPPED_MM": -1e9},
     "without fitted outlines": {"to_outline": lambda points, *_: (points, 0.0)},
@@ -110,9 +109,8 @@ def chosen(worn: Worn, reader: ReaderNetwork, without: str) -> str | None:
     with ExitStack() as held:
         for name, value in ROWS[without].items():
             held.enter_context(patch.object(choosing, name, value))
-        found = choosing.choose(
-            read_items(), Skull.of(head, person.neutral), frame, seen.hair, seen.skin, seen.known, None, seen.strands
-        )
+        skull = Skull.of(head, person.neutral)
+        found = choosing.choose(read_items(), skull, frame, seen.hair, seen.skin, seen.known)
     return None if "hair-unseen" in found.doubts else found.name or CROPPED
 
 

@@ -5,7 +5,8 @@ seen. Mitsuba takes sharp photos of heads whose colour and relief are known (``b
 adds blur, noise and JPEG; ``make_avatar`` makes the maps. On the skin that a photo shows, bands of 0.6-1.2, 1.2-2.5 and
 2.5-6 mm of the logarithm of coded luma are compared with the true albedo's, in the photo's frame: correlation /
 strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the albedo that zeta alone
-leads to (``--alone``: the photo's own detail is left out), and the specular normals with the true ones. ``--sizes``
+leads to (``--alone``: the photo's own detail is left out), the specular normals with the true ones, and the
+displacement with the heights that the true normals have: also its mean depth where those are deepest. ``--sizes``
 takes the first head with as many pixels as the largest, makes that photo smaller and compares what comes out of it.
 
 Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``, with ``--alone`` twice as long.
@@ -88,7 +89,7 @@ def rows(
     data: Path, out: Path, who: list[str], lights: list[str], cameras: list[Camera], relief: bool, alone: bool
 ) -> Iterator[str]:
     """Rows of the first table."""
-    maps = ("diffuse_albedo", "specular_normal") if relief else ("diffuse_albedo",)
+    maps = ("diffuse_albedo", *(("specular_normal", "displacement") if relief else ()))
     for name in who:
         head = sitter(name, data, out)
         for light in lights:
@@ -101,8 +102,10 @@ def rows(
                 zeta = compare(without_own(made, kept), pixels, photo, head.unfit).albedo if alone else ()
                 told = made.reflectance.detail if made.reflectance is not None else None
                 share = "-" if told is None else " ".join(f"{100 * one.share:.0f}" for one in told.octaves)
-                parts = (cells(part) for part in (found.photo, found.texture, zeta, found.albedo, found.normals))
-                yield f"| {name} | {light} | {camera.name} | " + " | ".join(parts) + f" | {share} |"
+                kinds = (found.photo, found.texture, zeta, found.albedo, found.normals, found.relief)
+                deep = "-" if found.creases_mm is None else "{:.3f} of {:.3f}".format(*found.creases_mm)
+                parts = " | ".join(cells(one) for one in kinds)
+                yield f"| {name} | {light} | {camera.name} | {parts} | {deep} | {share} |"
 
 
 def sizes_table(data: Path, out: Path, who: str, sizes: list[int]) -> list[str]:
@@ -130,11 +133,9 @@ def main(
     who: Annotated[str, typer.Option(help="Heads, with commas between.")] = "scan,hifi3d 1",
     lights: Annotated[str, typer.Option(help="Of benchmarks.render, with commas between; '' for none.")] = "soft,left",
     cameras: Annotated[str, typer.Option(help="Cameras, with commas between, or 'all'.")] = "clean",
-    relief: Annotated[bool, typer.Option(help="Compare normals, too.")] = True,
+    relief: Annotated[bool, typer.Option(help="Compare normals and displacement, too.")] = True,
     alone: Annotated[bool, typer.Option(help="Compare what zeta alone leads to, too.")] = False,
-    sizes: Annotated[
-        str, typer.Option(help="Rows of the same photo, with commas between; '' for none.")
-    ] = "",
+    sizes: Annotated[str, typer.Option(help="Rows of the same photo, with commas between; '' for none.")] = "",
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
     """Print the tables."""
@@ -145,10 +146,10 @@ def main(
         raise typer.BadParameter(f"{who!r} and {cameras!r}: there are {known}")
     out.mkdir(parents=True, exist_ok=True)
     bands = [f"{low:g}-{high:g}" for low, high in BANDS_MM]
-    kinds = ("photo itself", "texture 576", "zeta alone", "albedo", "normals")
+    kinds = ("photo itself", "texture 576", "zeta alone", "albedo", "normals", "displacement")
     lines = ["| head | light | camera | " + " | ".join(f"{kind} {one}" for kind in kinds for one in bands)
-             + " | photo's share by octave, % |"]  # fmt: skip
-    lines.append("|---" * (4 + len(kinds) * len(bands)) + "|")
+             + " | creases, mm | photo's share by octave, % |"]  # fmt: skip
+    lines.append("|---" * (5 + len(kinds) * len(bands)) + "|")
     chosen = [one for one in CAMERAS if one.name in names]
     for row in rows(folder, out, heads, lights.split(",") if lights else [], chosen, relief, alone):
         typer.echo(row, err=True)

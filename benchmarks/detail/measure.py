@@ -16,10 +16,11 @@ from benchmarks.metrics import View, at_chart, face_region
 from service.archive.avatar import Avatar
 from service.colour import LUMA, linear_to_srgb
 from service.geometry.chart import Chart
-from service.reflectance.result import unpack_normals
+from service.reflectance.result import MID, SCALE_MM, unpack_normals
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Spectrum = npt.NDArray[np.complex128]
 
 BANDS_MM = ((0.6, 1.2), (1.2, 2.5), (2.5, 6.0))
 """Periods on the face."""
@@ -29,6 +30,10 @@ EDGE_MM = 1.5
 """Distance from what is not compared, so that no border is taken for detail."""
 MAP = (1536, 1024)
 """Chart on which tangent frames are drawn."""
+MOST_SLANTED = 0.2
+"""Cosine of the viewing angle below which no slope is told."""
+DEEPEST = 0.01
+"""Share of the skin, where the truth lies deepest, that counts as its creases; of all bands together."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +46,35 @@ class Agreement:
 
 def band(field: Array, mask: Mask, per_mm: float, limits: tuple[float, float]) -> Array:
     """(H, W) part of a field whose periods lie in [low, high) mm; what is masked out is continued smoothly first."""
+    down, across = _frequencies(field.shape, per_mm)
+    return np.asarray(np.fft.irfft2(_within(field, mask, per_mm, limits, np.hypot(down, across)), field.shape))
+
+
+def heights(normal: Array, mask: Mask, per_mm: float, limits: tuple[float, float]) -> Array:
+    """(H, W) millimetres towards the camera that have the slopes of normals in a band (Frankot and Chellappa 1988).
+
+    Args:
+        normal: (H, W, 3) unit, along the camera's right, down and forward.
+        mask: where they count; they face the camera there.
+        per_mm: pixels per millimetre.
+        limits: periods, millimetres.
+    """
+    down, across = _frequencies(normal.shape[:2], per_mm)
+    frequency = np.hypot(down, across)
+    forward = np.minimum(normal[..., 2], -MOST_SLANTED)
+    slope = [_within(normal[..., k] / forward, mask, per_mm, limits, frequency) for k in (0, 1)]
+    upward = (across * slope[0] + down * slope[1]) / (2j * np.pi * np.maximum(frequency**2, 1e-12))
+    return np.asarray(np.fft.irfft2(upward, normal.shape[:2]))
+
+
+def _frequencies(shape: tuple[int, ...], per_mm: float) -> tuple[Array, Array]:
+    """Cycles per millimetre along columns and rows, as ``rfft2`` has them."""
+    return np.float64(per_mm) * np.fft.fftfreq(shape[0])[:, None], np.float64(per_mm) * np.fft.rfftfreq(shape[1])[None]
+
+
+def _within(field: Array, mask: Mask, per_mm: float, limits: tuple[float, float], frequency: Array) -> Spectrum:
     filled = _continued(field, mask, 2 * limits[1] * per_mm)
-    down, across = np.fft.fftfreq(field.shape[0])[:, None], np.fft.rfftfreq(field.shape[1])[None]
-    frequency = np.hypot(down, across) * per_mm
-    inside = (frequency > 1 / limits[1]) & (frequency <= 1 / limits[0])
-    return np.asarray(np.fft.irfft2(np.fft.rfft2(filled) * inside, field.shape))
+    return np.asarray(np.fft.rfft2(filled) * ((frequency > 1 / limits[1]) & (frequency <= 1 / limits[0])))
 
 
 def _continued(field: Array, mask: Mask, sigma: float) -> Array:
@@ -59,9 +88,17 @@ def _continued(field: Array, mask: Mask, sigma: float) -> Array:
 def agreement(found: list[Array], truth: list[Array], mask: Mask, per_mm: float,
               limits: tuple[float, float]) -> Agreement:  # fmt: skip
     """Of fields, all components together, inside a mask and not near its border."""
-    reach = 2 * round(EDGE_MM * per_mm) + 1
-    core = cv2.erode(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+    core = _core(mask, per_mm)
     a, b = (np.concatenate([band(one, mask, per_mm, limits)[core] for one in fields]) for fields in (found, truth))
+    return _agreement(a, b)
+
+
+def _core(mask: Mask, per_mm: float) -> Mask:
+    reach = 2 * round(EDGE_MM * per_mm) + 1
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0)
+
+
+def _agreement(a: Array, b: Array) -> Agreement:
     power = float(np.sqrt((a * a).sum() * (b * b).sum()))
     strength = float(np.sqrt((a * a).sum() / max(float((b * b).sum()), 1e-20)))
     return Agreement(float((a * b).sum()) / power if power > 1e-20 else 0.0, strength)
@@ -75,6 +112,10 @@ class Compared:
     photo: tuple[Agreement, ...]
     texture: tuple[Agreement, ...]
     normals: tuple[Agreement, ...]
+    relief: tuple[Agreement, ...]
+    """Of the displacement with the truth's heights."""
+    creases_mm: tuple[float, float] | None
+    """Mean depth of the displacement, and of the truth, where the truth lies deepest."""
     error: float
     """Root mean square error of coded albedo after the best gain, in 255ths, of all periods below 6 mm."""
 
@@ -83,7 +124,7 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken, unfit: 
     """Compare an avatar's maps with the truth.
 
     Args:
-        avatar: with diffuse albedo; where it has specular normals, these are compared too.
+        avatar: with diffuse albedo; where it has specular normals and displacement, these are compared too.
         pixels: (h, w, 3) of the photo that it was made from, of any size.
         truth: what the photo shows, pixel by pixel.
         unfit: (K, 4) centres and radii of balls, metres, that are left out.
@@ -113,15 +154,33 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken, unfit: 
         name: tuple(agreement([logs[name]], [logs["true"]], mask, per_mm, limits) for limits in BANDS_MM)
         for name in fields
     }
-    relief: tuple[Agreement, ...] = ()
+    right = _in_camera(truth.normal, truth)
+    bent: tuple[Agreement, ...] = ()
     if made.specular_normal is not None:
-        bent = _normals(avatar, view, made.specular_normal)
-        right = _in_camera(truth.normal, truth)
-        relief = tuple(
-            agreement([bent[..., k] for k in (0, 1)], [right[..., k] for k in (0, 1)], mask, per_mm, limits)
+        ours_bent = _normals(avatar, view, made.specular_normal)
+        bent = tuple(
+            agreement([ours_bent[..., k] for k in (0, 1)], [right[..., k] for k in (0, 1)], mask, per_mm, limits)
             for limits in BANDS_MM
         )
-    return Compared(found["albedo"], found["photo"], found["texture"], relief, _error(ours, true, mask, per_mm))
+    relief, creases = ((), None) if made.displacement is None else _relief(view, made.displacement, right, mask, per_mm)
+    return Compared(
+        found["albedo"], found["photo"], found["texture"], bent, relief, creases, _error(ours, true, mask, per_mm)
+    )
+
+
+def _relief(
+    view: View, codes: npt.NDArray[np.uint16], normal: Array, mask: Mask, per_mm: float
+) -> tuple[tuple[Agreement, ...], tuple[float, float]]:
+    """Of displacement codes and the truth's normals in camera space: agreement by band, and depth of creases."""
+    facing = np.maximum(cv2.GaussianBlur(-normal[..., 2], (0, 0), BANDS_MM[-1][1] * per_mm), MOST_SLANTED)
+    along = at_chart((codes.astype(np.float32) - MID) * np.float32(SCALE_MM), view.uv) / facing  # towards the camera
+    core = _core(mask, per_mm)
+    ours = [band(along, mask, per_mm, limits)[core] for limits in BANDS_MM]
+    true = [heights(normal, mask, per_mm, limits)[core] for limits in BANDS_MM]
+    whole = np.asarray(sum(true))
+    deep = whole <= np.quantile(whole, DEEPEST) if len(whole) else np.zeros(0, bool)
+    creases = tuple(float(np.asarray(sum(one))[deep].mean()) if deep.any() else 0.0 for one in (ours, true))
+    return tuple(_agreement(a, b) for a, b in zip(ours, true, strict=True)), (creases[0], creases[1])
 
 
 def _grey(coded: npt.NDArray[np.floating]) -> Array:

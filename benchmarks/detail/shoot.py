@@ -18,8 +18,9 @@ Float = npt.NDArray[np.float32]
 
 DISTANCE_M, WIDTH_M = 1.2, 0.19
 """Of the camera, and what the picture is wide there: a head fills it."""
-SAMPLES = 16
-"""Paths per pixel, stratified."""
+SAMPLES, LEAST_SAMPLES, LARGE = 16, 4, 2048
+"""Paths per pixel, stratified: as many in all in larger pictures than ``LARGE`` as there, but no fewer than the second.
+"""
 MOST_PATHS = 2**25
 """Paths that Mitsuba follows at once: each takes some 100 bytes."""
 ROUGHNESS, SPECULAR = 0.42, 0.35
@@ -80,12 +81,12 @@ def render(head: Sitter, view: Shot, scratch: Path) -> Taken:
     scene = mi.load_dict(_scene(mi, head, view, scratch))
     sensors = [mi.load_dict(_sensor(mi, view, strip)) for strip in strips(view.size)]
     path = mi.load_dict({"type": "path", "max_depth": 4})
-    radiance = _rendered(mi, scene, sensors, path, SAMPLES)[..., :3]
+    radiance = _rendered(mi, scene, sensors, path, samples(view.size))[..., :3]
     wanted = "p:position,n:sh_normal,u:uv,d:dp_du"
     found = _rendered(mi, scene, sensors, mi.load_dict({"type": "aov", "aovs": wanted}), 1)[..., -11:]
     position, base, uv, along = np.split(found, [3, 6, 8], -1)
     colours = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
-    albedo = _rendered(mi, scene, sensors, colours, 16)[..., -3:]
+    albedo = _rendered(mi, scene, sensors, colours, samples(view.size))[..., -3:]
     apart = np.stack([np.linalg.norm(position - eye, axis=-1) for eye in head.eyes]).min(0)
     skin = (np.linalg.norm(base, axis=-1) > 0.9) & (apart > 1.05 * head.eye_radius)
     normal = _with_relief(head, base, along, uv)
@@ -94,6 +95,8 @@ def render(head: Sitter, view: Shot, scratch: Path) -> Taken:
 
 GUIDED = 9
 """Side in pixels of the windows in which light is taken for a linear function of the normal."""
+CALMED_ROWS = 512
+"""Rows at a time."""
 RIDGE = 2e-4
 """Variance of normals below which they tell nothing."""
 
@@ -104,6 +107,15 @@ def calm(radiance: Float, albedo: Float, normal: Float, skin: npt.NDArray[np.boo
     Irradiance is a smooth function of the normal, which in a small window is taken for a linear one (the guided filter
     of He et al. 2013 with the normals as its guide). So relief keeps its shade and colour its edges.
     """
+    calmed = np.empty_like(radiance)
+    for top in range(0, len(radiance), CALMED_ROWS):
+        rows = slice(max(top - GUIDED, 0), top + CALMED_ROWS + GUIDED)
+        part = _calm_rows(radiance[rows], albedo[rows], normal[rows], skin[rows])
+        calmed[top : top + CALMED_ROWS] = part[top - rows.start :][:CALMED_ROWS]
+    return calmed
+
+
+def _calm_rows(radiance: Float, albedo: Float, normal: Float, skin: npt.NDArray[np.bool_]) -> Float:
     import cv2
 
     weight = skin.astype(np.float32)
@@ -143,9 +155,14 @@ def axes_of(view: Shot) -> npt.NDArray[np.float64]:
     return np.stack([right, np.cross(forward, right), forward])
 
 
+def samples(size: int) -> int:
+    """Paths per pixel of a square picture."""
+    return max(SAMPLES * LARGE**2 // max(size, LARGE) ** 2, LEAST_SAMPLES)
+
+
 def strips(size: int) -> list[tuple[int, int]]:
     """First row and number of rows of the strips that a square picture is rendered in."""
-    rows = max(MOST_PATHS // (SAMPLES * size), 1)
+    rows = max(MOST_PATHS // (samples(size) * size), 1)
     return [(top, min(rows, size - top)) for top in range(0, size, rows)]
 
 
@@ -160,7 +177,7 @@ def _sensor(mi: Any, view: Shot, strip: tuple[int, int]) -> dict[str, Any]:
     film = {"type": "hdrfilm", "width": view.size, "height": view.size, "rfilter": {"type": "box"}}
     if strip[1] < view.size:
         film |= {"crop_offset_x": 0, "crop_offset_y": strip[0], "crop_width": view.size, "crop_height": strip[1]}
-    sampler = {"type": "multijitter", "sample_count": SAMPLES}
+    sampler = {"type": "multijitter", "sample_count": samples(view.size)}
     return {"type": "perspective", "fov": view.fov, "to_world": camera, "film": film, "sampler": sampler}
 
 

@@ -19,6 +19,7 @@ from models.head.lids import close
 from models.head.lining import clear_of_teeth
 from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.settle import part_members
+from models.head.tongue import over_the_teeth
 from service.anatomy.insets.inset import read_insets
 from service.errors import ModelFault
 from service.head.model import HeadModel
@@ -54,11 +55,12 @@ def closing(bases: Bases, head: HeadModel) -> Bases:
     partners = [head.expression_names.index(PARTNERS[name]) for name in head.expression_names]
     # Rounding alone tells left from right here, but may choose another edge of the mesh.
     flip, mirror = np.array([-1.0, 1.0, 1.0]), head.mirror
-    return Bases(
+    evened = Bases(
         0.5 * (out.mean + out.mean[mirror] * flip),
         np.stack([_evened(new, old, mirror) for new, old in zip(out.identity, bases.identity, strict=True)]),
         0.5 * (out.expression + out.expression[partners][:, mirror] * flip),
     )
+    return over_the_teeth(evened, members, np.unique(quads), head.expression_names)
 
 
 def _evened(component: Float, before: Float, mirror: Int) -> Float:

@@ -157,13 +157,16 @@ def picture(path: Path, kind: str, side: int = PICTURE) -> npt.NDArray[np.uint8]
     return np.round(np.clip(out, 0, 255)).astype(np.uint8)
 
 
+IRIS_AT = (0.7061, 0.2956, 0.1133)
+"""Column and row of the middle of the right-hand iris on the pictures, and its radius, as shares of their width."""
+
+
 def iris_items(folder: Path) -> list[Item]:
     """The iris pictures of the eyeballs, cut out: squares whose inscribed circle is the limbus."""
     items = []
     for path in sorted(folder.glob("*_eye.png")):
         raw: Any = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        half = 60 * raw.shape[1] // 512
-        x, y = 307 * raw.shape[1] // 512, 146 * raw.shape[0] // 512
+        x, y, half = (round(share * raw.shape[1]) for share in IRIS_AT)
         square = cv2.resize(raw[y - half : y + half, x - half : x + half], (64, 64), interpolation=cv2.INTER_AREA)
         none = np.zeros((1, 3), np.float32)
         items.append(

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Mapping
 
 from service import __version__
+from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.hair.find import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
@@ -241,8 +242,13 @@ def _fit(avatar: Avatar) -> m.FitReport:
         else m.IdentitySimilarity(float(alike.distance), float(alike.centred_cosine), dict(alike.impostor)),
         light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
         eye_light=None if fit.eye_light is None else [float(value) for value in fit.eye_light],
-        gaze=None if fit.gaze is None else m.Gaze(fit.gaze.yaw_deg, fit.gaze.pitch_deg, len(fit.gaze.irises)),
+        gaze=None if fit.gaze is None else _gaze(fit.gaze),
         identity=fit.identity.tolist(),
         expression=weights_by_name(avatar.head.expression_names, fit.expression),
         warnings=list(fit.warnings),
     )
+
+
+def _gaze(gaze: Gaze) -> m.Gaze:
+    pupil = None if gaze.pupil_m is None else round(2e3 * gaze.pupil_m, 2)
+    return m.Gaze(gaze.yaw_deg, gaze.pitch_deg, len(gaze.irises), pupil)

@@ -76,11 +76,14 @@ def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
 
 
 def _shortest(code: int, decimals: int) -> str:
-    """Code * 10^-decimals: ".0125" or "125e-4", whichever is shorter."""
+    """Code * 10^-decimals: "0.125" or "125e-5", whichever is shorter.
+
+    Both are numbers of JSON, which three.js takes arrays of USD for; without its 0 the first would not be one.
+    """
     if code == 0:
         return "0"
     whole, rest = divmod(abs(code), 10**decimals)
-    plain = f"{whole or ''}.{rest:0{decimals}d}".rstrip("0").rstrip(".")
+    plain = f"{whole}.{rest:0{decimals}d}".rstrip("0").rstrip(".")
     power = f"{abs(code)}e-{decimals}"
     return ("-" if code < 0 else "") + min(plain, power, key=len)
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from service.arrays import Float64, UInt8
+from service.colour import bytes_to_linear
 from service.light.skin_light import LUMINANCE
 
 Pixels = UInt8
@@ -71,6 +72,4 @@ def _luminance(pixels: Pixels, polygon: Float64) -> Float64:
     mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
     corners = np.round(polygon - [x0, y0] - 0.5).astype(np.int32)  # OpenCV puts pixel centres at integers
     cv2.fillPoly(mask, [corners], [1])
-    encoded = pixels[y0:y1, x0:x1][mask > 0].astype(np.float64) / 255
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.asarray(linear @ LUMINANCE)
+    return np.asarray(bytes_to_linear(pixels[y0:y1, x0:x1][mask > 0]) @ LUMINANCE)

@@ -54,6 +54,19 @@ class Subdivision:
         v = np.asarray(values, np.float64)
         return np.concatenate([v, self._face_means(v), v[self.edges].mean(1)])
 
+    @property
+    def faces_of_edge(self) -> Int64:
+        """(E,) how many faces each edge has: one at an open border."""
+        return np.asarray(np.bincount(self.side[self.side >= 0], minlength=len(self.edges)), np.int64)
+
+    def open_points(self) -> Bool:
+        """(N,) whether each new point lies on an open border."""
+        there = np.zeros(self.count + len(self.faces) + len(self.edges), bool)
+        border = np.flatnonzero(self.faces_of_edge == 1)
+        there[self.edges[border]] = True
+        there[self.count + len(self.faces) + border] = True
+        return there
+
     def smooth(self, values: AnyFloat) -> Float64:
         """(N, C) values at the new points by the rules of Catmull and Clark; open borders stay on their own curve."""
         v = np.asarray(values, np.float64)
@@ -61,7 +74,7 @@ class Subdivision:
         middle = v[self.edges].mean(1)
         there = self.side >= 0
         flat, owner = self.side[there], np.nonzero(there)[0]
-        faces_of_edge = np.bincount(flat, minlength=len(self.edges))
+        faces_of_edge = self.faces_of_edge
         around = _sum(flat, inner[owner], len(self.edges)) / np.maximum(faces_of_edge, 1)[:, None]
         border = faces_of_edge != 2
         on_edges = np.where(border[:, None], middle, 0.5 * (middle + around))

@@ -77,11 +77,13 @@ Map = ChartMap | OwnMap
 
 @dataclass(frozen=True)
 class Material:
-    """Surface of a part. ``colour`` and ``opacity`` multiply the map; ``roughness`` and ``specular`` hold without one.
+    """Surface of a part. ``opacity`` multiplies the map; ``colour``, ``roughness`` and ``specular`` hold without one.
+
+    A factor on a map of colours is refused: readers of MTL take the map alone, so that one head would have two looks.
 
     Attributes:
         name: of the material in every format; two materials of an avatar never share one.
-        colour: linear RGB in [0, 1].
+        colour: linear RGB in [0, 1]; white where there is a map.
         colour_map: sRGB; its alpha, if it has one, is the part's.
         opacity: factor of alpha; parts of 0 are left out of GLB and previews, and invisible in OBJ and USD.
         alpha: "opaque" ignores alpha, "mask" cuts off below ``cutoff``, "blend" mixes.
@@ -128,6 +130,8 @@ class Material:
         for what, value in ranges.items():
             if not 0.0 <= value <= 1.0:
                 raise NumericFault(f"{what} of the material {self.name} is {value}; 0 to 1 is right")
+        if self.colour_map is not None and self.colour != WHITE:
+            raise NumericFault(f"the material {self.name} has a map and a colour, {self.colour}; one is right")
         if not 1.0 <= self.ior <= 4.0:
             raise NumericFault(f"the index of refraction of {self.name} is {self.ior}; 1 to 4 is right")
         if not all(0.0 <= value <= 100.0 for value in self.subsurface_mm):

@@ -139,7 +139,8 @@ def make_reflectance(
             if grey is not None:
                 grey = without_border(grey, planes)
             plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
-            drawn = draw_teeth(draw_eyes(plain, subject.head, detail, subject.iris), subject.head, detail)
+            plain = draw_eyes(plain, subject.head, detail, subject.iris, subject.pupil_m)
+            drawn = draw_teeth(plain, subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
 
         unlit_maps = run("diffuse_albedo", unlit)

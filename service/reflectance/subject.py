@@ -79,6 +79,7 @@ class Subject:
         parts: (h, w, 3) uint8 sRGB-coded diffuse albedo of all that is no skin; None: the texture divided by the mean
             light of the face is taken instead.
         iris: (3,) linear RGB albedo of the irises; None: it is read from the albedo map.
+        pupil_m: radius of the pupils, metres; None: the photo does not tell.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.relief.sensitivity``); None: the light is not known.
@@ -93,6 +94,7 @@ class Subject:
     parts: npt.NDArray[np.uint8] | None = None
     inpainted: Float32 | None = None
     iris: npt.NDArray[np.floating] | None = None
+    pupil_m: float | None = None
     roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
     creases: Creases | None = None
@@ -124,6 +126,7 @@ class Subject:
             inpainted=inpainted,
             parts=texture.parts,
             iris=texture.iris,
+            pupil_m=None if fit.gaze is None else fit.gaze.pupil_m,
             roots=texture.roots,
             slope=slope,
             creases=Creases.of(subject.chart, fit),

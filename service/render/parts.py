@@ -17,7 +17,7 @@ from service.anatomy.mouth.light import light_inside, opening
 from service.archive.preview.parts import body_normals, painted, part_triangles
 from service.archive.reading import StoredPart
 from service.archive.unpack import unpack_texture
-from service.arrays import AnyFloat, Float32, UInt8
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.errors import BadArchive, NumericFault
 from service.geometry.camera import Camera
@@ -82,9 +82,12 @@ class PartLight:
 
 def parts_layer(
     parts: Sequence[MeshPart], head: HeadModel, vertices: AnyFloat, camera: Camera, light: PartLight,
-    chart_albedo: UInt8,
+    chart_albedo: UInt8, supersampling: int = 1,
 ) -> Float32:  # fmt: skip
-    """(h, w, 4) float32 linear radiance premultiplied by coverage, and coverage, of the parts before the head.
+    """(H W, 4) float32 linear radiance premultiplied by coverage, and coverage, of the parts before the head.
+
+    H W are the samples of the picture, row by row: where a part goes on from the head, as the bust does, a sample shows
+    either, and no gap is left between two edges that are half covered.
 
     Args:
         parts: with textures of their own or on the chart.
@@ -92,21 +95,22 @@ def parts_layer(
         vertices: (V, 3) metres.
         camera: of the picture.
         light: on the parts.
-        chart_albedo: (H, W, 3) uint8 sRGB, for parts that are coloured by the chart.
+        chart_albedo: (h, w, 3) uint8 sRGB, for parts that are coloured by the chart.
+        supersampling: samples per pixel and axis.
     """
-    width, height = camera.width, camera.height
-    depth = camera.to_camera(vertices)[:, 2]
-    nearest = rasterise(
-        camera.project(vertices), depth, head.triangles, width, height, cull=True, perspective=True
-    ).depth
+    width, height = camera.width * supersampling, camera.height * supersampling
+
+    def seen(points: AnyFloat) -> tuple[Float64, Float64]:
+        return camera.project(points) * supersampling, camera.to_camera(points)[:, 2]
+
+    nearest = rasterise(*seen(vertices), head.triangles, width, height, cull=True, perspective=True).depth
     lips = opening(head, vertices)
     pixels, depths, colours, alphas = [], [], [], []
     for part in parts:
         if part.material.opacity <= 0:
             continue
         triangles, places = part_triangles(part.polygons), part_triangles(part.polygons_uv, part.polygons)
-        flat = camera.project(part.vertices), camera.to_camera(part.vertices)[:, 2]
-        found = fragments(*flat, triangles, width, height, nearer=nearest)
+        found = fragments(*seen(part.vertices), triangles, width, height, nearer=nearest)
         if not len(found.pixel):
             continue
         colour, alpha = painted(part, interpolate(part.uv, places[found.triangle], found.barycentric), chart_albedo)
@@ -120,8 +124,7 @@ def parts_layer(
         colours.append(srgb_to_linear(colour) * shade)
         alphas.append(alpha)
     if not pixels:
-        return np.zeros((height, width, 4), np.float32)
+        return np.zeros((height * width, 4), np.float32)
     pixel = np.concatenate(pixels)
     order = np.lexsort((np.concatenate(depths), pixel))
-    over = composite(pixel[order], np.concatenate(colours)[order], np.concatenate(alphas)[order], width * height)
-    return over.reshape(height, width, 4)
+    return composite(pixel[order], np.concatenate(colours)[order], np.concatenate(alphas)[order], width * height)

@@ -17,7 +17,9 @@ _BAND = 64
 """Rows of the background computed at once."""
 
 
-def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], supersampling: int) -> tuple[Float32, Float32]:
+def resolved(
+    radiance: Float32, index: Int64, shape: tuple[int, int], supersampling: int, before: Float32 | None = None
+) -> tuple[Float32, Float32]:
     """Mean of the samples of each pixel (box filter).
 
     Args:
@@ -25,17 +27,20 @@ def resolved(radiance: Float32, index: Int64, shape: tuple[int, int], supersampl
         index: (N,) flat positions of these samples.
         shape: rows and columns of samples.
         supersampling: samples per pixel and axis.
+        before: (rows * columns, 4) radiance times coverage, and coverage, of what stands before the head in each
+            sample; None: nothing.
 
     Returns:
-        (h, w, 3) linear radiance of the head times its coverage, and (h, w) coverage of the pixel in [0, 1].
+        (h, w, 3) linear radiance times coverage, and (h, w) coverage of the pixel in [0, 1].
     """
-    rows, columns = shape[0] // supersampling, shape[1] // supersampling
-    row, column = np.divmod(index, shape[1])
-    pixel = (row // supersampling) * columns + column // supersampling
-    count = rows * columns
-    light = np.stack([np.bincount(pixel, radiance[:, i], count) for i in range(3)], 1) / supersampling**2
-    covered = np.bincount(pixel, minlength=count) / supersampling**2
-    return light.reshape(rows, columns, 3).astype(np.float32), covered.reshape(rows, columns).astype(np.float32)
+    samples = np.zeros((shape[0] * shape[1], 4), np.float32)
+    samples[index, :3], samples[index, 3] = radiance, 1.0
+    if before is not None:
+        samples *= 1 - before[:, 3:]
+        samples += before
+    split = (shape[0] // supersampling, supersampling, shape[1] // supersampling, supersampling, 4)
+    mean = samples.reshape(split).mean((1, 3))
+    return mean[..., :3], mean[..., 3]
 
 
 def behind(camera: Camera, environment: AnyFloat) -> Float32:

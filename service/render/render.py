@@ -137,8 +137,9 @@ def meshes(avatar: AvatarFile) -> tuple[HeadModel, AnyFloat, tuple[MeshPart, ...
 def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     """The head after one step of Catmull-Clark subdivision, so that silhouettes of the skin have no corners.
 
-    Other parts are subdivided without smoothing, which would shrink coarse ones like teeth. Meshes of more than
-    ``MOST_POLYGONS`` are returned unchanged.
+    Other parts are subdivided without smoothing, which would shrink coarse ones like teeth, and so is the skin at its
+    open border, where the bust goes on along the same edges. Meshes of more than ``MOST_POLYGONS`` are returned
+    unchanged.
     """
     if len(head.polygons) > MOST_POLYGONS:
         return head, vertices
@@ -146,8 +147,8 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     skin = [i for i, name in enumerate(head.part_names) if material_of(name).detailed]
     there = np.zeros(len(smooth), bool)
     there[fine.triangles[np.isin(fine.triangle_part, skin)]] = True
-    flat = Subdivision.of(head.polygons, len(vertices)).linear(vertices)
-    return fine, np.where(there[:, None], smooth, flat)
+    step = Subdivision.of(head.polygons, len(vertices))
+    return fine, np.where((there & ~step.open_points())[:, None], smooth, step.linear(vertices))
 
 
 def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
@@ -227,12 +228,13 @@ def render_head(
     if not np.isfinite(radiance).all():
         raise NumericFault(f"{int((~np.isfinite(radiance)).sum())} values of the picture's light are not finite")
     with clock.step("develop"):
-        picture, covered = resolved(np.maximum(radiance, 0.0), samples.index, samples.shape, request.samples)
+        before = None
         if parts:
             albedo = to_bytes(linear_to_srgb(surface.albedo))
-            layer = parts_layer(parts, head, vertices, camera, PartLight(light, graphs), albedo)
-            picture = layer[..., :3] + (1 - layer[..., 3:]) * picture
-            covered = layer[..., 3] + (1 - layer[..., 3]) * covered
+            part_light = PartLight(light, graphs)
+            before = parts_layer(parts, head, vertices, camera, part_light, albedo, request.samples)
+        radiance = np.maximum(radiance, 0.0)
+        picture, covered = resolved(radiance, samples.index, samples.shape, request.samples, before)
         background = None
         if request.background == "environment":
             background = behind(camera, environment_radiance(scene.environment))

@@ -136,7 +136,8 @@ def paint_parts(
             continue
         if name.startswith("eye"):
             ball, points = on_eyeball(chart, index)
-            painted = _eye(ball.limbus_deg, ball.pupil_deg, sight_angle(ball, points), iris)
+            pupil = ball.pupil_deg(None if fit.gaze is None else fit.gaze.pupil_m)
+            painted = _eye(ball.limbus_deg, pupil, sight_angle(ball, points), iris)
             shaded = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
             work.part(texels, painted, shaded, eyes_seen[texels], unwrapped.colour)
         else:

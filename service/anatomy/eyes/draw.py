@@ -63,8 +63,8 @@ class DrawnEye:
     texel: float
 
     @classmethod
-    def of(cls, place: PartTexels) -> DrawnEye | None:
-        """None where the map has no texel of its iris."""
+    def of(cls, place: PartTexels, pupil_m: float | None = None) -> DrawnEye | None:
+        """With a pupil of a radius in metres; None where the map has no texel of its iris."""
         ball = Eyeball.of(place.vertices)
         ray = ball.rays(place.points)
         limbus = np.radians(ball.limbus_deg)
@@ -73,17 +73,21 @@ class DrawnEye:
         if not within:
             return None
         azimuth, texel = np.arctan2(ray[:, 1], ray[:, 0]).astype(np.float32), float(np.sqrt(np.pi / within))
-        return cls(place, radius, azimuth, ray.astype(np.float32), ball.limbus_deg, ball.pupil_deg, texel)
+        pupil = ball.pupil_deg(pupil_m)
+        return cls(place, radius, azimuth, ray.astype(np.float32), ball.limbus_deg, pupil, texel)
 
 
-def eyeballs(head: HeadModel, size: tuple[int, int]) -> list[DrawnEye]:
+def eyeballs(head: HeadModel, size: tuple[int, int], pupil_m: float | None = None) -> list[DrawnEye]:
     """The eyes of a head on its chart at a size (width, height); an imported head may have none."""
     places = (PartTexels.of(head, name, size) for name in head.part_names if name.startswith("eye"))
-    found = (DrawnEye.of(place) for place in places if place is not None)
+    found = (DrawnEye.of(place, pupil_m) for place in places if place is not None)
     return [eye for eye in found if eye is not None]
 
 
-def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: AnyFloat | None = None) -> Codes:
+def draw_eyes(
+    albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: AnyFloat | None = None,
+    pupil_m: float | None = None,
+) -> Codes:  # fmt: skip
     """The albedo, changed in place: eyes drawn at its full resolution.
 
     Args:
@@ -91,8 +95,9 @@ def draw_eyes(albedo: Codes, head: HeadModel, detail: float = 1.0, iris_albedo: 
         head: whose chart it is; without eyes, or with too few texels of them, the albedo stays as it is.
         detail: strength in [0, 1] of fibres and vessels, which are synthetic and seeded by the iris's colour.
         iris_albedo: (3,) linear; None: read off the albedo.
+        pupil_m: radius of the pupils, metres; None: that of a lit room.
     """
-    eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]))
+    eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]), pupil_m)
     if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < LEAST_TEXELS:
         return albedo
     iris = likely_iris(_iris_on_map(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))

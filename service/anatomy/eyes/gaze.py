@@ -12,6 +12,7 @@ import numpy as np
 
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball
 from service.anatomy.eyes.iris import Iris, Search, search
+from service.anatomy.eyes.pupil import pupil_radius
 from service.arrays import AnyFloat, Float64, UInt8
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
@@ -44,11 +45,13 @@ class Gaze:
         yaw_deg: > 0 to the subject's left.
         pitch_deg: > 0 upwards.
         irises: those it was measured on, 0 to 2; with none the gaze is assumed to be straight ahead.
+        pupil_m: radius of the pupils, metres; None where the photo does not tell.
     """
 
     yaw_deg: float
     pitch_deg: float
     irises: tuple[Iris, ...] = ()
+    pupil_m: float | None = None
 
 
 def find_gaze(
@@ -94,7 +97,8 @@ def find_gaze(
         return Gaze(0.0, 0.0)
     weight = np.array([iris.contrast for iris, _ in seen])
     yaw, pitch = weight @ np.stack([angles for _, angles in seen]) / weight.sum()
-    return Gaze(float(yaw), float(pitch), tuple(iris for iris, _ in seen))
+    irises = tuple(iris for iris, _ in seen)
+    return Gaze(float(yaw), float(pitch), irises, pupil_radius(pixels, irises))
 
 
 def _common_direction(eyes: list[tuple[Search, Eyeball]], camera: Camera) -> Float64:

@@ -11,14 +11,13 @@ from service.anatomy.hair.item import Items
 from service.anatomy.hair.outline import thickness_mm, to_outline
 from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import Cut, Skull, hair_on, mirrored
-from service.anatomy.hair.strands import agreement as agreeing
-from service.anatomy.hair.strands import drawn, in_texture
 from service.arrays import Float32
 
 BALD = 0.55
 """Share of the visible scalp with hair on it below which a head is bald or shaved."""
-LEAST_SCALP = 0.4
-"""Least share of the scalp in the picture that has to be seen to tell; less is seen under a cap."""
+LEAST_SCALP, LEAST_HAIR = 0.4, 0.5
+"""Least share of the scalp in the picture that has to be seen to tell, or area of hair over that of the scalp: a tight
+picture shows the hair at the sides. Less is seen under a cap."""
 POOR = 0.45
 """Agreement below which the choice is in doubt."""
 REFINED = 4
@@ -29,14 +28,12 @@ LEAST_HUNG = 0.01
 """Share of the frame from which on hair below the ears counts: a strand does not make it long."""
 FACE = 0.35
 """Weight of the share of seen skin above the ears that a style would cover, and that has to be cut from it."""
-ALONG = 0.4
-"""Weight of how well the directions of strands agree, in [-1, 1]."""
 WASTE = 0.2
 """Weight of the share of a style's silhouette that has to be cut from it: long hair that is cut short hangs as long
 hair does."""
-RARE = {"hair/afro01": 0.06}
-"""What a style has to agree better than others to be worn: few people have it, and its strands have no direction that
-could disagree."""
+RARE = {"hair/afro01": 0.06, "hair/ponytail01": 0.05}
+"""What a style has to agree better than others to be worn: few people have an afro, and a ponytail, out of sight behind
+the head, looks like short hair that more people have."""
 CROPPED_MM = 4.5
 """Thickness under which hair is cropped to the skin, and is no mesh: of portraits with hair painted on, or fur of 3 to
 4 mm, the median is 3.0, of other short hair 6 to 20."""
@@ -66,7 +63,7 @@ class Choice:
 
 def choose(
     items: Items, skull: Skull, frame: Frame, shown: Float32, skin: Float32, known: Float32,
-    names: list[str] | None = None, strands: Float32 | None = None,
+    names: list[str] | None = None,
 ) -> Choice:  # fmt: skip
     """Compare the styles with a photo.
 
@@ -78,20 +75,18 @@ def choose(
         skin: (side, side) in [0, 1], 1 where it shows skin.
         known: (side, side) in [0, 1], 0 where something hides whether there is hair.
         names: styles to choose from, worn whatever the photo shows; None: all, or nothing for a bald head.
-        strands: (side, side, 2) which way strands run, as ``service.anatomy.hair.strands.in_photo`` gives it; None:
-            that does not count.
     """
     seen = frame.scalp * known
     share = float((seen * shown).sum() / max(float(seen.sum()), 1e-6))
     if names is None:
-        if not float(seen.sum()) > LEAST_SCALP * float(frame.scalp.sum()):
+        scalp = float(frame.scalp.sum())
+        if not (float(seen.sum()) > LEAST_SCALP * scalp or float((shown * known).sum()) > LEAST_HAIR * scalp):
             return Choice(UNSEEN, Cut(), 0.0, 1.0, ("hair-unseen",))
         thick = thickness_mm(frame, shown, known)
         if share < BALD or (thick is not None and thick < CROPPED_MM):
             return Choice(None, Cut(), 0.0, share)
 
     asked = names or items.names("hair")
-    textures = {} if strands is None else {name: in_texture(items.items[name].picture) for name in asked}
 
     def score(name: str, cut: Cut) -> tuple[float, float]:
         item = mirrored(items.items[name], skull.head) if cut.mirrored else items.items[name]
@@ -99,9 +94,7 @@ def choose(
         # As it would be worn: what a hairdresser does to its volume is not what tells it from others.
         before, _ = frame.hair(item, loose)
         points = to_outline(loose.astype(np.float64), skull, frame, before, shown, known)[0]
-        pixel, triangle, barycentric = frame.nearest(item, points)
-        mask = np.zeros((frame.side, frame.side), np.float32)
-        mask.ravel()[pixel] = 1.0
+        mask, _ = frame.hair(item, points)
         cut_away = np.maximum(skin, frame.below * known) * (1 - shown)  # see service.anatomy.hair.tailored
         worn = mask * (1 - cut_away)
         whole, above = (agreement(shown, worn, known * zone) for zone in (1.0, 1 - frame.below))
@@ -111,13 +104,7 @@ def choose(
         face = skin * (1 - shown) * known * (1 - frame.below)  # the reader is unsure where strands lie on cheeks
         bare = float((mask * face).sum()) / max(float(face.sum()), 1.0)
         waste = 1 - float((worn * known).sum()) / max(float((mask * known).sum()), 1.0)
-        along = 0.0
-        if strands is not None:
-            ways = np.zeros((frame.side**2, 2), np.float32)
-            flat = frame.place(frame.camera.project(points))
-            ways[pixel] = drawn(item, textures[name], flat, triangle, barycentric)
-            along = agreeing(strands, ways.reshape(frame.side, -1, 2), shown * known)
-        agrees = 0.5 * whole + 0.3 * above + 0.2 * length + ALONG * along - RARE.get(name, 0.0)
+        agrees = 0.5 * whole + 0.3 * above + 0.2 * length - RARE.get(name, 0.0)
         return agrees - FACE * bare - WASTE * waste, whole
 
     plain = [(name, Cut(mirrored=m)) for name in asked for m in (False, True)]

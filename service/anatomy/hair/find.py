@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.anatomy.hair.choose import UNSEEN, Choice, choose
-from service.anatomy.hair.colour import HairColour, guessed, measure
+from service.anatomy.hair.colour import LEAST_PIXELS, HairColour, guessed, measure
 from service.anatomy.hair.item import Items, read_items
 from service.anatomy.hair.names import AUTO, NONE
 from service.anatomy.hair.seen import RAMP, Seen
 from service.anatomy.hair.silhouette import Frame, agreement
 from service.anatomy.hair.skull import EAR_M, Cut, Skull, fits, hair_on, mirrored
 from service.anatomy.hair.tailored import Tailored, tailored
-from service.arrays import Float32
+from service.arrays import Bool, Float32
 from service.colour import srgb_to_linear
 from service.face.fit.result import Fit
 from service.face.reading.reader import Reading
@@ -24,6 +24,8 @@ from service.photo.photo import Photo
 
 CERTAIN = 1.0
 """Ramped probability from which on a pixel gives its colour."""
+BORDER_CELLS = 2
+"""Cells from the border of hair that do not: a blue background made the roots of fair hair lilac."""
 BEFORE_M = 0.004
 """How far behind the skin brows are still drawn: they lie on it."""
 USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
@@ -83,7 +85,7 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         doubts = () if asked != AUTO else ("hair-unseen",)
         return Hair(asked, Choice(name, Cut(), 0.0, 1.0, doubts), guessed(skin))
     seen = Seen.of(photo, reading)
-    certain = (seen.hair >= CERTAIN) & seen.inside
+    certain = well_within((seen.hair >= CERTAIN) & seen.inside)
     frame = _frame(head, fit, seen)
     brow_colour = _brow(seen)
     brow = None if brow_colour is None else _brow_shape(fit, seen, items, frame)
@@ -110,7 +112,7 @@ def _choose(
     What was chosen blindly, or agrees little, is not fitted.
     """
     skull = Skull.of(head, fit.neutral)
-    choice = choose(items, skull, frame, seen.hair, seen.skin, seen.known, named, seen.strands)
+    choice = choose(items, skull, frame, seen.hair, seen.skin, seen.known, named)
     if choice.name is None:
         return choice, np.zeros_like(seen.hair), None
     item = items.items[choice.name]
@@ -124,6 +126,14 @@ def _choose(
         hung = (fitted.ends_m - EAR_M) / min(float(points[:, 1].min()) - EAR_M, -1e-3)
         choice = replace(choice, cut=replace(choice.cut, length=round(min(max(0.0, float(hung)), 1.0), 3)))
     return choice, along, fitted
+
+
+def well_within(certain: Bool) -> Bool:
+    """Cells of hair well within it, as others are mixed with what lies behind; all cells where too few are."""
+    import cv2
+
+    inner = cv2.erode(certain.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=BORDER_CELLS) > 0
+    return np.asarray(inner if inner.sum() >= LEAST_PIXELS else certain)
 
 
 def _brow_shape(fit: Fit, seen: Seen, items: Items, frame: Frame) -> str:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.hair.strands import in_photo
 from service.arrays import Bool, Float32
 from service.colour import bytes_to_linear
 from service.face.reading.parts import BEARD, BROW, HAIR, HAT, IRIS, OTHER, SCLERA, SKIN
@@ -17,8 +16,6 @@ from service.photo.photo import Photo
 
 CELLS = 176
 """Cells along the square: as large as those of the reader's narrow crop, about two millimetres."""
-FINER = 2
-"""Pixels along a cell on which the directions of strands are measured."""
 EDGE_CELLS = 3.0
 """Cells from the edge of the photo that tell nothing: what is black beyond it counts in them, too."""
 RAMP = (0.15, 0.45)
@@ -34,7 +31,6 @@ class Seen:
         pixels: (C, C, 3) float32 linear RGB, the photo.
         hair, skin, brow: 1 where it shows that; brows lie on the skin and count as such, too.
         known: 0 beside the photo and where something hides whether there is hair.
-        strands: (C, C, 2) float32 which way strands run, see ``service.anatomy.hair.strands``.
         inside: bool, whether the cell lies well in the photo.
     """
 
@@ -44,7 +40,6 @@ class Seen:
     skin: Float32
     brow: Float32
     known: Float32
-    strands: Float32
     inside: Bool
 
     @classmethod
@@ -65,7 +60,6 @@ class Seen:
             ramp(_sum(parts, SKIN, BROW, BEARD, SCLERA, IRIS)),
             _sum(parts, BROW),
             np.asarray(inside * (1 - hidden), np.float32),
-            in_photo(bytes_to_linear(region.cut(photo.pixels, FINER * count)), hair),
             np.asarray(inside),
         )
 

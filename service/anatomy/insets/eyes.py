@@ -57,7 +57,8 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
     colour = likely_iris(IRIS if iris is None else np.asarray(iris, np.float32))
-    picture = OwnMap("eyes", eye_picture(head, colour))
+    pupil_m = None if fit.gaze is None else fit.gaze.pupil_m
+    picture = OwnMap("eyes", eye_picture(head, colour, pupil_m))
     white = Material("eye", colour_map=picture, roughness=0.25, ior=1.4)
     clear = Material("eye_cornea", opacity=0.08, alpha="blend", roughness=0.03, ior=1.376, transmission=1.0)
     wet = Material("eye_tears", opacity=0.22, alpha="blend", roughness=0.02, ior=1.336, double_sided=True)
@@ -67,7 +68,7 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
         bone: Bone = "eye_left" if side == "left" else "eye_right"
         own = part_vertices(head, f"eye_{side}")
         ball = Eyeball.of(head.mean[own].astype(np.float64))
-        points, faces, places = globe(ball)
+        points, faces, places = globe(ball, pupil_m)
         name = f"eye_{side}"
         made.append(_on_ball(f"{name}_ball", head, fit, own, points, faces, places, white, bone, (name,)))
         points, faces = cornea(ball)
@@ -79,9 +80,9 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
     return tuple(made)
 
 
-def globe(ball: Eyeball) -> tuple[Float64, Int32, Float32]:
+def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, Float32]:
     """(N, 3) metres, (F, 4) faces and (N, 2) places on the picture of a ball whose iris is a disc set back."""
-    limbus, pupil = np.radians(ball.limbus_deg), np.radians(ball.pupil_deg)
+    limbus, pupil = np.radians(ball.limbus_deg), np.radians(ball.pupil_deg(pupil_m))
     rim, hole = ball.radius * np.sin(limbus), ball.radius * np.sin(pupil)
     plane = ball.radius * np.cos(limbus)
     # Pupil, its edge, iris, then the sphere; radius and depth of every ring.
@@ -114,12 +115,13 @@ def cornea(ball: Eyeball) -> tuple[Float64, Int32]:
     return _rings(rings, ball, closed_front=plane + FILM_M + curve - foot)
 
 
-def eye_picture(head: HeadModel, iris: Float32) -> UInt8:
+def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) -> UInt8:
     """(SIZE, SIZE, 3) uint8 sRGB of an eye seen along its line of sight, opened out to the back.
 
     Args:
         head: of whose left eye the angles of iris and pupil are.
         iris: (3,) linear albedo.
+        pupil_m: radius of the pupil, metres; None: that of a lit room.
     """
     ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
     limbus = np.radians(ball.limbus_deg)
@@ -133,7 +135,7 @@ def eye_picture(head: HeadModel, iris: Float32) -> UInt8:
     direction = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)], 1)
     eye = DrawnEye(
         None, (angle / limbus).astype(np.float32), azimuth.astype(np.float32), direction.astype(np.float32),
-        ball.limbus_deg, ball.pupil_deg, 2 / (SIZE * IRIS_SHARE),
+        ball.limbus_deg, ball.pupil_deg(pupil_m), 2 / (SIZE * IRIS_SHARE),
     )  # fmt: skip
     canvas = Canvas(SIZE)
     canvas.put(np.arange(SIZE * SIZE), eye_albedo(eye, iris))

@@ -46,20 +46,18 @@ class PixelRefiner:
         """
         state = initial.state
         soft = Softened.of(pixels, BLUR_M * state.scale)
-        linear = soft.linear()
         lower, upper = bounds(self.model)
         active = np.ones(POSE + self.model.shape_count, bool)
         for reach in REACH_M:
-            terms = (*initial.terms, *self.terms(soft, linear, middle, state, reach))
+            terms = (*initial.terms, *self.terms(soft, middle, state, reach))
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
-        return state, light_on_face(self.head, linear, middle, state, self._vertices(state))
+        return state, light_on_face(self.head, soft, middle, state, self._vertices(state))
 
-    def terms(self, soft: Softened, linear: Softened, middle: Float64, state: State, reach: float) -> list[Term]:
+    def terms(self, soft: Softened, middle: Float64, state: State, reach: float) -> list[Term]:
         """The outline's and the shading's terms at a state, as far as the photo shows them.
 
         Args:
-            soft: the photo blurred by ``BLUR_M``, sRGB.
-            linear: the same as linear RGB.
+            soft: the photo blurred by ``BLUR_M``.
             middle: (2,) principal point in pixels.
             state: pose and shape.
             reach: half length of the search lines, metres on the face.
@@ -67,7 +65,7 @@ class PixelRefiner:
         vertices = self._vertices(state)
         found: list[Term | None] = [
             self._outline(soft, middle, state, vertices, reach),
-            shading_term(self.head, self.model, linear, middle, state, vertices),
+            shading_term(self.head, self.model, soft, middle, state, vertices),
         ]
         return [term for term in found if term is not None]
 
@@ -86,6 +84,6 @@ class PixelRefiner:
 
 def light_of(head: HeadModel, state: State, pixels: UInt8, middle: Float64) -> Float64 | None:
     """The light on the face at a state of ``head``, as :meth:`PixelRefiner.refine` gives it."""
-    linear = Softened.of(pixels, BLUR_M * state.scale).linear()
+    soft = Softened.of(pixels, BLUR_M * state.scale)
     vertices = head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
-    return light_on_face(head, linear, middle, state, vertices)
+    return light_on_face(head, soft, middle, state, vertices)

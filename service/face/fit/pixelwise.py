@@ -30,8 +30,6 @@ FEWEST_CELLS = 150
 """Fewest cells with a place on the head from which a reading is followed."""
 LEAST_AGREEMENT = 0.3
 """Least share of them that has to agree with the landmark fit: below it, reader and landmarks see different faces."""
-LANDMARK_SHARE = 0.5
-"""What the landmarks weigh beside the cells, over what they weigh alone."""
 
 
 class Refiner:
@@ -73,20 +71,19 @@ class Refiner:
         prior = self._prior(prior)
         good: Bool = np.asarray(np.isfinite(face).all(1))
         known = np.where(good[:, None], face, 0.0)
-        trust: Float64 = np.asarray(LANDMARK_SHARE * good)
+        trust = good.astype(np.float64)
         lower, upper = bounds(self.model)
         soft = Softened.of(photo, BLUR_M * state.scale)
-        linear = soft.linear()
         for reach in REACH_M:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)
             near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
             read = (dense.points(state), *((dense.normals(state, vertices),) if self.normals else ()))
-            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, linear, middle, state, reach))
+            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, middle, state, reach))
             active = np.ones(POSE + self.model.shape_count, bool)
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         basis = self.model.at_yaw(state.yaw_deg)
-        weight, near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust / LANDMARK_SHARE, 2.5)
+        weight, near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)
         return LandmarkFit(state, basis, weight, (*near, prior))
 
     def _widened(self, state: State) -> State:

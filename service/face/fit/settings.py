@@ -38,7 +38,7 @@ class FitSettings(Checked):
 
     iterations: Iterations = 8
     identity_components: IdentityComponents = 80
-    beyond: IdentityComponents = 150
+    beyond: IdentityComponents = 60
     refine: Refine = "full"
     scores: Switch = True
     normals: Switch = True

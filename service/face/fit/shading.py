@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Bool, Float32, Float64, Int32
+from service.colour import srgb_to_linear
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.landmarks import facing
 from service.face.fit.softened import Softened
@@ -124,32 +125,32 @@ class SkinSamples:
     weight: Float64
 
 
-def seen_skin(head: HeadModel, linear: Softened, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
+def seen_skin(head: HeadModel, photo: Softened, middle: Float64, state: State, vertices: Float64) -> SkinSamples:
     """Sample the photo at the visible vertices of the face's skin.
 
     Args:
         head: the head model.
-        linear: the photo in linear RGB.
+        photo: the photo.
         middle: (2,) principal point in pixels.
         state: pose.
         vertices: (V, 3) metres at that state.
     """
-    height, width = linear.image.shape[:2]
+    height, width = photo.image.shape[:2]
     projection = project(state, vertices)
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
-    where = np.floor(linear.at(projection.uv + middle)).astype(int)
+    where = np.floor(photo.at(projection.uv + middle)).astype(int)
     inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))
     weight = skin_weight(head) * facing(normals, projection.position, state.rotation) * inside
     # At grazing angles the colour is unreliable; there the contour term constrains the shape.
     view = projection.position / np.maximum(np.linalg.norm(projection.position, axis=1, keepdims=True), 1e-9)
     weight = weight * np.clip(-((normals @ state.rotation.T) * view).sum(1), 0.0, 1.0)
     used = np.flatnonzero(weight > 0.05)
-    colour = linear.image[where[used, 1], where[used, 0]].astype(np.float64)
+    colour = srgb_to_linear(photo.image[where[used, 1], where[used, 0]]).astype(np.float64)
     return SkinSamples(used, normals[used], colour, weight[used])
 
 
 def light_on_face(
-    head: HeadModel, linear: Softened, middle: Float64, state: State, vertices: Float64
+    head: HeadModel, photo: Softened, middle: Float64, state: State, vertices: Float64
 ) -> Float64 | None:
     """Light on the fitted face; the arguments are those of :func:`seen_skin`.
 
@@ -157,14 +158,14 @@ def light_on_face(
         (9, 3) coefficients in the camera frame (x right, y down, z forward), see :func:`estimate_light`; None where
         fewer than 30 vertices of skin are visible or they are black.
     """
-    skin = seen_skin(head, linear, middle, state, vertices)
+    skin = seen_skin(head, photo, middle, state, vertices)
     return estimate_light(skin.normal @ state.rotation.T, skin.colour, skin.weight)
 
 
 def shading_term(
     head: HeadModel,
     model: LandmarkModel,
-    linear: Softened,
+    photo: Softened,
     middle: Float64,
     state: State,
     vertices: Float64,
@@ -174,7 +175,7 @@ def shading_term(
     Args:
         head: the head model.
         model: how many of its components are fitted.
-        linear: the photo in linear RGB.
+        photo: the photo.
         middle: (2,) principal point in pixels.
         state: current pose and shape.
         vertices: (V, 3) metres at that state.
@@ -182,7 +183,7 @@ def shading_term(
     Returns:
         The term, or None where no light can be estimated.
     """
-    skin = seen_skin(head, linear, middle, state, vertices)
+    skin = seen_skin(head, photo, middle, state, vertices)
     light = estimate_light(skin.normal, skin.colour, skin.weight)
     if light is None:
         return None

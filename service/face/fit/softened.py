@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
-from service.colour import srgb_to_linear
 
 MOST_BLUR = 50.0
 """Largest standard deviation, photo pixels."""
@@ -20,7 +19,7 @@ class Softened:
     """A blurred photo.
 
     Attributes:
-        image: (h, w, 3) float32 in [0, 1].
+        image: (h, w, 3) float32 sRGB in [0, 1].
         step: side of one of its pixels in pixels of the photo, >= 1, across and down.
     """
 
@@ -41,10 +40,6 @@ class Softened:
         if sigma >= 1 / 3:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma / times), np.float32)
         return cls(image, np.array([width, height], np.float64) / image.shape[1::-1])
-
-    def linear(self) -> Softened:
-        """The same as linear RGB."""
-        return replace(self, image=srgb_to_linear(self.image))
 
     def at(self, position: AnyFloat) -> Float64:
         """(..., 2) positions in its pixels of photo pixels (..., 2), centres at +0.5 in both."""

@@ -58,20 +58,23 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
 
 
 def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
-    """sRGB-coded albedo (H, W, 3) uint16 without the dark lines of an expression's folds."""
+    """sRGB-coded albedo (H, W, 3) uint16 without the dark lines of an expression's folds.
+
+    Each channel gets what it lacks to its surroundings. A gain would turn what is nearly black, as a cast shadow that
+    lies along a fold, into its own hue: bright red.
+    """
     import cv2
 
     size = _small(albedo.shape)
-    small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32).mean(2)
-    line = _band(np.log(np.maximum(small, 1.0)))
+    small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
+    line = _band(np.log(np.maximum(small.mean(2), 1.0)))
     right, down = cv2.Sobel(line, cv2.CV_32F, 1, 0), cv2.Sobel(line, cv2.CV_32F, 0, 1)
     share = _share(creases, np.asarray(right, np.float32), -np.asarray(down, np.float32))
-    gain = np.exp(-share * np.minimum(line, 0)).astype(np.float32)
+    lacks = [np.asarray(share * np.maximum(-_band(small[..., k]), 0), np.float32) for k in range(3)]
     out = albedo.copy()
-    for rows, columns in _box(gain > 1 + 1e-3, size, albedo.shape):
-        part = _enlarged(gain, albedo.shape, rows, columns)[..., None]
-        lighter = np.minimum(np.rint(albedo[rows, columns] * part), 65535)
-        out[rows, columns] = np.where(part > 1, lighter, albedo[rows, columns])
+    for rows, columns in _box(np.maximum.reduce(lacks) > 1, size, albedo.shape):
+        part = np.dstack([_enlarged(one, albedo.shape, rows, columns) for one in lacks])
+        out[rows, columns] = np.minimum(np.rint(albedo[rows, columns] + np.maximum(part, 0)), 65535)
     return out
 
 

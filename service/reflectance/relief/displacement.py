@@ -239,8 +239,8 @@ def _fill_holes(height: Float32, known: Bool, mask: Bool) -> Bool:
     missing = mask & ~known
     if not missing.any():
         return known
-    total = np.asarray(cv2.boxFilter(height * known, -1, (7, 7), normalize=False, borderType=cv2.BORDER_CONSTANT))
-    weight = known.astype(np.float32)
-    count = np.asarray(cv2.boxFilter(weight, -1, (7, 7), normalize=False, borderType=cv2.BORDER_CONSTANT))
+    side, none = (7, 7), cv2.BORDER_CONSTANT
+    total = np.asarray(cv2.boxFilter(height * known, -1, side, normalize=False, borderType=none))
+    count = np.asarray(cv2.boxFilter(known.astype(np.uint8), -1, side, normalize=False, borderType=none))  # at most 49
     height[missing] = total[missing] / np.maximum(count[missing], 1)
-    return known | (missing & (count > 0.5))
+    return known | (missing & (count > 0))

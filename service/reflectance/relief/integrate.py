@@ -8,6 +8,7 @@ treat the map as periodic and turn any overall slope into waves.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,9 @@ the relief."""
 
 MOST_STEPS = 12
 """Most steps of conjugate gradients."""
+
+_BAND = 256
+"""Rows of edges at a time, as a plane of them takes 100 MB at 6144 x 4096."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,11 @@ class Edges:
 
     right: Float32
     down: Float32
+
+    def within(self, rows: slice, columns: slice) -> Edges:
+        """Of the edges between texels of a rectangle, as views."""
+        inner_rows, inner_columns = (slice(one.start, one.stop - 1) for one in (rows, columns))
+        return Edges(self.right[rows, inner_columns], self.down[inner_rows, columns])
 
 
 def integrate(
@@ -87,15 +96,17 @@ def solve(
         edges: see there.
         start: see there.
     """
-    height = np.zeros(mask.shape, np.float32)
-    first = _dot(rest, rest)
-    if not first > 0:
-        return Heights(height, 0, 0.0)
+    whole_height = np.zeros(mask.shape, np.float32)
+    if not _dot(rest, rest) > 0:
+        return Heights(whole_height, 0, 0.0)
+    box = (_span(np.asarray(mask.any(1))), _span(np.asarray(mask.any(0))))
+    rest, mask, height = rest[box], mask[box], whole_height[box]  # views
+    edges = None if edges is None else edges.within(*box)
     precondition = _Rectangle(mask)
     step = precondition(rest)
     energy = whole = _dot(rest, step)
     if start is not None:
-        height += start
+        height += start[box]
         rest -= _laplacian(height, mask, edges)
         step = precondition(rest)
         energy = _dot(rest, step)
@@ -122,7 +133,7 @@ def solve(
         taken += 1
     height -= np.float32(height.sum(dtype=np.float64) / max(int(mask.sum()), 1))
     height *= mask
-    return Heights(height, taken, float(np.sqrt(max(energy, 0.0) / whole)))
+    return Heights(whole_height, taken, float(np.sqrt(max(energy, 0.0) / whole)))
 
 
 def differences(height: Float32, axis: int) -> Float32:
@@ -153,9 +164,10 @@ def divergence(right: Float32, down: Float32, mask: Bool, edges: Edges | None = 
         raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
     result = np.zeros(mask.shape, np.float32)
     for slope, axis in ((right, 1), (down, 0)):
-        edge = wanted(slope, axis)
-        edge[~joined(mask, axis)] = 0  # assigned, as slopes outside the mask may be NaN
-        _add_edges(result, edge, edges, axis)
+        for rows, band in _bands(mask.shape[0], axis):
+            edge = wanted(slope[rows], axis)
+            edge[~joined(mask[rows], axis)] = 0  # assigned, as slopes outside the mask may be NaN
+            _add_edges(result[rows], edge, edges, axis, band)
     return result
 
 
@@ -163,17 +175,26 @@ def _laplacian(height: Float32, mask: Bool, edges: Edges | None) -> Float32:
     """(H, W) for each texel of the mask: its height minus that of each neighbour in the mask, weighted and summed."""
     result = np.zeros_like(height)
     for axis in (1, 0):
-        edge = differences(height, axis)
-        edge *= joined(mask, axis)
-        _add_edges(result, edge, edges, axis)
+        for rows, band in _bands(mask.shape[0], axis):
+            edge = differences(height[rows], axis)
+            edge *= joined(mask[rows], axis)
+            _add_edges(result[rows], edge, edges, axis, band)
     return result
 
 
-def _add_edges(result: Float32, edge: Float32, edges: Edges | None, axis: int) -> None:
+def _bands(height: int, axis: int) -> Iterator[tuple[slice, slice]]:
+    """Rows of a map of ``height`` rows whose edges along ``axis`` are worked on together, and rows of these edges."""
+    more = 1 if axis == 0 else 0
+    for top in range(0, height - more, _BAND):
+        bottom = min(top + _BAND, height - more)
+        yield slice(top, bottom + more), slice(top, bottom)
+
+
+def _add_edges(result: Float32, edge: Float32, edges: Edges | None, axis: int, band: slice) -> None:
     """Add a value of each edge, times the edge's weight, to its end texel, and subtract it from its start texel."""
     near, far = _halves(axis)
     if edges is not None:
-        edge *= edges.right if axis == 1 else edges.down
+        edge *= (edges.right if axis == 1 else edges.down)[band]
     result[far] += edge
     result[near] -= edge
 
@@ -186,30 +207,24 @@ def _halves(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
 
 
 class _Rectangle:
-    """Preconditioner: solves the unweighted equation on the mask's bounding box by cosine transforms."""
+    """Preconditioner: solves the unweighted equation on the mask's rectangle by cosine transforms."""
 
     def __init__(self, mask: Bool) -> None:
         self._mask = mask
-        self._box = (_span(np.asarray(mask.any(1))), _span(np.asarray(mask.any(0))))
-        tall, wide = (part.stop - part.start for part in self._box)
+        tall, wide = mask.shape
         self._down = (2 - 2 * np.cos(np.pi * np.arange(tall) / tall)).astype(np.float32)
         self._across = (2 - 2 * np.cos(np.pi * np.arange(wide) / wide)).astype(np.float32)
 
     def __call__(self, rest: Float32) -> Float32:
         from scipy.fft import dctn, idctn
 
-        waves = dctn(rest[self._box], norm="ortho", workers=2)
+        waves = dctn(rest, norm="ortho", workers=2)
         for index, row in enumerate(self._down):
             frequency = self._across + row
             if index == 0:
                 frequency[0] = np.inf  # the mean is undetermined: leave it 0
             waves[index] /= frequency
-        waves = idctn(waves, norm="ortho", workers=2, overwrite_x=True)
-        if waves.shape == rest.shape:
-            result = np.asarray(waves, np.float32)
-        else:
-            result = np.zeros_like(rest)
-            result[self._box] = waves
+        result = np.asarray(idctn(waves, norm="ortho", workers=2, overwrite_x=True), np.float32)
         result *= self._mask
         return result
 

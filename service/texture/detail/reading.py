@@ -29,12 +29,14 @@ class Reader:
     """The photo as texels read it.
 
     Attributes:
-        levels: (h, w, 3) uint8 sRGB, each half of the one before.
+        levels: (h, w, 3) uint8 sRGB of the rectangle around the head, each half of the one before.
+        corner: (2,) x and y of that rectangle in the photo.
         places: of the head in the photo.
         size: (width, height) of the map whose texels are read.
     """
 
     levels: tuple[UInt8, ...]
+    corner: Float32
     places: Places
     size: tuple[int, int]
 
@@ -43,16 +45,25 @@ class Reader:
         """Of a map of ``size``; as many levels are made as its texels need."""
         ratio = places.finest.shape[1] / size[0]
         largest = float(places.finest.max(initial=0.0)) * ratio
-        levels = [photo.pixels]
-        while 2 ** (len(levels) - 1) < largest and min(levels[-1].shape[:2]) >= 2 * LEAST_LEVEL:
+        count = int(np.ceil(np.log2(max(largest, 1.0))))
+        grid = 2**count  # so that the levels' pixels are those of the whole photo
+        pixel = places.pixel.reshape(-1, 2)
+        last = np.maximum(np.array(photo.size) // grid - 1, 0)
+        low = np.clip(pixel.min(0) // grid - MARGIN, 0, last).astype(int) * grid
+        high = np.clip((pixel.max(0) // grid + MARGIN) * grid, low + 1, photo.size).astype(int)
+        levels = [photo.pixels[low[1] : high[1], low[0] : high[0]]]
+        while len(levels) <= count and min(levels[-1].shape[:2]) >= 2 * LEAST_LEVEL:
             levels.append(halved(levels[-1]))
-        return cls(tuple(levels), places, size)
+        return cls(tuple(levels), low.astype(np.float32), places, size)
 
     def rows(self, first: int, last: int, columns: tuple[int, int] | None = None) -> Float32:
         """(last - first, W, 3) sRGB-coded in [0, 1] of these rows; pixels beyond the photo's border repeat it."""
         begin, end = columns or (0, self.size[0])
         window = (first, last, begin, end)
-        x, y = (stretched(np.ascontiguousarray(self.places.pixel[..., k]), self.size, window) for k in (0, 1))
+        x, y = (
+            stretched(np.ascontiguousarray(self.places.pixel[..., k]), self.size, window) - self.corner[k]
+            for k in (0, 1)
+        )
         ratio = self.places.finest.shape[1] / self.size[0]
         level = np.log2(np.maximum(stretched(self.places.finest, self.size, window) * np.float32(ratio), 1))
         level = np.minimum(level, len(self.levels) - 1)
@@ -72,7 +83,7 @@ class Reader:
 
 
 def _read(image: UInt8, scale: float, x: Float32, y: Float32, chosen: np.ndarray, *, cubic: bool) -> Float32:
-    """(h, w, 3) values of a level in [0, 1] at photo pixels; of the level only the rows that ``chosen`` reads."""
+    """(h, w, 3) values of a level in [0, 1] at pixels of level 0; of the level only what ``chosen`` reads."""
     import cv2
 
     across, down = x / np.float32(scale) - np.float32(0.5), y / np.float32(scale) - np.float32(0.5)

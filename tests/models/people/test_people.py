@@ -221,3 +221,18 @@ def test_a_run_goes_on_where_it_stopped(
     assert not shards.write(path, 5, 2, SIZE)
     assert made == [5, 6]
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_pictures_of_irises_have_the_pupil_in_their_middle() -> None:
+    """They were cut out beside it once, and half of every iris was white."""
+    wardrobe = load_wardrobe()
+    names = wardrobe.names("iris")
+    assert len(names) >= 9
+    for name in names:
+        picture = wardrobe.items[name].picture.astype(float).mean(2)
+        side = len(picture)
+        y, x = np.mgrid[:side, :side] + 0.5
+        r = np.hypot(x - side / 2, y - side / 2) / (side / 2)
+        assert picture[r < 0.2].max() < 40, name
+        beside = [picture[(r > 0.5) & (r < 0.8) & half].mean() for half in (x < side / 2, x > side / 2)]
+        assert beside[0] == pytest.approx(beside[1], rel=0.2), name

@@ -13,6 +13,7 @@ import pytest
 
 from service.archive.container import in_order
 from service.archive.pack import archive_members
+from service.materials.material import Material
 from tests.service.archive.test_meshes import Glb, read_obj, validator_report
 from tests.service.archive.toys import toy_avatar, toy_part
 
@@ -62,8 +63,12 @@ def test_glb_has_it_with_alpha_and_targets(members: dict[str, bytes], tmp_path: 
     material = glb.json["materials"][primitive["material"]]
     assert (material["alphaMode"], material["alphaCutoff"], material["doubleSided"]) == ("MASK", 0.4, True)
     assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.3
-    assert material["pbrMetallicRoughness"]["baseColorFactor"] == [0.9, 0.8, 0.7, 1.0]
+    assert "baseColorFactor" not in material["pbrMetallicRoughness"]
     assert material["extensions"]["KHR_materials_ior"] == {"ior": 1.55}
+    plain = toy_avatar(parts=(toy_part(material=Material("toy_hair", (0.9, 0.8, 0.7))),))
+    materials = Glb.read(archive_members(plain)["mesh/head.glb"]).json["materials"]
+    own = next(one for one in materials if one["name"] == "toy_hair")
+    assert own["pbrMetallicRoughness"]["baseColorFactor"] == [0.9, 0.8, 0.7, 1.0]
     issues = validator_report(members["mesh/head.glb"], tmp_path)["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
 

@@ -86,17 +86,20 @@ def toy_part(**changes: Any) -> MeshPart:
     corners = np.array([[-1, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 1, 0], [0, 2, 0]], np.float32) * np.float32(0.02)
     neutral = corners + np.array([0, 0.03, 0.03], np.float32)
     jaw = np.array([0, -0.004, 0.001], np.float32) * np.ones((5, 1), np.float32)
-    pixels = rng.integers(0, 256, (8, 8, 4), np.uint8)
+    # MTL cannot say at which alpha to cut: a mask that has both extremes only, in large texels, looks alike uncut.
+    pixels = np.kron(rng.integers(0, 256, (8, 8, 4), np.uint8), np.ones((8, 8, 1), np.uint8))
+    pixels[..., 3] = np.where(pixels[..., 3] > 102, 255, 0)
     material = Material(
-        "toy_hair", (0.9, 0.8, 0.7), OwnMap("toy_hair", pixels), alpha="mask", cutoff=0.4, double_sided=True,
-        roughness=0.3, ior=1.55,
+        "toy_hair", colour_map=OwnMap("toy_hair", pixels), alpha="mask", cutoff=0.4, double_sided=True, roughness=0.3,
+        ior=1.55,
     )  # fmt: skip
     values: dict[str, Any] = {
         "name": "toy_hair",
         "vertices": neutral + np.float32(0.5) * jaw,
         "neutral": neutral,
         "faces": np.array([[0, 1, 2, 3], [3, 2, 4, -1]], np.int32),
-        "uv": np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 1]], np.float32),
+        # Within the texture: on its border, where viewers repeat it, rounding would decide which end is seen.
+        "uv": np.array([[0.1, 0.1], [0.9, 0.1], [0.9, 0.6], [0.1, 0.6], [0.5, 0.9]], np.float32),
         "material": material,
         "targets": {"jawOpen": jaw},
         "replaces": ("lashes",),

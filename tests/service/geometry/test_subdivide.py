@@ -53,3 +53,9 @@ def test_chart_coordinates_are_only_averaged(count: int) -> None:
     np.testing.assert_array_equal(fine[:count], uv)
     np.testing.assert_allclose(fine[count], uv[:4].mean(0))
     np.testing.assert_array_equal(step.smooth(uv)[4:count], uv[4:])
+
+
+def test_points_on_an_open_border_are_told() -> None:
+    step = Subdivision.of(CUBE_FACES[1:], 8)  # without its side at x = -1
+    assert np.array_equal(step.open_points(), step.linear(CUBE)[:, 0] == -1)
+    assert not Subdivision.of(CUBE_FACES, 8).open_points().any()

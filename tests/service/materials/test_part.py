@@ -22,6 +22,7 @@ PIXELS = np.zeros((4, 4, 3), np.uint8)
         ({"roughness": 1.5}, "roughness"), ({"colour": (0.1, -0.1, 0.0)}, "green"),
         ({"opacity": float("nan")}, "opacity"),
         ({"ior": 0.5}, "refraction"), ({"subsurface_mm": (1.0, -1.0, 0.0)}, "subsurface"), ({"name": "a b"}, "a b"),
+        ({"colour": (0.9, 0.8, 0.7), "colour_map": ChartMap("diffuse_albedo")}, "a map and a colour"),
         ({"name": "../x"}, "x"), ({"name": ""}, "named ''"),
     ],
 )  # fmt: skip

@@ -6,6 +6,7 @@ import dataclasses
 import io
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,11 +15,14 @@ from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
 from service.archive.unpack import unpack_texture
 from service.errors import BadArchive
-from service.materials.material import Material, OwnMap
+from service.head.files import triangle_fields
+from service.head.model import HeadModel
+from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.parts import NO_SHADOWS, mesh_part
-from service.render.render import render_head
+from service.render.render import render_head, smoothed
 from service.render.request import RenderRequest
+from service.render.view import camera_at
 from tests.service.archive.toys import toy_avatar, toy_part
 from tests.service.render.toys import EVEN, HEAD, ROUGH, albedo, scene
 
@@ -47,6 +51,33 @@ def test_a_part_hides_what_lies_behind_it_by_its_alpha() -> None:
     np.testing.assert_allclose(half, alone + (solid - alone) * 128 / 255, atol=2e-3)
     np.testing.assert_allclose(middle(sheet(0.3, (0, 255, 0, 0))), alone, atol=1e-6)
     np.testing.assert_allclose(middle(sheet(-0.3, (0, 255, 0, 255))), alone, atol=1e-6)
+
+
+def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
+    """At one sample a pixel, or beside a border that was smoothed, the background would show between the two."""
+    middle_of = HEAD.mean[HEAD.polygons].mean(1) @ [0.7, 1.0, 0.0]
+    low = middle_of < np.median(middle_of)  # along steps, which would be cut off
+    upper, vertices = smoothed(without_polygons(HEAD, low), HEAD.mean)
+    chart = Material("chart", colour_map=ChartMap("diffuse_albedo"))
+    lower = MeshPart("bust", HEAD.mean, HEAD.mean, HEAD.polygons[low], HEAD.uv, chart, uv_faces=HEAD.polygon_uv[low])
+    request = RenderRequest(scene=scene(EVEN), size=(96, 112), background="transparent")
+    whole, split = (
+        render_head(head, points, albedo(), request, threads=1, detail=ROUGH, parts=parts, camera=camera)
+        for camera in [camera_at((0.0, 0.0, 1.2), HEAD.mean, *request.size)]
+        for head, points, parts in ((HEAD, HEAD.mean, ()), (upper, vertices, (lower,)))
+    )
+    inside = cv2.erode((whole.covered == 1).astype(np.uint8), np.ones((5, 5))) > 0  # the outline is smoothed
+    assert inside.sum() > 1000
+    np.testing.assert_allclose(split.covered[inside], 1.0, atol=1e-6)
+
+
+def without_polygons(head: HeadModel, gone: np.ndarray) -> HeadModel:
+    rows = head.polygons[~gone], head.polygon_uv[~gone], head.polygon_part[~gone]
+    split = triangle_fields(*rows)
+    return dataclasses.replace(
+        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], triangles=split["triangles"],
+        triangle_uv=split["triangle_uv"], triangle_part=split["triangle_part"],
+    )  # fmt: skip
 
 
 def test_parts_come_out_of_the_archive_as_they_went_in() -> None:

@@ -21,7 +21,7 @@ CHART = Chart.build(HEAD, 192, 128)
 
 def test_eye_is_painted_from_pupil_to_sclera() -> None:
     ball, points = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
-    angle, limbus, pupil = sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg
+    angle, limbus, pupil = sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg()
     assert limbus == pytest.approx(np.degrees(np.arcsin(0.00585 / 0.012)), abs=0.5)
     sclera, iris, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.IRIS, eye.SOCKET))
     colour = paint_eye(angle, limbus, pupil, sclera, iris, socket)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, guessed, measure
+from service.anatomy.hair.find import well_within
 from service.anatomy.hair.item import read_items
 from service.anatomy.hair.make import to_albedo
 from service.anatomy.hair.picture import DARKEST, hair_picture, lifted
@@ -105,3 +106,14 @@ def test_a_dark_texture_has_no_edges_where_its_levels_change() -> None:
     border &= np.abs(np.diff(grey, axis=1)) == 1
     jumps = np.abs(np.diff(picture, axis=1))[border]
     assert len(jumps) > 100 and np.median(jumps) < 0.1 * np.ptp(picture[solid])
+
+
+def test_cells_at_the_border_of_hair_give_no_colour() -> None:
+    """What lies behind shines through them: fair hair before a blue wall had lilac roots."""
+    certain = np.zeros((40, 40), bool)
+    certain[5:35, 5:30] = True
+    inner = well_within(certain)
+    assert inner[7:33, 7:28].all() and inner.sum() == 26 * 21
+    thin = np.zeros((40, 40), bool)
+    thin[5:8] = True
+    assert np.array_equal(well_within(thin), thin), "all of it is border"

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import pytest
 
 from service.anatomy.eyes.eyeball import Eyeball
-from service.anatomy.insets.eyes import cornea, eye_parts, eye_picture, globe
+from service.anatomy.eyes.gaze import Gaze
+from service.anatomy.insets.eyes import SEGMENTS, cornea, eye_parts, eye_picture, globe
 from service.anatomy.insets.inset import read_insets, write_insets
 from service.anatomy.insets.mouth import mouth_parts, teeth_picture, tooth_colour
 from service.anatomy.insets.picture import Canvas, grain
@@ -31,6 +32,7 @@ class Worn:
 
     vertices: npt.NDArray[np.float32]
     neutral: npt.NDArray[np.float32]
+    gaze: Gaze | None = None
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +84,8 @@ def test_all_meshes_are_sound(parts: dict[str, MeshPart]) -> None:
 def test_the_iris_is_set_back_behind_a_cornea_that_bulges(head: HeadModel, side: str) -> None:
     ball = Eyeball.of(head.mean[part_vertices(head, f"eye_{side}")].astype(np.float64))
     points, faces, _ = globe(ball)
+    wide, _, _ = globe(ball, 0.003)
+    assert np.hypot(*(wide - ball.centre)[1 + SEGMENTS : 1 + 2 * SEGMENTS, :2].T) == pytest.approx(0.003)
     dome, _ = cornea(ball)
     assert np.ptp(points[:, 0]) == pytest.approx(0.024, abs=0.0006)
     apex = dome[:, 2].max() - ball.centre[2]

@@ -117,16 +117,33 @@ def test_where_nothing_is_compressed_no_texel_changes() -> None:
     np.testing.assert_array_equal(unfolded_albedo(albedo, creases())[free], albedo[free])
 
 
-def test_a_dark_fold_leaves_the_albedo() -> None:
-    row, column, across = place()
+def line(row: int, column: int, across: Float) -> Float:
+    """(h, w) in [0, 1], a line 12 mm long over a map."""
     v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]].astype(float)
     d = (u - column) * across[0] + (v - row) * across[1]
     length = -(u - column) * across[1] + (v - row) * across[0]
-    dark = 0.3 * np.exp(-((d / 3.0) ** 2)) * np.exp(-((length / 20.0) ** 4))
+    return np.asarray(np.exp(-((d / 3.0) ** 2)) * np.exp(-((length / 20.0) ** 4)))
+
+
+def test_a_dark_fold_leaves_the_albedo() -> None:
+    row, column, across = place()
+    dark = 0.3 * line(row, column, across)
     albedo = np.asarray(np.rint(40000 * (1 - dark[..., None]) * np.ones(3)), np.uint16)
     made = unfolded_albedo(albedo, creases())
     assert made[row, column, 0] > 40000 * (1 - 0.3 * 0.4), "less than 40 % of the line is left"
     assert (made >= albedo).all() and made.max() <= 40000 * 1.02
+
+
+def test_a_nearly_black_shadow_along_a_fold_does_not_glow() -> None:
+    """Shadows on skin are dark red, as light comes through it: twice as bright in all channels they are bright red."""
+    row, column, across = place()
+    skin, shadow = np.array([46000.0, 34000.0, 30000.0]), np.array([20000.0, 3000.0, 5000.0])
+    albedo = np.asarray(np.rint(skin + line(row, column, across)[..., None] * (shadow - skin)), np.uint16)
+    made = unfolded_albedo(albedo, creases())
+    assert made[..., 0].max() <= 46000 * 1.02
+    left, right = made[row, column].astype(float), skin
+    assert left[0] / left[1] < 1.4 * right[0] / right[1], "6.7 with one gain for all channels"
+    assert (left > 0.6 * right).all()
 
 
 @pytest.mark.parametrize("units", [{}, {"mouthSmileLeft": 0.02}, {"jawOpen": 0.04}])

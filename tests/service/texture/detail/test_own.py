@@ -13,6 +13,7 @@ from service.geometry.chart import Chart
 from service.photo.photo import Photo
 from service.texture.detail import own as module
 from service.texture.detail.own import OwnDetail, own_texture_of
+from service.texture.detail.reading import Reader
 from service.texture.detail.result import Detail
 from service.texture.detail.sharpness import LEAST_BLUR, Sharpness
 from service.texture.make import make_texture
@@ -167,3 +168,19 @@ def test_a_texture_has_the_size_that_was_asked_for(
     assert made.shape == (size[1], size[0], 3)
     error = np.abs(made / 255 - truth(size))[seen_by(own, size)].mean()
     assert error < (0.02 if size[0] > 576 else 0.03)
+
+
+def test_a_photo_with_much_around_the_head_is_read_alike_and_is_not_halved_as_a_whole(
+    scene: tuple[Photo, Texture, OwnDetail],
+) -> None:
+    photo, _, own = scene
+    wide = replace(photo, pixels=np.pad(photo.pixels, ((2048, 512), (1024, 3072), (0, 0)), "edge"))
+    moved = replace(own.places, pixel=own.places.pixel + np.array([1024, 2048], np.float32))
+    size = (288, 192)  # three levels
+    plain_reader, wide_reader = Reader.of(photo, own.places, size), Reader.of(wide, moved, size)
+    assert len(wide_reader.levels) == len(plain_reader.levels) >= 3
+    assert wide_reader.levels[0].size < 2 * photo.pixels.size
+    inside = seen_by(own, size)
+    different = np.abs(plain_reader.rows(0, size[1]) - wide_reader.rows(0, size[1]))[inside]
+    assert float(different.max()) < 0.01  # positions of some thousand pixels are rounded
+    assert float(different.mean()) < 1e-4
