@@ -9,6 +9,7 @@ The builder does it to every new head; ``python -m models.head.tongue FILE`` to 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +34,7 @@ WIDER = 0.2
 not go down with them."""
 
 
-def over_the_teeth(bases: Bases, members: dict[str, Int], skin: Int, expression_names: tuple[str, ...]) -> Bases:
+def over_the_teeth(bases: Bases, members: Mapping[str, Int], skin: Int, expression_names: tuple[str, ...]) -> Bases:
     """The bases with a tongue that passes over the teeth.
 
     Args:
@@ -50,7 +51,7 @@ def over_the_teeth(bases: Bases, members: dict[str, Int], skin: Int, expression_
     lower, tongue = members["teeth_lower"], members["tongue"]
     share = float((out[lower] * jaw[lower]).sum() / max(float((jaw[lower] ** 2).sum()), 1e-12))
     if share > TONGUE_JAW + 0.5 * WIDER:
-        raise ModelFault(f"tongueOut opens the jaw by {share:.2f} of jawOpen: its tongue passes over the teeth already")
+        raise ModelFault(f"tongueOut opens the jaw by {share:.2f} of jawOpen: its tongue passes the teeth already")
     up = np.zeros((len(tongue), 3))
     up[:, 1] = UP_M * np.clip((mean[tongue, 2] - TIP_M[0]) / (TIP_M[1] - TIP_M[0]), 0.0, 1.0)
     mean[tongue] += up

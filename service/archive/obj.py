@@ -13,9 +13,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from service.archive.surface import vertex_normals
+from service.archive.surface import part_normals, vertex_normals
 from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
+from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.of_head import material_of
 from service.materials.part import MeshPart
@@ -45,21 +46,26 @@ def obj_bytes(head: HeadModel, vertices: AnyFloat, title: str) -> bytes:
 def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
     """OBJ text of parts beside the head's own, in the photo's expression; materials are those of ``head.mtl``.
 
-    They have one smoothing group each and no normals, which every reader computes.
+    They have one smoothing group each and no normals, which every reader computes, but for masked cards.
     """
     points, charts = [part.vertices for part in parts], [part.uv for part in parts]
-    return _text(title, sum(len(part.faces) for part in parts), points, charts, [], _others(parts))
+    normals = [part_normals(part, part.vertices, split_polygons(part.polygons)) for part in parts if _has_normals(part)]
+    return _text(title, sum(len(part.faces) for part in parts), points, charts, normals, _others(parts), "%.5f")
+
+
+def _has_normals(part: MeshPart) -> bool:
+    """Whether a part is lit with other normals than those of its surface."""
+    return part.material.alpha == "mask"
 
 
 def _text(
     title: str, polygons: int, points: Sequence[AnyFloat], charts: Sequence[AnyFloat], normals: Sequence[AnyFloat],
-    faces: Iterator[str],
+    faces: Iterator[str], place: str = "%.6f",
 ) -> bytes:  # fmt: skip
+    """The file; charts of parts, 1024 texels wide, are written less finely than that of the head, with 6144."""
     header = _HEADER.format(title=title, vertices=sum(map(len, points)), polygons=polygons)
     blocks = [header, *(_lines("v %.6f %.6f %.6f\n", rows) for rows in points)]
-    # Charts of parts are 1024 texels wide, that of the head 6144.
-    place = "vt %.6f %.6f\n" if normals else "vt %.5f %.5f\n"
-    blocks += [_lines(place, rows) for rows in charts]
+    blocks += [_lines(f"vt {place} {place}\n", rows) for rows in charts]
     blocks += [_lines("vn %.4f %.4f %.4f\n", rows) for rows in normals]
     return "".join([*blocks, *faces]).encode("ascii")
 
@@ -74,32 +80,36 @@ def _own(head: HeadModel) -> Iterator[str]:
         chosen = head.polygon_part == index
         if chosen.any():
             yield _begin(name, material_of(name).name)
-            yield _faces(head.polygons[chosen], head.polygon_uv[chosen], (0, 0))
+            yield _faces(head.polygons[chosen], head.polygon_uv[chosen], (0, 0, 0))
 
 
 def _others(parts: Sequence[MeshPart]) -> Iterator[str]:
-    before, before_uv = 0, 0
+    before, before_uv, before_normal = 0, 0, 0
     for part in parts:
+        own = _has_normals(part)
         yield _begin(part.name, part.material.name)
-        yield _faces(part.polygons, part.polygons_uv, (before, before_uv), normals=False)
+        yield _faces(part.polygons, part.polygons_uv, (before, before_uv, before_normal), normals=own)
         before, before_uv = before + len(part.vertices), before_uv + len(part.uv)
+        before_normal += own * len(part.vertices)
 
 
 def _begin(name: str, material: str) -> str:
     return f"o {name}\ng {name}\nusemtl {material}\ns 1\n"
 
 
-def _faces(polygons: Int32, uv: Int32, before: tuple[int, int], *, normals: bool = True) -> str:
-    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given; a vertex and its normal have the same index.
+def _faces(polygons: Int32, uv: Int32, before: tuple[int, int, int], *, normals: bool = True) -> str:
+    """Lines ``f v/vt/vn ...`` or ``f v/vt ...`` in the order given; a part has a normal for each vertex.
 
     Args:
         polygons: (Q, 4), -1 in the last column marks a triangle.
         uv: (Q, 4) likewise.
-        before: vertices and chart vertices written for other parts.
+        before: vertices, chart vertices and normals written for other parts.
         normals: whether there are any.
     """
     columns = [polygons.astype(np.int64) + before[0], uv.astype(np.int64) + before[1]]
-    corners = np.stack([*columns, columns[0]] if normals else columns, 2) + 1
+    if normals:
+        columns.append(polygons.astype(np.int64) + before[2])
+    corners = np.stack(columns, 2) + 1
     present = np.repeat(polygons >= 0, corners.shape[2], axis=1)
     corner = "/".join(["%d"] * corners.shape[2])
     patterns = np.where(polygons[:, 3] < 0, f"f {' '.join([corner] * 3)}\n", f"f {' '.join([corner] * 4)}\n")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.surface import vertex_normals
+from service.archive.surface import part_normals
 from service.arrays import Float32, Float64, Int32, Int64
 from service.geometry.chart import any_orthogonal, solve_affine
 from service.geometry.normals import normalise
@@ -44,7 +44,7 @@ class Piece:
         corners, places = split_polygons(part.polygons), split_polygons(part.polygons_uv)
         pairs, local = np.unique(corners.astype(np.int64) * len(part.uv) + places, return_inverse=True)
         vertex, place = pairs // len(part.uv), pairs % len(part.uv)
-        normal = vertex_normals(part.neutral, corners)
+        normal = part_normals(part, part.neutral, corners)
         return cls(part, vertex, part.uv[place], local.reshape(-1, 3), normal[vertex])
 
     def offsets(self, units: Sequence[str]) -> tuple[Float32, Float32]:
@@ -55,9 +55,9 @@ class Piece:
         moving = [number for number, unit in enumerate(units) if unit in part.targets]
         if moving:
             moved = np.stack([part.targets[units[number]] for number in moving]).astype(np.float32)
-            still = vertex_normals(part.neutral, corners)
+            still = part_normals(part, part.neutral, corners)
             position[moving] = _cut(moved, SMALLEST_OFFSET_M)
-            turned[moving] = _cut(vertex_normals(part.neutral + moved, corners) - still, SMALLEST_TURN)
+            turned[moving] = _cut(part_normals(part, part.neutral + moved, corners) - still, SMALLEST_TURN)
         return position[:, self.vertex], turned[:, self.vertex]
 
     def tangents(self) -> Float32:

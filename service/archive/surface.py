@@ -6,14 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Int64
-from service.geometry.normals import FALLBACK_NORMAL, area_normals
+from service.arrays import AnyFloat, AnyInt, Float32, Int64
+from service.geometry.normals import FALLBACK_NORMAL, area_normals, normalise
 from service.head.model import HeadModel
+from service.materials.part import MeshPart
 
-__all__ = ["FALLBACK_NORMAL", "Part", "split_parts", "vertex_normals"]
+__all__ = ["FALLBACK_NORMAL", "Part", "part_normals", "split_parts", "vertex_normals"]
 
 vertex_normals = area_normals
-"""The normals of all meshes in the archive."""
+"""The normals of all meshes in the archive but masked cards."""
+ROUND = 0.6
+"""Share of the direction from the part's middle in the normals of masked cards."""
+
+
+def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
+    """(..., N, 3) unit normals that a part is lit with.
+
+    Those of its surface; of masked cards, which lie at all angles, those of the body that they make up: with their own,
+    hair has facets and slits.
+
+    Args:
+        part: whose material says whether it is cards.
+        vertices: (..., N, 3) metres, of any number of poses.
+        triangles: (T, 3) its faces.
+    """
+    normals = area_normals(vertices, triangles)
+    if part.material.alpha != "mask":
+        return normals
+    points = np.asarray(vertices, np.float64)
+    away = normalise(points - points.mean(-2, keepdims=True), (0.0, 1.0, 0.0))
+    outward = np.where((normals * away).sum(-1, keepdims=True) < 0, -normals, normals)
+    return np.asarray(normalise((1 - ROUND) * outward + ROUND * away, (0.0, 1.0, 0.0)), np.float32)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from service.archive.map_files import MapFiles
 from service.archive.skeleton import JOINTS, PARENTS, Skeleton
-from service.archive.surface import vertex_normals
+from service.archive.surface import part_normals
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import fixed_tuples, integers, numbers
 from service.arrays import Float32, Float64, Int64
@@ -184,12 +184,13 @@ def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, 
 def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> str:
     polygons = part.polygons
     present, corners = polygons >= 0, split_polygons(polygons)
-    still = vertex_normals(part.neutral, corners)
+    still = part_normals(part, part.neutral, corners)
     if weights is None:
         weights = np.tile(np.eye(len(JOINTS), dtype=np.float32)[JOINTS.index(part.bone)], (len(part.neutral), 1))
     influences, indices = _influences(weights)
     both = np.concatenate([part.vertices, part.neutral])
-    turned = vertex_normals(part.neutral + np.stack(list(shapes.values())), corners) - still if shapes else ()
+    posed = part.neutral + np.stack(list(shapes.values())) if shapes else np.zeros((0, *part.neutral.shape), np.float32)
+    turned = part_normals(part, posed, corners) - still
     blocks = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
     return _MESH.format(
         name=part.name,

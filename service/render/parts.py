@@ -14,8 +14,9 @@ import numpy as np
 
 from service.anatomy.mouth.light import PARTS as IN_THE_MOUTH
 from service.anatomy.mouth.light import light_inside, opening
-from service.archive.preview.parts import body_normals, painted, part_triangles
+from service.archive.preview.parts import painted, part_triangles
 from service.archive.reading import StoredPart
+from service.archive.surface import part_normals
 from service.archive.unpack import unpack_texture
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import srgb_to_linear
@@ -114,7 +115,7 @@ def parts_layer(
         if not len(found.pixel):
             continue
         colour, alpha = painted(part, interpolate(part.uv, places[found.triangle], found.barycentric), chart_albedo)
-        normals = body_normals(part, part.vertices, triangles)
+        normals = part_normals(part, part.vertices, triangles)
         lit = light.on(part.vertices, normals)
         if part.name in IN_THE_MOUTH:
             lit = lit * light_inside(part.vertices, normals, lips)[:, None]

@@ -18,8 +18,7 @@ ENDS = (0.25, 0.75)
 photo shows, as hair that is cut has its tips where it was cut."""
 LEAST_APART = 0.2
 """Least difference of that coordinate between the two, for them to be told apart."""
-SHADE = (0.1, 0.4)
-LIGHT = (0.6, 0.9)
+SHADE, LIGHT = (0.1, 0.4), (0.6, 0.9)
 """Ranks by luminance, from which the colours of shaded and of lit strands are taken; the extremes are gaps between
 strands, and background."""
 CONTRAST = (1.7, 2.6)

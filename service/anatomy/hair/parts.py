@@ -12,7 +12,7 @@ from service.anatomy.hair.tailored import Tailored
 from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.colour import linear_to_srgb
 from service.face.fit.result import Fit
-from service.geometry.normals import area_normals
+from service.geometry.normals import area_normals, face_normals
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart, targets_of
@@ -65,10 +65,15 @@ def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart
 
 
 def outwards(points: Float32, triangles: Int32, skull: Skull) -> Int32:
-    """(T, 3) triangles of cards from the skin outwards, for viewers that blend them in the order of the file."""
+    """(T, 3) triangles of cards from the skin outwards, for viewers that blend them in the order of the file.
+
+    All face outwards: a normal on the other side of a face than its front would be turned round by path tracers.
+    """
     middle = points[triangles].mean(1)
-    _, away, _ = skull.nearest(middle)
-    return np.ascontiguousarray(triangles[np.argsort(away, kind="stable")], np.int32)
+    _, away, normal = skull.nearest(middle)
+    inward = (face_normals(points, triangles) * normal).sum(1) < 0
+    wound = np.where(inward[:, None], triangles[:, ::-1], triangles)
+    return np.ascontiguousarray(wound[np.argsort(away, kind="stable")], np.int32)
 
 
 def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:

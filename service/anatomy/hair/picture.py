@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.hair.colour import CONTRAST, HairColour
+from service.anatomy.hair.colour import CONTRAST, LIGHT, SHADE, HairColour
 from service.anatomy.hair.item import Item
 from service.arrays import Float32, UInt8
 from service.colour import linear_to_srgb, luma
@@ -49,8 +49,12 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     soft = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), LEVELS_PX * grey.shape[1] / 512))
     lit = np.interp(soft, np.arange(256), 0.5 * table + 0.5 * level).astype(np.float32)[..., None]
     along = _on_texture(item)[..., None]
-    shaded, bright = lifted(colour.shaded * light, colour.lit * light)
-    usual = shaded + lit * (bright - shaded)
+    shaded, bright = (np.maximum(one, np.float32(1e-5)) for one in lifted(colour.shaded * light, colour.lit * light))
+    # The two colours are medians of ranges of ranks: the darkest and the brightest strands lie beyond them.
+    low, high = (0.5 * sum(ranks) for ranks in (SHADE, LIGHT))
+    rank = (lit - np.float32(low)) / np.float32(high - low)
+    usual = shaded + np.clip(rank, 0, 1) * (bright - shaded)
+    usual *= (luma(bright) / luma(shaded)) ** (rank - np.clip(rank, 0, 1))
     low, high = colour.ends
     faded = np.clip((along - low) / max(high - low, 1e-3), 0, 1)
     albedo = usual * (colour.root + faded * (colour.tip - colour.root))

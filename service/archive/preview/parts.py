@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.archive.preview.shading import Lamps, baked
+from service.archive.surface import part_normals
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.layers import composite
-from service.geometry.normals import area_normals, normalise
 from service.geometry.raster import fragments, interpolate
 from service.geometry.sampling import sample_chart
 from service.materials.material import ChartMap, OwnMap
@@ -20,9 +20,6 @@ from service.materials.part import MeshPart
 
 EDGE = 0.15
 """Width of the ramp of alpha around the cutoff of a masked part: a hard step would flicker at the size of previews."""
-ROUND = 0.6
-"""Share of the direction from the head's middle in the normals of masked cards, which lie at all angles but are lit as
-the body of hair that they make up."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ def over_head(picture: Float32, nearest: Float32, shown: Shown, camera: Camera) 
         corners = triangles[found.triangle]
         uv = interpolate(part.uv, places[found.triangle], found.barycentric)
         colour, alpha = painted(part, uv, shown.texture)
-        normals = body_normals(part, vertices, triangles)
+        normals = part_normals(part, vertices, triangles)
         turned = normals @ camera.rotation.T
         shade = _shaded(part, in_camera, turned, shown.lamps)
         light = interpolate(shade, corners, found.barycentric)
@@ -122,16 +119,6 @@ def painted(part: MeshPart, uv: Float32, chart_texture: UInt8) -> tuple[Float32,
     if material.alpha == "mask":
         alpha = np.clip((alpha - material.cutoff) / np.float32(EDGE) + np.float32(0.5), 0, 1)
     return np.asarray(colour, np.float32), np.asarray(alpha, np.float32)
-
-
-def body_normals(part: MeshPart, vertices: Float32, triangles: np.ndarray) -> Float64:
-    """(N, 3) unit normals that a part is lit with: of its surface; of masked cards those of the body they make up."""
-    normals = area_normals(vertices, triangles).astype(np.float64)
-    if part.material.alpha != "mask":
-        return normals
-    away = normalise(vertices.astype(np.float64) - vertices.mean(0), (0.0, 1.0, 0.0))
-    outward = np.where((normals * away).sum(1, keepdims=True) < 0, -normals, normals)
-    return normalise((1 - ROUND) * outward + ROUND * away, (0.0, 1.0, 0.0))
 
 
 def _shaded(part: MeshPart, in_camera: AnyFloat, normals: AnyFloat, lamps: Lamps | None) -> Float32:

@@ -13,6 +13,7 @@ import pytest
 
 from service.archive.container import in_order
 from service.archive.pack import archive_members
+from service.archive.surface import part_normals
 from service.materials.material import Material
 from tests.service.archive.test_meshes import Glb, read_obj, validator_report
 from tests.service.archive.toys import toy_avatar, toy_part
@@ -43,7 +44,11 @@ def test_obj_has_it_beside_the_whole_head(members: dict[str, bytes]) -> None:
     np.testing.assert_allclose(obj.v[[corner[0] for corner in quad]], part.vertices[part.faces[0]], atol=6e-7)
     np.testing.assert_allclose(obj.vt[[corner[1] for corner in triangle]], part.uv[part.faces[1, :3]], atol=6e-6)
     assert obj.material[-1] == "toy_hair" and len(triangle) == 3
-    assert not len(obj.vn) and {len(corner) for corner in quad} == {2}, "smoothing groups stand for normals"
+    cards = part_normals(part, part.vertices, np.array([[0, 1, 2], [0, 2, 3], [3, 2, 4]]))
+    np.testing.assert_allclose(obj.vn[[corner[2] for corner in quad]], cards[part.faces[0]], atol=1e-4)
+    plain = toy_avatar(parts=(toy_part(material=Material("toy_hair", (0.9, 0.8, 0.7))),))
+    solid = read_obj(archive_members(plain)["mesh/parts.obj"])
+    assert not len(solid.vn) and {len(corner) for corner in solid.faces[0]} == {2}, "smoothing groups stand for normals"
     material = members["mesh/head.mtl"].decode().split("newmtl toy_hair\n")[1]
     assert "map_Kd ../maps/parts/toy_hair.png" in material
 

@@ -1,52 +1,46 @@
-"""Normals of many poses, and parts with split vertices."""
+"""Masked cards are lit as the body that they make up, in every pose; other parts by their own surface."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from service.archive.surface import FALLBACK_NORMAL, split_parts, vertex_normals
-from tests.service.archive.toys import toy_head
-from tests.toyhead import CENTRE
+from service.archive.surface import part_normals, vertex_normals
+from service.materials.material import Material
+from service.materials.part import MeshPart
+from tests.service.archive.toys import toy_part
 
 
-def test_normals_of_a_ball_point_away_from_its_centre() -> None:
-    head = toy_head()
-    skin = np.unique(head.triangles[head.triangle_part == 0])
-    normals = vertex_normals(head.mean, head.triangles)[skin]
-    outward = head.mean[skin] - CENTRE
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    assert (normals * outward).sum(1).min() > np.cos(np.radians(4.0)), "a turned winding or a bad weight"
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+def ball_of_cards(seed: int = 4) -> tuple[MeshPart, np.ndarray]:
+    """Cards at all angles on a ball, half of them wound inwards."""
+    rng = np.random.default_rng(seed)
+    away = rng.normal(size=(300, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    points = (0.1 * away[:, None] + rng.normal(0, 0.004, (300, 3, 3))).reshape(-1, 3).astype(np.float32)
+    faces = np.arange(900).reshape(-1, 3).astype(np.int32)
+    part = toy_part(vertices=points, neutral=points, faces=faces, uv=np.zeros((900, 2), np.float32), targets={})
+    return part, np.repeat(away, 3, 0)
 
 
-def test_many_poses_equal_one_at_a_time() -> None:
-    head = toy_head()
-    poses = head.mean + head.expression
-    together = vertex_normals(poses, head.triangles)
-    for pose, normals in zip(poses, together, strict=True):
-        np.testing.assert_allclose(vertex_normals(pose, head.triangles), normals, atol=1e-6)
+def test_cards_have_the_normals_of_their_body() -> None:
+    part, away = ball_of_cards()
+    normals = part_normals(part, part.neutral, part.faces)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+    own = np.einsum("ni,ni->n", vertex_normals(part.neutral, part.faces), away)
+    assert (own < 0).mean() > 0.3 and np.einsum("ni,ni->n", normals, away).min() > 0.4
+    both = part_normals(part, np.stack([part.neutral, part.neutral + 1]), part.faces)
+    np.testing.assert_allclose(both[0], normals, atol=1e-6)
+    np.testing.assert_allclose(both[1], normals, atol=1e-4)
 
 
-def test_triangles_without_area_give_unit_normals() -> None:
-    """glTF refuses normals that are not of unit length; zero over zero would be NaN."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [5, 5, 5]], np.float32)
-    normals = vertex_normals(points, np.array([[0, 1, 2], [0, 0, 0]]))
-    np.testing.assert_array_equal(normals, np.tile(np.array(FALLBACK_NORMAL, np.float32), (4, 1)))
+def test_other_parts_have_those_of_their_surface() -> None:
+    part, _ = ball_of_cards()
+    solid = replace(part, material=Material("toy_hair"))
+    assert np.array_equal(part_normals(solid, part.neutral, part.faces), vertex_normals(part.neutral, part.faces))
 
 
-def test_a_micrometre_triangle_still_has_a_normal() -> None:
-    points = np.array([[0, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]], np.float32)
-    np.testing.assert_allclose(vertex_normals(points, np.array([[0, 1, 2]])), [[1, 0, 0]] * 3, atol=1e-6)
-
-
-def test_parts_rebuild_the_head_and_split_only_at_cuts() -> None:
-    head = toy_head()
-    parts = split_parts(head)
-    assert [part.name for part in parts] == list(head.part_names)
-    for index, part in enumerate(parts):
-        chosen = head.triangle_part == index
-        np.testing.assert_array_equal(part.vertex[part.triangles], head.triangles[chosen])
-        np.testing.assert_array_equal(part.uv[part.triangles], head.triangle_uv[chosen])
-        assert len(np.unique(np.stack([part.vertex, part.uv]), axis=1).T) == len(part.vertex), "a pair occurs twice"
-    skin = parts[0]
-    assert len(skin.vertex) > len(np.unique(skin.vertex)), "the toy's chart is cut, so some vertices are split"
+def test_cards_in_one_point_have_normals_too() -> None:
+    part, _ = ball_of_cards()
+    flat = np.zeros_like(part.neutral)
+    np.testing.assert_allclose(np.linalg.norm(part_normals(part, flat, part.faces), axis=1), 1, atol=1e-5)

@@ -11,10 +11,11 @@ import pytest
 from service.anatomy.hair.bust import bust_part, seam
 from service.anatomy.hair.item import read_items, write_items
 from service.anatomy.hair.names import STYLES
-from service.anatomy.hair.parts import lash_part
+from service.anatomy.hair.parts import lash_part, outwards
+from service.anatomy.hair.skull import Skull, hair_on
 from service.arrays import Float32
 from service.errors import ModelFault
-from service.geometry.normals import area_normals
+from service.geometry.normals import area_normals, face_normals, normalise
 from service.geometry.sampling import sample_chart
 from service.head.files import load_head
 from service.materials.material import OwnMap
@@ -106,3 +107,16 @@ def test_lashes_let_light_into_the_eye() -> None:
     places = np.einsum("tsk,tkc->tsc", share, corners).reshape(-1, 2).astype(np.float32)
     covered = sample_chart(part.material.colour_map.pixels, places)[:, -1] / 255
     assert 0.1 < covered.mean() < 0.35
+
+
+@pytest.mark.parametrize("name", ITEMS.names("hair"))
+def test_cards_of_hair_face_outwards_in_the_order_of_their_height(name: str) -> None:
+    """A third of some styles faces the skull: path tracers turn round normals on the other side of a face."""
+    skull = Skull.of(HEAD, HEAD.mean)
+    item = ITEMS.items[name]
+    points = hair_on(item, ITEMS, skull)
+    faces = outwards(points, item.triangles, skull)
+    assert np.array_equal(np.sort(np.sort(faces, 1), 0), np.sort(np.sort(item.triangles, 1), 0))
+    _, away, normal = skull.nearest(points[faces].mean(1))  # of middles that differ by rounding
+    assert ((normalise(face_normals(points, faces)) * normal).sum(1) > -0.01).mean() > 0.995
+    assert (np.diff(away) > -1e-5).mean() > 0.995
