@@ -80,8 +80,8 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     """
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
     outside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
-    kept = (colours < CLIPPED / 255).all(1)
-    overexposed = float((~kept[outside]).mean()) >= OVEREXPOSED if outside.any() else False
+    kept = np.asarray((colours < CLIPPED / 255).all(1))
+    overexposed = bool(outside.any()) and float(np.mean(~kept[outside])) >= OVEREXPOSED
     colours = colours[outside & kept]
     below = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
     skin, _ = inside_rim(pixels, iris.rim + below, 0.0)
