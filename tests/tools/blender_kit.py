@@ -20,7 +20,7 @@ POSES: dict[str, dict[str, float]] = {
     "blink": {"eyeBlinkLeft": 1.0, "eyeBlinkRight": 1.0},
     "smile": {"mouthSmileLeft": 0.9, "mouthSmileRight": 0.9, "cheekSquintLeft": 0.5, "cheekSquintRight": 0.5},
     "jawOpen": {"jawOpen": 1.0},
-    "tongueOut": {"tongueOut": 1.0, "jawOpen": 0.5},
+    "tongueOut": {"tongueOut": 1.0},
     "photo": {"photo": 1.0},
     "profile": {},
     "back": {},

@@ -141,9 +141,11 @@ def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:
     fades = random.uniform(0, 2 * np.pi, FIBRES)
     r, noise = eye.radius, np.zeros(len(eye.radius), np.float32)
     near = r < 1.2
-    for n, phase, bend, fade in zip(periods, phases, bends, fades, strict=True):
-        wave = np.cos(n * eye.azimuth[near] + phase + bend * r[near]) * (1 + 0.6 * np.cos(6 * r[near] + fade))
-        noise[near] += wave.astype(np.float32)
+    azimuth, inner, total = eye.azimuth[near], r[near], noise[near]
+    # Plain numbers: scalars of numpy would make all of it float64.
+    for n, phase, bend, fade in np.stack([periods, phases, bends, fades], 1).tolist():
+        total += np.cos(n * azimuth + phase + bend * inner) * (1 + 0.6 * np.cos(6 * inner + fade))
+    noise[near] = total
     wavy = COLLARETTE + 0.03 * np.cos(5 * eye.azimuth + phases[0]) + 0.02 * np.cos(11 * eye.azimuth + phases[1])
     collarette = COLLARETTE_LIGHT * np.exp(-(((r - wavy) / COLLARETTE_WIDTH) ** 2))
     rim = smoothstep(r, 1.05, 0.9) * smoothstep(r / (eye.pupil / eye.limbus), 0.95, 1.15)

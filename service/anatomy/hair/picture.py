@@ -23,6 +23,8 @@ HAIRLINE = 0.05
 """Coordinate up to which cards fade in at the roots, strand by strand: a hairline is no edge."""
 LEVELS_PX = 0.8
 """Standard deviation of the blur between levels of grey, texels of 512."""
+OWN = 0.5
+"""Share of the contrast beyond the two colours that is the strands' own: the rest is the photo's light on them."""
 STRANDS_PX = 3.0
 """Standard deviation of the blur that strands are told from, texels of 512."""
 
@@ -52,9 +54,10 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     shaded, bright = (np.maximum(one, np.float32(1e-5)) for one in lifted(colour.shaded * light, colour.lit * light))
     # The two colours are medians of ranges of ranks: the darkest and the brightest strands lie beyond them.
     low, high = (0.5 * sum(ranks) for ranks in (SHADE, LIGHT))
-    rank = (lit - np.float32(low)) / np.float32(high - low)
-    usual = shaded + np.clip(rank, 0, 1) * (bright - shaded)
-    usual *= (luma(bright) / luma(shaded)) ** (rank - np.clip(rank, 0, 1))
+    between = (lit - np.float32(low)) / np.float32(high - low)
+    beyond = between - np.clip(between, 0, 1)
+    usual = shaded + np.clip(between, 0, 1) * (bright - shaded)
+    usual *= (luma(bright) / luma(shaded)) ** (np.float32(OWN) * beyond)
     low, high = colour.ends
     faded = np.clip((along - low) / max(high - low, 1e-3), 0, 1)
     albedo = usual * (colour.root + faded * (colour.tip - colour.root))

@@ -62,7 +62,7 @@ class Canvas:
         return np.asarray(np.rint(255 * coded), np.uint8)
 
 
-def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float64:
+def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
     """(N,) smooth noise about 0 with a standard deviation near 0.5, of points (N, 3): waves of random directions.
 
     Args:
@@ -70,12 +70,12 @@ def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float64:
         scales: wave numbers in radians per mm.
         seed: of directions and phases.
     """
-    random, total = np.random.default_rng(seed), np.zeros(len(places))
+    random, total, at = np.random.default_rng(seed), np.zeros(len(places), np.float32), np.asarray(places, np.float32)
     waves = 6
     for scale in scales:
         axes, phase = random.normal(0, scale, (waves, 3)), random.uniform(0, 2 * np.pi, waves)
-        total += np.cos(np.asarray(places) @ axes.T + phase).sum(1)
-    return np.asarray(total / np.sqrt(2.0 * waves * len(scales)))
+        total += np.cos(at @ axes.T.astype(np.float32) + phase.astype(np.float32)).sum(1)
+    return np.asarray(total / np.float32(np.sqrt(2.0 * waves * len(scales))))
 
 
 def _triangles(faces: AnyInt) -> AnyInt:
