@@ -8,10 +8,8 @@ from __future__ import annotations
 from service.ledger import Correction
 from service.reflectance.chart_light import EVERYWHERE, ON_LIT_SKIN
 from service.reflectance.corrections.highlights import HIGHLIGHTS
-from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH
 
 REGISTRY: tuple[Correction, ...] = (
-    SCLERA_DEPTH,
     *ON_LIT_SKIN,
     *EVERYWHERE,
     HIGHLIGHTS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -84,13 +84,6 @@ class Ledger:
     def applied(self) -> tuple[Applied, ...]:
         """In the order in which they first ran."""
         return tuple(Applied(name, *counts) for name, counts in self._counts.items())
-
-
-def summed(applied: Sequence[Applied]) -> tuple[Applied, ...]:
-    """The same with one entry for each correction: what ran on several maps is added up."""
-    names = dict.fromkeys(one.name for one in applied)
-    own = {name: [one for one in applied if one.name == name] for name in names}
-    return tuple(Applied(name, sum(o.changed for o in each), sum(o.texels for o in each)) for name, each in own.items())
 
 
 def changed_texels(before: Float32, after: Float32) -> tuple[int, int]:

@@ -157,7 +157,7 @@ def make_avatar(
         if plan.stages:
             reflectance = make_reflectance(
                 texture.texture,
-                Subject.in_photo(head, fit, texture, options.without),
+                Subject.in_photo(head, fit, texture),
                 plan,
                 options.map_size,
                 engine,

@@ -6,7 +6,7 @@ adds blur, noise and JPEG; ``make_avatar`` makes the maps. On the skin that a ph
 2.5-6 mm of the logarithm of coded luma are compared with the true albedo's, in the photo's frame: correlation /
 strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the albedo that zeta alone
 leads to (``--alone``: the photo's own detail is left out), the specular normals with the true ones, and the
-displacement with the heights that the true normals have: also its mean depth where those are deepest. ``--sizes``
+displacement with the heights that the true normals have, also its depth along the deepest creases. ``--sizes``
 takes the first head with as many pixels as the largest, makes that photo smaller and compares what comes out of it.
 
 Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``, with ``--alone`` twice as long.
@@ -103,7 +103,11 @@ def rows(
                 told = made.reflectance.detail if made.reflectance is not None else None
                 share = "-" if told is None else " ".join(f"{100 * one.share:.0f}" for one in told.octaves)
                 kinds = (found.photo, found.texture, zeta, found.albedo, found.normals, found.relief)
-                deep = "-" if found.creases_mm is None else "{:.3f} of {:.3f}".format(*found.creases_mm)
+                deep = (
+                    "-"
+                    if found.creases_mm is None
+                    else "{1:.3f} of {0:.3f}, {2:.3f} anywhere".format(*found.creases_mm)
+                )
                 parts = " | ".join(cells(one) for one in kinds)
                 yield f"| {name} | {light} | {camera.name} | {parts} | {deep} | {share} |"
 

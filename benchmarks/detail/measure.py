@@ -20,7 +20,6 @@ from service.reflectance.result import MID, SCALE_MM, unpack_normals
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-Spectrum = npt.NDArray[np.complex128]
 
 BANDS_MM = ((0.6, 1.2), (1.2, 2.5), (2.5, 6.0))
 """Periods on the face."""
@@ -32,8 +31,13 @@ MAP = (1536, 1024)
 """Chart on which tangent frames are drawn."""
 MOST_SLANTED = 0.2
 """Cosine of the viewing angle below which no slope is told."""
-DEEPEST = 0.01
-"""Share of the skin, where the truth lies deepest, that counts as its creases; of all bands together."""
+SHAPE_MM = 1.5
+"""Standard deviation, on the face, of the Gaussian over which slopes are those of the head's shape."""
+CREASES_MM, DEEPEST, BESIDE_MM = (0.6, 2.5), 0.005, 0.5
+"""Periods of creases; the share of the skin, where the truth lies deepest, that counts as such; how far off ours may
+lie."""
+LIDS_M = 0.021
+"""Distance from the eyes within which relief is not compared: lids of another head are no creases."""
 
 
 @dataclass(frozen=True)
@@ -46,25 +50,38 @@ class Agreement:
 
 def band(field: Array, mask: Mask, per_mm: float, limits: tuple[float, float]) -> Array:
     """(H, W) part of a field whose periods lie in [low, high) mm; what is masked out is continued smoothly first."""
-    down, across = _frequencies(field.shape, per_mm)
-    return np.asarray(np.fft.irfft2(_within(field, mask, per_mm, limits, np.hypot(down, across)), field.shape))
+    return _banded(_continued(field, mask, 2 * limits[1] * per_mm), per_mm, limits)
+
+
+def _banded(field: Array, per_mm: float, limits: tuple[float, float]) -> Array:
+    inside = _inside(np.hypot(*_frequencies(field.shape, per_mm)), limits)
+    return np.asarray(np.fft.irfft2(np.fft.rfft2(field) * inside, field.shape))
 
 
 def heights(normal: Array, mask: Mask, per_mm: float, limits: tuple[float, float]) -> Array:
     """(H, W) millimetres towards the camera that have the slopes of normals in a band (Frankot and Chellappa 1988).
 
+    Slopes count as far as they differ from those around (:func:`fine`): else the shape of a head would ring.
+
     Args:
         normal: (H, W, 3) unit, along the camera's right, down and forward.
-        mask: where they count; they face the camera there.
+        mask: where they count.
         per_mm: pixels per millimetre.
         limits: periods, millimetres.
     """
     down, across = _frequencies(normal.shape[:2], per_mm)
     frequency = np.hypot(down, across)
     forward = np.minimum(normal[..., 2], -MOST_SLANTED)
-    slope = [_within(normal[..., k] / forward, mask, per_mm, limits, frequency) for k in (0, 1)]
+    slope = [np.fft.rfft2(fine(normal[..., k] / forward, mask, per_mm)) for k in (0, 1)]
     upward = (across * slope[0] + down * slope[1]) / (2j * np.pi * np.maximum(frequency**2, 1e-12))
-    return np.asarray(np.fft.irfft2(upward, normal.shape[:2]))
+    return np.asarray(np.fft.irfft2(upward * _inside(frequency, limits), normal.shape[:2]))
+
+
+def fine(field: Array, mask: Mask, per_mm: float) -> Array:
+    """(H, W) field less its mean over ``SHAPE_MM`` within a mask, 0 outside."""
+    weight = mask.astype(np.float32)
+    soft = cv2.GaussianBlur(np.dstack([field * weight, weight]).astype(np.float32), (0, 0), SHAPE_MM * per_mm)
+    return np.where(mask, field - soft[..., 0] / np.maximum(soft[..., 1], 1e-3), 0.0).astype(np.float64)
 
 
 def _frequencies(shape: tuple[int, ...], per_mm: float) -> tuple[Array, Array]:
@@ -72,9 +89,8 @@ def _frequencies(shape: tuple[int, ...], per_mm: float) -> tuple[Array, Array]:
     return np.float64(per_mm) * np.fft.fftfreq(shape[0])[:, None], np.float64(per_mm) * np.fft.rfftfreq(shape[1])[None]
 
 
-def _within(field: Array, mask: Mask, per_mm: float, limits: tuple[float, float], frequency: Array) -> Spectrum:
-    filled = _continued(field, mask, 2 * limits[1] * per_mm)
-    return np.asarray(np.fft.rfft2(filled) * ((frequency > 1 / limits[1]) & (frequency <= 1 / limits[0])))
+def _inside(frequency: Array, limits: tuple[float, float]) -> Mask:
+    return np.asarray((frequency > 1 / limits[1]) & (frequency <= 1 / limits[0]))
 
 
 def _continued(field: Array, mask: Mask, sigma: float) -> Array:
@@ -114,8 +130,9 @@ class Compared:
     normals: tuple[Agreement, ...]
     relief: tuple[Agreement, ...]
     """Of the displacement with the truth's heights."""
-    creases_mm: tuple[float, float] | None
-    """Mean depth of the displacement, and of the truth, where the truth lies deepest."""
+    creases_mm: tuple[float, float, float] | None
+    """Depth of the truth where that lies deepest, of the displacement there, and of the displacement anywhere: means of
+    the deepest within ``BESIDE_MM``."""
     error: float
     """Root mean square error of coded albedo after the best gain, in 255ths, of all periods below 6 mm."""
 
@@ -162,7 +179,8 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken, unfit: 
             agreement([ours_bent[..., k] for k in (0, 1)], [right[..., k] for k in (0, 1)], mask, per_mm, limits)
             for limits in BANDS_MM
         )
-    relief, creases = ((), None) if made.displacement is None else _relief(view, made.displacement, right, mask, per_mm)
+    bare = mask & (np.linalg.norm(truth.position[..., None, :] - eyes, axis=-1) > LIDS_M).all(-1)
+    relief, creases = ((), None) if made.displacement is None else _relief(view, made.displacement, right, bare, per_mm)
     return Compared(
         found["albedo"], found["photo"], found["texture"], bent, relief, creases, _error(ours, true, mask, per_mm)
     )
@@ -170,17 +188,22 @@ def compare(avatar: Avatar, pixels: npt.NDArray[np.uint8], truth: Taken, unfit: 
 
 def _relief(
     view: View, codes: npt.NDArray[np.uint16], normal: Array, mask: Mask, per_mm: float
-) -> tuple[tuple[Agreement, ...], tuple[float, float]]:
+) -> tuple[tuple[Agreement, ...], tuple[float, float, float]]:
     """Of displacement codes and the truth's normals in camera space: agreement by band, and depth of creases."""
     facing = np.maximum(cv2.GaussianBlur(-normal[..., 2], (0, 0), BANDS_MM[-1][1] * per_mm), MOST_SLANTED)
     along = at_chart((codes.astype(np.float32) - MID) * np.float32(SCALE_MM), view.uv) / facing  # towards the camera
-    core = _core(mask, per_mm)
-    ours = [band(along, mask, per_mm, limits)[core] for limits in BANDS_MM]
-    true = [heights(normal, mask, per_mm, limits)[core] for limits in BANDS_MM]
-    whole = np.asarray(sum(true))
-    deep = whole <= np.quantile(whole, DEEPEST) if len(whole) else np.zeros(0, bool)
-    creases = tuple(float(np.asarray(sum(one))[deep].mean()) if deep.any() else 0.0 for one in (ours, true))
-    return tuple(_agreement(a, b) for a, b in zip(ours, true, strict=True)), (creases[0], creases[1])
+    ours, core = fine(along, mask, per_mm), _core(mask, per_mm)
+    bands = tuple(
+        _agreement(_banded(ours, per_mm, limits)[core], heights(normal, mask, per_mm, limits)[core])
+        for limits in BANDS_MM
+    )
+    true, found = heights(normal, mask, per_mm, CREASES_MM), _banded(ours, per_mm, CREASES_MM)
+    if not core.any():
+        return bands, (0.0, 0.0, 0.0)
+    deep = core & (true <= np.quantile(true[core], DEEPEST))
+    near = np.ones(2 * (2 * round(BESIDE_MM * per_mm) + 1,), np.uint8)
+    true_low, low = (np.asarray(cv2.erode(one, near)) for one in (true, found))
+    return bands, (float(true_low[deep].mean()), float(low[deep].mean()), float(low[core].mean()))
 
 
 def _grey(coded: npt.NDArray[np.floating]) -> Array:

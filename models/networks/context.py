@@ -3,9 +3,10 @@
 A tile cannot know where the light comes from. This network sees the whole chart once, at a small size, and hands the
 logarithm of the baked light to every tile. It always runs on the whole, so it may normalise over it.
 
-Nobody can tell a dark face in bright light from a fair one in dim light by skin alone, and the exposure of a photo says
-nothing of either. So the network works on the texture relative to its own mean, and is told the light that the whites
-of the eyes show, where they are seen.
+Nobody can tell a dark face in bright light from a fair one in dim light by skin alone. So the network works on the
+texture relative to its own mean, and is told the light that the whites of the eyes show. Where none is seen, it is told
+how brightly the photo shows the face: photos are exposed for what is in the light of the face, and whatever is white
+there is seldom far beyond what a sensor can show.
 """
 
 from __future__ import annotations
@@ -90,14 +91,15 @@ class ContextNet(nn.Module):
     """Texture (sRGB-coded, [-1, 1]), light of the eyes, geometry -> log of (texture / diffuse albedo), linear values.
 
     The last channel is the lit skin: of all else, hair or made-up colour, the texture is not looked at. A texture that
-    is brighter by a factor gives a light that is brighter by that factor, as long as nothing is clipped.
+    is brighter by a factor gives, beside eyes that are as well, a light that is brighter by that factor, as long as
+    nothing is clipped.
     """
 
     def __init__(self, channels: int, size: ContextSize) -> None:
         super().__init__()
         widths = size.widths
-        # Colours twice, coded and as logarithms, and where they are clipped.
-        self.stem = nn.Conv2d(4 * (channels + 4), widths[0], 3, padding=1)
+        # Colours twice, coded and as logarithms, where they are clipped, and the exposure.
+        self.stem = nn.Conv2d(4 * (channels + 5), widths[0], 3, padding=1)
         pairs = list(zip(widths, size.blocks, strict=True))
         self.before = nn.ModuleList(self._blocks(w, n) for w, n in pairs[:-1])
         self.down = nn.ModuleList(nn.Conv2d(a, b, 4, stride=2, padding=1) for a, b in itertools.pairwise(widths))
@@ -123,7 +125,9 @@ class ContextNet(nn.Module):
         light, known = x[:, 3:6], x[:, 6:7]
         colours = filled((logs - level).clamp(-6.0, 2.0), lit)
         clipped = lit * (x[:, :3].amax(1, keepdim=True) * 0.5 + 0.5 > CLIPPED).to(x.dtype)
-        seen = [srgb(torch.exp(colours)) * 2.0 - 1.0, colours * 0.4 + 0.8, clipped, (light - level) * known, x[:, 6:]]
+        exposure = level.clamp(-6.0, 3.0) * (1.0 - known)
+        told = [(light - level) * known, x[:, 6:], exposure]
+        seen = [srgb(torch.exp(colours)) * 2.0 - 1.0, colours * 0.4 + 0.8, clipped, *told]
         y = self.stem(nn.functional.pixel_unshuffle(torch.cat(seen, 1), 2))
         kept = []
         for before, down in zip(self.before, self.down, strict=True):

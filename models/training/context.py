@@ -11,8 +11,8 @@ from torch.nn import functional
 from models.networks.configs import CONTEXT_CHANNELS
 from models.training.albedo import albedo_loss, log_light, unlit
 from models.training.cover import Cover
-from models.training.degrade import blur, gain, graded, half_mirrored, noisy, smooth_field
-from models.training.eyes import KNOWN, eye_light, lid_zones
+from models.training.degrade import blur, gain, graded, half_mirrored, noisy, smooth_field, tinted
+from models.training.eyes import KNOWN, exposed, eye_light, face_zone, lid_zones
 from models.training.facial_hair import Barber
 from models.training.paint import Painter
 from models.training.shadows import hard_light
@@ -68,7 +68,8 @@ class ContextTask:
 
     def __init__(self, data: Path) -> None:
         self.train, self.test = Wholes(data / "train"), Wholes(data / "held-out")
-        self.lids, self.painter, self.barber, self.cover = lid_zones(), Painter(), Barber(), Cover()
+        self.lids, self.face = lid_zones(), face_zone()
+        self.painter, self.barber, self.cover = Painter(), Barber(), Cover()
 
     def refresh(self) -> None:
         """Read captures that came since the last time."""
@@ -92,11 +93,13 @@ class ContextTask:
         for skin in (darkened, recalibrated):
             batch["texture"], batch["albedo"] = skin(batch["texture"], batch["albedo"], generator)
         batch["texture"], batch["albedo"], beard = self.barber(batch["texture"], batch["albedo"], generator)
-        texture = hard_light(batch["texture"], batch["geometry"], generator)
+        texture = tinted(hard_light(batch["texture"], batch["geometry"], generator), generator)
+        open_ = batch["whites"].isfinite().all(2).any(1)
+        known = (torch.rand(size, generator=generator) < KNOWN).float() * open_
+        texture = exposed(texture, batch["albedo"], self.face, 1.0 - known, generator)
         texture = graded(gain(texture, generator), generator)
         texture, batch["albedo"], beard = misplaced([texture, batch["albedo"], beard], generator)
         batch["clean"] = texture
-        known = (torch.rand(size, generator=generator) < KNOWN).float()
         batch["eyes"] = eye_light(log_light(texture, batch["albedo"]), self.lids, batch["whites"], known, generator)
         texture = blur(texture, float(uniform(generator, -0.4, 0.9, 1)))
         batch["texture"] = noisy(texture, generator)

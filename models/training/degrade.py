@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from models.colour import linear, srgb
 from models.training.tasks import uniform
 
 LARGEST_GAIN = 0.35
@@ -23,6 +24,20 @@ def gain(texture: Tensor, generator: torch.Generator, strength: float = 0.12) ->
     tint = torch.randn(n, 3, 1, 1, generator=generator) * 0.25 * strength
     factor = torch.exp((common + tint).clamp(-LARGEST_GAIN, LARGEST_GAIN) / 2.2)
     return (texture * factor).clamp(0.0, 1.0)
+
+
+TINTED, LAMPS = 0.4, 0.25
+"""Share of the charts in the light of coloured lamps that the camera did not balance, and the standard deviation of the
+logarithm of their colours, less the mean. With the stage's own lights alone, fair skin in warm light counts as dark."""
+
+
+def tinted(texture: Tensor, generator: torch.Generator) -> Tensor:
+    """sRGB-coded textures (N, 3, h, w), some in light of another colour; a channel is cut off where it is beyond 1."""
+    n = len(texture)
+    colour = LAMPS * torch.randn(n, 3, 1, 1, generator=generator)
+    here = torch.rand(n, 1, 1, 1, generator=generator) < TINTED
+    lit = linear(texture) * torch.exp(colour - colour.mean(1, keepdim=True))
+    return torch.where(here, srgb(lit.clamp(0.0, 1.0)), texture)
 
 
 GRADED = 0.3

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
+from models.colour import linear, srgb
+from models.training.albedo import log_light
 from models.training.regions import region_planes
+from models.training.tasks import uniform
+from service.anatomy.eyes.sclera import BRIGHTEST_TOLD
 
-KNOWN = 0.85
+KNOWN = 0.7
 """Share of training charts with whites of the eyes to be seen, if the eyes are open."""
 
-FAITH, LESS = 0.95, -0.6
+FAITH, LESS = 0.95, -0.3
 """How the light that the program reads off the whites goes with the computed one (``models.lightstage.light.sclera``),
 in logarithms, both beside the light on the lids: slope and shift. ``benchmarks.eye_whites`` has 0.93 and -0.57 for
-heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed."""
+heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed. It
+counts all skin round the eyes; the zones of :func:`lid_zones` are nearer to them and 0.3 darker."""
+
+FLAT, FLATTER = 0.15, (0.3, 1.0)
+"""Eyes of the light stage's heads lie deeper between their lids than people's: under an even sky their whites stand in
+0.2 to 0.65 less log light than the lids, those of scanned heads in 0 to 0.2 more (``Whites.beside_lids``). The whites
+of each chart are told nearer to the first number by a share between the other two."""
 
 ERROR = 0.27
 """Standard deviation of what is left; 0.25 and 0.18 there."""
+
+EXPOSED = (-0.5, 0.6)
+"""Mean and standard deviation of the log light on faces as photos expose them. ``benchmarks.eye_whites --photos`` has a
+median of -0.7 for the lids, and 0.45 for half of the middle two thirds; the rest of a face stands in 0.2 more."""
 
 BRIGHTEST, DARKEST = 4.0, 1e-3
 """Log light, and light, beyond which an 8-bit texture tells nothing."""
@@ -34,6 +50,28 @@ def lid_zones() -> Tensor:
     return zones / zones.sum((1, 2), keepdim=True)
 
 
+def face_zone() -> Tensor:
+    """(1, h, w) weights of the skin of the face on the context's chart, of sum 1."""
+    zone = region_planes(("forehead", "nose", "cheek_left", "cheek_right", "chin"))
+    return zone / zone.sum()
+
+
+def exposed(texture: Tensor, albedo: Tensor, zone: Tensor, here: Tensor, generator: torch.Generator) -> Tensor:
+    """sRGB-coded textures (N, 3, h, w), some of them as bright as a photo would show them, whatever the skin.
+
+    Args:
+        texture: sRGB-coded in [0, 1].
+        albedo: (N, 3, h, w) likewise.
+        zone: of :func:`face_zone`.
+        here: (N,) 1 for charts that are exposed anew, 0 for those that stay.
+        generator: the light of each chart.
+    """
+    light = torch.einsum("nchw,ehw->ne", log_light(texture, albedo).clamp(max=BRIGHTEST).exp(), zone) / 3.0
+    wanted = EXPOSED[0] + EXPOSED[1] * torch.randn(len(texture), 1, generator=generator)
+    factor = torch.exp((wanted - light.clamp(min=DARKEST).log()) * here[:, None])[..., None, None]
+    return torch.where(here.view(-1, 1, 1, 1) > 0, srgb((linear(texture) * factor).clamp(0.0, 1.0)), texture)
+
+
 def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, generator: torch.Generator) -> Tensor:
     """(N, 4) channels ``EYES`` as a photo would give them: the light of the lids, what reaches the whites, and errors.
 
@@ -48,7 +86,8 @@ def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, gener
     n = len(light)
     open_ = whites.isfinite().all(2).float()
     lids = torch.einsum("nchw,ehw->nec", light.clamp(max=BRIGHTEST).exp(), zones).clamp(min=DARKEST).log()
-    each = lids + LESS + FAITH * torch.nan_to_num(whites)
+    flatter = uniform(generator, *FLATTER, n, 1, 1)
+    each = lids + LESS + FAITH * torch.nan_to_num(whites + flatter * (FLAT - whites))
     share = torch.tensor([0.0, 0.5, 0.5, 1.0])[torch.randint(4, (n,), generator=generator)]
     weight = torch.stack([share, 1.0 - share], 1) * open_
     weight = torch.where(weight.sum(1, keepdim=True) > 0.0, weight, open_)  # the only open eye is seen
@@ -58,5 +97,6 @@ def eye_light(light: Tensor, zones: Tensor, whites: Tensor, known: Tensor, gener
     error = error + wrong * (MISTAKE[0] + MISTAKE[1] * torch.randn(n, 1, generator=generator))
     tint = TINT * torch.randn(n, 3, generator=generator)
     seen = (each * weight[..., None]).sum(1) + error + tint
+    seen = seen - (seen.mean(1, keepdim=True) - math.log(BRIGHTEST_TOLD)).clamp(min=0.0)  # overexposed
     known = (known * open_.amax(1))[:, None]
     return torch.cat([seen * known, known], 1)

@@ -12,7 +12,6 @@ from service.colour import srgb_to_linear
 from service.ledger import Ledger
 from service.reflectance.albedo_error import clues
 from service.reflectance.completion import albedo_prior
-from service.reflectance.corrections.exposure import EXPOSURE, mean_light
 from service.reflectance.corrections.light_contrast import LIGHT_CONTRAST
 from service.reflectance.corrections.on_light import ChartLight, LightCorrection, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
@@ -24,7 +23,7 @@ from service.runtime.tiles import run_whole
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 
-ON_LIT_SKIN: tuple[LightCorrection, ...] = (EXPOSURE, SKIN_HUE, LIGHT_CONTRAST)
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
 
 EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
@@ -44,6 +43,12 @@ class Found:
     light: Float32
     between: Float32
     clues: Float32
+
+
+def mean_light(light: Float32, lit: Float32) -> Float32:
+    """(3,) mean of (3, h, w) weighted by ``lit`` (h, w) in [0, 1]; of everywhere if nowhere is lit."""
+    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
+    return np.asarray((light * weight).sum((1, 2)) / np.float32(weight.sum()), np.float32)
 
 
 def light_between_lids(light: Float32, lit: Float32) -> Float32:
@@ -77,7 +82,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
-    start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, white_seen)
+    start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
     prior = albedo_prior()

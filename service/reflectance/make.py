@@ -24,7 +24,7 @@ from service.anatomy.teeth.draw import draw_teeth
 from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART
-from service.ledger import Applied, Ledger, summed
+from service.ledger import Applied, Ledger
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
@@ -191,7 +191,7 @@ def make_reflectance(
         engines=engine.told(plan.networks),
         integration=made.integration,
         wrinkles=made.wrinkles,
-        corrections=summed((*subject.corrections, *corrections)),
+        corrections=corrections,
         detail=found_detail,
         timings_s=run.timings,
     )

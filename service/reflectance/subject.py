@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,8 +16,6 @@ from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.ledger import Applied, Ledger
-from service.reflectance.corrections.sclera_depth import SCLERA_DEPTH, in_usual_light
 from service.reflectance.folds.creases import Creases
 from service.reflectance.relief.sensitivity import sensitivity
 from service.texture.result import Texture
@@ -87,7 +84,6 @@ class Subject:
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.relief.sensitivity``); None: the light is not known.
         creases: where the photo's expression folds the skin; None: nowhere.
-        corrections: those that ran before the networks.
     """
 
     head: HeadModel
@@ -102,7 +98,6 @@ class Subject:
     roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
     creases: Creases | None = None
-    corrections: tuple[Applied, ...] = ()
 
     @classmethod
     def of(
@@ -117,21 +112,9 @@ class Subject:
         return cls(head, vertices, Chart.build(head, *GEOMETRY_SIZE), lit, eye_light)
 
     @classmethod
-    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture, without: Collection[str] = ()) -> Subject:
-        """The head of a photo, with all that fit and texture tell of its light.
-
-        Args:
-            head: the model.
-            fit: of the photo.
-            texture: of the photo.
-            without: names of corrections that do not run.
-        """
-        ledger, eye_light = Ledger(without), fit.eye_light
-        if ledger.runs(SCLERA_DEPTH):
-            eye_light = in_usual_light(fit.eye_light, fit.light, fit.camera.rotation)
-            moved = eye_light is not None and fit.eye_light is not None and (eye_light != fit.eye_light).any()
-            ledger.count(SCLERA_DEPTH, texture.mask.size * int(moved), texture.mask.size)
-        subject = cls.of(head, fit.vertices, texture.lit_skin, eye_light)
+    def in_photo(cls, head: HeadModel, fit: Fit, texture: Texture) -> Subject:
+        """The head of a photo, with all that fit and texture tell of its light."""
+        subject = cls.of(head, fit.vertices, texture.lit_skin, fit.eye_light)
         inpainted = np.asarray(texture.confidence == 0, np.float32)
         height, width = inpainted.shape
         inpainted *= subject.bare((width, height))
@@ -147,7 +130,6 @@ class Subject:
             roots=texture.roots,
             slope=slope,
             creases=Creases.of(subject.chart, fit),
-            corrections=ledger.applied,
         )
 
     @property

@@ -10,7 +10,7 @@ import pytest
 from service.colour import linear_to_srgb
 from service.corrections import NAMES, REGISTRY
 from service.errors import UsageError
-from service.ledger import Applied, Correction, Ledger, changed_texels, summed
+from service.ledger import Applied, Correction, Ledger, changed_texels
 from service.options import Options
 
 ONE = Correction(name="one", mends="Something.", source="light")
@@ -53,8 +53,3 @@ def test_a_texel_counts_from_one_step_of_eight_bits_on() -> None:
         after = ((coded + np.float32(step) + 0.055) / 1.055) ** np.float32(2.4)
         assert changed_texels(before, after) == (changed, 9)
         assert np.abs(linear_to_srgb(after) - coded - step).max() < 1e-4
-
-
-def test_what_ran_on_two_maps_is_one_entry() -> None:
-    both = summed((Applied("a", 1, 10), Applied("b", 0, 5), Applied("a", 2, 10)))
-    assert both == (Applied("a", 3, 20), Applied("b", 0, 5))

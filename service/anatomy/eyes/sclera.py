@@ -58,6 +58,12 @@ MARGIN = 0.12
 CLIPPED = 250
 """8-bit code from which on a pixel may be overexposed."""
 
+OVEREXPOSED = 1.0 - LIT[0]
+"""Share of the sclera's pixels that are overexposed from which all of its best lit part is, and no glint."""
+
+BRIGHTEST_TOLD = float(BETWEEN_LIDS / BEST_LIT / SCLERA.mean())
+"""Mean light that a sclera tells which is just overexposed: it may be any more."""
+
 
 def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     """Light on the sclera of one eye.
@@ -68,12 +74,15 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
 
     Returns:
         (3,) linear RGB radiance, finite and positive, that a white diffuse surface would have in place of the sclera,
-        averaged over it; it is measured on the best lit part and scaled to the mean. None where the sclera is not seen
-        well: the eye is closed, small or overexposed.
+        averaged over it; it is measured on the best lit part and scaled to the mean. Where that part is overexposed, as
+        it is in a photo metered on dark skin, the least light that does that, in the hue of the rest. None where the
+        sclera is not seen well: the eye is closed or small, or all of it is overexposed.
     """
     colours, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
     outside = np.linalg.norm(at - iris.centre, axis=1) > BEYOND * iris.radius
-    colours = colours[outside & (colours < CLIPPED / 255).all(1)]
+    kept = np.asarray((colours < CLIPPED / 255).all(1))
+    overexposed = bool(outside.any()) and float(np.mean(~kept[outside])) >= OVEREXPOSED
+    colours = colours[outside & kept]
     below = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
     skin, _ = inside_rim(pixels, iris.rim + below, 0.0)
     if iris.radius < LEAST_RADIUS or len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
@@ -84,6 +93,8 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     typical = np.median(srgb_to_linear(skin), axis=0)
     if not (sclera > 0).all():
         return None
+    if overexposed:
+        sclera = sclera * max(1.0, 1.0 / float(sclera.mean()))
     light = np.asarray(sclera / SCLERA.astype(np.float64))
     blue = _blue_over_red(sclera[None])[0] / _blue_over_red(typical[None])[0]
     implied = float((typical * BEST_LIT / light).max())

@@ -15,7 +15,7 @@ from service.face.fit.landmarks import LandmarkFit, bounds
 from service.face.fit.shading import light_on_face, shading_term
 from service.face.fit.softened import Softened
 from service.face.fit.solver import Damping, minimise
-from service.face.fit.state import POSE, State
+from service.face.fit.state import POSE, State, project
 from service.face.fit.terms import Term
 from service.head.model import HeadModel
 
@@ -45,7 +45,7 @@ class PixelRefiner:
             middle: (2,) principal point in pixels.
         """
         state = initial.state
-        soft = Softened.of(pixels, BLUR_M * state.scale)
+        soft = softened(pixels, middle, state, self._vertices(state))
         lower, upper = bounds(self.model)
         active = np.ones(POSE + self.model.shape_count, bool)
         for reach in REACH_M:
@@ -82,8 +82,13 @@ class PixelRefiner:
         return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
+def softened(pixels: UInt8, middle: Float64, state: State, vertices: Float64) -> Softened:
+    """A photo blurred by ``BLUR_M`` around the head whose vertices (V, 3) are those at a state."""
+    return Softened.of(pixels, BLUR_M * state.scale, project(state, vertices).uv + middle)
+
+
 def light_of(head: HeadModel, state: State, pixels: UInt8, middle: Float64) -> Float64 | None:
     """The light on the face at a state of ``head``, as :meth:`PixelRefiner.refine` gives it."""
-    soft = Softened.of(pixels, BLUR_M * state.scale)
     vertices = head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
+    soft = softened(pixels, middle, state, vertices)
     return light_on_face(head, soft, middle, state, vertices)

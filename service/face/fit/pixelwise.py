@@ -15,9 +15,8 @@ from service.face.fit.basis import LandmarkModel
 from service.face.fit.beyond import extended
 from service.face.fit.dense import DenseTerms, correspondences, seen_share
 from service.face.fit.landmarks import LandmarkFit, bounds, weigh
-from service.face.fit.pixels import BLUR_M, REACH_M, PixelRefiner
+from service.face.fit.pixels import REACH_M, PixelRefiner, softened
 from service.face.fit.settings import FitSettings
-from service.face.fit.softened import Softened
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
 from service.face.fit.terms import Prior, Term
@@ -73,7 +72,8 @@ class Refiner:
         known = np.where(good[:, None], face, 0.0)
         trust = good.astype(np.float64)
         lower, upper = bounds(self.model)
-        soft = Softened.of(photo, BLUR_M * state.scale)
+        vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
+        soft = softened(photo, middle, state, vertices.astype(np.float64))
         for reach in REACH_M:
             vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
             basis = self.model.at_yaw(state.yaw_deg)

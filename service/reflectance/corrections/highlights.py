@@ -23,7 +23,8 @@ WIDTH = TEXTURE_SIZE[0]
 AROUND, NEAR = 30.0, 8.0
 """Standard deviations of what is the usual colour, and of what is the brightness around a spot, in these texels."""
 ROUNDS, PALE = 4, 0.06
-"""Times that pale spots are left out of the usual colour, and the grey share of red that makes one."""
+"""Times that pale and red spots are left out of the usual colour, and the grey share of red, more or less, that makes
+one. Without pale ones alone the usual colour would be that of the reddest skin around."""
 BRIGHTER = (1.03, 1.18)
 """Times of the albedo's luminance around from which on something may be a highlight, and is one."""
 SHONE = (1.25, 1.8)
@@ -152,7 +153,7 @@ def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 
 
 
 def _usual_ratios(albedo: Float32, skin: Float32, scale: float) -> Float32:
-    """(h, w, 2) green and blue over red of the skin around each texel, pale spots left out."""
+    """(h, w, 2) green and blue over red of the skin around each texel, pale and red spots left out."""
     logs = np.log(np.maximum(albedo, 1e-3))
     ratios = np.stack([logs[..., 1] - logs[..., 0], logs[..., 2] - logs[..., 0]], -1)
     weight = skin
@@ -168,10 +169,12 @@ def _usual_ratios(albedo: Float32, skin: Float32, scale: float) -> Float32:
 
 
 def _grey_share(albedo: Float32, usual: Float32) -> Float32:
-    """(h, w) share of red to be taken off all channels for the usual ratios; green and blue both have to say so."""
+    """(h, w) share of red to be taken off all channels for the usual ratios; negative where skin is more colourful than
+    usual. Green and blue both have to say so.
+    """
     red = albedo[..., :1]
     found = (albedo[..., 1:] - usual * red) / np.maximum(1 - usual, 0.15)
-    grey = np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1))
+    grey = np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1)) + np.minimum(found.max(-1), 0)
     return np.asarray(grey / np.maximum(red[..., 0], DARKEST), np.float32)
 
 

@@ -23,7 +23,6 @@ class ChartLight:
         lit: (h, w) in [0, 1], skin in the photo's light.
         inside: (h, w) in [0, 1], islands of the chart.
         inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
-        white_seen: whether the photo shows a sclera or teeth, which tell how strong the light is.
     """
 
     light: Float32
@@ -32,7 +31,6 @@ class ChartLight:
     lit: Float32
     inside: Float32
     inpainted: Float32
-    white_seen: bool
 
     @property
     def weight(self) -> Float32:

@@ -179,8 +179,8 @@ def test_context_takes_the_whole_chart() -> None:
         assert network(torch.zeros(1, len(CONTEXT_CHANNELS), HEIGHT, WIDTH)).shape == (1, 3, HEIGHT, WIDTH)
 
 
-def test_context_knows_no_exposure() -> None:
-    """Half the light in texture and eyes is half the light found: what exposure a photo had, says nothing of skin."""
+def test_context_knows_no_exposure_where_eyes_tell_the_light() -> None:
+    """Half the light in texture and eyes is half the light found; without eyes the exposure is what tells it."""
     torch.manual_seed(3)
     network = build("delta_context", "slim").eval()
     nn.init.normal_(network.head.weight, std=0.3)
@@ -193,6 +193,8 @@ def test_context_knows_no_exposure() -> None:
     dim[:, 3:6] -= math.log(2.0)
     with torch.no_grad():
         assert (network(x) - network(dim) - math.log(2.0)).abs().max() < 1e-3
+        x[:, 3:7] = dim[:, 3:7] = 0.0
+        assert (network(x) - network(dim) - math.log(2.0)).abs().max() > 1e-2
 
 
 def test_context_does_not_look_at_hair() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,23 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from models.colour import linear, srgb  # noqa: E402
 from models.lightstage.split import HELD_OUT, TRAIN  # noqa: E402
 from models.training.capture import WHOLE  # noqa: E402
 from models.training.context import MISFIT, MISFITTED, MISPLACED, ContextTask, best_gain, misfitted, misplaced  # noqa: E402
-from models.training.eyes import ERROR, FAITH, LESS, eye_light, lid_zones  # noqa: E402
+from models.training.eyes import (  # noqa: E402
+    ERROR,
+    EXPOSED,
+    FAITH,
+    FLAT,
+    FLATTER,
+    LESS,
+    exposed,
+    eye_light,
+    face_zone,
+    lid_zones,
+)
+from service.anatomy.eyes.sclera import BRIGHTEST_TOLD  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -27,15 +41,17 @@ def test_lids_lie_on_either_side() -> None:
 def test_eyes_show_the_light_that_reaches_them() -> None:
     """That of the lids and what brows and lids leave of it, on average; and nothing where they are not seen."""
     zones = lid_zones()
-    light = torch.full((800, 3, *zones.shape[1:]), 0.7)
+    light = torch.full((800, 3, *zones.shape[1:]), -0.7)
     whites = torch.full((800, 2, 3), -0.2)
     whites[400:] -= 1.0
+    left = 1.0 - sum(FLATTER) / 2.0
     generator = torch.Generator().manual_seed(1)
     seen = eye_light(light, zones, whites, torch.ones(800), generator)
     usual, deep = seen[:400, 1], seen[400:, 1]
     spread = (usual.quantile(0.84) - usual.quantile(0.16)) / 2
-    assert float(usual.median()) == pytest.approx(0.7 + LESS - 0.2 * FAITH, abs=0.12), "mistakes are the exception"
-    assert float(usual.median() - deep.median()) == pytest.approx(FAITH, abs=0.12)
+    usually = -0.7 + LESS + FAITH * (FLAT + left * (-0.2 - FLAT))
+    assert float(usual.median()) == pytest.approx(usually, abs=0.12), "mistakes are the exception"
+    assert float(usual.median() - deep.median()) == pytest.approx(FAITH * left, abs=0.12)
     assert float(spread) == pytest.approx(ERROR, rel=0.5), "mistakes widen it"
     assert float((seen[:, 0] - seen[:, 1]).std()) < 0.12, "the eyes tell the tint better than the strength"
     assert not eye_light(light[:4], zones, whites[:4], torch.zeros(4), generator).any()
@@ -49,7 +65,36 @@ def test_closed_eyes_tell_nothing_and_the_open_one_is_seen() -> None:
     whites[:300, 0], whites[300:] = torch.nan, torch.nan
     seen = eye_light(light, zones, whites, torch.ones(600), torch.Generator().manual_seed(2))
     assert seen.isfinite().all() and (seen[:300, 3] == 1.0).all() and not seen[300:].any()
-    assert float(seen[:300, 1].median()) == pytest.approx(LESS - 0.2 * FAITH, abs=0.12)
+    left = 1.0 - sum(FLATTER) / 2.0
+    assert float(seen[:300, 1].median()) == pytest.approx(LESS + FAITH * (FLAT + left * (-0.2 - FLAT)), abs=0.12)
+
+
+def test_eyes_tell_no_more_light_than_a_sensor_can_show() -> None:
+    """The photo of a dark face is bright, and its whites are overexposed: they tell the least that does that."""
+    zones = lid_zones()
+    light = torch.full((200, 3, *zones.shape[1:]), 3.0)
+    light[:, 0] += 0.3
+    seen = eye_light(light, zones, torch.zeros(200, 2, 3), torch.ones(200), torch.Generator().manual_seed(6))
+    assert float(seen[:, :3].mean(1).max()) <= math.log(BRIGHTEST_TOLD) + 1e-5
+    assert float(seen[:, :3].mean(1).median()) == pytest.approx(math.log(BRIGHTEST_TOLD), abs=1e-5)
+    assert float((seen[:, 0] - seen[:, 1]).median()) == pytest.approx(0.3, abs=0.05)
+
+
+def test_photos_are_exposed_for_the_light_and_not_for_the_skin() -> None:
+    """Dark and fair skin get the same light, so that brightness tells them apart; what stays is the same."""
+    zone = face_zone()
+    assert float(zone.sum()) == pytest.approx(1.0, abs=1e-4)
+    skin = torch.tensor([0.03, 0.3]).repeat(300).view(-1, 1, 1, 1).expand(-1, 3, *zone.shape[1:])
+    albedo, texture = srgb(skin), srgb(skin * 0.2)
+    here = (torch.arange(600) < 400).float()
+    found = exposed(texture, albedo, zone, here, torch.Generator().manual_seed(7))
+    assert torch.equal(found[400:], texture[400:])
+    light = (linear(found[:400]) / skin[:400]).mean((1, 2, 3)).log()
+    for tone in (light[::2], light[1::2]):
+        assert float(tone.mean()) == pytest.approx(EXPOSED[0], abs=0.12)
+    assert float(light[::2].std()) == pytest.approx(EXPOSED[1], rel=0.2)
+    black = exposed(torch.zeros(2, 3, *zone.shape[1:]), albedo[:2], zone, torch.ones(2), torch.Generator())
+    assert black.isfinite().all(), "no light at all: a gain without bound"
 
 
 def test_the_whites_turn_over_with_the_chart(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from models.colour import linear  # noqa: E402
 from models.lightstage.skin.subject import Subject  # noqa: E402
 from models.lightstage.split import HELD_OUT, TRAIN, subject_part  # noqa: E402
 from models.lightstage.tones import TONES, tone  # noqa: E402
@@ -17,7 +18,17 @@ from models.training.albedo import DeltaTask, log_light, unlit  # noqa: E402
 from models.training.average import main as average  # noqa: E402
 from models.training.average import mean_of  # noqa: E402
 from models.training.capture import WHOLE, Recipe, Sitting, Studio, capture  # noqa: E402
-from models.training.degrade import GRADED, blur, graded, half_mirrored, lost_detail, noisy  # noqa: E402
+from models.training.degrade import (  # noqa: E402
+    GRADED,
+    LAMPS,
+    TINTED,
+    blur,
+    graded,
+    half_mirrored,
+    lost_detail,
+    noisy,
+    tinted,
+)
 from models.training.factory import seeds_of  # noqa: E402
 from models.training.normals import NormalTask, angles  # noqa: E402
 from models.training.reflectance import local_strength  # noqa: E402
@@ -106,6 +117,19 @@ def test_degradations_keep_what_they_should() -> None:
     (mirrored,) = half_mirrored([vector], generator, [torch.tensor([-1.0])])
     ends = sorted([float(mirrored[0, 0, 0, 0]), float(mirrored[0, 0, 0, -1])])
     assert ends == [pytest.approx(-1.0, abs=1e-3), pytest.approx(1.0, abs=1e-3)]
+
+
+def test_coloured_lamps_change_the_hue_and_not_the_strength() -> None:
+    """Of some charts, all texels alike; black stays black, and what a channel cannot show is cut off."""
+    texture = torch.full((600, 3, 4, 6), 0.5)
+    shown = tinted(texture, torch.Generator().manual_seed(3))
+    changed = (shown != texture).flatten(1).any(1)
+    assert float(changed.float().mean()) == pytest.approx(TINTED, abs=0.07)
+    colour = (linear(shown[changed]) / linear(texture[changed])).log()
+    assert float(colour.flatten(2).std(2).max()) < 1e-4 and float(colour.mean(1).abs().max()) < 1e-4
+    assert float(colour[:, :, 0, 0].std()) == pytest.approx(LAMPS * (2 / 3) ** 0.5, rel=0.15)
+    assert not tinted(torch.zeros(9, 3, 4, 6), torch.Generator()).any()
+    assert float(tinted(torch.ones(9, 3, 4, 6), torch.Generator()).max()) <= 1.0
 
 
 def test_some_photos_have_another_tone_curve_and_all_stay_codes() -> None:

@@ -9,7 +9,7 @@ import pytest
 from service.anatomy.eyes.colours import SCLERA
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.eyes.iris import Iris
-from service.anatomy.eyes.sclera import BEST_LIT, BETWEEN_LIDS, FAIREST, MOST_RAISED, sclera_light
+from service.anatomy.eyes.sclera import BEST_LIT, BETWEEN_LIDS, BRIGHTEST_TOLD, FAIREST, MOST_RAISED, sclera_light
 from service.colour import linear_to_srgb, to_bytes
 
 SKIN = np.array([0.12, 0.055, 0.035])
@@ -54,6 +54,20 @@ def test_a_glint_does_not_count() -> None:
     pixels, gaze = photo_of(np.array([0.3, 0.3, 0.3]), 12.0, glint=True)
     found = sclera_light(pixels, gaze.irises[0])
     assert found is not None and np.abs(np.log(found / (0.3 * MEAN))).max() < 0.15
+
+
+@pytest.mark.parametrize("shaded", [0.25, 0.45])
+def test_an_overexposed_white_tells_the_least_that_does_that(shaded: float) -> None:
+    """A photo metered on dark skin: by what is not overexposed, the part in the lids' shade, light would be dim."""
+    light = np.array([4.0, 3.6, 3.0])
+    pixels, gaze = photo_of(light, 14.0)
+    shade, _ = photo_of(0.2 * light, 14.0)
+    rim = gaze.irises[0].rim
+    upper = int(rim[:, 1].min() + shaded * np.ptp(rim[:, 1]))
+    pixels[:upper] = shade[:upper]
+    found = sclera_light(pixels, gaze.irises[0])
+    assert found is not None and found.mean() == pytest.approx(BRIGHTEST_TOLD, rel=0.02)
+    assert np.abs(np.log(found / light) - np.log(found / light).mean()).max() < 0.1, "in the hue of what is not"
 
 
 def test_skin_is_not_taken_for_the_white() -> None:

@@ -65,6 +65,21 @@ def test_moles_lips_and_paler_patches_are_no_highlights(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SKINS)
+def test_a_sheen_gets_the_colour_of_most_skin_and_not_of_the_reddest(name: str) -> None:
+    """Where a third of the skin around is flushed, as cheeks and chins are, a nose must not become pink."""
+    skin, mark = skin_of(name), spot(radius=4.0)[..., None]
+    flushed = np.zeros((*skin.shape[:2], 1), np.float32)
+    flushed[:, ::24] = 1
+    flushed = np.asarray(cv2.GaussianBlur(cv2.dilate(flushed, np.ones((1, 8), np.uint8)), (0, 0), 1))[..., None]
+    flushed *= np.hypot(*(np.indices(skin.shape[:2]) - np.array([60, 90]).reshape(2, 1, 1)))[..., None] > 9
+    around = np.asarray(skin * (1 + flushed * (np.array([1.0, 0.75, 0.7]) - 1)), np.float32)
+    shown = np.asarray(around + 0.5 * mark * skin[..., :1], np.float32)
+    made = (shown + highlights(shown, shown, everywhere(skin), SCALE)[0])[MIDDLE].mean((0, 1))
+    right = skin[MIDDLE].mean((0, 1))
+    assert (made[1:] / made[0] > 0.95 * right[1:] / right[0]).all()
+
+
+@pytest.mark.parametrize("name", SKINS)
 def test_pores_in_a_sheen_leave_no_net_of_dots(name: str) -> None:
     """Taken off as a whole, a sheen left its bright dots and what lay between them too dark and too red."""
     size = (2304, 1536)

@@ -93,7 +93,8 @@ def test_a_mask_in_a_corner_of_a_large_map() -> None:
     mask[5:295, 40:80] = True  # more rows than a band
     x, y = grid(*mask.shape)
     height = np.where(mask, np.sin(x / 9) * np.cos(y / 17), 0).astype(np.float32)
-    right, down = np.cos(x / 9) / 9 * np.cos(y / 17), -np.sin(x / 9) * np.sin(y / 17) / 17
+    slopes = np.cos(x / 9) / 9 * np.cos(y / 17), -np.sin(x / 9) * np.sin(y / 17) / 17
+    right, down = (slope.astype(np.float32) for slope in slopes)
     weights = np.random.default_rng(0).uniform(0.5, 1.0, mask.shape).astype(np.float32)
     edges = Edges(weights[:, 1:], weights[1:])
     solved = integrate(right, down, mask, tolerance=1e-6, most_steps=60, edges=edges)
