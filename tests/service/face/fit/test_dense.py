@@ -47,7 +47,8 @@ def seen(head: HeadModel, vertices: Float64, yaw: float = 10.0, focal: float = F
     camera = Camera(SIZE, SIZE, focal, MIDDLE, np.diag([1.0, -1.0, -1.0]) @ turn, np.array([0.01, -0.02, focal / 1100]))
     corners = vertices[head.triangles[head.landmark_triangle]]
     points = (corners * head.landmark_barycentric[..., None]).sum(1)
-    at = np.concatenate([camera.project(points), np.zeros((len(points), 1))], 1)
+    depth = camera.to_camera(points)[:, 2:]
+    at = np.concatenate([camera.project(points), (depth - depth.mean()) * focal / camera.translation[2]], 1)
     face = Face(np.array([0.0, 0.0, SIZE, SIZE]), 1.0, np.zeros((6, 2)), at, 1.0)
     region = crop_of(at)
     assert region is not None
