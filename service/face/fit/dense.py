@@ -30,7 +30,7 @@ LOOKUP = (768, 512)
 """Texels in which the triangle of a chart coordinate is looked up; the place in it is exact."""
 LEAST_SHARE = 0.6
 """Least probability of the parts whose chart coordinates are learnt, from which a cell is used."""
-POINT_SHARE, NORMAL_SHARE = 0.06, 0.01
+POINT_SHARE, NORMAL_SHARE = 0.04, 0.01
 """Weight of one cell beside its stated uncertainty: errors of neighbours are alike."""
 FLOOR_MM, FLOOR_SINE = 0.7, 0.05
 """Added to the stated standard deviations: what the network cannot know about itself."""

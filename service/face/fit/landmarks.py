@@ -25,7 +25,7 @@ IDENTITY_BOX = 4.0
 """Bound of the magnitude of identity coefficients, standard deviations."""
 DETECTOR_SIGMA_M = 0.0016
 """Scatter of a landmark on real photos in addition to that on rendered heads, metres on the face."""
-EFFECTIVE_SHARE = 0.7
+EFFECTIVE_SHARE = 0.5
 """Effective over actual number of landmarks: errors of neighbours are correlated."""
 ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
 """Geman-McClure scale in standard deviations of each round; the first round moves the pose alone."""

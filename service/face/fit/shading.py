@@ -26,7 +26,7 @@ from service.robust import geman_mcclure
 
 SIGMA = 0.10
 """Standard deviation of the log intensity about one-albedo shading."""
-SHARE = 0.03
+SHARE = 0.01
 """Weight of one vertex: the albedo errors of neighbours are correlated."""
 LEFT_OUT = ("lips", "brow_left", "brow_right", "eyelid_left", "eyelid_right", "beard", "eye_socket", "mouth_inner")
 """Regions of the head that are not skin of one albedo."""
