@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from benchmarks.detail.measure import BANDS_MM, heights
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+
+from benchmarks.detail.measure import BANDS_MM, heights  # noqa: E402
 
 PER_MM, SIDE = 6.0, 360
 INSIDE = (slice(90, -90), slice(90, -90))
