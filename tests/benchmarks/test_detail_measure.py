@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
-from benchmarks.detail.measure import BANDS_MM, heights  # noqa: E402
+from benchmarks.detail.measure import BANDS_MM, heights
 
 PER_MM, SIDE = 6.0, 360
 INSIDE = (slice(90, -90), slice(90, -90))
