@@ -9,8 +9,9 @@ second.
 DIR is that of ``benchmarks.shoot``, whose photos have to have been taken (they bring the skin).
 
 Beside their ratio stands the one that ``models.lightstage.light.sclera`` computes from head and light. Slope, shift and
-spread of what is left are ``FAITH``, ``LESS`` and ``ERROR`` of ``models.training.eyes``. Heads are of ICT-FaceKit, or
-with ``--stage`` held-out subjects of the light stage, whose eyes lie deeper.
+spread of what is left are ``FAITH``, ``LESS`` (of a zone that is nearer to the eye, and darker) and ``ERROR`` of
+``models.training.eyes``. Heads are of ICT-FaceKit, or with ``--stage`` held-out subjects of the light stage, whose eyes
+lie deeper.
 """
 
 from __future__ import annotations

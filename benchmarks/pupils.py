@@ -22,7 +22,6 @@ from models.people.skins import load_skin
 from models.people.wardrobe import load_wardrobe
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M
 from service.anatomy.eyes.gaze import find_gaze
-from service.anatomy.eyes.pupil import pupil_radius
 
 SIZE, MOST_YAW, FIRST = 1024, 30.0, 510_001
 SKINS = (1, 6, 9, 14)
@@ -65,11 +64,11 @@ def main() -> None:
             np.savez_compressed(path, image=portrait(seed, SIZE, asked.photos).image)
         with np.load(path) as kept:
             image = kept["image"]
-        vertices = recessed(draw_person(seed))
-        points = landmarks(head, vertices)
+        person = draw_person(seed)
+        points = landmarks(head, recessed(person))
         camera = draw_camera(seed, SIZE, points)
-        gaze = find_gaze(image, camera.project(points)[:468], head, draw_person(seed).neutral, camera)
-        found = None if gaze is None else pupil_radius(image, gaze.irises)
+        gaze = find_gaze(image, camera.project(points)[:468], head, person.neutral, camera)
+        found = None if gaze is None else gaze.pupil_m
         untold += found is None
         pairs += [] if found is None else [(wanted, found)]
     true, told = 1e3 * np.array(pairs).reshape(-1, 2).T

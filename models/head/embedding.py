@@ -6,12 +6,16 @@ chart.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from models.head.digest import write_digest
+from service.head.files import save_head
+from service.head.model import HeadModel
 
 EMBEDDING_FILE = Path(__file__).resolve().parent / "landmarks.npz"
 
@@ -43,14 +47,21 @@ class Embedding:
             np.zeros((0, 0, 3), f),
         )  # fmt: skip
 
+    @classmethod
+    def of(cls, head: HeadModel) -> Embedding:
+        """That of a head."""
+        return cls(**{one.name: getattr(head, one.name) for one in fields(cls)})
+
     def fields(self) -> dict[str, Any]:
         """Keyword arguments for HeadModel."""
         return {key: getattr(self, key) for key in asdict(self)}
 
 
-def save_embedding(embedding: Embedding, path: Path = EMBEDDING_FILE) -> None:
-    """Write the embedding."""
-    np.savez(path, **embedding.fields())
+def save_both(head: HeadModel, path: Path, embedding: Path = EMBEDDING_FILE) -> None:
+    """Write a head file, its digest, and the embedding in it as a file of its own."""
+    np.savez(embedding, **Embedding.of(head).fields())
+    save_head(head, path)
+    write_digest(path)
 
 
 def load_embedding(path: Path = EMBEDDING_FILE) -> Embedding | None:

@@ -12,22 +12,21 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from models.head.digest import write_digest
-from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_embedding
+from models.head.embedding import CONTOUR, EMBEDDING_FILE, Embedding, save_both
 from models.head.nearest import nearest_on_triangles
 from models.people.make import Portrait
 from models.people.shards import decode, load
 from service.face.face import LANDMARK_COUNT
 from service.geometry.normals import area_normals
 from service.geometry.raster import rasterise
-from service.head.files import DEFAULT_HEAD, load_head, save_head
+from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float64]
@@ -246,10 +245,7 @@ def main() -> None:
     hits = collect(head, portraits(arguments.data, arguments.most))
     embedding, spreads = embed(head, hits)
     report(hits, spreads)
-    save_embedding(embedding, arguments.out)
-    values = {key: getattr(head, key) for key in head.__dataclass_fields__}
-    save_head(HeadModel(**{**values, **embedding.fields()}), arguments.head)
-    write_digest(arguments.head)
+    save_both(replace(head, **embedding.fields()), arguments.head, arguments.out)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from models.head.digest import write_digest
-from models.head.embedding import EMBEDDING_FILE, Embedding, save_embedding
+from models.head.embedding import EMBEDDING_FILE, save_both
 from models.people.calibrate import LOWER_INNER, UPPER_INNER, Surface
 from service.face.face import Face
 from service.face.finder import FaceFinder
@@ -29,7 +28,7 @@ from service.face.fit.settings import FitSettings
 from service.face.fit.state import project
 from service.face.reading.scores import Landmarker, Scores, read_scores
 from service.face.topology import MIRROR
-from service.head.files import DEFAULT_HEAD, load_head, save_head
+from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel
 from service.photo.gate import read_photo
 from service.photo.photo import Photo
@@ -130,10 +129,7 @@ def main() -> None:
         count, size = sum(one is not None for one in found), float(np.sqrt((shift**2).sum(1).mean()))
         log.info("%d of %d faces, rms of the median %.2f mm", count, len(faces), 1e3 * size)
         head = moved(head, shift)
-    fields = {name: getattr(head, name) for name in Embedding.__dataclass_fields__}
-    save_embedding(Embedding(**fields), arguments.out)
-    save_head(head, arguments.head)
-    write_digest(arguments.head)
+    save_both(head, arguments.head, arguments.out)
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def exposed(texture: Tensor, albedo: Tensor, zone: Tensor, here: Tensor, generat
     """
     light = torch.einsum("nchw,ehw->ne", log_light(texture, albedo).clamp(max=BRIGHTEST).exp(), zone) / 3.0
     wanted = EXPOSED[0] + EXPOSED[1] * torch.randn(len(texture), 1, generator=generator)
-    factor = torch.exp((wanted - light.clamp(min=DARKEST).log()) * here[:, None])[..., None, None]
+    factor = torch.exp(wanted - light.clamp(min=DARKEST).log())[..., None, None]
     return torch.where(here.view(-1, 1, 1, 1) > 0, srgb((linear(texture) * factor).clamp(0.0, 1.0)), texture)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from service.archive.surface import part_normals, vertex_normals
+from service.archive.surface import is_cards, part_normals, vertex_normals
 from service.arrays import AnyFloat, Int32
 from service.errors import NumericFault
 from service.head.files import split_polygons
@@ -49,13 +49,8 @@ def parts_obj_bytes(parts: Sequence[MeshPart], title: str) -> bytes:
     They have one smoothing group each and no normals, which every reader computes, but for masked cards.
     """
     points, charts = [part.vertices for part in parts], [part.uv for part in parts]
-    normals = [part_normals(part, part.vertices, split_polygons(part.polygons)) for part in parts if _has_normals(part)]
+    normals = [part_normals(part, part.vertices, split_polygons(part.polygons)) for part in parts if is_cards(part)]
     return _text(title, sum(len(part.faces) for part in parts), points, charts, normals, _others(parts), "%.5f")
-
-
-def _has_normals(part: MeshPart) -> bool:
-    """Whether a part is lit with other normals than those of its surface."""
-    return part.material.alpha == "mask"
 
 
 def _text(
@@ -86,7 +81,7 @@ def _own(head: HeadModel) -> Iterator[str]:
 def _others(parts: Sequence[MeshPart]) -> Iterator[str]:
     before, before_uv, before_normal = 0, 0, 0
     for part in parts:
-        own = _has_normals(part)
+        own = is_cards(part)
         yield _begin(part.name, part.material.name)
         yield _faces(part.polygons, part.polygons_uv, (before, before_uv, before_normal), normals=own)
         before, before_uv = before + len(part.vertices), before_uv + len(part.uv)

@@ -11,12 +11,17 @@ from service.geometry.normals import FALLBACK_NORMAL, area_normals, normalise
 from service.head.model import HeadModel
 from service.materials.part import MeshPart
 
-__all__ = ["FALLBACK_NORMAL", "Part", "part_normals", "split_parts", "vertex_normals"]
+__all__ = ["FALLBACK_NORMAL", "Part", "is_cards", "part_normals", "split_parts", "vertex_normals"]
 
 vertex_normals = area_normals
 """The normals of all meshes in the archive but masked cards."""
 ROUND = 0.6
 """Share of the direction from the part's middle in the normals of masked cards."""
+
+
+def is_cards(part: MeshPart) -> bool:
+    """Whether a part is masked cards, which are lit with other normals than those of their surface."""
+    return part.material.alpha == "mask"
 
 
 def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
@@ -31,7 +36,7 @@ def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float
         triangles: (T, 3) its faces.
     """
     normals = area_normals(vertices, triangles)
-    if part.material.alpha != "mask":
+    if not is_cards(part):
         return normals
     points = np.asarray(vertices, np.float64)
     away = normalise(points - points.mean(-2, keepdims=True), (0.0, 1.0, 0.0))

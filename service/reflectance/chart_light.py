@@ -45,12 +45,6 @@ class Found:
     clues: Float32
 
 
-def mean_light(light: Float32, lit: Float32) -> Float32:
-    """(3,) mean of (3, h, w) weighted by ``lit`` (h, w) in [0, 1]; of everywhere if nowhere is lit."""
-    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
-    return np.asarray((light * weight).sum((1, 2)) / np.float32(weight.sum()), np.float32)
-
-
 def light_between_lids(light: Float32, lit: Float32) -> Float32:
     """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
 
@@ -58,7 +52,9 @@ def light_between_lids(light: Float32, lit: Float32) -> Float32:
         light: (3, h, w) log light of the skin.
         lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
     """
-    return np.asarray(mean_light(light, lit) + np.float32(np.log(BETWEEN_LIDS)), np.float32)
+    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
+    mean = (light * weight).sum((1, 2)) / np.float32(weight.sum())
+    return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
 
 
 def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> Found:

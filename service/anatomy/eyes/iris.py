@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Float32, Float64, UInt8
+from service.arrays import AnyFloat, Float32, Float64, UInt8
 
 RADIUS_PX = 12
 """Radius of the iris in the resampled patch in which it is sought, pixels."""
@@ -138,10 +138,7 @@ def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
     matrix = np.array([[scale, 0, HALF - scale * at[0]], [0, scale, HALF - scale * at[1]]])
     size = (2 * HALF + 1, 2 * HALF + 1)
     patch = cv2.warpAffine(near, matrix, size)
-    mask = np.zeros(size[::-1], np.uint8)
-    corners = (rim - middle) * scale + HALF
-    cv2.fillPoly(mask, [np.rint(corners * 16).astype(np.int32)], 1, shift=4)
-    inside = mask > 0
+    inside = filled((rim - middle) * scale + HALF, size[::-1]) > 0
     if inside.sum() < RADIUS_PX**2:
         return None
     red = patch[..., 0].astype(np.float32)
@@ -155,6 +152,15 @@ def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
     aside, above = ((x - HALF) * along[0] + (y - HALF) * along[1], (y - HALF) * along[0] - (x - HALF) * along[1])
     off = (aside**2 * CENTRE_COST[0] + above**2 * CENTRE_COST[1]) / RADIUS_PX**2
     return Search(score, np.where(inside, score - off, -np.inf).astype(np.float32), middle, float(radius_px), rim)
+
+
+def filled(rim: AnyFloat, shape: tuple[int, int]) -> UInt8:
+    """(h, w) uint8, 1 inside the rim of the lids (N, 2), in pixels whose centres are whole numbers; elsewhere 0."""
+    import cv2
+
+    mask = np.zeros(shape, np.uint8)
+    cv2.fillPoly(mask, [np.rint(rim * 16).astype(np.int32)], 1, shift=4)
+    return mask
 
 
 def _contrast(value: Float32, inside: Float32) -> Float32:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from service.anatomy.eyes.eyeball import IRIS_RADIUS_M
-from service.anatomy.eyes.iris import Iris
+from service.anatomy.eyes.iris import Iris, filled
 from service.arrays import Float64, UInt8
 from service.colour import bytes_to_linear, luma
 
@@ -84,17 +84,14 @@ def _profiles(pixels: UInt8, iris: Iris, offsets: Float64, radii: Float64) -> Fl
     corner = np.floor(iris.centre).astype(int) - reach
     size = 2 * reach + 1
     patch = np.zeros((size, size, 3), np.uint8)
-    inner = np.zeros((size, size), np.uint8)
     low, high = np.maximum(corner, 0), np.minimum(corner + size, pixels.shape[1::-1])
     if (high <= low).any():
         return np.full((len(offsets), len(radii)), np.nan)
     rows, columns = (slice(low[k] - corner[k], high[k] - corner[k]) for k in (1, 0))
     patch[rows, columns] = pixels[low[1] : high[1], low[0] : high[0]]
-    cv2.fillPoly(inner, [np.rint((iris.rim - corner - 0.5) * 16).astype(np.int32)], 1, shift=4)
-    beside = np.ones_like(inner)
-    beside[rows, columns] = 0
-    inner[beside > 0] = 0
-    deep = cv2.distanceTransform(inner, cv2.DIST_L2, 3)
+    inside = np.zeros((size, size), np.uint8)
+    inside[rows, columns] = filled(iris.rim - corner - 0.5, (size, size))[rows, columns]
+    deep = cv2.distanceTransform(inside, cv2.DIST_L2, 3)
     levels = np.ascontiguousarray(luma(bytes_to_linear(patch)))
     angle = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from service.anatomy.eyes.colours import SCLERA
-from service.anatomy.eyes.iris import Iris
+from service.anatomy.eyes.iris import Iris, filled
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import luma, srgb_to_linear
 
@@ -114,8 +114,8 @@ def inside_rim(pixels: UInt8, rim: AnyFloat, margin: float) -> tuple[Float32, Fl
         return np.zeros((0, 3), np.float32), np.zeros((0, 2))
     low = np.clip(np.floor(rim.min(0)).astype(int) - 1, 0, size - 1)
     high = np.clip(np.ceil(rim.max(0)).astype(int) + 2, low + 1, size)
-    mask = np.zeros((high - low + 2)[::-1], np.uint8)
-    cv2.fillPoly(mask, [np.rint((rim - low + 0.5) * 16).astype(np.int32)], 1, shift=4)
+    width, height = (high - low + 2).tolist()
+    mask = filled(rim - low + 0.5, (height, width))
     deep = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 3))[1:-1, 1:-1] > max(margin, 0.5)
     rows, columns = np.nonzero(deep)
     colour = pixels[low[1] : high[1], low[0] : high[0]][rows, columns].astype(np.float32) / np.float32(255)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.arrays import Float64, UInt8
+from service.arrays import Float32, Float64, UInt8
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.contour import OutlineFinder, outline_term
 from service.face.fit.landmarks import LandmarkFit, bounds
@@ -82,6 +82,11 @@ class PixelRefiner:
         return outline_term(photo, middle, state, outline, mean.astype(np.float64), modes.astype(np.float64), reach)
 
 
+def vertices_at(head: HeadModel, state: State) -> Float32:
+    """(V, 3) metres of a head at a state with all coefficients of its identity."""
+    return head.shape(*np.split(state.coefficients, [len(head.identity)]))
+
+
 def softened(pixels: UInt8, middle: Float64, state: State, vertices: Float64) -> Softened:
     """A photo blurred by ``BLUR_M`` around the head whose vertices (V, 3) are those at a state."""
     return Softened.of(pixels, BLUR_M * state.scale, project(state, vertices).uv + middle)
@@ -89,6 +94,6 @@ def softened(pixels: UInt8, middle: Float64, state: State, vertices: Float64) ->
 
 def light_of(head: HeadModel, state: State, pixels: UInt8, middle: Float64) -> Float64 | None:
     """The light on the face at a state of ``head``, as :meth:`PixelRefiner.refine` gives it."""
-    vertices = head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
+    vertices = vertices_at(head, state).astype(np.float64)
     soft = softened(pixels, middle, state, vertices)
     return light_on_face(head, soft, middle, state, vertices)

@@ -15,7 +15,7 @@ from service.face.fit.basis import LandmarkModel
 from service.face.fit.beyond import extended
 from service.face.fit.dense import DenseTerms, correspondences, seen_share
 from service.face.fit.landmarks import LandmarkFit, bounds, weigh
-from service.face.fit.pixels import REACH_M, PixelRefiner, softened
+from service.face.fit.pixels import REACH_M, PixelRefiner, softened, vertices_at
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Damping, minimise
 from service.face.fit.state import POSE, State
@@ -72,10 +72,9 @@ class Refiner:
         known = np.where(good[:, None], face, 0.0)
         trust = good.astype(np.float64)
         lower, upper = bounds(self.model)
-        vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
-        soft = softened(photo, middle, state, vertices.astype(np.float64))
+        soft = softened(photo, middle, state, vertices_at(self.head, state).astype(np.float64))
         for reach in REACH_M:
-            vertices = self.head.shape(*np.split(state.coefficients, [len(self.head.identity)]))
+            vertices = vertices_at(self.head, state)
             basis = self.model.at_yaw(state.yaw_deg)
             near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
             read = (dense.points(state), *((dense.normals(state, vertices),) if self.normals else ()))
