@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64, UInt8
+from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 
 RADIUS_PX = 12
 """Radius of the iris in the resampled patch in which it is sought, pixels."""
@@ -32,9 +32,15 @@ LEAST_CONTRAST = 0.22
 """Smallest difference between ring and disc, as a share of the range of red between the lids."""
 
 CENTRE_COST = (0.02, 0.60)
-"""Cost, in contrast, of lying one radius off the middle of the opening, growing with the square: along the line through
-the corners, and across it. Across it is larger: lids hide and shade the iris above and below, so its height is known
-less well, and they move with it."""
+"""Cost, in contrast, of lying one radius off the usual place, growing with the square: along the line through the
+corners, from the middle of the opening, and across it, from ``ABOVE_LOWER``. Across it is larger: lids hide and shade
+the iris above and below, so its height is known less well, and they move with it."""
+
+ABOVE_LOWER, OPENED, RAISED = 0.9, 1.7, 0.4
+"""Usual height of the iris above the lower lid, in radii: 5 to 5.5 mm (margin reflex distance 2) of 5.85; height of an
+open eye, likewise; and how much of what an eye lacks of it the lower lid has come up, as it does in a smile. The upper
+lid rests on the iris, now more, now less: sought in the middle of the opening, irises were found too low, and people
+who look into the camera looked at its feet (``benchmarks.gaze``)."""
 
 EXPECTED_COST = 0.1
 """Cost, in contrast, of lying one radius off the expected place, growing with the square."""
@@ -64,7 +70,7 @@ class Search:
     Attributes:
         contrast: (n, n) float32 in [-1, 1] of an iris centred at each pixel of a patch about the opening; -1 where too
             little of it would lie between the lids.
-        merit: (n, n) float32 contrast less the cost of lying off the middle; minus infinity outside the opening.
+        merit: (n, n) float32 contrast less the cost of lying off the usual place; minus infinity outside the opening.
         middle: (2,) photo pixels of the patch's centre.
         radius: of the iris, photo pixels.
         rim: (16, 2) photo pixels.
@@ -115,7 +121,7 @@ def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
 
     Args:
         pixels: (H, W, 3) uint8 sRGB.
-        rim: (N, 2) pixels round the opening between the lids, in order, from one corner.
+        rim: (N, 2) pixels round the opening between the lids, in order, from one corner, the lower lid first.
         radius_px: of the iris, photo pixels.
 
     Returns:
@@ -147,11 +153,23 @@ def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
         return None
     value = np.clip((red - low) / (high - low), 0.0, 1.0)
     score = _contrast(value, inside.astype(np.float32))
-    y, x = np.indices(score.shape, np.float32)
-    along = (rim[len(rim) // 2] - rim[0]) / max(float(np.linalg.norm(rim[len(rim) // 2] - rim[0])), 1e-9)
-    aside, above = ((x - HALF) * along[0] + (y - HALF) * along[1], (y - HALF) * along[0] - (x - HALF) * along[1])
-    off = (aside**2 * CENTRE_COST[0] + above**2 * CENTRE_COST[1]) / RADIUS_PX**2
-    return Search(score, np.where(inside, score - off, -np.inf).astype(np.float32), middle, float(radius_px), rim)
+    return Search(score, _merit(score, inside, (rim - middle) * scale), middle, float(radius_px), rim)
+
+
+def _merit(score: Float32, inside: Bool, rim: Float64) -> Float32:
+    """(n, n) contrast less ``CENTRE_COST``; ``rim`` (N, 2) in pixels of the patch, from its centre."""
+    half = len(rim) // 2
+    across = rim[half] - rim[0]
+    along = across / max(float(np.linalg.norm(across)), 1e-9)
+    down = np.array([-along[1], along[0]])
+    down *= np.sign(float((rim[1:half].mean(0) - rim[half + 1 :].mean(0)) @ down)) or 1.0
+    lowest, highest = float((rim[1:half] @ down).max()), float((rim[half + 1 :] @ down).min())
+    lacking = max(OPENED - (lowest - highest) / RADIUS_PX, 0.0)
+    y, x = np.indices(score.shape, np.float32) - np.float32(HALF)
+    aside = (x * along[0] + y * along[1]) / RADIUS_PX
+    above = (lowest - (x * down[0] + y * down[1])) / RADIUS_PX
+    off = CENTRE_COST[0] * aside**2 + CENTRE_COST[1] * (above - ABOVE_LOWER + RAISED * lacking) ** 2
+    return np.where(inside, score - off, -np.inf).astype(np.float32)
 
 
 def filled(rim: AnyFloat, shape: tuple[int, int]) -> UInt8:

@@ -10,7 +10,7 @@ import pytest
 
 from service.anatomy.eyes.eyeball import SIDES, eyeball
 from service.anatomy.eyes.gaze import RIMS, Gaze, find_gaze, with_gaze
-from service.anatomy.eyes.iris import Iris, search
+from service.anatomy.eyes.iris import HALF, RADIUS_PX, Iris, _merit, search
 from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
@@ -67,6 +67,22 @@ def test_iris_is_found_where_it_is(radius: float, iris: tuple[int, int, int], of
     assert found is not None
     assert np.abs(found.centre - centre)[0] < 0.12 * radius + 0.15
     assert np.abs(found.centre - centre)[1] < 0.2 * radius + 0.15
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+@pytest.mark.parametrize(("upper", "lower", "height"), [(0.85, 0.9, 0.9), (0.4, 0.9, 0.74), (0.4, 0.6, 0.62)])
+def test_without_contrast_an_iris_lies_where_lids_leave_it(
+    upper: float, lower: float, height: float, tilt: float
+) -> None:
+    """Nine tenths of a radius above the lower lid, less where that has come up; not in the middle of the opening."""
+    rim = RADIUS_PX * np.stack([2.4 * np.cos(TURN), np.where(np.sin(TURN) > 0, lower, upper) * np.sin(TURN)], 1)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    n = 2 * HALF + 1
+    merit = _merit(np.zeros((n, n), np.float32), np.ones((n, n), bool), rim @ turn.T)
+    row, column = np.unravel_index(int(merit.argmax()), merit.shape)
+    x, y = turn.T @ (np.array([column, row]) - HALF) / RADIUS_PX
+    assert x == pytest.approx(0.0, abs=0.1)
+    assert lower - y == pytest.approx(height, abs=0.08)
 
 
 def test_nothing_is_found_where_there_is_nothing() -> None:
