@@ -1,7 +1,8 @@
 """Fit an opening of the face, between lids or between lips, to the rim that the photo shows.
 
 Expression units move the edges of the mesh's opening. Their activations are solved for by least squares so that the
-edges, as the camera sees them, lie on the rim that the landmark network found.
+edges, as the camera sees them, lie on the rim that a network found; with them, where it has not been settled yet, how
+the whole opening lies beside that rim.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ PLACE_SIGMA_M, TILT_SIGMA = 0.0015, 0.08
 """How far the fit places an opening beside the photo's, as a standard deviation in metres and of the tangent of an
 angle: what all of both edges is off by together says nothing about how far the opening is open."""
 
-MOST_PLACED = 2.5
-"""Bound of both, standard deviations."""
+MOST_PLACED, PLACED = 2.5, 1e-3
+"""Bound of both, in standard deviations, and the share of them left to an opening that lies where it should."""
 
 LEAST_FACING = 0.35
 """Cosine of the angle between the head's forward axis and the view below which a rim is too foreshortened to fit."""
@@ -187,6 +188,8 @@ def fit_to_rim(
     neutral: AnyFloat,
     expression: Float64,
     camera: Camera,
+    *,
+    placed: bool = True,
 ) -> Followed:
     """The expression whose opening ends at a rim, and how the opening has to be moved to lie on it.
 
@@ -198,16 +201,19 @@ def fit_to_rim(
         neutral: (V, 3) metres, the fitted head without expression.
         expression: (E,) activations to start from.
         camera: of the fit.
+        placed: the opening lies where it should, and only its edges can move.
     """
     out = np.array(expression, np.float64)
     units = [k for k, name in enumerate(head.expression_names) if name in names]
     if not units or not -camera.rotation[2, 2] >= LEAST_FACING:
         return Followed(out)
     before = out[units].copy()
-    placed = np.zeros(3)
+    away = np.zeros(3)
+    sigma = np.r_[np.full(len(units), UNIT_SIGMA), PLACE_SIGMA_M, PLACE_SIGMA_M, TILT_SIGMA]
+    sigma[len(units) :] *= PLACED if placed else 1.0
     for _ in range(ROUNDS):
-        out[units], placed = _step(head, neutral, out, units, before, camera, rim, edges)
-    return Followed(out, *(float(one) for one in placed))
+        out[units], away = _step(head, neutral, out, units, before, camera, rim, edges, sigma)
+    return Followed(out, *(float(one) for one in away))
 
 
 def _step(
@@ -219,13 +225,13 @@ def _step(
     camera: Camera,
     rim: Rim,
     edges: OpeningEdges,
+    sigma: Float64,
 ) -> tuple[Float64, Float64]:
     """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the
     rim: metres across and along it, and the tangent of its tilt."""
     from scipy.optimize import lsq_linear
 
     start, count = expression[units], len(units)
-    sigma = np.r_[np.full(count, UNIT_SIGMA), PLACE_SIGMA_M, PLACE_SIGMA_M, TILT_SIGMA]
     matrix, target = [np.diag(1.0 / sigma)], [np.r_[before - start, 0.0, 0.0, 0.0] / sigma]
     points = np.asarray(neutral, np.float64) + np.tensordot(expression, head.expression.astype(np.float64), 1)
     moves, places = head.expression[units].astype(np.float64), rim.places

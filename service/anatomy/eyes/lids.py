@@ -73,8 +73,12 @@ def lid_on_rim(
     side: str,
     *,
     exact: bool,
+    placed: bool = True,
 ) -> tuple[Rim | None, Followed]:
-    """One eye's rim, None where it is not legible, and how the lids follow it; arguments as of :func:`lids_on_rims`."""
+    """One eye's rim, None where it is not legible, and how the lids follow it, arguments as of :func:`lids_on_rims`.
+
+    ``placed``: the eye lies where it should.
+    """
     edges = lid_edges(head, side)
     rim = Rim.of(np.asarray(landmarks, np.float64)[list(RIMS[side]), :2], camera.rotation[:2, 1], FITTED)
     if edges is None or rim is None:
@@ -83,9 +87,9 @@ def lid_on_rim(
     if not exact:
         return rim, fit_to_rim(rim.lower_above(LASH_ROOTS), edges, names, head, neutral, start, camera)
     if rim.gap < SHUT:
-        rim, start = rim.narrower(rim.length), _shut(head, start, side)
-        names.discard(f"eyeWide{side.capitalize()}")
-    return rim, fit_to_rim(rim, edges, names, head, neutral, start, camera)
+        # Lids that meet in this view may be apart in others: only where they meet is fitted.
+        rim, start, names = rim.narrower(rim.length), _shut(head, start, side), {f"eyeSquint{side.capitalize()}"}
+    return rim, fit_to_rim(rim, edges, names, head, neutral, start, camera, placed=placed)
 
 
 def _shut(head: HeadModel, expression: Float64, side: str) -> Float64:

@@ -45,7 +45,7 @@ def eyes_on_rims(
     for side in SIDES:
         if side not in exact:
             continue
-        rim, found = lid_on_rim(head, neutral, expression, camera, landmarks, side, exact=True)
+        rim, found = lid_on_rim(head, neutral, expression, camera, landmarks, side, exact=True, placed=False)
         if rim is not None:
             out += _moved(head, np.asarray(neutral, np.float64), camera, side, rim, found)
     return out

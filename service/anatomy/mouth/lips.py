@@ -74,7 +74,7 @@ def lips_on_rim(
     closed = gap < SHUT if exact else gap < CLOSED and not teeth_seen
     extra = 0.0 if exact else LEFT_OPEN
     if not closed:
-        return fit_to_rim(rim.narrower(extra * rim.length), edges, UNITS, head, neutral, expression, camera).expression
+        return fit_to_rim(rim.narrower(extra * rim.length), edges, UNITS | ({"jawOpen"} if exact else set()), head, neutral, expression, camera).expression
     return fit_to_rim(rim.narrower(rim.length), edges, SHIFTERS, head, neutral, sealed(head, expression), camera).expression
 
 
