@@ -227,8 +227,11 @@ def _step(
     edges: OpeningEdges,
     sigma: Float64,
 ) -> tuple[Float64, Float64]:
-    """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the
-    rim: metres across and along it, and the tangent of its tilt."""
+    """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the rim.
+
+    The way is metres across and along the rim, and the tangent of an angle; ``sigma`` are the standard deviations of
+    all these unknowns.
+    """
     from scipy.optimize import lsq_linear
 
     start, count = expression[units], len(units)
