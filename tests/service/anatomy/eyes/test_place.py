@@ -7,12 +7,12 @@ import pytest
 
 from service.anatomy.eyes.eyeball import SIDES, eyeball
 from service.anatomy.eyes.gaze import RIMS
-from service.anatomy.eyes.lids import lids_on_rims
+from service.anatomy.eyes.lids import LASH_ROOTS, lids_on_rims
 from service.anatomy.eyes.place import eyes_on_rims
 from service.anatomy.opening_edges import lid_edges
 from service.head.files import load_head
 from service.head.model import HeadModel
-from tests.service.anatomy.eyes.test_lids import FOCAL, LASH_ROOTS, UPPER, camera, shown, units
+from tests.service.anatomy.eyes.test_lids import FOCAL, UPPER, camera, shown, units
 from tests.toyhead import sphere_head
 
 MM = FOCAL * 1e-3
