@@ -1,7 +1,8 @@
 """Fit an opening of the face, between lids or between lips, to the rim that the photo shows.
 
 Expression units move the edges of the mesh's opening. Their activations are solved for by least squares so that the
-edges, as the camera sees them, lie on the rim that the landmark network found.
+edges, as the camera sees them, lie on the rim that a network found; with them, where it has not been settled yet, how
+the whole opening lies beside that rim.
 """
 
 from __future__ import annotations
@@ -11,18 +12,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.anatomy.opening_edges import OpeningEdges
-from service.arrays import AnyFloat, Float64, Int64
+from service.arrays import AnyFloat, Bool, Float64, Int64
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 
-RIM_SIGMA_M, UNIT_SIGMA = 0.0005, 0.5
+RIM_SIGMA_M, UNIT_SIGMA = 0.00025, 0.5
 """Standard deviations of the least squares: of the rim in metres, and of a unit's activation about its prior, the value
 before."""
+
+PLACE_SIGMA_M, TILT_SIGMA = 0.0015, 0.08
+"""How far the fit places an opening beside the photo's, as a standard deviation in metres and of the tangent of an
+angle: what all of both edges is off by together says nothing about how far the opening is open."""
+
+MOST_PLACED, PLACED = 2.5, 1e-3
+"""Bound of both, in standard deviations, and the share of them left to an opening that lies where it should."""
 
 LEAST_FACING = 0.35
 """Cosine of the angle between the head's forward axis and the view below which a rim is too foreshortened to fit."""
 
-ROUNDS = 3
+PLACES = 9
+"""Places along a rim at which the edges are fitted to it, those in the middle with more weight than those beside the
+corners, where lids turn over into each other."""
+
+FEWEST_PLACES = 5
+"""Fewest of them that an edge has to reach."""
+
+ROUNDS = 4
 """Least-squares steps: which row of vertices bounds the opening, and its place along the rim, may change in each."""
 
 
@@ -75,6 +90,17 @@ class Rim:
         """Distance between the corners in pixels."""
         return 1.0 / float(np.linalg.norm(self.along))
 
+    @property
+    def gap(self) -> float:
+        """Mean height of the opening's middle half, as a share of its length."""
+        places = np.linspace(0.25, 0.75, PLACES)
+        return float(np.mean(np.interp(places, *self.upper.T) - np.interp(places, *self.lower.T))) / self.length
+
+    @property
+    def places(self) -> Float64:
+        """(N,) places at which edges are fitted to it."""
+        return np.linspace(*self.used, PLACES)
+
     def lower_above(self, share: float) -> Rim:
         """The rim with its upper edge lowered by a share of the length."""
         return replace(self, upper=self.upper - [0.0, share * self.length])
@@ -88,40 +114,70 @@ class Rim:
 
 
 @dataclass(frozen=True)
-class Row:
-    """A row of vertices of an edge as the camera sees it, (N,) each.
+class Edge:
+    """One edge of the opening as the camera sees it, (N,) at places between its corners.
 
     Attributes:
-        vertices: their indices.
-        place: in the frame of the rim.
-        height: pixels, in the frame of the rim.
-        scale: photo pixels per metre at their depth.
+        height: pixels, in the frame of the rim, of the row of vertices that bounds the opening there.
+        slope: (N, U) pixels by activation of each unit.
+        scale: photo pixels per metre at its depth.
+        reached: bool, whether the edge reaches so far.
     """
 
-    vertices: Int64
-    place: Float64
     height: Float64
+    slope: Float64
     scale: Float64
+    reached: Bool
 
     @classmethod
-    def of(cls, vertices: Int64, points: Float64, camera: Camera, rim: Rim) -> Row | None:
-        """The vertices within ``rim.used``; None where fewer than 3 are, or one lies behind the camera.
+    def of(
+        cls, rows: tuple[Int64, ...], points: Float64, moves: Float64, camera: Camera, rim: Rim, outwards: float
+    ) -> Edge | None:
+        """The edge at ``rim.places``; None where it has few of them, or a vertex lies behind the camera.
 
         Args:
-            vertices: (N,) indices.
-            points: (N, 3) their positions in metres, head space.
+            rows: indices of vertices.
+            points: (V, 3) positions in metres, head space.
+            moves: (U, V, 3) derivative by the activations.
             camera: of the fit.
             rim: the detected one.
+            outwards: 1 for the upper edge, whose lowest row bounds the opening, -1 for the lower.
         """
-        depth = camera.to_camera(points)[:, 2]
-        if (depth <= 1e-6).any():
+        upwards, found, away = rim.across @ camera.rotation[:2], [], []
+        for row in rows:
+            depth = camera.to_camera(points[row])[:, 2]
+            if (depth <= 1e-6).any():
+                return None
+            offset = camera.project(points[row]) - rim.corner
+            place, scale = offset @ rim.along, camera.focal_px / depth
+            order = np.argsort(place, kind="stable")
+            values = np.vstack([offset @ rim.across, scale, scale * (moves[:, row] @ upwards)])[:, order]
+            found.append([np.interp(rim.places, place[order], value) for value in values])
+            beyond = (rim.places < place[order[0]]) | (rim.places > place[order[-1]])
+            away.append(np.where(beyond, np.inf, 0.0))
+        every, hidden = np.array(found), np.array(away)
+        reached = np.isfinite(hidden).any(0)
+        if reached.sum() < FEWEST_PLACES:
             return None
-        offset = camera.project(points) - rim.corner
-        place = offset @ rim.along
-        used = (place > rim.used[0]) & (place < rim.used[1])
-        if used.sum() < 3:
-            return None
-        return cls(vertices[used], place[used], offset[used] @ rim.across, camera.focal_px / depth[used])
+        bounding = np.argmin(outwards * every[:, 0] + hidden, 0)
+        height, scale, *slope = every[bounding, :, np.arange(len(rim.places))].T
+        return cls(height, np.stack(slope, 1), scale, reached)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """An opening that was fitted to a rim.
+
+    Attributes:
+        expression: (E,) activations, all in [0, 1].
+        raised_m, aside_m: how far it has to move to lie on the rim, metres across and along the rim.
+        tilt: tangent of the angle by which it has to turn, anticlockwise where ``across`` is to the left of ``along``.
+    """
+
+    expression: Float64
+    raised_m: float = 0.0
+    aside_m: float = 0.0
+    tilt: float = 0.0
 
 
 def fit_to_rim(
@@ -132,8 +188,10 @@ def fit_to_rim(
     neutral: AnyFloat,
     expression: Float64,
     camera: Camera,
-) -> Float64:
-    """(E,) expression, all in [0, 1], whose opening ends at a rim.
+    *,
+    placed: bool = True,
+) -> Followed:
+    """The expression whose opening ends at a rim, and how the opening has to be moved to lie on it.
 
     Args:
         rim: where the edges should be seen.
@@ -143,15 +201,19 @@ def fit_to_rim(
         neutral: (V, 3) metres, the fitted head without expression.
         expression: (E,) activations to start from.
         camera: of the fit.
+        placed: the opening lies where it should, and only its edges can move.
     """
     out = np.array(expression, np.float64)
     units = [k for k, name in enumerate(head.expression_names) if name in names]
     if not units or not -camera.rotation[2, 2] >= LEAST_FACING:
-        return out
+        return Followed(out)
     before = out[units].copy()
+    away = np.zeros(3)
+    sigma = np.r_[np.full(len(units), UNIT_SIGMA), PLACE_SIGMA_M, PLACE_SIGMA_M, TILT_SIGMA]
+    sigma[len(units) :] *= PLACED if placed else 1.0
     for _ in range(ROUNDS):
-        out[units] = _step(head, neutral, out, units, before, camera, rim, edges)
-    return out
+        out[units], away = _step(head, neutral, out, units, before, camera, rim, edges, sigma)
+    return Followed(out, *(float(one) for one in away))
 
 
 def _step(
@@ -163,27 +225,32 @@ def _step(
     camera: Camera,
     rim: Rim,
     edges: OpeningEdges,
-) -> Float64:
-    """Activations of the units after one linear least-squares step within [0, 1]."""
+    sigma: Float64,
+) -> tuple[Float64, Float64]:
+    """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the rim.
+
+    The way is metres across and along the rim, and the tangent of an angle; ``sigma`` are the standard deviations of
+    all these unknowns.
+    """
     from scipy.optimize import lsq_linear
 
-    start = expression[units]
-    matrix, target = [np.eye(len(units)) / UNIT_SIGMA], [(before - start) / UNIT_SIGMA]
+    start, count = expression[units], len(units)
+    matrix, target = [np.diag(1.0 / sigma)], [np.r_[before - start, 0.0, 0.0, 0.0] / sigma]
+    points = np.asarray(neutral, np.float64) + np.tensordot(expression, head.expression.astype(np.float64), 1)
+    moves, places = head.expression[units].astype(np.float64), rim.places
+    middle = (4.0 * places * (1.0 - places)) ** 2
     for rows, curve, outwards in ((edges.upper, rim.upper, 1.0), (edges.lower, rim.lower, -1.0)):
-        seen = []
-        for vertices in rows:
-            moved = np.tensordot(expression, head.expression[:, vertices].astype(np.float64), 1)
-            row = Row.of(vertices, np.asarray(neutral, np.float64)[vertices] + moved, camera, rim)
-            seen += [] if row is None else [row]
-        if not seen:
-            return start
-        # The row that bounds the opening: the lowest of the upper edge, the highest of the lower edge.
-        edge = min(seen, key=lambda one: outwards * float(one.height.mean()))
-        wanted = np.interp(edge.place, curve[:, 0], curve[:, 1])
-        upwards = edge.scale[:, None] * (rim.across @ camera.rotation[:2])
-        jacobian = np.einsum("nk,unk->nu", upwards, head.expression[units][:, edge.vertices].astype(np.float64))
-        weight = 1.0 / (np.sqrt(len(edge.vertices)) * RIM_SIGMA_M * edge.scale)
-        matrix.append(jacobian * weight[:, None])
+        edge = Edge.of(rows, points, moves, camera, rim, outwards)
+        if edge is None:
+            return start, np.zeros(3)
+        wanted = np.interp(places, curve[:, 0], curve[:, 1])
+        aside = -np.gradient(edge.height, places) * edge.scale / rim.length
+        placed = np.stack([edge.scale, aside, (places - 0.5) * rim.length], 1)
+        share = middle * edge.reached
+        weight = np.sqrt(share / share.sum()) / (RIM_SIGMA_M * edge.scale)
+        matrix.append(np.hstack([edge.slope, placed]) * weight[:, None])
         target.append((wanted - edge.height) * weight)
-    solved = lsq_linear(np.vstack(matrix), np.concatenate(target), (-start - 1e-9, 1.0 - start + 1e-9))
-    return np.asarray(np.clip(start + solved.x, 0.0, 1.0))
+    low = np.r_[-start - 1e-9, -MOST_PLACED * sigma[count:]]
+    high = np.r_[1.0 - start + 1e-9, MOST_PLACED * sigma[count:]]
+    solved = lsq_linear(np.vstack(matrix), np.concatenate(target), (low, high)).x
+    return np.asarray(np.clip(start + solved[:count], 0.0, 1.0)), np.asarray(solved[count:])

@@ -21,7 +21,8 @@ PAIRED = ("mouthUpperUp", "mouthLowerDown", "mouthPress", "mouthFrown", "mouthDi
 UNITS = {"mouthClose", "mouthRollUpper", "mouthRollLower", "mouthShrugUpper", "mouthShrugLower"} | {
     f"{unit}{side}" for unit in PAIRED for side in ("Left", "Right")
 }
-"""Expression units that move the lips alone; the jaw is already fitted to the outline of the face."""
+"""Expression units that move the lips alone. The jaw is already fitted to the outline of the face; where the rim lies
+on the edges of the lips, which tell its opening better than the chin does, it moves with them."""
 
 OPENERS = {"mouthFunnel", "tongueOut"} | {
     f"{unit}{side}" for unit in ("mouthUpperUp", "mouthLowerDown") for side in ("Left", "Right")
@@ -73,9 +74,12 @@ def lips_on_rim(
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length
     closed = gap < SHUT if exact else gap < CLOSED and not teeth_seen
     extra = 0.0 if exact else LEFT_OPEN
-    if not closed:
-        return fit_to_rim(rim.narrower(extra * rim.length), edges, UNITS, head, neutral, expression, camera)
-    return fit_to_rim(rim.narrower(rim.length), edges, SHIFTERS, head, neutral, sealed(head, expression), camera)
+    start = np.array(expression, np.float64)
+    if closed:
+        rim, units, start = rim.narrower(rim.length), SHIFTERS, sealed(head, start)
+    else:
+        rim, units = rim.narrower(extra * rim.length), UNITS | ({"jawOpen"} if exact else set())
+    return fit_to_rim(rim, edges, units, head, neutral, start, camera).expression
 
 
 def sealed(head: HeadModel, expression: Float64) -> Float64:

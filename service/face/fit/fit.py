@@ -9,6 +9,7 @@ import numpy as np
 from service.anatomy.eyes.eyeball import inter_ocular_m
 from service.anatomy.eyes.gaze import find_gaze, with_gaze
 from service.anatomy.eyes.lids import lids_on_rims
+from service.anatomy.eyes.place import eyes_on_rims
 from service.anatomy.mouth.lips import MOUTH_RIM, lips_on_rim
 from service.anatomy.teeth.measure import measure_teeth
 from service.anatomy.teeth.upper_incisors import ROW as UPPER_ROW
@@ -136,6 +137,7 @@ def _result(
     neutral = head.shape(identity)
     if not np.isfinite(neutral).all():
         raise FitFailed("the fitted head is not finite")
+    neutral = eyes_on_rims(head, neutral, expression, camera, rims, openings)
     gaze = find_gaze(photo.pixels, rims, head, neutral, camera)
     if gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
@@ -149,7 +151,7 @@ def _result(
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
     expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in openings)
-    vertices = head.shape(identity, expression)
+    vertices = np.asarray(neutral + np.tensordot(expression.astype(np.float32), head.expression, 1), np.float32)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
         for shape in (vertices, neutral):

@@ -105,3 +105,17 @@ def test_a_shut_mouth_seals(head: HeadModel, jaw: float) -> None:
     found = lips_on_rim(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
     upper, lower = opening(head, found)
     assert (lower - upper).max() < 0.2e-3 * FOCAL
+
+
+@pytest.mark.parametrize("jaw", [0.5, 0.8])
+def test_the_jaw_opens_a_mouth_whose_edges_were_read(head: HeadModel, jaw: float) -> None:
+    """Lips alone open a mouth by some millimetres; a fit whose jaw lags behind left shouts half shut."""
+    true = units(head, jawOpen=jaw)
+    start = units(head, jawOpen=0.4 * jaw)
+    wide = gap_mm(head, true)
+    exact, loose = (
+        gap_mm(head, lips_on_rim(head, head.mean, start, VIEW, rim(head, true), teeth_seen=True, exact=given))
+        for given in (True, False)
+    )
+    assert exact == pytest.approx(wide, abs=1.5)
+    assert loose < wide - 2.5
