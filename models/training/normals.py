@@ -58,11 +58,12 @@ def angles(found: Tensor, truth: Tensor) -> Tensor:
     return torch.rad2deg(torch.atan2(sine, cosine))
 
 
-MISPLACED, MARK_SIZE = 0.6, 24.0
+MISPLACED, MARK_SIZE = 0.85, 24.0
 """Share of crops whose pigment lies in other places than their relief, and the standard deviation, texels, of the blur
-that takes it off. The stage's colour follows its height (correlation 0.3 from 0.3 to 1 mm: docs/lightstage.md); that of
-scans does not (-0.1 to 0.2). A network that has seen the stage alone reads relief off colour on every skin; one that
-has seen both gives, where it cannot tell, what is likeliest: next to none. Shade stays where its relief is."""
+that takes it off. The stage's colour follows its height: correlation 0.3 (light skin) to 0.44 from 0.3 to 1 mm, where
+scans have -0.1 to 0.2 (docs/lightstage.md); with this share crops have about the scans' mean. A network that has seen
+the stage alone reads relief off colour on every skin; one that has seen both gives, where it cannot tell, what is
+likeliest: next to none. Shade stays where its relief is, and creases are dark."""
 
 
 def misplaced_pigment(albedo: Tensor, hair: Tensor, share: Tensor) -> Tensor:
