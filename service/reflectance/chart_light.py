@@ -78,7 +78,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
-    shown = np.maximum(lit, clue(SHOWN, 1.0) * (1 - lids))
+    shown = np.maximum(lit, clue(SHOWN, 0.0))
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)

@@ -43,8 +43,8 @@ LIT = "lit_skin"
 INPAINTED = "inpainted_skin"
 """Channel that is 1 on inpainted skin."""
 
-SHOWN = "shown_surface"
-"""Channel that is 1 where the photo shows the head's own surface: lit skin, brows and beards; 0 on the scalp."""
+SHOWN = "shown_beard"
+"""Channel that is 1 where the photo shows the head's own surface and beards grow, lit skin or not."""
 
 COVERED = "covered_skin"
 """Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
@@ -185,8 +185,9 @@ class Subject:
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
         lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
         covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
-        surface = (1 - inpainted) * self.bare(GEOMETRY_SIZE)
-        return np.concatenate([lit, inpainted, eyes, surface, covered, self.lids[None]])
+        grows = self.chart.interpolate(vertex_mask(self.head, "beard"))[..., 0]
+        beard = (1 - inpainted) * np.clip(grows, 0, 1) * self.own_skin
+        return np.concatenate([lit, inpainted, eyes, beard, covered, self.lids[None]])
 
     @property
     def own_skin(self) -> Float32:
