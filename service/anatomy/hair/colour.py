@@ -27,6 +27,11 @@ MOST_FADING = 1.8
 """Largest ratio between tips and roots in a channel, either way."""
 GREY = 0.18
 """Saturation (1 - min / max of linear RGB) below which lit strands are grey; the share falls to 0 at twice that."""
+NEUTRAL = np.array([1.12, 0.97, 0.86], np.float32)
+"""Tint of black hair, of luminance 1 about: eumelanin absorbs blue most (Zonios et al. 2008)."""
+WRONG = 0.15
+"""Excess of green over red, or of blue over green, from which on hair has the whole of that tint: a little is noise of
+grey hair."""
 DYED = 0.5
 """Saturation from which on hair that no melanin colours counts as dyed."""
 
@@ -112,18 +117,22 @@ def as_melanin(albedo: Float32) -> Float32:
 
     Both melanins absorb the more the shorter the wave (d'Eon 2011, table 1). Black hair shows more of what it mirrors
     than of itself: window or sky; divided by the warmer light on the skin it would come out violet. Channels in the
-    wrong order get their mean (isotonic regression); dyed hair (``DYED``) keeps its colour.
+    wrong order are brought to the tint of black hair (isotonic regression beside it); dyed hair (``DYED``) keeps its
+    colour.
     """
     if 1 - float(albedo.min()) / max(float(albedo.max()), 1e-6) > DYED:
         return albedo
-    red, green, blue = (float(value) for value in albedo)
+    excess = max(float(albedo[1] / max(albedo[0], 1e-6)), float(albedo[2] / max(albedo[1], 1e-6))) - 1
+    tint = NEUTRAL ** np.float32(np.clip(excess / WRONG, 0, 1))
+    red, green, blue = (float(value) for value in albedo / tint)
     if green > red:
         red = green = 0.5 * (red + green)
     if blue > green:
         green = blue = 0.5 * (green + blue)
     if green > red:
-        red = green = blue = float(albedo.mean())
-    return np.array([red, green, blue], np.float32)
+        red = green = blue = (red + green + blue) / 3
+    made = np.array([red, green, blue], np.float32) * tint
+    return np.asarray(made * (luma(albedo) / max(float(luma(made)), 1e-6)), np.float32)
 
 
 def guessed(skin: Float32, brow: Float32 | None = None) -> HairColour:

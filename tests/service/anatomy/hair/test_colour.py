@@ -59,18 +59,19 @@ def test_black_hair_that_mirrors_a_window_is_not_violet() -> None:
     assert found is not None
     before, after = found.usual * light, found.natural(light).usual * light
     assert before[2] > before[1] and (np.diff(after) < 1e-6).all() and after[2] > 0
-    assert float(luma(after)) == pytest.approx(float(luma(before)), rel=0.1)
+    assert float(luma(after)) == pytest.approx(float(luma(before)), rel=1e-3)
 
 
 @pytest.mark.parametrize("colour", [(0.4, 0.2, 0.08), (0.05, 0.1, 0.3), (0.3, 0.29, 0.28), (0.0, 0.0, 0.0)])
 def test_natural_and_dyed_hair_keep_their_colour(colour: tuple[float, float, float]) -> None:
-    assert np.array_equal(as_melanin(np.array(colour, np.float32)), np.array(colour, np.float32))
+    assert as_melanin(np.array(colour, np.float32)) == pytest.approx(np.array(colour), abs=1e-6)
 
 
 def test_channels_in_the_wrong_order_meet() -> None:
     for wrong in ((0.2, 0.25, 0.3), (0.2, 0.3, 0.25), (0.25, 0.2, 0.3)):
         made = as_melanin(np.array(wrong, np.float32))
-        assert made[0] >= made[1] >= made[2] and made.mean() == pytest.approx(np.mean(wrong))
+        assert made[0] > 1.1 * made[1] and made[1] > 1.1 * made[2], "equal red and green would be olive"
+        assert made.mean() == pytest.approx(np.mean(wrong), rel=0.1)
 
 
 def test_too_little_hair_gives_no_colour() -> None:
