@@ -75,7 +75,8 @@ def misplaced_pigment(albedo: Tensor, hair: Tensor, share: Tensor) -> Tensor:
         share: (N, 1, 1, 1) in [0, 1], how far; 0 gives 1 everywhere.
     """
     tone = torch.log(linear(albedo).clamp(min=1e-3))
-    fine = (tone - blur(tone, MARK_SIZE)) * (1.0 - hair)
+    size = min(MARK_SIZE, min(tone.shape[2:]) / 6)  # no wider than small crops allow
+    fine = (tone - blur(tone, size)) * (1.0 - hair)
     bare = 1.0 - torch.maximum(hair, hair.flip(-1, -2))
     return torch.exp(share * bare * (fine.flip(-1, -2) - fine))
 
