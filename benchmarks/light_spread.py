@@ -29,7 +29,7 @@ import typer
 
 from benchmarks.heads import TexturedHead
 from benchmarks.metrics import View, face_region
-from benchmarks.render import LAMPS, Shot, take_once
+from benchmarks.render import FURTHER_LAMPS, LAMPS, Shot, take_once
 from benchmarks.shoot import data_folder
 from benchmarks.subjects import KINDS
 from models.tables import tell
@@ -39,7 +39,7 @@ Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MARK = ("<!-- light-spread -->", "<!-- /light-spread -->")
-LIGHTS = ("soft", *LAMPS)
+LIGHTS = ("soft", *LAMPS, "harsh", *FURTHER_LAMPS)
 SIZE = 512
 COMPARED_WIDTH = 384
 """Maps are averaged to this width before lights are compared: fits differ by a texel or two of the finer map."""

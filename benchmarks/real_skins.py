@@ -7,9 +7,10 @@ it: a flat map, and "dark is deep", the albedo itself taken for a height.
 
 Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
 A second table has the mean angle at shares of rho's strength, and the share that is best on the patches of all *other*
-people (``service.reflectance.normals.LIKELIEST``). A third asks the scans themselves whether their slopes along both
-belong to one height: correlation of the mixed derivatives over the face, 1 for a height, -1 if y points the other way,
-0 if they have nothing to do with each other.
+people. A third has it as the service uses rho: on skin that a light from the side or from above shades, with what that
+shade corrects (``service.reflectance.relief.shading``). A fourth asks the scans themselves whether their slopes along
+both belong to one height: correlation of the mixed derivatives over the face, 1 for a height, -1 if y points the other
+way, 0 if they have nothing to do with each other.
 """
 
 from __future__ import annotations
@@ -27,11 +28,15 @@ import typer
 from models.lightstage.measures import BANDS_MM, Patch, band
 from models.lightstage.references import reference_faces, reference_patches
 from models.tables import tell
+from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
 from service.reflectance.fine_shade import NAME as SHADED_GREY
+from service.reflectance.normals import STEEPEST_Z
+from service.reflectance.relief.shading import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
+from service.texture.detail.octaves import joined, split
 
 PPM = 14.0
 """Texels per mm of the full chart on cheeks."""
@@ -46,26 +51,82 @@ SHOWN = BANDS_MM[1:]
 SHARES = (0.1, 0.2, 0.5, 1.0)
 """Of rho's strength that are tried."""
 
+SENSITIVITIES = (0.2, 0.5)
+"""Change of the logarithm of the light with a component of the normal, on skin: of soft and of usual light."""
+TURNS = (0.2, 1.2, 1.9, 2.9)
+"""Where the light comes from, radians from image x towards up: both sides, and from above."""
+
 Array = npt.NDArray[np.float64]
+
+
+def enlarged(patch: Patch) -> Float32:
+    """(side, side) grey of a patch, sRGB-coded, at ``PPM``; the side is a multiple of 32 texels."""
+    coded = linear_to_srgb(patch.albedo.astype(np.float32))
+    side = round(patch.albedo.shape[0] * PPM / patch.texels_per_mm / 32) * 32
+    big = cv2.resize(coded, (side, side), interpolation=cv2.INTER_CUBIC).clip(0.0, 1.0)
+    return np.asarray(big @ LUMA, np.float32)
+
+
+def asked(grey: Float32, name: str, folder: Path = MODELS) -> Float32:
+    """(3, h, w) normals that rho reads off the grey (h, w), sRGB-coded, of the patch of this name."""
+    x, y = next(place for end, place in PLACES_MM.items() if name.endswith(end))
+    with open_network("rho", Engine(threads=1, folder=folder)) as network:
+        constant = {"normal_tangent_z": 1.0, "normal_tangent_x": 0.0, "normal_tangent_y": 0.0, **_position(x, y)}
+        planes = [grey * 2.0 - 1.0 if channel == SHADED_GREY else np.full_like(grey, constant[channel])
+                  for channel in network.description.channels]  # fmt: skip
+        return network.run(np.stack(planes))
 
 
 def predicted(patch: Patch, folder: Path = MODELS) -> Array:
     """(2, h, w) slopes that rho reads off a patch, at the patch's own resolution."""
-    scale = PPM / patch.texels_per_mm
-    coded = linear_to_srgb(patch.albedo.astype(np.float32))
-    side = round(patch.albedo.shape[0] * scale / 16) * 16
-    big = cv2.resize(coded, (side, side), interpolation=cv2.INTER_CUBIC).clip(0.0, 1.0)
-    grey = np.asarray(big @ LUMA, np.float32) * 2.0 - 1.0
-    x, y = next(place for name, place in PLACES_MM.items() if patch.name.endswith(name))
-    with open_network("rho", Engine(threads=1, folder=folder)) as network:
-        position = _position(x, y)
-        constant = {"normal_tangent_z": 1.0, "normal_tangent_x": 0.0, "normal_tangent_y": 0.0, **position}
-        planes = [grey if name == SHADED_GREY else np.full_like(grey, constant[name])
-                  for name in network.description.channels]  # fmt: skip
-        normal = network.run(np.stack(planes))
-    size = patch.albedo.shape[1::-1]
+    normal, size = asked(enlarged(patch), patch.name, folder), patch.albedo.shape[1::-1]
     slopes = np.stack([cv2.resize(-normal[k] / normal[2], size, interpolation=cv2.INTER_AREA) for k in (0, 1)])
     return slopes.astype(np.float64)
+
+
+def in_light(patch: Patch, sensitivity: float, turn: float, folder: Path = MODELS) -> tuple[float, float, float]:
+    """Mean angle in degrees of a flat map, of rho, and of rho corrected by the shade, in a light from one side.
+
+    Args:
+        patch: of real skin; its slopes shade it.
+        sensitivity: d log E / d n along the light (``service.reflectance.relief.sensitivity``).
+        turn: radians from image x towards up, where the light comes from.
+        folder: of the ONNX files.
+    """
+    grey = enlarged(patch)
+    slopes = [cv2.resize(plane, grey.shape[::-1], interpolation=cv2.INTER_CUBIC) for plane in np.asarray(patch.slope)]
+    truth = np.stack(slopes).astype(np.float64)
+    tilted = -truth / np.sqrt(1.0 + np.square(truth).sum(0))
+    toward = sensitivity * np.array([np.cos(turn), np.sin(turn)])
+    lit = np.clip(grey * np.exp(np.tensordot(toward, tilted, 1) / GAMMA), 0.0, 1.0).astype(np.float32)
+    normal = asked(lit, patch.name, folder)
+    guess = np.moveaxis(normal[:2] / np.linalg.norm(normal, axis=0), 0, 2).astype(np.float32)
+    octaves = len(RELIEF)
+    shade, _ = split(np.log(np.maximum(lit, LEAST)) * np.float32(GAMMA), octaves)
+    bands, _ = split(np.ascontiguousarray(guess), octaves)
+    change = [
+        updated(one, seen, np.broadcast_to(toward.astype(np.float32), one.shape), UNTOLD * strength, pigment)
+        for one, seen, strength, pigment in zip(bands, shade, RELIEF, PIGMENT, strict=True)
+    ]
+    flat = np.zeros_like(truth)
+    return error(flat, truth), error(slopes_of(guess), truth), error(slopes_of(guess + joined(change)), truth)
+
+
+def slopes_of(xy: Float32) -> Array:
+    """(2, h, w) slopes of x and y (h, w, 2) of unit normals."""
+    z = np.sqrt(np.maximum(1.0 - np.square(xy).sum(-1), STEEPEST_Z**2))
+    return np.asarray(np.moveaxis(-xy / z[..., None], 2, 0), np.float64)
+
+
+def lit_rows(patches: Sequence[Patch], folder: Path) -> list[str]:
+    """Rows of the third table: by kind of scan and strength of the light, means over patches and directions."""
+    lines = ["| scans | sensitivity to the light | flat | rho | rho and the photo's shade |", "|---" * 5 + "|"]
+    for who in dict.fromkeys(patch.name.split()[0] for patch in patches):
+        own = [patch for patch in patches if patch.name.startswith(who)]
+        for strength in SENSITIVITIES:
+            angles = np.mean([in_light(one, strength, turn, folder) for one in own for turn in TURNS], 0)
+            lines.append(f"| {who} | {strength} | " + " | ".join(f"{value:.2f}" for value in angles) + " |")
+    return lines
 
 
 def _position(x: float, y: float) -> dict[str, float]:
@@ -180,7 +241,8 @@ def main(
         f"{low}-{high} mm: correlation x / y, strength, dark is deep" for low, high in SHOWN) + " |"]  # fmt: skip
     lines.append("|---" * (3 + len(SHOWN)) + "|")
     pairs: dict[str, tuple[Array, Array]] = {}
-    for patch in reference_patches(place):
+    patches = reference_patches(place)
+    for patch in patches:
         found, deep = predicted(patch, folder), dark_is_deep(patch)
         truth = np.asarray(patch.slope)
         pairs[patch.name] = found, truth
@@ -192,7 +254,7 @@ def main(
         numbers = f"{error(found, truth):.2f} | {tilt(truth):.2f}"
         lines.append(f"| {patch.name} | {numbers} | " + " | ".join(cells) + " |")
     heading = " | ".join(f"{low}-{high} mm" for low, high in SHOWN)
-    lines += ["", *strengths(pairs)]
+    lines += ["", *strengths(pairs), "", *lit_rows(patches, folder)]
     lines += ["", f"| slopes of one height? | {heading} |", "|---" * (1 + len(SHOWN)) + "|", *scans_themselves(place)]
     tell("\n".join(lines), MARK, write)
 

@@ -36,6 +36,12 @@ LAMPS: dict[str, Lamp] = {
 }
 """Lights of one lamp in a dim room."""
 
+FURTHER_LAMPS: dict[str, Lamp] = {
+    "cool": ((-0.9, 0.3, 1.6), 0.5, (1.7, 2.4, 3.4)),
+    "flash": ((0.17, 0.18, 1.26), 0.06, (80.0, 78.0, 74.0)),
+}
+"""Two more: light of a window, and a flash above the camera's lens."""
+
 _OLDEST_LLVM = 16
 
 
@@ -45,7 +51,8 @@ class Shot:
 
     Attributes:
         yaw: degrees by which the camera goes round the head, positive towards the subject's left.
-        light: "soft" (a bright sky and a dim floor), "harsh" (a key from one side, little else), or one of ``LAMPS``.
+        light: "soft" (a bright sky and a dim floor), "harsh" (a key from one side, little else), or one of ``LAMPS`` or
+            ``FURTHER_LAMPS``.
         distance: metres to the middle of the face.
         fov: degrees, of the whole width.
         size: pixels of the square photo.
@@ -145,8 +152,9 @@ def environment(light: str, seed: int) -> npt.NDArray[np.float32]:
 
 def lamps_of(light: str, seed: int) -> list[Lamp]:
     """Lamps of a light: none, one of ``LAMPS``, or a key from one side and a weak fill from the other."""
-    if light in LAMPS:
-        return [LAMPS[light]]
+    lamps = LAMPS | FURTHER_LAMPS
+    if light in lamps:
+        return [lamps[light]]
     if light != "harsh":
         return []
     side = 1 if seed % 2 else -1

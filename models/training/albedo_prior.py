@@ -1,13 +1,18 @@
 """Learns the Gaussian of whole albedo maps: ``python -m models.training.albedo_prior --data DIR``.
 
 Principal components of log albedo over the charts of captures and their mirror images, for
-``service.reflectance.completion``. How far the components are trusted is what completes other subjects best: each
-capture in turn is left out, half hidden as photos hide it, and completed; the command prints the error on hidden skin
+``service.reflectance.completion``. Beards of all kinds are painted over copies of the charts
+(``models.training.facial_hair``), so one that ends at the border of what a photo shows goes on beyond it. How far the
+components are trusted is what completes other subjects best: captures are left out part by part, half hidden as photos
+hide them, and completed; the command prints the error on hidden skin, and on that of it where a painted beard grows,
 beside that of the mean colour of the seen skin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +23,8 @@ import torch
 import typer
 
 from models.training.cover import Cover
-from models.training.store import Wholes
+from models.training.facial_hair import Barber
+from models.training.store import Arrays, Wholes
 from service.colour import srgb_to_linear
 from service.errors import UsageError
 from service.reflectance.completion import FILE, AlbedoPrior
@@ -35,7 +41,13 @@ NOISES = (0.2, 0.4, 0.8, 1.6, 3.2)
 AS_GOOD = 1.02
 """Times the least error up to which another noise counts as as good."""
 FEWEST = 4
-"""Fewest captures by which one can be left out."""
+"""Fewest captures by which some can be left out."""
+FOLDS = 8
+"""Parts of the captures that are left out in turn, with all copies of their charts."""
+COPIES = 2
+"""Of each chart with hair painted by chance; half of them have a beard."""
+BEARDED = 0.3
+"""Share of a texel covered by a painted beard from which its error counts as that of a beard."""
 
 
 def log_albedo(coded: npt.NDArray[np.uint8]) -> Float:
@@ -57,9 +69,20 @@ def learnt(maps: Float, inside: Float, count: int, noise: float) -> AlbedoPrior:
     return AlbedoPrior(mean, np.concatenate([components, offsets]).astype(np.float32), noise, inside)
 
 
-def hidden_error(prior: AlbedoPrior, truth: Float, lit: Float, skin: Float) -> tuple[float, float]:
-    """Root mean square of log albedo on skin that ``lit`` hides: completed, and by the mean colour of the seen skin."""
-    hidden = (1 - lit) * skin
+def hidden_error(prior: AlbedoPrior, truth: Float, lit: Float, where: Float) -> tuple[float, float]:
+    """Root mean square of log albedo where ``lit`` hides a region: completed, and by the mean colour of the seen skin.
+
+    NaN where nothing of the region is hidden.
+
+    Args:
+        prior: that completes.
+        truth: (3, h, w) log albedo.
+        lit: (h, w) in [0, 1], what is seen.
+        where: (h, w) in [0, 1], the region.
+    """
+    hidden = (1 - lit) * where
+    if float(hidden.sum()) < 1:
+        return float("nan"), float("nan")
     flat = (truth * lit).sum((1, 2), keepdims=True) / max(float(lit.sum()), 1e-6)
     found = prior.complete(truth, lit)
     # What the seen part has beside the model goes on into the rest, as in the service.
@@ -71,10 +94,50 @@ def hidden_error(prior: AlbedoPrior, truth: Float, lit: Float, skin: Float) -> t
     return completed, by_mean
 
 
+@dataclass(frozen=True)
+class Charts:
+    """Whole charts, as they are and with painted hair.
+
+    Attributes:
+        maps: (N, 3, h, w) log albedo.
+        of: (N,) the capture that each is of.
+        seen: (N, h, w) in [0, 1], what a photo of it would show.
+        beard: (N, h, w) in [0, 1], share of the skin that a painted beard covers.
+    """
+
+    maps: Float
+    of: npt.NDArray[np.int64]
+    seen: Float
+    beard: Float
+
+    @classmethod
+    def drawn(cls, items: Sequence[Arrays], cover: Cover, seed: int = 1) -> Charts:
+        """Of captures (``models.training.store.Wholes``)."""
+        barber, generator = Barber(), torch.Generator().manual_seed(seed)
+        maps, of, seen, beard = [], [], [], []
+        for index, item in enumerate(items):
+            coded = torch.from_numpy(item["albedo"].astype(np.float32) / np.float32(255))[None]
+            geometry = torch.from_numpy(item["geometry"].astype(np.float32))[None]
+            for copy in range(1 + COPIES):
+                painted, hair = coded, torch.zeros_like(coded[:, :1])
+                if copy:
+                    _, painted, hair = barber(coded, coded, generator)
+                maps.append(log_albedo(np.rint(painted[0].numpy() * 255).astype(np.uint8)))
+                seen.append(small(cover(geometry, generator)[0, 0].numpy()))
+                beard.append(small(hair[0, 0].numpy()))
+                of.append(index)
+        return cls(np.stack(maps), np.array(of), np.stack(seen), np.stack(beard))
+
+
+def small(plane: Float) -> Float:
+    """(HEIGHT, WIDTH) means of a plane."""
+    return np.asarray(cv2.resize(plane, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.float32)
+
+
 def main(
     data: Annotated[Path, typer.Option(help="Folder of captures.")],
     output: Annotated[Path, typer.Option("-o", help="File to write.")] = FILE,
-    count: Annotated[int, typer.Option(min=1, help="Components.")] = 12,
+    count: Annotated[int, typer.Option(min=1, help="Components.")] = 32,
 ) -> None:
     """Choose the noise, write the prior.
 
@@ -85,35 +148,35 @@ def main(
     wholes.refresh()
     if len(wholes.items) < FEWEST:
         raise UsageError(f"{data / 'train'} has {len(wholes.items)} captures; {FEWEST} are needed at least")
-    maps = np.stack([log_albedo(item["albedo"].astype(np.uint8)) for item in wholes.items])
     cover = Cover()
-    geometry = torch.stack([torch.from_numpy(item["geometry"].astype(np.float32)) for item in wholes.items])
-    lit = cover(geometry, torch.Generator().manual_seed(1))[:, 0].numpy()
-
-    def small(plane: Float) -> Float:
-        return np.asarray(cv2.resize(plane, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.float32)
-
-    inside = small(geometry[0, -1].numpy())
+    charts = Charts.drawn(wholes.items, cover)
+    inside = small(wholes.items[0]["geometry"][-1].astype(np.float32))
     skin = small((cover.skin * (1 - cover.scalp) * (1 - cover.hidden)).numpy())
-    seen = [small(one) for one in lit]
+    errors: dict[float, list[tuple[float, ...]]] = {noise: [] for noise in NOISES}
+    for fold in range(min(FOLDS, len(wholes.items))):
+        left_out = charts.of % FOLDS == fold
+        prior = learnt(charts.maps[~left_out], inside, count, NOISES[0])
+        for noise, one in product(NOISES, np.flatnonzero(left_out)):
+            places = (skin, skin * (charts.beard[one] > BEARDED))
+            tried = [hidden_error(replace(prior, noise=noise), charts.maps[one], charts.seen[one], p) for p in places]
+            errors[noise].append((*tried[0], *tried[1]))
     found = {}
-    for noise in NOISES:
-        errors = [
-            hidden_error(learnt(np.delete(maps, i, 0), inside, count, noise), maps[i], seen[i], skin)
-            for i in range(len(maps))
-        ]
-        completed, by_mean = np.mean(errors, 0)
-        typer.echo(f"noise {noise}: log albedo of hidden skin off by {completed:.3f}, by the seen mean {by_mean:.3f}")
+    for noise, rows in errors.items():
+        completed, by_mean, beard, beard_by_mean = np.nanmean(rows, 0)
+        typer.echo(
+            f"noise {noise}: log albedo of hidden skin off by {completed:.3f}, by the seen mean {by_mean:.3f}; "
+            f"under painted beards {beard:.3f}, {beard_by_mean:.3f}"
+        )
         found[noise] = float(completed)
     # Photos leave light in the seen part, which captures do not: the most cautious of those that are as good.
     chosen = max(noise for noise, error in found.items() if error <= AS_GOOD * min(found.values()))
-    prior = learnt(maps, inside, count, chosen)
+    prior = learnt(charts.maps, inside, count, chosen)
     output.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(
         output, mean=prior.mean.astype(np.float16), components=prior.components.astype(np.float16),
         inside=inside.astype(np.float16), noise=np.array(chosen),
     )  # fmt: skip
-    typer.echo(f"{output}: {len(prior.components)} components of {len(maps)} captures, noise {chosen}")
+    typer.echo(f"{output}: {len(prior.components)} components of {len(wholes.items)} captures, noise {chosen}")
 
 
 if __name__ == "__main__":

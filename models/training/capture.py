@@ -46,7 +46,7 @@ class Recipe:
         lights: scenes the whole chart is baked under; every other one is hard light.
         patch: side of a window.
         block: patches along each side of the block that is drawn at full resolution at once; 0 for none.
-        lit: patches of the block that are baked, each under a scene of its own.
+        lit: patches of the block that are baked, each under a scene of its own; those of its lower row in hard light.
         draft_width: chart width of the extra patch at low resolution, whose scale draft quality works at; 0 for none.
     """
 
@@ -152,7 +152,8 @@ def _block(sitting: Sitting, recipe: Recipe) -> list[Arrays]:
         x, y = window.x + column * recipe.patch, window.y + row * recipe.patch
         inner = ChartWindow(x, y, recipe.patch, recipe.patch, window.chart_width, window.chart_height)
         cut = SkinMaps(*(inner.cut(getattr(maps, f), window) for f in SkinMaps.__dataclass_fields__))
-        result.append(_patch(sitting, cut, inner, 100 + i if i % 2 < recipe.lit / 2 else None))
+        lit = i % 2 < recipe.lit / 2
+        result.append(_patch(sitting, cut, inner, sitting.scene(100 + i, hard=row % 2 == 1) if lit else None))
     return result
 
 
@@ -160,7 +161,7 @@ def _draft(sitting: Sitting, recipe: Recipe) -> list[Arrays]:
     if not recipe.draft_width:
         return []
     window = _somewhere(sitting, recipe.patch, recipe.draft_width)
-    return [_patch(sitting, sitting.skin.maps(window), window, 200)]
+    return [_patch(sitting, sitting.skin.maps(window), window, sitting.scene(200))]
 
 
 def _somewhere(sitting: Sitting, side: int, width: int) -> ChartWindow:
@@ -177,7 +178,7 @@ def _somewhere(sitting: Sitting, side: int, width: int) -> ChartWindow:
     return ChartWindow(x // 8 * 8, y // 8 * 8, side, side, width, height)
 
 
-def _patch(sitting: Sitting, maps: SkinMaps, window: ChartWindow, scene: int | None) -> Arrays:
+def _patch(sitting: Sitting, maps: SkinMaps, window: ChartWindow, scene: Scene | None) -> Arrays:
     """One window: maps, the geometry around it, and its texture under a scene if it has one."""
     patch: Arrays = {
         "albedo": _byte(srgb(maps.diffuse_albedo)),
@@ -190,7 +191,7 @@ def _patch(sitting: Sitting, maps: SkinMaps, window: ChartWindow, scene: int | N
         "window": np.array([window.x, window.y, window.width, window.height, window.chart_width]),
     }
     if scene is not None:
-        patch["texture"] = _byte(sitting.baked(maps, window, sitting.scene(scene)))
+        patch["texture"] = _byte(sitting.baked(maps, window, scene))
     return patch
 
 

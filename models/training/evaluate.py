@@ -18,13 +18,14 @@ import typer
 from torch import Tensor, nn
 from torch.nn import functional
 
+from models.colour import linear, srgb
 from models.lightstage.tones import TONES, tone
 from models.tables import write_between
 from models.training.albedo import unlit
 from models.training.context import ContextTask, best_gain
 from models.training.degrade import blur
 from models.training.measures import colour_difference, light_left
-from models.training.normals import NormalTask, angles
+from models.training.normals import NormalTask, angles, misplaced_pigment
 from models.training.reflectance import grey
 from models.training.tasks import Batch, Task, channels, psnr
 from models.training.train import TASKS
@@ -82,12 +83,12 @@ def divided(batch: Batch) -> Tensor:
     for image, normal, inside in zip(texture, normals, mask, strict=True):
         x, y, z = normal
         basis = torch.stack([torch.ones_like(x), x, y, z, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
-        linear = image.clamp(min=1e-3) ** 2.2
+        bright = image.clamp(min=1e-3) ** 2.2
         chosen = inside[0] > 0.5
-        a, b = basis[:, chosen].T, grey(linear[None])[0, 0][chosen]
+        a, b = basis[:, chosen].T, grey(bright[None])[0, 0][chosen]
         fitted = torch.linalg.lstsq(a, b[:, None]).solution[:, 0]
         shading = torch.einsum("khw,k->hw", basis, fitted).clamp(min=float(b.mean()) * 0.1)
-        result.append((linear / shading * b.mean()).clamp(0.0, 1.0) ** (1.0 / 2.2))
+        result.append((bright / shading * b.mean()).clamp(0.0, 1.0) ** (1.0 / 2.2))
     return torch.stack(result)
 
 
@@ -151,11 +152,17 @@ def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
         deep = task.measure(dark_is_deep(batch), batch)
         creased = task.creased(batch, generator)
         lines = task.measure(task.predict(network, creased), creased)
+        whole = torch.ones(len(truth), 1, 1, 1)
+        moved = linear(batch["albedo"]) * misplaced_pigment(batch["bare_albedo"], batch["hair"], whole)
+        other = batch | {"albedo": srgb(moved.clamp(0.0, 1.0))}
+        strange = task.measure(task.predict(network, other), other)
         return {
             "network deg": -numbers["score"], "flat deg": -numbers["flat"], "blurred truth deg": mean_angle(soft),
             "dark is deep deg": -deep["score"], "detail": numbers["detail"], "correlation": numbers["correlation"],
             "dark is deep correlation": deep["correlation"], "creased: network deg": -lines["score"],
             "creased: flat deg": -lines["flat"], "creased: correlation": lines["correlation"],
+            "pigment elsewhere: network deg": -strange["score"],
+            "pigment elsewhere: correlation": strange["correlation"],
         }  # fmt: skip
 
     return measure

@@ -78,7 +78,7 @@ class Material:
         window: on which stages are measured.
         texture: (h, w, 3) codes of the whole chart, as unwrapped from the photo.
         geometry: (11, h, w) of the whole chart, see ``service.reflectance.subject``.
-        clues: (10, h, w) of the whole chart, see ``service.reflectance.subject.CLUES``.
+        clues: (9, h, w) of the whole chart, see ``service.reflectance.subject.CLUES``.
         steps: (3, h, w) of the window, see ``service.reflectance.relief.displacement.Steps``.
         skin: (side, side) uint8 of the window at full size, above 0 where a texel is skin.
     """

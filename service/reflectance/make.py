@@ -155,7 +155,7 @@ def make_reflectance(
     if "specular_normal" in plan.stages:
 
         def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
-            bent = tangent_normals(SPECULAR, job(told), detail)
+            bent = tangent_normals(SPECULAR, job(told))
             if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
                 shares = tuple(octave.share for octave in found_detail.octaves)
                 trust = bare(own.seen, planes)
@@ -164,9 +164,7 @@ def make_reflectance(
 
         made.specular_normal, made.wrinkles = run("specular_normal", specular)
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, _ = run(
-            "diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told), detail))
-        )
+        made.diffuse_normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told))))
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))

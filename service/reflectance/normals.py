@@ -12,32 +12,26 @@ from service.reflectance.translate import MapInputs, translate
 
 SPECULAR, DIFFUSE = "rho", "sigma"
 
-LIKELIEST = 0.1
-"""Share of the networks' slopes at which a map is as near to real relief as a flat one (3.18 for 3.17 degrees; all of
-them: 3.76). On twelve patches of four real people their slopes have nothing to do with those of the scans
-(``benchmarks.real_skins``); albedo alone tells less than the shade of a photo does, so not all of them go."""
-
 STEEPEST_Z = 0.17
 """Smallest z of a unit normal, a tilt of 80 degrees: steeper slopes are not meaningful, and 8 bits do not resolve
 them."""
 
 
-def tangent_normals(name: str, job: MapInputs, detail: float = 1.0) -> npt.NDArray[np.int16]:
+def tangent_normals(name: str, job: MapInputs) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from network ``name``; flat off the skin and where the skin is covered.
 
-    The networks read relief off bare skin. Strands of hair, brows and frames of glasses are dark lines as creases are,
+    The networks read relief off bare skin, and give the likeliest: where colour and shade tell little, little of it
+    (``benchmarks.real_skins``). Strands of hair, brows and frames of glasses are dark lines as creases are,
     and what lies under them is not seen: there the map is flat.
 
     Args:
         name: ``SPECULAR`` or ``DIFFUSE``.
         job: inputs of the network; without a channel ``COVERED`` all skin is bare.
-        detail: in [0, 1]; 1 has the strength of real relief in places of its own, 0 the share ``LIKELIEST`` of it.
 
     Raises:
         ModelFault: the network is missing, changed, or does not fit.
     """
     result = np.zeros((*job.skin.shape, 2), np.int16)
-    strength = np.float32(LIKELIEST + (1 - LIKELIEST) * detail)
     covered = job.planes.read([COVERED]) if COVERED in job.planes.channels else None
 
     def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
@@ -45,8 +39,7 @@ def tangent_normals(name: str, job: MapInputs, detail: float = 1.0) -> npt.NDArr
         if covered is not None:
             rows, columns = (np.arange(s.start, s.stop) for s in place)
             bare = skin * (1 - np.clip(covered(rows, columns)[0], 0, 1))
-        slope = bare * strength
-        result[place] = pack_normals(slope * values[0], slope * values[1], bare * values[2] + (1 - bare))
+        result[place] = pack_normals(bare * values[0], bare * values[1], bare * values[2] + (1 - bare))
 
     translate(name, job, 3, keep)
     return result

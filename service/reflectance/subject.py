@@ -43,13 +43,16 @@ LIT = "lit_skin"
 INPAINTED = "inpainted_skin"
 """Channel that is 1 on inpainted skin."""
 
+SHOWN = "shown_beard"
+"""Channel that is 1 where the photo shows the head's own surface and beards grow, lit skin or not."""
+
 COVERED = "covered_skin"
 """Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
 
 LIDS = "lids"
 """Channel that is 1 on the skin round the eyes."""
 
-CLUES = (LIT, INPAINTED, *EYES, COVERED, LIDS)
+CLUES = (LIT, INPAINTED, *EYES, SHOWN, COVERED, LIDS)
 """Channels of :attr:`Subject.clues`: where light and relief can be read from the texture."""
 
 BROW_SOFT = 5.0
@@ -162,7 +165,7 @@ class Subject:
 
     @property
     def clues(self) -> Float32:
-        """(8, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
+        """(9, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
         import cv2
 
         def whole(plane: Float32 | None, usual: float) -> Float32:
@@ -182,7 +185,9 @@ class Subject:
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
         lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
         covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
-        return np.concatenate([lit, inpainted, eyes, covered, self.lids[None]])
+        grows = self.chart.interpolate(vertex_mask(self.head, "beard"))[..., 0]
+        beard = (1 - inpainted) * np.clip(grows, 0, 1) * self.own_skin
+        return np.concatenate([lit, inpainted, eyes, beard, covered, self.lids[None]])
 
     @property
     def own_skin(self) -> Float32:

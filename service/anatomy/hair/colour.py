@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,13 @@ MOST_FADING = 1.8
 """Largest ratio between tips and roots in a channel, either way."""
 GREY = 0.18
 """Saturation (1 - min / max of linear RGB) below which lit strands are grey; the share falls to 0 at twice that."""
+NEUTRAL = np.array([1.12, 0.97, 0.86], np.float32)
+"""Tint of black hair, of luminance 1 about: eumelanin absorbs blue most (Zonios et al. 2008)."""
+WRONG = 0.15
+"""Excess of green over red, or of blue over green, from which on hair has the whole of that tint: a little is noise of
+grey hair."""
+DYED = 0.5
+"""Saturation from which on hair that no melanin colours counts as dyed."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,14 @@ class HairColour:
     def usual(self) -> Float32:
         """(3,) mean of shaded and lit."""
         return np.asarray(0.5 * (self.shaded + self.lit), np.float32)
+
+    def natural(self, light: Float32) -> HairColour:
+        """The same with an albedo that melanin can have.
+
+        Args:
+            light: (3,) factors > 0 from colours in the photo's light to albedo.
+        """
+        return replace(self, shaded=as_melanin(self.shaded * light) / light, lit=as_melanin(self.lit * light) / light)
 
 
 def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | None:
@@ -95,6 +110,29 @@ def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | Non
         float(np.clip(2 - saturation / GREY, 0, 1)), max(float(luma(top)) / max(float(luma(lit)), 1e-6), 1.0),
         True, ends,
     )  # fmt: skip
+
+
+def as_melanin(albedo: Float32) -> Float32:
+    """(3,) linear albedo of hair with no more green than red, and no more blue than green.
+
+    Both melanins absorb the more the shorter the wave (d'Eon 2011, table 1). Black hair shows more of what it mirrors
+    than of itself: window or sky; divided by the warmer light on the skin it would come out violet. Channels in the
+    wrong order are brought to the tint of black hair (isotonic regression beside it); dyed hair (``DYED``) keeps its
+    colour.
+    """
+    if 1 - float(albedo.min()) / max(float(albedo.max()), 1e-6) > DYED:
+        return albedo
+    excess = max(float(albedo[1] / max(albedo[0], 1e-6)), float(albedo[2] / max(albedo[1], 1e-6))) - 1
+    tint = NEUTRAL ** np.float32(np.clip(excess / WRONG, 0, 1))
+    red, green, blue = (float(value) for value in albedo / tint)
+    if green > red:
+        red = green = 0.5 * (red + green)
+    if blue > green:
+        green = blue = 0.5 * (green + blue)
+    if green > red:
+        red = green = blue = (red + green + blue) / 3
+    made = np.array([red, green, blue], np.float32) * tint
+    return np.asarray(made * (luma(albedo) / max(float(luma(made)), 1e-6)), np.float32)
 
 
 def guessed(skin: Float32, brow: Float32 | None = None) -> HairColour:

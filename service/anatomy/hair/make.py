@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from service.anatomy.hair.bust import bust_part
+from service.anatomy.hair.colour import as_melanin
 from service.anatomy.hair.find import Hair
 from service.anatomy.hair.parts import brow_part, hair_part, lash_part
 from service.arrays import Float32, UInt8, UInt16
@@ -36,7 +39,11 @@ def worn(
         brows: whether brows are cards too.
     """
     small = None if albedo is None else _small(albedo, texture.shape)
-    light = np.ones(3, np.float32) if small is None else to_albedo(texture, small, lit_skin)
+    light = np.ones(3, np.float32)
+    if small is not None:
+        light = to_albedo(texture, small, lit_skin)
+        brow = None if hair.brow_colour is None else as_melanin(hair.brow_colour * light) / light
+        hair = replace(hair, colour=hair.colour.natural(light), brow_colour=brow)
     parts = (
         bust_part(head, fit, texture if small is None else small),
         hair_part(hair, head, fit, light),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.hair.colour import CONTRAST, LIGHT, SHADE, HairColour
+from service.anatomy.hair.colour import CONTRAST, LIGHT, NEUTRAL, SHADE, HairColour
 from service.anatomy.hair.item import Item
 from service.arrays import Float32, UInt8
 from service.colour import linear_to_srgb, luma
@@ -15,8 +15,6 @@ BRIGHTEST = 0.75
 DARKEST = 0.011
 """Least luminance of the usual strands' albedo, linear: black hair is no hole. What a photo shows darker than that lies
 in shadow, or under a tone curve that crushes it."""
-NEUTRAL = np.array([1.12, 0.97, 0.86], np.float32)
-"""Tint of black hair, of luminance 1 about: eumelanin absorbs blue most (Zonios et al. 2008)."""
 SPREAD = 0.008
 """Blur of the coordinate from root to tip on the texture, over its width: cards that share texels differ."""
 HAIRLINE = 0.05

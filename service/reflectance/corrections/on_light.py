@@ -23,6 +23,7 @@ class ChartLight:
         lit: (h, w) in [0, 1], skin in the photo's light.
         inside: (h, w) in [0, 1], islands of the chart.
         inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
+        shown: (h, w) in [0, 1], at least ``lit``: what of the head's own surface the photo shows, beards too.
     """
 
     light: Float32
@@ -31,6 +32,7 @@ class ChartLight:
     lit: Float32
     inside: Float32
     inpainted: Float32
+    shown: Float32
 
     @property
     def weight(self) -> Float32:

@@ -23,6 +23,10 @@ SEAM = 0.12
 GRAIN = 3.0
 """Standard deviation of the blur below which inpainted skin keeps its own detail, texels of the context."""
 
+BEARD_END = 8.0
+"""Standard deviation of the blur over which a beard fades beyond what is seen of it, texels of the context; how far it
+goes on is for the prior to tell."""
+
 SHADED = 0.3
 """Quantile of the light on lit skin below which no continued light falls."""
 
@@ -97,6 +101,7 @@ def as_seen_skin(
     found: Float32,
     lit: Float32,
     inpainted: Float32,
+    shown: Float32,
     prior: AlbedoPrior | None = None,
 ) -> Float32:
     """(3, h, w) light under which inpainted skin has the albedo that goes with the seen skin, but for its own grain.
@@ -111,17 +116,26 @@ def as_seen_skin(
         found: (3, h, w) log light as the network found it, to be believed where lit.
         lit: (h, w) in [0, 1]; without any lit skin the light is returned as it is.
         inpainted: (h, w) in [0, 1], inpainted skin.
+        shown: (h, w) in [0, 1], at least ``lit``: what the photo shows. A beard tells no light and is part of the
+            albedo: beyond the border of what is seen it goes on.
         prior: of whole albedo maps of this chart; None: the albedo of seen skin is continued alone.
     """
     if float(lit.sum()) < 1 or not inpainted.any():
         return light
     colour = np.log(np.maximum(texture, np.float32(DARKEST)))
-    seen = np.asarray(colour - found, np.float32)
-    usual = np.zeros_like(seen) if prior is None else prior.complete(seen, lit)
-    wanted = usual + continued(seen - usual, lit)
+    seen = np.asarray(colour - (lit * found + (1 - lit) * light), np.float32)
+    usual = np.zeros_like(seen) if prior is None else prior.complete(seen, shown)
+    skin = continued(seen - usual, lit)
+    wanted = usual + skin + _nearby((shown - lit) * (seen - usual - skin), shown)
     plain = _blurred(colour * inpainted, GRAIN) / np.maximum(_blurred(inpainted[None], GRAIN), np.float32(1e-6))
     share = np.minimum(_blurred(inpainted[None], 2.0), inpainted[None])
     return np.asarray(light + share * (plain - wanted - light), np.float32)
+
+
+def _nearby(planes: Float32, shown: Float32) -> Float32:
+    """(C, h, w) what is shown, 0 where nothing is to be added, gone on with and faded out over ``BEARD_END``."""
+    near = _blurred(shown[None], BEARD_END)
+    return np.asarray(_blurred(planes, BEARD_END) / np.maximum(near, np.float32(1e-3)) * np.minimum(2 * near, 1))
 
 
 def _blurred(planes: Float32, sigma: float) -> Float32:
@@ -140,7 +154,7 @@ def everywhere(at: ChartLight) -> Float32:
     if at.inpainted.any():
         prior = albedo_prior()
         known = prior if prior.is_of(at.inside) else None
-        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, known)
+        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown * at.inside, known)
     return seamless(light)
 
 
@@ -151,6 +165,7 @@ UNSEEN_SKIN = LightCorrection(
     constants={
         "widest": Constant(WIDEST, "texels of the context, standard deviation", "a third of the chart's width"),
         "floor": Constant(SHADED, "quantile of the light on lit skin", "chosen on photos with caps and fringes"),
+        "beard": Constant(BEARD_END, "texels of the context, standard deviation", "14 mm: no border of hair is a line"),
         "grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold"),
         "blend": Constant(SEAM, "share of the chart's sides", "as wide as the back of the head"),
     },

@@ -30,8 +30,8 @@ PIGMENT = (0.0193, 0.0211, 0.0235, 0.0243, 0.0289)
 models.lightstage.octaves, as is the next."""
 RELIEF = (0.0371, 0.0550, 0.0419, 0.0250, 0.0169)
 """Standard deviation of x and of y of specular normals."""
-UNTOLD = 0.92
-"""Share of that by which rho errs: sqrt(1 - c^2) with its correlation c of 0.39 (docs/training.md)."""
+UNTOLD = 0.98
+"""Share of that by which rho errs: sqrt(1 - c^2) with its correlation c of 0.2 (docs/training.md)."""
 FULL_WIDTH = 6144
 GAMMA = 2.2
 """Of coded brightness, as in ``service.reflectance.fine_shade``."""

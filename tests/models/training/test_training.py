@@ -30,7 +30,7 @@ from models.training.degrade import (  # noqa: E402
     tinted,
 )
 from models.training.factory import seeds_of  # noqa: E402
-from models.training.normals import NormalTask, angles  # noqa: E402
+from models.training.normals import NormalTask, angles, misplaced_pigment  # noqa: E402
 from models.training.reflectance import local_strength  # noqa: E402
 from models.training.specular_albedo import PsiTask, of_usual_gloss, retoned  # noqa: E402
 from models.training.store import Patches, Wholes  # noqa: E402
@@ -117,6 +117,23 @@ def test_degradations_keep_what_they_should() -> None:
     (mirrored,) = half_mirrored([vector], generator, [torch.tensor([-1.0])])
     ends = sorted([float(mirrored[0, 0, 0, 0]), float(mirrored[0, 0, 0, -1])])
     assert ends == [pytest.approx(-1.0, abs=1e-3), pytest.approx(1.0, abs=1e-3)]
+
+
+def test_pigment_moves_and_hair_and_shade_do_not() -> None:
+    """Colour that says nothing of relief: as strong as before, in other places; the light between both stays."""
+    generator = torch.Generator().manual_seed(3)
+    albedo = (0.5 + 0.05 * torch.randn(2, 3, 96, 96, generator=generator)).clamp(0.05, 0.95)
+    hair = torch.zeros(2, 1, 96, 96)
+    hair[:, :, :32, :32] = 1.0
+    share = torch.tensor([1.0, 0.0]).view(2, 1, 1, 1)
+    factor = misplaced_pigment(albedo, hair, share)
+    assert torch.equal(factor[1], torch.ones_like(factor[1]))
+    assert torch.equal(factor[0, :, :32, :32], torch.ones(3, 32, 32))
+    middle = (slice(None), slice(36, 60), slice(36, 60))
+    before, after = (torch.log(linear(albedo)[0] * f)[middle] for f in (1.0, factor[0]))
+    before, after = before - before.mean(), after - after.mean()
+    assert float(after.std() / before.std()) == pytest.approx(1.0, abs=0.1)
+    assert abs(float((before * after).mean() / (before.std() * after.std()))) < 0.15
 
 
 def test_coloured_lamps_change_the_hue_and_not_the_strength() -> None:

@@ -76,10 +76,10 @@ def test_unseen_skin_gets_what_goes_with_the_seen_and_no_step() -> None:
     texture = np.exp(albedo)
     texture[..., W // 2 :] = 0.2
     light = np.zeros((3, H, W), np.float32)
-    made = np.log(texture) - as_seen_skin(continued(light, lit), texture, light, lit, 1 - lit, prior)
+    made = np.log(texture) - as_seen_skin(continued(light, lit), texture, light, lit, 1 - lit, lit, prior)
     far = slice(W - 4, W)
     assert made[..., far] == pytest.approx(albedo[..., far], abs=0.03)
-    alone = np.log(texture) - as_seen_skin(continued(light, lit), texture, light, lit, 1 - lit)
+    alone = np.log(texture) - as_seen_skin(continued(light, lit), texture, light, lit, 1 - lit, lit)
     assert np.abs(alone[..., far] - albedo[..., far]).mean() > 0.2
 
 
@@ -98,3 +98,21 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
         assert redness[lips].mean() > redness[cheek].mean()
         assert made[:, ear].mean() == pytest.approx(level, abs=0.5)
     assert FILE.is_file()
+
+
+def test_the_prior_in_the_box_knows_beards() -> None:
+    """One that is seen on the face goes on along the hidden jaw; where bare skin is seen, none grows."""
+    head, prior = load_head(None), albedo_prior()
+    chart = Chart.build(head, 288, 192)
+    grows = chart.interpolate(vertex_mask(head, "beard"))[..., 0]
+    face = chart.interpolate(vertex_mask(head, "face"))[..., 0] * chart.mask
+    middle = np.abs(np.arange(288) + 0.5 - 144) < 40
+    seen = np.asarray(face * middle[None], np.float32)
+    hidden = (grows > 0.5) & (seen == 0) & (chart.mask > 0)
+    assert hidden.sum() > 50
+    skin = prior.complete(np.zeros((3, 192, 288), np.float32), np.zeros((192, 288), np.float32))
+    darker = [
+        (prior.complete(skin - depth * np.asarray(grows > 0.5, np.float32), seen) - skin)[:, hidden].mean()
+        for depth in (0.0, 1.5)
+    ]
+    assert darker[1] - darker[0] < -0.5 and abs(darker[0]) < 0.3

@@ -15,7 +15,7 @@ from service.head.regions import vertex_mask
 from service.reflectance.chart_light import found_by
 from service.reflectance.diffuse_albedo import CONTEXT
 from service.reflectance.planes import Planes
-from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, LIT, Subject
+from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, LIT, SHOWN, Subject
 from service.runtime.networks import Engine, open_network
 
 HEAD = load_head(None)
@@ -63,6 +63,19 @@ def test_hair_of_any_colour_leaves_the_light_of_the_face() -> None:
     found = sides[right[face]].mean() - sides[~right[face]].mean()
     told = np.log(lit_face.mean(2))[face]
     assert found == pytest.approx(told[right[face]].mean() - told[~right[face]].mean(), rel=0.6), "it sees the face"
+
+
+def test_a_beard_is_shown_and_inpainted_skin_and_the_shadow_of_a_cap_are_not() -> None:
+    """What completes unseen skin goes by beards too, but not by all that is dark: a cap's shadow would grow on."""
+    beard, forehead = (cv2.resize(plane(name), GEOMETRY_SIZE) > 0.9 for name in ("beard", "forehead"))
+    inpainted = np.zeros(GEOMETRY_SIZE[::-1], np.float32)
+    inpainted[:, : GEOMETRY_SIZE[0] // 2] = 1
+    lit = np.asarray((1 - inpainted) * ~beard, np.float32)
+    subject = replace(Subject.of(HEAD, HEAD.mean), lit=lit, inpainted=inpainted)
+    shown, seen = clue(subject, SHOWN), inpainted == 0
+    assert clue(subject, LIT)[beard].max() == 0
+    assert shown[beard & seen].min() > 0.5
+    assert shown[~seen].max() == 0 and shown[forehead].max() == 0
 
 
 def test_eyes_teeth_and_all_outside_are_no_lit_skin() -> None:

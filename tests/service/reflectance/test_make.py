@@ -255,19 +255,14 @@ def test_kept_stages_are_not_computed_again(engine: Engine, subject: Subject, ma
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
 
 
-def test_without_detail_the_relief_is_a_tenth(engine: Engine, subject: Subject) -> None:
-    """What a photo does not show the networks guess; the likeliest relief is nearly none."""
+def test_relief_is_the_likeliest_whatever_detail_is_made_up(engine: Engine, subject: Subject) -> None:
+    """``detail`` scales what no photo tells; what the networks read off the skin it neither adds to nor takes from."""
     plan = Plan.of(["specular_normal"], super_resolution=False)
-    skin = subject.skin((96, 64)) == 255
-    slopes = []
-    for detail in (0.0, 1.0):
-        made = make_reflectance(noise(), subject, plan, (96, 64), engine, detail=detail).specular_normal
-        assert made is not None
-        normal = unpack_normals(made)[skin]
-        slopes.append(np.linalg.norm(normal[:, :2], axis=1) / np.maximum(normal[:, 2], 0.2))
-    gentle = (slopes[1] > 0.02) & (slopes[1] < 1)  # the steepest are limited
-    assert gentle.sum() > 100
-    assert abs(float(np.median(slopes[0][gentle] / slopes[1][gentle])) - 0.1) < 0.02
+    none, full = (
+        make_reflectance(noise(), subject, plan, (96, 64), engine, detail=one).specular_normal for one in (0.0, 1.0)
+    )
+    assert none is not None and full is not None
+    assert np.array_equal(none, full) and np.linalg.norm(unpack_normals(full)[..., :2], axis=-1).max() > 0.02
 
 
 def test_covered_skin_is_flat_and_bare_skin_is_not(engine: Engine, subject: Subject) -> None:

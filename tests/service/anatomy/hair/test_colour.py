@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, guessed, measure
+from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, as_melanin, guessed, measure
 from service.anatomy.hair.find import well_within
 from service.anatomy.hair.item import read_items
 from service.anatomy.hair.make import to_albedo
@@ -50,6 +50,28 @@ def test_bleached_tips_are_told_from_roots() -> None:
 def test_grey_hair_is_grey() -> None:
     found = measure(strands(np.array([0.3, 0.29, 0.28])), np.zeros(400, np.float32), np.ones(400, bool))
     assert found is not None and found.grey == 1.0
+
+
+def test_black_hair_that_mirrors_a_window_is_not_violet() -> None:
+    """Measured on a portrait in warm light: black strands show the sky, and the light on the skin is taken off them."""
+    light = np.array([0.74, 0.79, 1.14], np.float32)
+    found = measure(strands(np.array([0.035, 0.020, 0.0172])), np.zeros(400, np.float32), np.ones(400, bool))
+    assert found is not None
+    before, after = found.usual * light, found.natural(light).usual * light
+    assert before[2] > before[1] and (np.diff(after) < 1e-6).all() and after[2] > 0
+    assert float(luma(after)) == pytest.approx(float(luma(before)), rel=1e-3)
+
+
+@pytest.mark.parametrize("colour", [(0.4, 0.2, 0.08), (0.05, 0.1, 0.3), (0.3, 0.29, 0.28), (0.0, 0.0, 0.0)])
+def test_natural_and_dyed_hair_keep_their_colour(colour: tuple[float, float, float]) -> None:
+    assert as_melanin(np.array(colour, np.float32)) == pytest.approx(np.array(colour), abs=1e-6)
+
+
+def test_channels_in_the_wrong_order_meet() -> None:
+    for wrong in ((0.2, 0.25, 0.3), (0.2, 0.3, 0.25), (0.25, 0.2, 0.3)):
+        made = as_melanin(np.array(wrong, np.float32))
+        assert made[0] > 1.1 * made[1] and made[1] > 1.1 * made[2], "equal red and green would be olive"
+        assert float(luma(made)) == pytest.approx(float(luma(np.array(wrong, np.float32))), rel=1e-3)
 
 
 def test_too_little_hair_gives_no_colour() -> None:

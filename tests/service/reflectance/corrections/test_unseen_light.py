@@ -61,7 +61,7 @@ def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> N
     for shade in (-1.5, 0.4):
         texture, light, lit = _half_seen(shade)
         goes_on = continued(light, lit)
-        made = as_seen_skin(goes_on, texture, light, lit, 1 - lit)
+        made = as_seen_skin(goes_on, texture, light, lit, 1 - lit, lit)
         away = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - made[:, :, 84:])
         unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
         assert away.max() < 0.02 < 0.5 < unmended.min()
@@ -71,17 +71,35 @@ def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> N
 def test_made_up_skin_keeps_its_grain() -> None:
     texture, light, lit = _half_seen(-1.5)
     grain = np.exp(0.05 * np.random.default_rng(0).standard_normal(SHAPE).astype(np.float32))
-    made = as_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit)
+    made = as_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit, lit)
     albedo = (texture * grain * np.exp(-made) / ALBEDO)[:, :, 90:]
     assert 0.8 < np.log(albedo).std() / np.log(grain[:, 90:]).std() < 1.1
+
+
+def test_a_beard_that_ends_where_the_photo_does_goes_on() -> None:
+    """A beard tells no light and is no lit skin: filled from lit skin alone, the chin below it came out bare."""
+    texture, light, lit = _half_seen(-0.3)
+    beard = np.zeros(SHAPE, np.float32)
+    beard[30:60, 40:72] = 1  # up to the border of what is seen
+    bearded = texture * np.exp(-1.5 * beard)
+    skin = lit * (1 - beard)
+    goes_on = continued(light, skin)
+    beyond = (slice(None), slice(40, 50), slice(74, 78))
+    darker = {}
+    for name, shown in (("heeded", lit), ("not heeded", skin)):
+        made = as_seen_skin(goes_on, bearded, light, skin, 1 - lit, shown)
+        darker[name] = float(np.log(bearded * np.exp(-made) / ALBEDO)[beyond].mean())
+        far = np.log(bearded * np.exp(-made) / ALBEDO)[:, :10, 84:]
+        assert np.abs(far).max() < 0.2, "bare skin far from the beard stays bare"
+    assert darker["heeded"] < -0.7 and abs(darker["not heeded"]) < 0.1
 
 
 def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
     """The mean of no skin would be 0 / 0, and black texels have no logarithm."""
     texture, light, lit = _half_seen(-1.5)
-    assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit) is light
-    assert as_seen_skin(light, texture, light, lit, 0 * lit) is light
-    assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit)).all()
+    assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
+    assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
+    assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
 
 
 def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
