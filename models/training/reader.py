@@ -36,9 +36,6 @@ HELD_OUT_BELOW = 2048
 RATE, DECAY = 2e-3, 0.01
 WARM_UP_STEPS = 100
 WEIGHTS = {"chart": 1.0, "normal": 1.0, "parts": 2.0}
-STEADY = 0.5
-"""Power of its variance by which a cell's likelihood counts more (Seitzer et al. 2022, beta-NLL): with 0, cells that are
-hard to tell are given up early and their values hardly learnt."""
 RARE = 0.4
 """Power of a part's share by which its pixels count less."""
 SHARES = (0.36, 0.38, 0.004, 0.006, 0.012, 0.002, 0.001, 0.0015, 0.10, 0.01, 0.012, 0.09, 0.025)
@@ -57,14 +54,8 @@ def losses(read: Read, batch: Batch) -> dict[str, Tensor]:
     weight = weight / (weight * torch.tensor(SHARES, device=weight.device)).sum()
     cross = -(functional.log_softmax(read.parts, 1) * batch.parts * weight.view(1, PARTS, 1, 1)).sum(1, keepdim=True)
     return {
-        "chart": _steady_mean(chart, read.chart_mm, batch.charted),
-        "normal": _steady_mean(normal, read.normal_sine, batch.shaped), "parts": _mean(cross, batch.known),
+        "chart": _mean(chart, batch.charted), "normal": _mean(normal, batch.shaped), "parts": _mean(cross, batch.known),
     }  # fmt: skip
-
-
-def _steady_mean(likelihood: Tensor, sigma: Tensor, where: Tensor) -> Tensor:
-    weight = where * sigma.detach().pow(2.0 * STEADY)
-    return (likelihood * weight).sum() / weight.sum().clamp(min=1e-6)
 
 
 def _mean(values: Tensor, where: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.anatomy.eyes import colours as eye
-from service.anatomy.eyes.measure import measure_eyes
+from service.anatomy.eyes.measure import EyeTone, measure_eyes
 from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.hair.parts import LASH
 from service.anatomy.mouth.paint import paint_lining, paint_tongue
@@ -82,6 +82,14 @@ class PartLight:
         return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(eye.BRIGHTEST)))
 
 
+def believed_sclera(fit: Fit, tone: EyeTone) -> Float32 | None:
+    """(3,) sRGB of the sclera, or None where it told no light: then it is lids and lashes in part.
+
+    Measured against those, dark eyes in the shade of lids would be pale ones.
+    """
+    return None if fit.eye_light is None else tone.sclera
+
+
 @dataclass(frozen=True)
 class Parts:
     """Skin and all other parts, at the inner texels (N,).
@@ -120,7 +128,7 @@ def paint_parts(
     irises = () if fit.gaze is None else fit.gaze.irises
     tone = measure_eyes(photo.pixels, irises)
     seen = opacity(unwrapped.weight)
-    light = PartLight.of(tone.sclera, skin, unwrapped.colour[face])
+    light = PartLight.of(believed_sclera(fit, tone), skin, unwrapped.colour[face])
     iris = eye.IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 

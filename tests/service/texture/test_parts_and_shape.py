@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from service.anatomy.eyes import colours as eye
+from service.anatomy.eyes.measure import EyeTone
 from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.mouth.colours import TONGUE
 from service.anatomy.teeth.colours import TOOTH
-from service.colour import linear_to_srgb
+from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.face.fit.result import Fit
 from service.geometry.chart import Chart
-from service.texture.parts import PartLight
+from service.texture.parts import PartLight, believed_sclera
 from service.texture.shape import depth_map, shape_normals
 from tests.toyhead import sphere_head
 
@@ -49,6 +54,19 @@ def test_light_of_the_parts_is_that_of_the_sclera() -> None:
     assert np.ptp(grey.of_photo(linear_to_srgb(TONGUE))) < 1e-6
     dark = PartLight.of(np.zeros(3, np.float32), None, nothing)
     assert np.isfinite(dark.off(np.zeros((2, 3), np.float32))).all() and (dark.white > 0).all()
+
+
+def test_what_told_no_light_is_no_sclera_to_measure_an_iris_against() -> None:
+    """A squinting, dark-eyed face shows lashes and shade between its lids; its iris came out grey."""
+    shown = np.array([0.13, 0.08, 0.08], np.float32)
+    tone = EyeTone(np.array([0.31, 0.22, 0.22], np.float32), shown)
+    face = np.full((50, 3), 0.6, np.float32)
+    irises = []
+    for eye_light in (None, np.full(3, 0.1)):
+        fit = cast(Fit, SimpleNamespace(eye_light=eye_light))
+        light = PartLight.of(believed_sclera(fit, tone), None, face)
+        irises.append(float(luma(srgb_to_linear(shown) / light.white)))
+    assert irises[0] < 0.03 < 0.1 < irises[1]
 
 
 def test_a_nose_shows_in_the_tangent_map_and_a_plain_sphere_does_not() -> None:
