@@ -13,14 +13,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.states import OPEN_MM, SIDES, make, openings_mm
-from service.face.finder import FaceFinder
-from service.face.fit.fit import fit_face
-from service.face.reading.read import Readers, read_face
+from benchmarks.states import OPEN_MM, SIDES, fits, make, openings_mm
+from service.anatomy.eyes.eyeball import pole
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-from service.photo.gate import read_photo
 
 Float = npt.NDArray[np.float64]
 
@@ -30,22 +27,15 @@ def directions_deg(head: HeadModel, vertices: npt.NDArray[np.floating]) -> dict[
     found = {}
     for side in SIDES:
         eye = part_vertices(head, f"eye_{side}")
-        ahead = eye[np.argmax(head.mean[eye, 2])]  # the pole of the cornea at rest
-        x, y, z = vertices[ahead].astype(np.float64) - vertices[eye].mean(0, dtype=np.float64)
+        x, y, z = vertices[pole(head, side)].astype(np.float64) - vertices[eye].mean(0, dtype=np.float64)
         found[side] = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
     return found
 
 
 def errors(folder: Path) -> Float:
     """(N, 2) yaw and pitch of the fit less the truth's, of each open eye whose iris was found."""
-    head, finder, readers, off = load_head(), FaceFinder(), Readers(), []
-    for path in sorted(folder.glob("*.npz")):
-        with np.load(path, allow_pickle=False) as data:
-            photo, vertices = read_photo(data["jpeg"].tobytes()), data["vertices"].astype(np.float64)
-        faces = finder.find(photo.pixels)
-        if not faces:
-            continue
-        fit = fit_face(faces[0], photo, head, None, read_face(photo.pixels, faces[0].landmarks, readers))
+    head, off = load_head(), []
+    for _, fit, vertices in fits(folder, head):
         if fit.gaze is None or not fit.gaze.irises:
             continue
         true, found = directions_deg(head, vertices), directions_deg(head, fit.vertices)

@@ -22,6 +22,7 @@ from service.anatomy.mouth.lips import MOUTH_RIM
 from service.anatomy.opening_edges import lid_edges, lip_edges
 from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
+from service.face.fit.result import Fit
 from service.face.reading.read import Readers, read_face
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -89,10 +90,12 @@ def make(folder: Path, count: int) -> None:
         missing[state] -= 1
 
 
-def measured(folder: Path, reads: bool) -> Iterator[tuple[str, list[Told]]]:
-    """State and openings of each portrait whose face is found."""
-    head, finder = load_head(), FaceFinder()
-    readers = Readers()
+def fits(folder: Path, head: HeadModel, reads: bool = True) -> Iterator[tuple[str, Fit, npt.NDArray[np.float64]]]:
+    """Name, fit and true vertices (V, 3) of each portrait whose face is found.
+
+    Without ``reads`` lids, lips and expression are those of the landmarks.
+    """
+    finder, readers = FaceFinder(), Readers()
     for path in sorted(folder.glob("*.npz")):
         with np.load(path, allow_pickle=False) as data:
             photo, vertices = read_photo(data["jpeg"].tobytes()), data["vertices"].astype(np.float64)
@@ -104,9 +107,15 @@ def measured(folder: Path, reads: bool) -> Iterator[tuple[str, list[Told]]]:
         reading = read_face(photo.pixels, face.landmarks, readers)
         if reading is not None and not reads:
             reading = replace(reading, openings={}, scores=None)
-        fit = fit_face(face, photo, head, None, reading)
+        yield path.stem, fit_face(face, photo, head, None, reading), vertices
+
+
+def measured(folder: Path, reads: bool) -> Iterator[tuple[str, list[Told]]]:
+    """State and openings of each portrait whose face is found."""
+    head = load_head()
+    for stem, fit, vertices in fits(folder, head, reads):
         true, found = openings_mm(head, vertices), openings_mm(head, fit.vertices.astype(np.float64))
-        yield path.stem, [Told(name, true[name], found[name]) for name in true]
+        yield stem, [Told(name, true[name], found[name]) for name in true]
 
 
 def table(results: list[tuple[str, list[Told]]]) -> list[str]:

@@ -136,9 +136,9 @@ class Edge:
         """The edge at ``rim.places``; None where it has few of them, or a vertex lies behind the camera.
 
         Args:
-            rows: indices of vertices.
-            points: (V, 3) positions in metres, head space.
-            moves: (U, V, 3) derivative by the activations.
+            rows: indices into the points.
+            points: (N, 3) positions in metres, head space.
+            moves: (U, N, 3) derivative by the activations.
             camera: of the fit.
             rim: the detected one.
             outwards: 1 for the upper edge, whose lowest row bounds the opening, -1 for the lower.
@@ -207,18 +207,22 @@ def fit_to_rim(
     units = [k for k, name in enumerate(head.expression_names) if name in names]
     if not units or not -camera.rotation[2, 2] >= LEAST_FACING:
         return Followed(out)
+    own = np.unique(np.concatenate(edges.upper + edges.lower))
+    upper, lower = (tuple(np.searchsorted(own, row) for row in rows) for rows in (edges.upper, edges.lower))
+    edges, rest = OpeningEdges(upper, lower), np.asarray(neutral, np.float64)[own]
+    moves = head.expression[:, own].astype(np.float64)
     before = out[units].copy()
     away = np.zeros(3)
     sigma = np.r_[np.full(len(units), UNIT_SIGMA), PLACE_SIGMA_M, PLACE_SIGMA_M, TILT_SIGMA]
     sigma[len(units) :] *= PLACED if placed else 1.0
     for _ in range(ROUNDS):
-        out[units], away = _step(head, neutral, out, units, before, camera, rim, edges, sigma)
+        out[units], away = _step(rest, moves, out, units, before, camera, rim, edges, sigma)
     return Followed(out, *(float(one) for one in away))
 
 
 def _step(
-    head: HeadModel,
-    neutral: AnyFloat,
+    rest: Float64,
+    moves: Float64,
     expression: Float64,
     units: list[int],
     before: Float64,
@@ -230,17 +234,17 @@ def _step(
     """Activations of the units after one linear least-squares step within [0, 1], and the opening's way to the rim.
 
     The way is metres across and along the rim, and the tangent of an angle; ``sigma`` are the standard deviations of
-    all these unknowns.
+    all these unknowns. ``rest`` (N, 3) are the vertices of the edges without expression, ``moves`` (E, N, 3) what each
+    unit does to them.
     """
     from scipy.optimize import lsq_linear
 
     start, count = expression[units], len(units)
     matrix, target = [np.diag(1.0 / sigma)], [np.r_[before - start, 0.0, 0.0, 0.0] / sigma]
-    points = np.asarray(neutral, np.float64) + np.tensordot(expression, head.expression.astype(np.float64), 1)
-    moves, places = head.expression[units].astype(np.float64), rim.places
+    points, places = rest + np.tensordot(expression, moves, 1), rim.places
     middle = (4.0 * places * (1.0 - places)) ** 2
     for rows, curve, outwards in ((edges.upper, rim.upper, 1.0), (edges.lower, rim.lower, -1.0)):
-        edge = Edge.of(rows, points, moves, camera, rim, outwards)
+        edge = Edge.of(rows, points, moves[units], camera, rim, outwards)
         if edge is None:
             return start, np.zeros(3)
         wanted = np.interp(places, curve[:, 0], curve[:, 1])

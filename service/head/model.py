@@ -70,9 +70,11 @@ class HeadModel:
     def shape(self, identity: AnyFloat, expression: AnyFloat | None = None) -> Float32:
         """(V, 3) float32 vertices in metres for (k,) identity, k <= K, and (E,) expression coefficients."""
         vertices = self.mean + np.tensordot(np.asarray(identity, np.float32), self.identity[: len(identity)], 1)
-        if expression is not None:
-            vertices = vertices + np.tensordot(np.asarray(expression, np.float32), self.expression, 1)
-        return np.asarray(vertices, np.float32)
+        return np.asarray(vertices if expression is None else self.expressed(vertices, expression), np.float32)
+
+    def expressed(self, neutral: AnyFloat, expression: AnyFloat) -> Float32:
+        """(V, 3) float32 metres of a neutral face (V, 3) with (E,) expression coefficients."""
+        return np.asarray(neutral + np.tensordot(np.asarray(expression, np.float32), self.expression, 1), np.float32)
 
     def region(self, name: str) -> Float32:
         """(V,) float32 soft mask; KeyError names the regions that exist."""

@@ -78,11 +78,11 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
-    shown = np.maximum(lit, clue(SHOWN, 0.0))
+    shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
     prior = albedo_prior()
-    apart = prior.apart(start.shown * inside) if prior.is_of(inside) else None
+    apart = prior.apart(start.shown) if prior.is_of(inside) else None
     clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
     return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)

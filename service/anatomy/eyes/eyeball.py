@@ -73,3 +73,9 @@ def inter_ocular_m(head: HeadModel, vertices: AnyFloat) -> float:
         np.asarray(vertices)[eye].mean(0) for side in SIDES if len(eye := part_vertices(head, f"eye_{side}"))
     ]
     return float(np.linalg.norm(centres[0] - centres[1])) if len(centres) == 2 else 0.063
+
+
+def pole(head: HeadModel, side: str) -> int:
+    """The vertex in the middle of the left or right cornea, which looks ahead at rest."""
+    eye = part_vertices(head, f"eye_{side}")
+    return int(eye[np.argmax(head.mean[eye, 2])])

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball
+from service.anatomy.eyes.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, pole
 from service.anatomy.eyes.iris import Iris, Search, search
 from service.anatomy.eyes.pupil import pupil_radius
 from service.arrays import AnyFloat, Float64, UInt8
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.head.regions import part_vertices
 
 RIMS = {
     "left": (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466),
@@ -152,8 +151,7 @@ def with_gaze(head: HeadModel, neutral: AnyFloat, expression: Float64, gaze: Gaz
             continue
         inward, outward, up, down = (index[name] for name in names)
         out[[inward, outward, up, down]] = 0.0
-        eye = part_vertices(head, f"eye_{side}")
-        pole = int(eye[np.argmax(head.mean[eye, 2])])
+        ahead = pole(head, side)
         yaw, pitch = np.radians([gaze.yaw_deg, gaze.pitch_deg])
         leftward = outward if side == "left" else inward
         rightward = inward if side == "left" else outward
@@ -162,7 +160,7 @@ def with_gaze(head: HeadModel, neutral: AnyFloat, expression: Float64, gaze: Gaz
             (ball.radius * np.tan(pitch) / np.cos(yaw), 1, (up, down)),
         ):
             unit = plus if wanted > 0 else minus
-            step = abs(float(head.expression[unit, pole, axis]))
+            step = abs(float(head.expression[unit, ahead, axis]))
             out[unit] = min(abs(wanted) / step, 1.0) if step > 1e-5 else 0.0
         _keep_lids(head, side, expression, out)
     return out

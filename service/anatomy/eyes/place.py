@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from service.anatomy.eyes.eyeball import SIDES
 from service.anatomy.eyes.lids import lid_on_rim
+from service.anatomy.eyes.paint import smoothstep
 from service.anatomy.opening import Followed, Rim
 from service.arrays import AnyFloat, Float32, Float64
 from service.geometry.camera import Camera
@@ -56,8 +57,7 @@ def _moved(head: HeadModel, neutral: Float64, camera: Camera, side: str, rim: Ri
     lids = np.flatnonzero(head.region(f"eyelid_{side}") > 0.5)
     core = np.concatenate([lids, part_vertices(head, f"eye_{side}")])
     distance = cKDTree(neutral[core]).query(neutral, distance_upper_bound=FADES_M)[0]
-    near = np.clip(1.0 - distance / FADES_M, 0.0, 1.0)
-    weight = near**2 * (3.0 - 2.0 * near)
+    weight = smoothstep(distance, FADES_M, 0.0)
     up = rim.across @ camera.rotation[:2]
     along = rim.along * rim.length @ camera.rotation[:2]
     angle = np.arctan(found.tilt)

@@ -151,7 +151,7 @@ def _result(
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
     expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in openings)
-    vertices = np.asarray(neutral + np.tensordot(expression.astype(np.float32), head.expression, 1), np.float32)
+    vertices = head.expressed(neutral, expression)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
         for shape in (vertices, neutral):

@@ -23,7 +23,7 @@ class ChartLight:
         lit: (h, w) in [0, 1], skin in the photo's light.
         inside: (h, w) in [0, 1], islands of the chart.
         inpainted: (h, w) in [0, 1], skin that no photo showed, lids left out.
-        shown: (h, w) in [0, 1], at least ``lit``: what of the head's own surface the photo shows, beards too.
+        shown: (h, w) in [0, 1], at least :attr:`weight`: what of the head's own surface the photo shows, beards too.
     """
 
     light: Float32

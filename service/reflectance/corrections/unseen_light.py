@@ -154,7 +154,7 @@ def everywhere(at: ChartLight) -> Float32:
     if at.inpainted.any():
         prior = albedo_prior()
         known = prior if prior.is_of(at.inside) else None
-        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown * at.inside, known)
+        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, known)
     return seamless(light)
 
 
