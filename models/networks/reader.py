@@ -39,6 +39,14 @@ class ReaderSize:
     up: int = 1
 
 
+READER_SIZES = {
+    "slim": ReaderSize((16, 24, 40, 64, 88)),
+    "compact": ReaderSize(),
+    "broad": ReaderSize((16, 40, 80, 120, 160)),
+}
+"""Named sizes: 0.8, 1.6 (shipped) and 2.4 GFLOP a crop."""
+
+
 @dataclass(frozen=True)
 class Read:
     """What the network says of N crops.

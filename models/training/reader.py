@@ -23,7 +23,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from models.networks.reader import CHART_MM, PARTS, Read, Reader, flops
+from models.networks.reader import CHART_MM, PARTS, READER_SIZES, Read, Reader, ReaderSize, flops
 from models.training.moving_average import follow
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
@@ -111,12 +111,16 @@ def measured_on(shards: list[Path], most: int) -> Iterator[Batch]:
 
 
 class Run:
-    """Network, moving average and optimiser of a run, and its checkpoint."""
+    """Network, moving average and optimiser of a run, and its checkpoint.
 
-    def __init__(self, folder: Path, device: str, seed: int = 0) -> None:
+    Raises:
+        ModelFault: the checkpoint's network is of another size.
+    """
+
+    def __init__(self, folder: Path, device: str, seed: int = 0, size: ReaderSize | None = None) -> None:
         torch.manual_seed(seed)
         self.folder, self.device = folder, torch.device(device)
-        self.network = Reader().to(self.device)
+        self.network = Reader(size).to(self.device)
         self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.optimiser = torch.optim.AdamW(self.network.parameters(), RATE, weight_decay=DECAY)
         self.generator = torch.Generator().manual_seed(seed)
@@ -124,6 +128,8 @@ class Run:
         path = folder / "checkpoint.pt"
         if path.is_file():
             content = torch.load(path, map_location=self.device, weights_only=True)
+            if ReaderSize(**content["size"]) != self.network.size:
+                raise ModelFault(f"{path} is a run of {content['size']}, not of {self.network.size}: give its --size")
             for name in ("network", "average", "optimiser"):
                 getattr(self, name).load_state_dict(content[name])
             self.step, self.seconds = content["step"], content["seconds"]
@@ -194,19 +200,22 @@ def shards(data: Path, *, held_out: bool) -> list[Path]:
     return [path for path in found if (shard_seed(path) < HELD_OUT_BELOW) == held_out]
 
 
-def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool) -> None:
-    """Train until the run has lasted ``minutes``; measure and save every ``every`` minutes."""
+def train(
+    run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool, steps: int = 0
+) -> None:
+    """Train until the run has lasted ``minutes``, or for ``steps`` where those are given; save every ``every`` minutes."""
     apart = shards(data, held_out=True)
     pool = Pool(lambda: shards(data, held_out=False), seed=run.step)
     log = run.folder / "log.jsonl"
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}
-    while run.seconds < 60.0 * minutes:
+    while (done := run.step / steps if steps else run.seconds / (60.0 * minutes)) < 1.0:
         some = augmented(pool.draw(batch, run.generator), run.generator)
-        for name, value in run.train_step(some, 1.0 - run.seconds / (60.0 * minutes), bf16).items():
+        for name, value in run.train_step(some, 1.0 - done, bf16).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
-        if run.seconds - saved > 60.0 * every or run.seconds >= 60.0 * minutes:
+        ended = run.step >= steps if steps else run.seconds >= 60.0 * minutes
+        if run.seconds - saved > 60.0 * every or ended:
             saved = run.seconds
             line = {"step": run.step, "minutes": round(run.seconds / 60.0, 1),
                     **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
@@ -227,6 +236,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder of shards")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
     parser.add_argument("--minutes", type=float, default=60.0, help="length of the run, all its sittings together")
+    parser.add_argument("--steps", type=int, default=0, help="length of the run in steps instead")
+    parser.add_argument("--size", choices=READER_SIZES, default="compact")
     parser.add_argument("--every", type=float, default=10.0, help="minutes between measurements")
     parser.add_argument("--most", type=int, default=256, help="held-out people to measure on")
     parser.add_argument("--batch", type=int, default=16)
@@ -238,12 +249,12 @@ def main() -> None:
     if chosen.threads:
         torch.set_num_threads(chosen.threads)
     chosen.out.mkdir(parents=True, exist_ok=True)
-    run = Run(chosen.out, chosen.device)
+    run = Run(chosen.out, chosen.device, size=READER_SIZES[chosen.size])
     if chosen.shipped and not run.step:
         run.take(MODELS / "reader.onnx")
     work = flops(copy.deepcopy(run.network).cpu()) / 1e9
     sys.stderr.write(f"reader: {work:.2f} GFLOP a crop, from step {run.step}\n")
-    train(run, chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most, chosen.bf16)
+    train(run, chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most, chosen.bf16, chosen.steps)
 
 
 if __name__ == "__main__":
