@@ -1,10 +1,11 @@
-"""Error of the fit against its cost: ``python -m benchmarks.fit [--photos build/bench] [--write docs]``.
+"""Error of the fit against its cost: ``python -m benchmarks.fit [--photos build/bench] [--write docs] [--reader DIR]``.
 
 Takes the photos of ``benchmarks.shoot``, finds and reads each face once, fits it with a list of settings and prints
 for every setting two errors in mm at 63 mm between the pupils: the distance to the nearest point after a similarity
 ICP, and that at the same pixel without one; and their ratios to the average head's with pose only on the same photos.
 For the default also by yaw, by light and for the heads that no default was chosen on. ``--write`` puts the tables into
-``fit-accuracy.md`` with a plot beside it.
+``fit-accuracy.md`` with a plot beside it. ``--reader`` compares other networks on the same photos: folders with a
+``reader.onnx`` each (``python -m export.networks.reader RUN -o DIR``).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,11 @@ from service.face.finder import FaceFinder
 from service.face.fit.fit import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.reading.read import Readers, read_face
-from service.face.reading.reader import Reading
+from service.face.reading.reader import ReaderNetwork, Reading
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo
+from service.runtime.sessions import load_session
 
 HELD_OUT = range(110, 1000)
 """ICT heads on which no setting was looked at while defaults were chosen."""
@@ -120,6 +122,12 @@ def run(shots: list[Shot], head: HeadModel, settings: FitSettings, *, read: bool
     return results, failed
 
 
+def read_by(folder: Path, shots: list[Shot]) -> list[Shot]:
+    """The same shots, read by the ``reader.onnx`` of a folder."""
+    readers = Readers(pixels=ReaderNetwork(load_session("reader", folder=folder)))
+    return [replace(s, reading=read_face(s.photo.pixels, s.face.landmarks, readers)) for s in shots]
+
+
 def row(name: str, results: list[Result], average: dict[str, Score]) -> str:
     """One line of a Markdown table; ``average``: the average head's scores by photo."""
     same = [r for r in results if r.shot.name in average]
@@ -188,6 +196,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photos", type=Path, default=Path("build/bench"))
     parser.add_argument("--write", type=Path)
+    parser.add_argument("--reader", type=Path, action="append", default=[], help="folder of another reader; repeatable")
     parser.add_argument("--compare", type=int, default=60, help="compare settings on this many photos at most")
     arguments = parser.parse_args()
     shots, missed = load_shots(arguments.photos)
@@ -211,6 +220,10 @@ def main() -> None:
         lines.append(row(name + (f" ({failed} failed)" if failed else ""), results, average))
         _say(lines[-1])
         points[name] = (_median([r.seconds for r in results]), _median([r.score.median_mm for r in results]))
+    for folder in arguments.reader:
+        results, failed = run(read_by(folder, some), head, FitSettings())
+        lines.append(row(f"full, reader {folder.name}" + (f" ({failed} failed)" if failed else ""), results, average))
+        _say(lines[-1])
     if arguments.write:
         plot(points, arguments.write / "fit-accuracy.png")
         text = "# Accuracy of the fit\n\nWritten by `python -m benchmarks.fit --write docs`"

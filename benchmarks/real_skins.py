@@ -31,6 +31,7 @@ from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
+from service.reflectance.drawn import NAME as DRAWN_DETAIL
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.normals import STEEPEST_Z
 from service.reflectance.relief.shading import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
@@ -71,7 +72,8 @@ def asked(grey: Float32, name: str, folder: Path = MODELS) -> Float32:
     """(3, h, w) normals that rho reads off the grey (h, w), sRGB-coded, of the patch of this name."""
     x, y = next(place for end, place in PLACES_MM.items() if name.endswith(end))
     with open_network("rho", Engine(threads=1, folder=folder)) as network:
-        constant = {"normal_tangent_z": 1.0, "normal_tangent_x": 0.0, "normal_tangent_y": 0.0, **_position(x, y)}
+        ahead = {"normal_tangent_z": 1.0, "normal_tangent_x": 0.0, "normal_tangent_y": 0.0}
+        constant = ahead | {DRAWN_DETAIL: -1.0} | _position(x, y)
         planes = [grey * 2.0 - 1.0 if channel == SHADED_GREY else np.full_like(grey, constant[channel])
                   for channel in network.description.channels]  # fmt: skip
         return network.run(np.stack(planes))

@@ -13,10 +13,13 @@ from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
 from service.colour import LUMA
+from service.reflectance.drawn import NAME as DRAWN_DETAIL
+from service.reflectance.fine_shade import NAME as SHADED_GREY
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 ALBEDO = ("albedo_r", "albedo_g", "albedo_b")
-GREY = ("shaded_grey",)
+GREY = (SHADED_GREY,)
+DRAWN = (DRAWN_DETAIL,)
 DEPTH = ("depth",)
 OBJECT = tuple(f"normal_object_{axis}" for axis in "xyz")
 TANGENT = tuple(f"normal_tangent_{axis}" for axis in "xyz")
@@ -152,14 +155,14 @@ class NormalNet(StageNet):
 
 
 class Rho(NormalNet):
-    """rho: grey albedo with its fine shade and tangent shape normals -> specular normals."""
+    """rho: grey albedo with its fine shade, tangent shape normals and who drew the detail -> specular normals."""
 
-    channels = (*GREY, *TANGENT, *POSITION)
+    channels = (*GREY, *TANGENT, *POSITION, *DRAWN)
     outputs = ("specular_normal_x", "specular_normal_y", "specular_normal_z")
 
 
 class Sigma(NormalNet):
-    """sigma: grey albedo with its fine shade and object-space shape normals -> diffuse normals."""
+    """sigma: the same with object-space shape normals -> diffuse normals."""
 
-    channels = (*GREY, *OBJECT, *POSITION)
+    channels = (*GREY, *OBJECT, *POSITION, *DRAWN)
     outputs = ("diffuse_normal_x", "diffuse_normal_y", "diffuse_normal_z")

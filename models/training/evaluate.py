@@ -154,7 +154,7 @@ def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
         lines = task.measure(task.predict(network, creased), creased)
         whole = torch.ones(len(truth), 1, 1, 1)
         moved = linear(batch["albedo"]) * misplaced_pigment(batch["bare_albedo"], batch["hair"], whole)
-        other = batch | {"albedo": srgb(moved.clamp(0.0, 1.0))}
+        other = batch | {"albedo": srgb(moved.clamp(0.0, 1.0)), "drawn": torch.zeros_like(whole)}
         strange = task.measure(task.predict(network, other), other)
         return {
             "network deg": -numbers["score"], "flat deg": -numbers["flat"], "blurred truth deg": mean_angle(soft),

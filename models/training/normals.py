@@ -13,7 +13,7 @@ from models.networks.stages import Rho, Sigma
 from models.training.albedo import cells_of, context_light, log_light
 from models.training.creases import Creases
 from models.training.degrade import PHOTOS_DETAIL, blur, lost_detail
-from models.training.reflectance import AlbedoTask, grey
+from models.training.reflectance import AlbedoTask, grey, local_strength
 from models.training.tasks import Batch, channels, uniform
 from service.reflectance.subject import GEOMETRY
 
@@ -26,6 +26,10 @@ COARSEST = 3.0
 more shade is left. In held-out albedo they have their size."""
 DETAIL_MEASURED = 8.0
 """Value of ``PHOTOS_DETAIL`` in held-out albedo: none of the shade finer than that is there."""
+
+STRENGTH_WEIGHT = 1.0
+"""What the strength of relief counts for beside its place where the detail is drawn: there nobody knows the place, and
+skin is not flat. On a photo's skin it does not count: relief in a wrong place is worse than none."""
 
 HAIR_WEIGHT = 0.6
 """Normals of hair are half chance; they count less. Not much less: strands must not be taken for creases."""
@@ -59,11 +63,12 @@ def angles(found: Tensor, truth: Tensor) -> Tensor:
 
 
 MISPLACED, MARK_SIZE = 0.85, 24.0
-"""Share of crops whose pigment lies in other places than their relief, and the standard deviation, texels, of the blur
-that takes it off. The stage's colour follows its height: correlation 0.3 (light skin) to 0.44 from 0.3 to 1 mm, where
-scans have -0.1 to 0.2 (docs/lightstage.md); with this share crops have about the scans' mean. A network that has seen
-the stage alone reads relief off colour on every skin; one that has seen both gives, where it cannot tell, what is
-likeliest: next to none. Shade stays where its relief is, and creases are dark."""
+"""Share of a photo's crops whose pigment lies in other places than their relief, and the standard deviation, texels, of
+the blur that takes it off. The stage's colour follows its height: correlation 0.3 (light skin) to 0.44 from 0.3 to
+1 mm, where scans have -0.1 to 0.2 (docs/lightstage.md); with this share crops have about the scans' mean. A network
+that has seen the stage alone reads relief off colour on every skin; one that has seen both gives, where it cannot tell,
+what is likeliest: next to none. Shade stays where its relief is, and creases are dark. Where super-resolution drew the
+detail, colour follows height as on the stage, and the network is told so (``service.reflectance.drawn``)."""
 
 
 def misplaced_pigment(albedo: Tensor, hair: Tensor, share: Tensor) -> Tensor:
@@ -100,11 +105,14 @@ class NormalTask(AlbedoTask):
         return {**batch, "albedo": creases.seen(batch["albedo"]), self.target: normal}
 
     def held_out(self) -> list[Batch]:
-        """Fixed crops without noise, with the shade of a photo's detail; ``bare_albedo`` is without it."""
+        """Fixed crops without noise, with the shade of a photo's detail; ``bare_albedo`` is without it.
+
+        Their colour follows their height, as that of drawn detail does.
+        """
         batches = super().held_out()
         for batch in batches:
             share, none = torch.full((len(batch["albedo"]), 1, 1, 1), SHADE_MEASURED), torch.zeros(1, 1, 1, 1)
-            batch["bare_albedo"] = batch["albedo"]
+            batch["bare_albedo"], batch["drawn"] = batch["albedo"], torch.ones_like(share)
             batch["albedo"] = shaded(batch["albedo"], batch["texture"], share, none, DETAIL_MEASURED)
         return batches
 
@@ -114,20 +122,24 @@ class NormalTask(AlbedoTask):
         share, finest = (uniform(generator, 0.0, 1.0, size, 1, 1, 1) for _ in range(2))
         share = MOST_SHADE * share**SHADE_POWER
         factor, coarser = (float(uniform(generator, *span, 1)) for span in (PHOTOS_DETAIL, (1.0, COARSEST)))
-        here = (uniform(generator, 0.0, 1.0, size, 1, 1, 1) < MISPLACED).float()
+        # A third of the crops is the photo's, a third is drawn, the others are partly so.
+        drawn = uniform(generator, -1.0, 2.0, size, 1, 1, 1).clamp(0.0, 1.0)
+        here = (uniform(generator, 0.0, 1.0, size, 1, 1, 1) < MISPLACED * (1.0 - drawn)).float()
         moved = misplaced_pigment(batch["albedo"], batch["hair"], here)
         seen = shaded(batch["albedo"], batch["texture"], share, finest, factor, coarser)
         batch["albedo"] = srgb((linear(seen) * moved).clamp(0.0, 1.0))
-        return batch
+        return batch | {"drawn": drawn}
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Unit normals."""
-        inputs = torch.cat([grey(batch["albedo"]) * 2.0 - 1.0, channels(batch, self.slow)], 1)
+        shown = grey(batch["albedo"]) * 2.0 - 1.0
+        drawn = (batch["drawn"] * 2.0 - 1.0).expand_as(shown)
+        inputs = torch.cat([shown, channels(batch, self.slow), drawn], 1)
         result: Tensor = network(inputs)
         return result
 
     def loss(self, result: Tensor, batch: Batch) -> Tensor:
-        """L1 of slopes, of their differences between neighbours, and 1 - cosine."""
+        """L1 of slopes, of their differences between neighbours, 1 - cosine; of drawn detail its strength as well."""
         truth = batch[self.target]
         weight = batch["mask"] * (1.0 - (1.0 - HAIR_WEIGHT) * batch["hair"])
         weight = weight / (weight.mean() + 1e-3)
@@ -135,7 +147,8 @@ class NormalTask(AlbedoTask):
         slopes = ((found - wanted).abs() * weight).mean()
         edges = sum(((found.diff(dim=d) - wanted.diff(dim=d)).abs()).mean() for d in (2, 3))
         cosine = ((1.0 - (result * truth).sum(1, keepdim=True)) * weight).mean()
-        return slopes + 0.5 * edges + cosine
+        strength = ((local_strength(found) - local_strength(wanted)).abs() * weight * batch["drawn"]).mean()
+        return slopes + 0.5 * edges + cosine + STRENGTH_WEIGHT * strength
 
     def measure(self, result: Tensor, batch: Batch) -> dict[str, float]:
         """Mean angle against that of the flat map; share of fine detail; correlation of fine slopes."""

@@ -203,7 +203,7 @@ def shards(data: Path, *, held_out: bool) -> list[Path]:
 def train(
     run: Run, data: Path, minutes: float, batch: int, every: float, most: int, bf16: bool, steps: int = 0
 ) -> None:
-    """Train until the run has lasted ``minutes``, or for ``steps`` where those are given; save every ``every`` minutes."""
+    """Train until the run has lasted ``minutes``, or for ``steps`` if given; measure every ``every`` minutes."""
     apart = shards(data, held_out=True)
     pool = Pool(lambda: shards(data, held_out=False), seed=run.step)
     log = run.folder / "log.jsonl"

@@ -35,6 +35,14 @@ class Run:
     adversarial_weight: float
 
 
+def widened(value: Tensor, shape: torch.Size) -> Tensor:
+    """A kernel (out, in, h, w) with 0 for the inputs that ``shape`` has beyond its own; any other tensor as it is."""
+    if value.dim() != 4 or len(shape) != 4 or value.shape[1] >= shape[1]:
+        return value
+    new = value.new_zeros(value.shape[0], shape[1] - value.shape[1], *value.shape[2:])
+    return torch.cat([value, new], 1)
+
+
 class Trainer:
     """A network, its moving average and everything that a run needs to go on."""
 
@@ -156,6 +164,8 @@ class Trainer:
     def begin_with(self, folder: Path) -> list[str]:
         """Take the averaged weights of another run for a first state; names of the parts that it lacks.
 
+        Kernels whose last inputs are new have those at 0.
+
         Raises:
             ModelFault: it belongs to another network.
         """
@@ -163,8 +173,8 @@ class Trainer:
         if content["run"]["network"] != self.run.network:
             raise ModelFault(f"{folder}: the checkpoint is of {content['run']['network']!r}, not {self.run.network!r}")
         own = self.network.state_dict()
-        fitting = {name: value for name, value in content["average"].items()
-                   if name in own and own[name].shape == value.shape}  # fmt: skip
+        fitting = {name: widened(value, own[name].shape) for name, value in content["average"].items() if name in own}
+        fitting = {name: value for name, value in fitting.items() if own[name].shape == value.shape}
         self.take(own | fitting)
         if self.judge is not None and "judge" in content:
             self.judge.load_state_dict(content["judge"])

@@ -29,6 +29,8 @@ from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo_error import error_map
 from service.reflectance.corrections.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.diffuse_albedo import PARTS, diffuse_albedo
+from service.reflectance.drawn import NAME as DRAWN_DETAIL
+from service.reflectance.drawn import drawn_detail
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import READERS, shaded_grey
 from service.reflectance.folds.unfold import unfolded, unfolded_albedo
@@ -150,6 +152,9 @@ def make_reflectance(
         planes.add_codes("albedo", made.diffuse_albedo)
         if grey is not None:
             planes.add_grey(SHADED_GREY, grey)
+            seen, octaves = None if own is None else own.seen, () if found_detail is None else found_detail.octaves
+            drawn = drawn_detail(seen, octaves, enlarged="super_resolution" in plan.stages)
+            planes.add_coarse([DRAWN_DETAIL], drawn[None])
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
     if "specular_normal" in plan.stages:

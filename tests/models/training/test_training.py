@@ -37,7 +37,7 @@ from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
 from models.training.train import TASKS, go  # noqa: E402
-from models.training.trainer import Run, Trainer  # noqa: E402
+from models.training.trainer import Run, Trainer, widened  # noqa: E402
 from service.errors import ModelFault, UsageError  # noqa: E402
 from service.reflectance.subject import GEOMETRY  # noqa: E402
 
@@ -269,6 +269,16 @@ def test_a_run_begins_with_the_weights_of_another(data: Path, tmp_path: Path) ->
     other = Trainer(Run("rho", "slim", 2, 2, 64, 1e-3, 0, 0.0, 0.0), NormalTask(data, "specular_normal", 64), "cpu")
     with pytest.raises(ModelFault, match="psi"):
         other.begin_with(tmp_path)
+
+
+def test_a_kernel_with_a_new_last_input_gives_what_it_gave() -> None:
+    """Whatever the new input holds; other tensors, and kernels with more inputs than asked for, stay as they are."""
+    old = torch.nn.Conv2d(3, 4, 3)
+    x = torch.rand(2, 4, 9, 9)
+    kernel = widened(old.weight.detach(), torch.Size((4, 4, 3, 3)))
+    torch.testing.assert_close(torch.nn.functional.conv2d(x, kernel, old.bias), old(x[:, :3]))
+    assert widened(kernel, torch.Size((4, 3, 3, 3))) is kernel
+    assert old.bias is not None and widened(old.bias, torch.Size((9,))) is old.bias
 
 
 def test_the_mean_of_two_runs_is_a_run(data: Path, tmp_path: Path) -> None:

@@ -33,8 +33,8 @@ def toy_models() -> dict[str, bytes]:
         ),
         "delta": toy_net("delta", (*TEXTURE, *context, "depth", *OBJECT, *POSITION, "mask"), ALBEDO, seed=4),
         "psi": toy_net("psi", (*ALBEDO, *POSITION), ("specular_albedo",), seed=5),
-        "rho": toy_net("rho", ("shaded_grey", *TANGENT, *POSITION), XYZ, seed=6),
-        "sigma": toy_net("sigma", ("shaded_grey", *OBJECT, *POSITION), XYZ, seed=7),
+        "rho": toy_net("rho", ("shaded_grey", *TANGENT, *POSITION, "drawn_detail"), XYZ, seed=6),
+        "sigma": toy_net("sigma", ("shaded_grey", *OBJECT, *POSITION, "drawn_detail"), XYZ, seed=7),
     }
 
 
