@@ -153,7 +153,7 @@ def make_reflectance(
         if grey is not None:
             planes.add_grey(SHADED_GREY, grey)
             seen, octaves = None if own is None else own.seen, () if found_detail is None else found_detail.octaves
-            drawn = drawn_detail(seen, octaves, enlarged="super_resolution" in plan.stages)
+            drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
             planes.add_coarse([DRAWN_DETAIL], drawn[None])
     if "specular_albedo" in plan.stages:
         made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))

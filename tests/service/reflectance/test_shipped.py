@@ -100,6 +100,24 @@ def test_eight_bits_are_near_fp32(name: str, tmp_path: Path) -> None:
     assert 0 < degrees_apart(found, exact).mean() < 0.5
 
 
+@pytest.mark.parametrize("name", ["rho", "sigma"])
+def test_drawn_pores_are_deep_and_a_photos_spots_are_not(name: str) -> None:
+    """Else pores of soft photos are mere colour, which no light brings out, or freckles of sharp ones are dents."""
+    with open_network(name, ENGINE) as network:
+        what = network.description
+        side = 16 * what.stride
+        y, x = np.indices((side, side)) % 16 - 8
+        spots = 0.3 - 0.12 * np.exp(-(x * x + y * y) / (2 * 1.6**2)).astype(np.float32)
+        fixed = {"shaded_grey": spots, "normal_tangent_z": 1.0, "normal_object_z": 1.0}
+        planes = {channel: fixed.get(channel, 0.0) for channel in what.channels}
+        slope = []
+        for drawn in (-1.0, 1.0):
+            told = planes | {"drawn_detail": drawn}
+            normal = network.run(np.stack([np.broadcast_to(np.float32(told[c]), spots.shape) for c in what.channels]))
+            slope.append(float(np.hypot(*normal[:2]).mean()))
+    assert slope[1] > 2 * slope[0]
+
+
 @pytest.mark.skipif(not has_openvino(), reason="OpenVINO is not installed")
 @pytest.mark.parametrize("name", ["zeta_tail", *TRANSLATORS])
 def test_both_runtimes_agree(name: str) -> None:
