@@ -27,8 +27,8 @@ OWN = tuple(k for k in range(len(PARTS)) if k not in (BACKGROUND, OTHER))
 FACE = (SKIN, BROW, BEARD, LIP, MOUTH, SCLERA, IRIS)
 """Parts by which a miss of the person is known: there is a face, as landmarks were found."""
 LEAST_RATE = 0.02
-"""Least rate of misses and of false alarms: a face is easier to see than hair. 0.01 to 0.05 give the same hair within
-0.2 % of its overlap with the truth (``benchmarks.person``)."""
+"""Least rate of misses and of false alarms that is believed: they are counted on few cells, and on the face, which is
+easier to see than hair."""
 
 
 class PersonNetwork:
