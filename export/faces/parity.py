@@ -49,6 +49,7 @@ CHECKS = {
     "face_mesh": Check(192, 0.0, 1.0, 2e-2),
     "face_landmarker": Check(256, 0.0, 1.0, 2e-2),
     "face_blendshapes": Check(146, 0.0, 1.0, 2e-3, "points"),
+    "person": Check(256, 0.0, 1.0, 2e-3),
     "face_identity": Check(150, 0.0, 255.0, 2e-4),
 }
 """Regressors are pixels of a 256-pixel crop and landmarks of a 192-pixel one; descriptors have norm 1.4."""

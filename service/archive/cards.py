@@ -19,6 +19,7 @@ ROLES = {
     "lips": "edges of the lips",
     "face_landmarker": "478 points for the expression",
     "face_blendshapes": "expression scores",
+    "person": "tells the person from the background",
     "face_identity": "compares the result with the photo",
 }
 """Networks that run for every photo."""

@@ -9,6 +9,7 @@ from export.faces import identity
 from export.faces.mirror import derive
 from export.faces.onnx_tools import ParityError, run_onnx, store_half, worst_difference, write_gated
 from export.faces.parity import CHECKS, difference
+from export.faces.tflite_tools import CUSTOM, with_builtin_operators
 from service.face.topology import MIRROR
 
 
@@ -94,3 +95,53 @@ def test_half_storage_only_where_nothing_is_lost() -> None:
 
 def test_the_mirror_table_can_be_derived_again() -> None:
     assert tuple(derive(12)) == MIRROR
+
+
+def transposed(options: bytes, name: bytes) -> bytes:
+    """A TFLite file of one custom operator: 2 x 2 x 3 numbers, a kernel of 2 x 2 for one channel, a bias."""
+    pytest.importorskip("tensorflow", reason="TensorFlow is installed for conversion only")
+    import flatbuffers
+    from tensorflow.lite.python import schema_py_generated as schema
+
+    model, graph, operator, code = (
+        kind() for kind in (schema.ModelT, schema.SubGraphT, schema.OperatorT, schema.OperatorCodeT)
+    )
+    code.builtinCode = code.deprecatedBuiltinCode = schema.BuiltinOperator.CUSTOM
+    code.customCode = name
+    model.version, model.operatorCodes, model.subgraphs = 3, [code], [graph]
+    values = [None, np.arange(12, dtype=np.float32) - 5, np.array([0.25], np.float32), None]
+    graph.tensors, model.buffers = [], []
+    for index, (shape, content) in enumerate(zip(([1, 2, 2, 3], [1, 2, 2, 3], [1], [1, 4, 4, 1]), values, strict=True)):
+        tensor, buffer = schema.TensorT(), schema.BufferT()
+        tensor.name, tensor.shape, tensor.buffer = f"t{index}".encode(), shape, index + 1
+        buffer.data = None if content is None else list(content.tobytes())
+        graph.tensors.append(tensor)
+        model.buffers.append(buffer)
+    model.buffers.insert(0, schema.BufferT())  # the empty one, by convention
+    operator.opcodeIndex, operator.inputs, operator.outputs, operator.customOptions = 0, [0, 1, 2], [3], list(options)
+    graph.operators, graph.inputs, graph.outputs = [operator], [0], [3]
+    builder = flatbuffers.Builder(0)
+    builder.Finish(model.Pack(builder), b"TFL3")
+    return bytes(builder.Output())
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # TensorFlow says that its interpreter moves
+def test_mediapipes_own_operator_becomes_built_in_ones() -> None:
+    """Against the sum of the kernel's copies: every input pixel lays one down, two pixels from the next."""
+    data = transposed(np.array([1, 2, 2], "<i4").tobytes(), CUSTOM)
+    import tensorflow as tf
+
+    interpreter = tf.lite.Interpreter(model_content=with_builtin_operators(data))
+    interpreter.allocate_tensors()
+    image = np.random.default_rng(3).normal(size=(1, 2, 2, 3)).astype(np.float32)
+    interpreter.set_tensor(interpreter.get_input_details()[0]["index"], image)
+    interpreter.invoke()
+    found = interpreter.get_tensor(interpreter.get_output_details()[0]["index"])[0, ..., 0]
+    kernel = (np.arange(12) - 5.0).reshape(2, 2, 3)
+    expected = np.einsum("yxc,abc->yaxb", image[0], kernel).reshape(4, 4) + 0.25
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_another_operator_is_refused() -> None:
+    with pytest.raises(ValueError, match="Landmarks2TransformMatrix"):
+        with_builtin_operators(transposed(b"", b"Landmarks2TransformMatrix"))

@@ -7,7 +7,8 @@ import pytest
 
 from service.errors import NumericFault
 from service.face.reading.openings import OpeningsNetwork
-from service.face.reading.parts import CHARTED, PARTS, READ
+from service.face.reading.parts import BACKGROUND, CHARTED, PARTS, READ
+from service.face.reading.person import PersonNetwork
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import CELLS, FILL, PART_CELLS, SIDE, ReaderNetwork, crop_of, middles
 from service.face.reading.scores import Landmarker
@@ -45,12 +46,11 @@ class Faulty:
         raise NumericFault("NaN")
 
 
-def readers(pixels: Known) -> Readers:
+def readers(pixels: Known, person: PersonNetwork | bool = False) -> Readers:
     """The network of pixels, and none that answers of lids, lips and expression."""
     no = Faulty()
-    return Readers(
-        ReaderNetwork(pixels), OpeningsNetwork({"lids": no, "lips": no}), Landmarker((no, no))  # type: ignore[arg-type, dict-item]
-    )
+    openings = OpeningsNetwork({"lids": no, "lips": no})  # type: ignore[dict-item]
+    return Readers(ReaderNetwork(pixels), openings, Landmarker((no, no)), person)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.2, 3.0])
@@ -137,3 +137,22 @@ def test_a_ray_that_does_not_lead_forward_is_refused(ray: list[float]) -> None:
 def test_pixels_are_read_though_lids_and_expression_are_not() -> None:
     reading = read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Known()))
     assert reading is not None and reading.openings == {} and reading.scores is None
+
+
+def test_the_person_is_told_from_the_background_where_that_is_not_switched_off() -> None:
+    class Above:
+        """Sees a person in the upper half only: misses some of the face."""
+
+        def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+            return [np.tile((np.arange(256) < 128)[:, None, None], (1, 1, 256, 1)).astype(np.float32)]
+
+    pixels = np.zeros((400, 600, 3), np.uint8)
+    pixels[:240] = 255
+    plain = read_face(pixels, oval(0.0), readers(Known()))
+    weighed = read_face(pixels, oval(0.0), readers(Known(), PersonNetwork(Above())))  # type: ignore[arg-type]
+    blind = read_face(pixels, oval(0.0), readers(Known(), PersonNetwork(Faulty())))  # type: ignore[arg-type]
+    assert plain is not None and weighed is not None and blind is not None
+    assert np.array_equal(blind.parts, plain.parts)
+    gain = weighed.parts[..., BACKGROUND] - plain.parts[..., BACKGROUND]
+    assert gain.max() > 0.01 and gain.min() > -1e-6
+    assert readers(Known()).person is None and readers(Known(), True).person is not None

@@ -1,0 +1,139 @@
+"""The person told from the background, with a network whose answer is known."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from service.errors import NumericFault
+from service.face.reading.parts import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
+from service.face.reading.person import LEAST_RATE, SIDE, PersonNetwork, error_rates, weigh, with_person
+from service.face.reading.reader import CELLS, PART_CELLS, Reading
+from service.face.reading.sampled import parts_at_pixels
+from service.face.region import Region
+
+PIXELS = np.zeros((400, 400, 3), np.uint8)
+
+
+class Mask:
+    """Sees a person where it is told to, in the crop."""
+
+    def __init__(self, person: np.ndarray) -> None:
+        self.person, self.seen = person, []  # type: np.ndarray, list[np.ndarray]
+
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        self.seen.append(inputs["image"])
+        return [self.person.astype(np.float32).reshape(1, SIDE, SIDE, 1)]
+
+
+class Faulty:
+    """Gives no numbers."""
+
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        raise NumericFault("network person: output person has 4 of 65536 values that are NaN or Inf")
+
+
+def network(person: np.ndarray) -> PersonNetwork:
+    return PersonNetwork(Mask(person))  # type: ignore[arg-type]
+
+
+def reading(side: float, around: Reading | None = None) -> Reading:
+    """A crop around (200, 200): skin in a disc of 40 pixels, hair beside it with 0.7 on the left, background right."""
+    at = (np.arange(PART_CELLS) + 0.5 - PART_CELLS / 2) * side / PART_CELLS
+    x, y = np.meshgrid(at, at)
+    parts = np.zeros((PART_CELLS, PART_CELLS, len(PARTS)), np.float32)
+    parts[..., BACKGROUND] = 1.0
+    parts[x < 0] = np.eye(len(PARTS))[HAIR] * 0.7 + np.eye(len(PARTS))[BACKGROUND] * 0.3
+    parts[np.hypot(x, y) < 40] = np.eye(len(PARTS))[SKIN]
+    grid, vectors = np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS, 3))
+    return Reading(Region(200, 200, side), vectors[..., :2], grid, vectors, grid, parts, around=around)
+
+
+def disc(radius: float, side: float = 200.0) -> np.ndarray:
+    """A person round the middle of a crop, radius in photo pixels."""
+    at = (np.arange(SIDE) + 0.5 - SIDE / 2) * side / SIDE
+    return np.hypot(*np.meshgrid(at, at)) < radius
+
+
+def test_what_is_surely_background_is_no_hair_in_either_crop() -> None:
+    """A curtain beside a head was hair: it came out longer, and in the curtain's colour."""
+    seen = with_person(PIXELS, reading(150, reading(200)), network(disc(60)))
+    at = np.array([[150.0, 200.0], [138.0, 200.0], [110.0, 200.0], [200.0, 200.0]])
+    hair = parts_at_pixels(seen, at)[:, HAIR]
+    assert hair[0] == pytest.approx(0.7, abs=0.01), "on the person"
+    assert (hair[1:3] < 0.1).all(), "beside the person, in the narrow crop and beyond it"
+    assert parts_at_pixels(seen, at)[3, SKIN] > 0.99
+    assert seen.around is not None
+    for one in (seen, seen.around):
+        np.testing.assert_allclose(one.parts.sum(-1), 1, atol=1e-5)
+        assert (one.parts >= 0).all()
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+def test_a_network_that_sees_the_same_everywhere_changes_nothing(value: float) -> None:
+    """It took away whole people to whom it is blind, the parts times its mask: paintings, black masks."""
+    before = reading(150, reading(200))
+    after = with_person(PIXELS, before, network(np.full((SIDE, SIDE), value)))
+    assert after.around is not None and before.around is not None
+    np.testing.assert_allclose(after.parts, before.parts, atol=1e-6)
+    np.testing.assert_allclose(after.around.parts, before.around.parts, atol=1e-6)
+
+
+def test_who_is_missed_in_the_face_is_believed_less_beside_it() -> None:
+    """Half of the face is missed: so may be the hair."""
+    half = disc(60) & (np.arange(SIDE) < SIDE / 2)[:, None]
+    at = np.array([[110.0, 200.0]])
+    sure, unsure = (
+        parts_at_pixels(with_person(PIXELS, reading(200), network(mask)), at)[0, HAIR] for mask in (disc(60), half)
+    )
+    assert sure < 0.1 and unsure > 0.4
+
+
+def test_error_rates_are_those_of_the_photo() -> None:
+    parts = np.zeros((8, 8, len(PARTS)), np.float32)
+    parts[:4, :, SKIN], parts[4:, :, BACKGROUND] = 1.0, 1.0
+    person = np.zeros((8, 8), np.float32)
+    person[:3], person[6] = 1.0, 0.5
+    inside = np.ones((8, 8), bool)
+    assert error_rates(parts, person, inside) == pytest.approx((0.25, 0.125))
+    inside[6] = False
+    assert error_rates(parts, person, inside)[1] == pytest.approx(LEAST_RATE), "black beyond the photo tells nothing"
+    assert error_rates(parts, person, np.zeros((8, 8), bool)) == (0.5, 0.5), "without a cell: no division by zero"
+
+
+def test_odds_are_multiplied_by_the_likelihood_ratio() -> None:
+    parts = np.zeros((1, len(PARTS)), np.float32)
+    parts[0, [HAIR, CLOTH, BACKGROUND, OTHER]] = 0.4, 0.2, 0.3, 0.1
+    found = weigh(parts, np.zeros(1, np.float32), missed=0.1, false=0.2)[0]
+    odds = (0.6 / 0.4) * (0.1 / 0.8)
+    assert found[HAIR] + found[CLOTH] == pytest.approx(odds / (1 + odds), rel=1e-5)
+    assert found[HAIR] / found[CLOTH] == pytest.approx(2.0), "which part of the person it is stays as it was"
+    assert found[BACKGROUND] / found[OTHER] == pytest.approx(3.0), "what hides a face need not be a person"
+    np.testing.assert_allclose(weigh(parts, np.ones(1, np.float32), 0.1, 0.2), parts, rtol=1e-5)
+    certain = np.eye(len(PARTS), dtype=np.float32)[[HAIR]]
+    np.testing.assert_allclose(weigh(certain, np.zeros(1, np.float32), LEAST_RATE, LEAST_RATE), certain)
+
+
+def test_without_numbers_the_reading_stays_and_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    before = reading(150, reading(200))
+    with caplog.at_level(logging.WARNING):
+        assert with_person(PIXELS, before, PersonNetwork(Faulty())) is before  # type: ignore[arg-type]
+    assert "not told from the background" in caplog.text and "NaN" in caplog.text
+
+
+def test_the_network_sees_the_wider_crop_in_its_own_range() -> None:
+    mask = Mask(disc(60))
+    with_person(np.full((400, 400, 3), 255, np.uint8), reading(150, reading(200)), PersonNetwork(mask))  # type: ignore[arg-type]
+    (image,) = mask.seen
+    assert image.shape == (1, SIDE, SIDE, 3) and image.dtype == np.float32 and image.min() == image.max() == 1.0
+
+
+def test_the_shipped_network_finds_the_astronaut() -> None:
+    from export.faces.probes import SAMPLE_FACE, sample_photo
+
+    x0, y0, x1, y1 = SAMPLE_FACE
+    seen = PersonNetwork()(sample_photo(), Region((x0 + x1) / 2, (y0 + y1) / 2 + 30, 320.0))
+    assert seen.shape == (SIDE, SIDE) and seen[120:136, 120:136].min() > 0.9, "the face"
+    assert seen.min() >= 0 and seen.max() <= 1 and seen[:40, :40].max() < 0.1, "the corner behind it"
