@@ -1,9 +1,9 @@
 """Eyes and teeth against a reference renderer: ``python -m benchmarks.eyes_and_teeth AVATAR.zip``.
 
-An archive's head is drawn by ``avatarme render``'s code and by Mitsuba 3, path traced with several bounces, and the mean
-radiance of the teeth, of the sclera and of the pupils (median, as a mirrored lamp may stand in them) is divided by that
-of the cheeks. Mitsuba draws skin, teeth, tongue and eyeballs with its ``principled`` model, the cornea as a mirror that
-reflects what Fresnel says at normal incidence and lets the rest through unbent. Neither draws hair, lashes and bust.
+An archive's head is drawn by ``avatarme render``'s code and by Mitsuba 3, path traced with several bounces, and the
+mean radiance of the teeth, of the sclera and of the pupils (median, as a mirrored lamp may stand in them) is divided by
+that of the cheeks. Mitsuba draws skin, teeth, tongue and eyeballs with its ``principled`` model, the cornea as a mirror
+that reflects what Fresnel says at normal incidence and lets the rest through unbent. Neither draws hair, lashes, bust.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from service.archive.preview.parts import part_triangles
 from service.archive.reading import StoredMap, open_avatar
 from service.archive.surface import part_normals
 from service.archive.unpack import unpack_map
+from service.arrays import AnyFloat
 from service.colour import LUMA, bytes_to_linear
 from service.geometry.camera import Camera
 from service.geometry.normals import vertex_normals
@@ -176,7 +177,8 @@ class Bust:
 
 def _centre(parts: tuple[MeshPart, ...], name: str) -> Float:
     part = next(part for part in parts if part.name == name)
-    return np.asarray(part.vertices, np.float64).mean(0)
+    centre: Float = np.asarray(part.vertices, np.float64).mean(0)
+    return centre
 
 
 def _at(drawn: Raster, values: npt.NDArray[Any], corners: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
@@ -196,7 +198,7 @@ def _colour(part: MeshPart, at: npt.NDArray[np.float32]) -> npt.NDArray[np.float
     height, width = picture.pixels.shape[:2]
     x, y = (np.clip(c, 0, 1) for c in (at[..., 0], 1 - at[..., 1]))
     codes = picture.pixels[(y * (height - 1)).astype(int), (x * (width - 1)).astype(int), :3]
-    return bytes_to_linear(codes)
+    return np.asarray(bytes_to_linear(codes), np.float32)
 
 
 def _principled(mi: Any, colours: npt.NDArray[np.floating[Any]], roughness: float, specular: float) -> dict[str, Any]:
@@ -207,7 +209,9 @@ def _principled(mi: Any, colours: npt.NDArray[np.floating[Any]], roughness: floa
     return {"type": "twosided", "bsdf": inner}
 
 
-def _shape(mi: Any, path: Path, points: Float, normals: Float, uv: Float, bsdf: dict[str, Any]) -> dict[str, Any]:
+def _shape(
+    mi: Any, path: Path, points: AnyFloat, normals: AnyFloat, uv: AnyFloat, bsdf: dict[str, Any]
+) -> dict[str, Any]:
     """A mesh of corners (T, 3, 3), (T, 3, 3) and (T, 3, 2)."""
     count = 3 * len(points)
     mesh = mi.Mesh("part", count, len(points), has_vertex_normals=True, has_vertex_texcoords=True)
