@@ -31,7 +31,7 @@ class PartLight:
         graphs: the formulas.
         visibility: of the head, whose casters and resolution are the recesses' too.
         viewpoint: (3,) metres.
-        samples: of the picture on the head, and their linear ``albedo`` (N, 3).
+        samples: of the picture on the head, their linear ``albedo`` and their ``radiance`` (N, 3).
     """
 
     light: Illumination
@@ -41,6 +41,7 @@ class PartLight:
     viewpoint: Triple
     samples: Samples
     albedo: Float32
+    radiance: Float32
 
     def on(self, points: Float32, normals: AnyFloat) -> Float32:
         """(N, 3) radiance of a white diffuse surface in the open at points (N, 3) in metres, unit normals (N, 3)."""
@@ -62,10 +63,10 @@ class PartLight:
         mirrors = self.plan.runs("reflection") and not self.light.dark
         return prefiltered(self.light.sky) if mirrors else None
 
-    def glossy(self, nodes: Nodes, there: Arriving, material: Material, returned: Float32) -> tuple[Float32, Float32]:
+    def glossy(self, nodes: Nodes, there: Arriving, material: Material, flesh: Float32) -> tuple[Float32, Float32]:
         """(F, 3) radiance that a wet surface mirrors, and (F,) the share of light that it does not mirror.
 
-        Where it mirrors no sky it mirrors flesh, which sends back ``returned`` (F, 3).
+        Where it mirrors no sky it mirrors flesh, whose radiosity is ``flesh`` (F, 3).
 
         F0 above 0.04, which only teeth have, counts as 0.04: the formulas know no more.
         """
@@ -82,7 +83,7 @@ class PartLight:
         if self.levels is not None:
             given = {key: common[key] for key in ("view", "normal", "alpha")} | {"part": part}
             open_sky = self.graphs.at_points("reflection", given | {"openness": np.ones_like(part)}, levels=self.levels)
-            total += there.mirror * open_sky + (1 - there.mirror) * part * returned.T / np.float32(np.pi)
+            total += there.mirror * open_sky + (1 - there.mirror) * part * flesh.T / np.float32(np.pi)
         for i, lamp in enumerate(self.light.lights):
             if self.plan.runs("specular", i):
                 position = np.ascontiguousarray(points.T * np.float32(1000))

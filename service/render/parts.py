@@ -26,7 +26,7 @@ from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.part_light import PartLight
-from service.render.recess import RECESSES, Nodes, Recess, flesh_around, recess_of
+from service.render.recess import RECESSES, Nodes, Recess, recess_of, skin_around
 
 NO_SHADOWS = "part-shadows-not-simulated"
 """Fallback: hair and other parts throw no shadows in the picture."""
@@ -138,12 +138,13 @@ def parts_layer(
         if inside:
             own = [part for part in parts if recess_of(part.name) == name]
             recess = Recess.of(own, head, vertices, light.visibility.casts, light.visibility.detail)
-            _light_recess(inside, recess, flesh_around(own, light.samples.position_m, light.albedo), light)
+            around = np.concatenate([light.albedo, np.float32(np.pi) * light.radiance], 1)
+            _light_recess(inside, recess, skin_around(own, light.samples.position_m, around), light)
     colour, alpha = (np.concatenate(a) for a in zip(*((one.radiance, one.alpha) for one in drawn), strict=True))
     return composite(pixel[order], colour[order], alpha[order], width * height)
 
 
-def _light_recess(drawn: Sequence[_Drawn], recess: Recess, flesh: Float32, light: PartLight) -> None:
+def _light_recess(drawn: Sequence[_Drawn], recess: Recess, skin: Float32, light: PartLight) -> None:
     """Set the radiance of visible fragments of parts in a recess whose flesh has an albedo (3,), and alpha of clear
     parts: what they do not mirror goes through.
     """
@@ -160,8 +161,8 @@ def _light_recess(drawn: Sequence[_Drawn], recess: Recess, flesh: Float32, light
     for one, grid in zip(drawn, grids, strict=True):
         there = whole.at(grid, first)
         first += len(grid.points)
-        arriving = there.irradiance * there.returned(flesh)
-        mirrored, kept = light.glossy(grid, there, one.part.material, flesh * arriving)
+        arriving, flesh = there.with_flesh(skin[:3], skin[3:])
+        mirrored, kept = light.glossy(grid, there, one.part.material, flesh)
         if one.part.material.transmission > 0:
             cover = np.maximum(1 - kept, np.float32(1e-6))
             one.radiance[one.visible], one.alpha[one.visible] = mirrored / cover[:, None], cover

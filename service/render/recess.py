@@ -40,7 +40,7 @@ NODES_M = 0.0008
 MOST_FLESH = 0.9
 """Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
 AROUND_M = 0.004
-"""Width of the rim of skin around a recess whose albedo counts."""
+"""Width of the rim of skin around a recess whose light counts."""
 MOST_STEPS = 8
 """Most parts into which a triangle's side is divided for it."""
 
@@ -68,12 +68,21 @@ class Arriving:
     mirror: Float32
     lamps: Float32
 
-    def returned(self, flesh: Float32) -> Float32:
-        """(N, 3) factor >= 1 on the irradiance by what flesh of an albedo (3,) sends back from where no sky is seen.
+    def with_flesh(self, albedo: Float32, radiosity: Float32) -> tuple[Float32, Float32]:
+        """(N, 3) irradiance with what flesh sends from where no sky is seen, and (N, 3) the radiosity of that flesh.
 
-        It receives what the point itself does (Stewart and Langer 1997, eq. 12): 1 / (1 - flesh (1 - openness)).
+        Flesh near a point that sees little of the sky lies deep itself, and receives what the point does (Stewart and
+        Langer 1997, eq. 12); near one that sees much it is the skin around the recess. Between them the share of the
+        latter is the square root of the openness: the geometric mean of the point's and that of the open.
+
+        Args:
+            albedo: (3,) of the flesh.
+            radiosity: (3,) of the skin around the recess.
         """
-        return np.asarray(1 / (1 - np.minimum(flesh, MOST_FLESH) * (1 - self.openness[:, None])), np.float32)
+        hidden, outer = 1 - self.openness[:, None], np.sqrt(self.openness)[:, None]
+        inner = np.minimum(albedo, MOST_FLESH) * (1 - outer)
+        total = (self.irradiance + hidden * outer * radiosity) / (1 - hidden * inner)
+        return np.asarray(total, np.float32), np.asarray(outer * radiosity + inner * total, np.float32)
 
     def at(self, nodes: Nodes, first: int) -> Arriving:
         """The same at the places of a grid whose nodes begin at the ``first`` point."""
@@ -222,17 +231,16 @@ def _mirrored(seen: Float32, points: Float32, normals: Float32, viewpoint: Tripl
     return np.asarray((weights * seen).sum(1), np.float32)
 
 
-def flesh_around(parts: Sequence[MeshPart], positions: Float32, albedo: Float32) -> Float32:
-    """(3,) mean albedo of the skin that is seen within ``AROUND_M`` of parts; 0 where none is seen.
+def skin_around(parts: Sequence[MeshPart], positions: Float32, values: Float32) -> Float32:
+    """(C,) mean of values of the skin that is seen within ``AROUND_M`` of parts; 0 where none is seen.
 
     Args:
         parts: in one recess.
         positions: (N, 3) metres, of the picture's samples.
-        albedo: (N, 3) linear of them.
+        values: (N, C) of them.
     """
     near = np.zeros(len(positions), bool)
     for part in parts:
         low, high = part.vertices.min(0) - AROUND_M, part.vertices.max(0) + AROUND_M
         near |= ((positions > low) & (positions < high)).all(1)
-    found = albedo[near].mean(0, dtype=np.float64) if near.any() else np.zeros(3)
-    return np.asarray(np.clip(found, 0, 1), np.float32)
+    return np.asarray(values[near].mean(0) if near.any() else np.zeros(values.shape[1]), np.float32)

@@ -232,7 +232,8 @@ def render_head(
         before = None
         if parts:
             albedo = to_bytes(linear_to_srgb(surface.albedo))
-            part_light = PartLight(light, chosen, graphs, visibility, viewpoint, samples, samples.read(surface.albedo))
+            seen = samples.read(surface.albedo), np.maximum(radiance, 0.0)
+            part_light = PartLight(light, chosen, graphs, visibility, viewpoint, samples, *seen)
             before = parts_layer(parts, head, vertices, camera, part_light, albedo, request.samples)
         radiance = np.maximum(radiance, 0.0)
         picture, covered = resolved(radiance, samples.index, samples.shape, request.samples, before)

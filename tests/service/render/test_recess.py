@@ -13,7 +13,7 @@ from service.light.plan import Plan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.recess import Arriving, Nodes, Recess, flesh_around, recess_of
+from service.render.recess import Arriving, Nodes, Recess, recess_of, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
@@ -136,8 +136,8 @@ def test_triangles_share_the_points_on_their_side() -> None:
 def test_no_skin_near_sends_no_light() -> None:
     """A mean of nothing would be NaN."""
     part = toy("eye_left_ball", 0.0)
-    assert not flesh_around([part], np.ones((5, 3), np.float32), np.ones((5, 3), np.float32)).any()
-    assert not flesh_around([part], np.ones((0, 3), np.float32), np.ones((0, 3), np.float32)).any()
+    assert not skin_around([part], np.ones((5, 3), np.float32), np.ones((5, 3), np.float32)).any()
+    assert not skin_around([part], np.ones((0, 3), np.float32), np.ones((0, 3), np.float32)).any()
 
 
 def test_which_recess() -> None:
@@ -169,3 +169,17 @@ def test_a_clear_part_adds_what_it_mirrors_and_nothing_else() -> None:
     assert dark.max() < 1e-6 and dull.max() < 1e-6
     f0 = (0.376 / 2.376) ** 2
     np.testing.assert_allclose(shining, f0, rtol=0.15)
+
+
+def test_flesh_sends_back_no_more_than_it_receives() -> None:
+    """In a closed mouth light must not pile up, nor come from nowhere; in the open there is no flesh."""
+    nothing, white, grey = (np.full(3, value, np.float32) for value in (0.0, 1.0, 0.5))
+    found = Arriving(
+        np.ones((3, 3), np.float32), np.array([0, 0.25, 1], np.float32), nothing, np.ones((3, 0), np.float32)
+    )
+    total, sent = found.with_flesh(white, nothing)
+    assert np.isfinite(total).all() and np.isfinite(sent).all() and (total >= 1).all()
+    np.testing.assert_allclose(total[2], 1)
+    dark = dataclasses.replace(found, irradiance=np.zeros((3, 3), np.float32))
+    total, _ = dark.with_flesh(grey, white)
+    assert not total[0].any() and not total[2].any() and (total[1] < 0.75).all()
