@@ -26,11 +26,11 @@ def surface_points(vertices: AnyFloat, triangles: AnyInt, spacing: float) -> Flo
         points.append(np.einsum("kc,tcd->tkd", weights, corners[steps == n]).reshape(-1, 3))
     if not points:
         return np.zeros((0, 3), np.float32)
-    return _distinct(np.concatenate(points), 1e-3 * spacing).astype(np.float32)
+    return thinned(np.concatenate(points), 1e-3 * spacing).astype(np.float32)
 
 
-def _distinct(points: Float64, grain: float) -> Float64:
-    """One point per cube of side ``grain``, as triangles share their corners and edges."""
+def thinned(points: Float64, grain: float) -> Float64:
+    """(M, 3) of points (N, 3), N > 0: one per cube of side ``grain``; triangles share corners and edges."""
     cell = np.rint((points - points.min(0)) / grain).astype(np.int64)
     x, y, z = np.minimum(cell, (1 << 21) - 1).T
     _, first = np.unique((x << 42) | (y << 21) | z, return_index=True)

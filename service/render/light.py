@@ -16,6 +16,7 @@ from service.light.lamps import disc_of
 from service.light.scene import PointLight
 from service.light.sphere import flux_by_direction, spread_directions
 from service.render.eyes import Eyes, resized
+from service.render.occlusion import lamp_seen, sky_seen, summed
 
 Size = tuple[int, int]
 
@@ -65,13 +66,13 @@ class Visibility:
 
     def __post_init__(self) -> None:
         """Sample the triangles that cast shadows."""
-        triangles = self.head.triangles[self._casts]
+        triangles = self.head.triangles[self.casts]
         millimetres = np.asarray(self.vertices) * 1000.0
         clouds = (surface_points(millimetres, triangles, spacing) for spacing in self.detail.casters_mm)
         self._fine, self._coarse = (np.ascontiguousarray(cloud.T) for cloud in clouds)
 
     @cached_property
-    def _casts(self) -> Bool:
+    def casts(self) -> Bool:
         """(T,) bool, triangles that cast shadows; all of them where a head has none of the parts that do."""
         cast = np.array([name.split("_")[0] in _CASTERS for name in self.head.part_names])[self.head.triangle_part]
         return cast if cast.any() else np.ones_like(cast)
@@ -88,24 +89,22 @@ class Visibility:
 
     @cached_property
     def _eyes(self) -> Eyes | None:
-        return Eyes.of(self._chart, self.vertices, self._casts, self.detail.eyes_mm)
+        return Eyes.of(self._chart, self.vertices, self.casts, self.detail.eyes_mm)
 
     def sky(self) -> UInt8:
         """(D, h, w) visibility of each direction, 255 = fully visible; takes about 2 s."""
         if self._sky is None:
             chart = Chart.build(self.head, *self.detail.sky_size)
-            seen = self._seen(_points(chart, self.vertices), self._coarse, self.detail.casters_mm[1])
+            seen = sky_seen(
+                self.graphs,
+                self.detail.directions,
+                _points(chart, self.vertices),
+                self._coarse,
+                self.detail.casters_mm[1],
+            )
             spread = chart.fill_outside(chart.spread(seen.T.astype(np.float32)))
             self._sky = np.ascontiguousarray(np.moveaxis(spread, 2, 0).astype(np.uint8))
         return self._sky
-
-    def _seen(self, points: Float32, occluders: Float32, spacing: float) -> UInt8:
-        """(D, N) visibility of each direction from points (6, N), 255 = fully visible."""
-        seen = np.zeros((self.detail.directions, points.shape[1]), np.uint8)
-        for k, direction in enumerate(spread_directions(self.detail.directions)):
-            lit = self.graphs.lit("lit_from_direction", occluders, spacing, points, direction.astype(np.float32))
-            seen[k] = np.rint(lit * 255.0)
-        return seen
 
     def sky_light(self, sky: AnyFloat, size: Size) -> Float32:
         """(H, W, 3 colours, 3 axes) vector irradiance, sum of V d flux; its dot product with a normal is irradiance."""
@@ -126,25 +125,18 @@ class Visibility:
         centre = (self._fine.min(1) + self._fine.max(1)) / 2000.0
         places = disc_of(light, centre) * 1000.0
         occluders, spacing = ((self._fine, self._coarse)[len(places) > 1], self.detail.casters_mm[len(places) > 1])
-        reached = self._reached(places, self._at, occluders, spacing)
+        reached = lamp_seen(self.graphs, places, self._at, occluders, spacing)
         shown = resized(self._chart.fill_outside(self._chart.spread(reached[:, None])), size)
         if (eyes := self._eyes) is not None:
             points = np.ascontiguousarray(self._at[:, eyes.index])
-            shown = eyes.over(shown, self._reached(places, points, eyes.occluders, eyes.spacing_mm)[:, None])
+            shown = eyes.over(shown, lamp_seen(self.graphs, places, points, eyes.occluders, eyes.spacing_mm)[:, None])
         return np.clip(shown[..., 0], 0.0, 1.0)
-
-    def _reached(self, places: AnyFloat, points: Float32, occluders: Float32, spacing: float) -> Float32:
-        """(N,) mean share of light from places (K, 3) mm that reaches points (6, N)."""
-        total = np.zeros(points.shape[1], np.float32)
-        for at in places:
-            total += self.graphs.lit("lit_from_point", occluders, spacing, points, at.astype(np.float32))
-        return total / np.float32(len(places))
 
     def _summed(self, each: Float64, size: Size) -> Float32:
         """(H, W, C) of the sum over directions of visibility times (D, C)."""
-        image = _products(self.sky().reshape(self.detail.directions, -1), each).reshape(*self.sky().shape[1:], -1)
+        image = summed(self.sky().reshape(self.detail.directions, -1), each).reshape(*self.sky().shape[1:], -1)
         whole = resized(image, size)
-        return whole if self._eyes is None else self._eyes.over(whole, _products(self._eyes_sky, each))
+        return whole if self._eyes is None else self._eyes.over(whole, summed(self._eyes_sky, each))
 
     @cached_property
     def _eyes_sky(self) -> UInt8:
@@ -152,16 +144,8 @@ class Visibility:
         if self._eyes is None:
             return np.zeros((self.detail.directions, 0), np.uint8)
         points = np.ascontiguousarray(self._at[:, self._eyes.index])
-        return self._seen(points, self._eyes.occluders, self._eyes.spacing_mm)
-
-
-def _products(seen: UInt8, each: Float64) -> Float32:
-    """(N, C) sums over directions of visibility codes (D, N) times (D, C)."""
-    total = np.zeros((seen.shape[1], each.shape[1]), np.float32)
-    for first in range(0, len(seen), 64):
-        part = seen[first : first + 64].astype(np.float32) * np.float32(1 / 255)
-        total += part.T @ each[first : first + 64].astype(np.float32)
-    return total
+        eyes = self._eyes
+        return sky_seen(self.graphs, self.detail.directions, points, eyes.occluders, eyes.spacing_mm)
 
 
 def _points(chart: Chart, vertices: AnyFloat) -> Float32:

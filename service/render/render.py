@@ -32,7 +32,8 @@ from service.light.scene import Scene, Triple
 from service.materials.of_head import material_of
 from service.materials.part import MeshPart, framed
 from service.render.light import Detail, Visibility
-from service.render.parts import NO_SHADOWS, PartLight, mesh_part, parts_layer
+from service.render.part_light import PartLight
+from service.render.parts import NO_SHADOWS, mesh_part, parts_layer
 from service.render.picture import behind, coded, resolved
 from service.render.planning import exposed, samples_of
 from service.render.request import RenderRequest
@@ -231,7 +232,8 @@ def render_head(
         before = None
         if parts:
             albedo = to_bytes(linear_to_srgb(surface.albedo))
-            part_light = PartLight(light, graphs)
+            seen = samples.read(surface.albedo), np.maximum(radiance, 0.0)
+            part_light = PartLight(light, chosen, graphs, visibility, viewpoint, samples, *seen)
             before = parts_layer(parts, head, vertices, camera, part_light, albedo, request.samples)
         radiance = np.maximum(radiance, 0.0)
         picture, covered = resolved(radiance, samples.index, samples.shape, request.samples, before)

@@ -1,0 +1,185 @@
+"""Light on eyes and teeth: what lids, brows and lips hide of the sky."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from service.light.environment import illumination
+from service.light.graphs import Graphs
+from service.light.plan import Plan
+from service.light.scene import Environment, PointLight, Scene
+from service.materials.material import Material
+from service.materials.part import MeshPart
+from service.render.recess import Arriving, Nodes, Recess, recess_of, skin_around
+from service.render.render import render_head
+from service.render.request import RenderRequest
+from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
+
+GRAPHS = Graphs(1)
+RADIUS_MM = 12.0
+FORWARD = np.array([[0.0, 0.0, 1.0]], np.float32)
+POLE = np.array([[0.0, 0.0, RADIUS_MM / 1000]], np.float32)
+
+
+def ball(radius_mm: float, *, hole_deg: float = 0.0) -> np.ndarray:
+    """(N, 3) points on a sphere, without those about +Z."""
+    count = int(4 * np.pi * radius_mm**2 / 0.1)
+    z = 1 - (2 * np.arange(count) + 1) / count
+    around = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    flat = np.sqrt(1 - z * z)
+    points = radius_mm * np.stack([flat * np.cos(around), flat * np.sin(around), z], 1)
+    return points[z <= np.cos(np.radians(hole_deg))] if hole_deg else points
+
+
+def plate(low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:
+    """(N, 3) points on a level rectangle between two corners of the same height, mm."""
+    x, z = np.meshgrid(np.arange(low[0], high[0], 0.3), np.arange(low[2], high[2], 0.3))
+    return np.stack([x.ravel(), np.full(x.size, low[1]), z.ravel()], 1)
+
+
+def lit(
+    points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None, plan: Plan | None = None
+) -> Arriving:
+    what = what or scene(EVEN)
+    recess = Recess(np.ascontiguousarray(occluders.T, np.float32), 0.45, 128)
+    made = plan or Plan.everything(what)
+    found = recess.arriving(points, normals, (0.0, 0.0, 1.2), illumination(what), made, GRAPHS)
+    for values in dataclasses.astuple(found):
+        assert np.isfinite(values).all()
+    return found
+
+
+def test_a_ball_without_lids_receives_the_whole_sky() -> None:
+    """The depth maps' own steps must not shade a convex surface: half the sky is pi at radiance 1."""
+    turn = np.radians([-60, -30, 0, 30, 60])
+    normals = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1).astype(np.float32)
+    found = lit(normals * np.float32(RADIUS_MM / 1000), normals, ball(RADIUS_MM))
+    np.testing.assert_allclose(found.irradiance, np.pi, rtol=0.03)
+    np.testing.assert_allclose(found.openness, 1.0, atol=0.03)
+    assert found.mirror.min() > 0.95
+
+
+def test_a_brow_hides_the_light_from_above() -> None:
+    brow = np.concatenate([ball(RADIUS_MM), plate((-40, 8, 0), (40, 8, 30))])
+    above, below = Environment(zenith=(1.0,) * 3), Environment(ground=(1.0,) * 3)
+    shares = []
+    for sky in (above, below):
+        free, under = (lit(POLE, FORWARD, what, scene(sky)).irradiance[0, 0] for what in (ball(RADIUS_MM), brow))
+        shares.append(under / free)
+    assert shares[0] < 0.35 and shares[1] > 0.97
+
+
+def test_the_upper_cornea_mirrors_the_lid_and_not_the_sky() -> None:
+    """Without it pupils are grey by a studio's sky."""
+    lid = np.concatenate([ball(RADIUS_MM), plate((-40, 10, 0), (40, 10, 60))])
+    tilt = np.radians([25.0, -25.0])  # these mirror what stands 50 degrees above and below
+    normals = np.stack([0 * tilt, np.sin(tilt), np.cos(tilt)], 1).astype(np.float32)
+    found = lit(normals * np.float32(RADIUS_MM / 1000), normals, lid)
+    assert found.mirror[0] < 0.1 and found.mirror[1] > 0.9
+
+
+def test_nothing_reaches_teeth_behind_closed_lips_and_all_is_finite() -> None:
+    closed, opened = ball(25.0), ball(25.0, hole_deg=50)
+    for what in (scene(EVEN), scene(None, LAMP)):
+        inside = [lit(0.5 * POLE, FORWARD, each, what).irradiance.max() for each in (closed, opened)]
+        assert inside[0] < 0.02 * inside[1] and inside[1] > 0
+    found = lit(POLE, FORWARD, closed)
+    assert found.openness[0] < 0.02 and found.mirror[0] < 0.02
+
+
+def test_an_opening_lets_in_its_form_factor() -> None:
+    """sin^2 of its half angle: a disc seen along its axis (Howell's catalogue, B-12)."""
+    for half in (30, 50, 70):
+        found = lit(np.zeros((1, 3), np.float32), FORWARD, ball(25.0, hole_deg=half)).openness[0]
+        assert abs(found - np.sin(np.radians(half)) ** 2) < 0.06
+
+
+def test_effects_that_the_plan_leaves_out_are_not_computed() -> None:
+    what = scene(EVEN, LAMP)
+    plan = Plan.everything(what).without("occlusion").without("shadows", 0)
+    found = lit(POLE, FORWARD, ball(25.0), what, plan)
+    assert found.openness[0] == found.mirror[0] == found.lamps[0, 0] == 1 and found.irradiance[0, 0] > np.pi * 0.99
+
+
+def test_a_lamp_is_hidden_as_the_sky_is() -> None:
+    high = PointLight((0.0, 1.0, 0.5), (1.0, 1.0, 1.0), 0.0)
+    brow = np.concatenate([ball(RADIUS_MM), plate((-40, 8, 0), (40, 8, 30))])
+    free, under = (lit(POLE, FORWARD, what, scene(None, high)) for what in (ball(RADIUS_MM), brow))
+    assert free.lamps[0, 0] > 0.99 and under.lamps[0, 0] < 0.01 and under.irradiance.max() < 0.01
+
+
+@pytest.mark.parametrize("size", [0.0005, 0.004, 1.0])
+def test_a_grid_holds_what_is_linear(size: float) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.normal(0, size, (6, 3))
+    triangles = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 5], [0, 0, 1]])
+    inside = np.concatenate([rng.dirichlet(np.ones(3), 200), np.eye(3), np.full((1, 3), 1 / 3), [[0.5, 0.5, 0.0]]])
+    triangle = rng.integers(0, 4, len(inside))
+    nodes = Nodes.of(points, np.tile(FORWARD, (6, 1)), triangles, triangle, inside.astype(np.float32))
+    there = np.einsum("nk,nkc->nc", inside, points[triangles[triangle]])
+    np.testing.assert_allclose(nodes.read(nodes.points), there, atol=2e-6 * max(size, 1))
+    np.testing.assert_allclose(nodes.weights.sum(1), 1, atol=1e-5)
+    assert nodes.weights.min() >= 0
+
+
+def test_triangles_share_the_points_on_their_side() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) * 0.0015
+    triangles = np.array([[0, 1, 2], [2, 1, 3]])
+    side = np.array([[0.0, 0.3, 0.7], [0.7, 0.3, 0.0]], np.float32)
+    nodes = Nodes.of(points, np.tile(FORWARD, (4, 1)), triangles, np.array([0, 1]), side)
+    assert len(np.unique(nodes.points.round(8), axis=0)) == len(nodes.points)
+
+
+def test_no_skin_near_sends_no_light() -> None:
+    """A mean of nothing would be NaN."""
+    part = toy("eye_left_ball", 0.0)
+    assert not skin_around([part], np.ones((5, 3), np.float32), np.ones((5, 3), np.float32)).any()
+    assert not skin_around([part], np.ones((0, 3), np.float32), np.ones((0, 3), np.float32)).any()
+
+
+def test_which_recess() -> None:
+    assert recess_of("teeth_upper_gums") == recess_of("tongue_body") == "mouth"
+    assert recess_of("eye_left_cornea") == "eyes"
+    assert recess_of("hair") is None and recess_of("lash_cards") is None
+
+
+def toy(name: str, z: float, **material: float | str) -> MeshPart:
+    """A square before the toy head."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.03)
+    points = corners + np.array([0, 0, z], np.float32)
+    surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})  # type: ignore[arg-type]
+    uv = np.zeros((4, 2), np.float32)
+    return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
+
+
+def test_a_clear_part_adds_what_it_mirrors_and_nothing_else() -> None:
+    """As a white sheet of 8 % a cornea would make black pupils grey."""
+    request = RenderRequest(scene=scene(EVEN), size=(48, 56), samples=1, tolerance=0.0)
+    pupil = toy("eye_left_ball", 0.3, specular=0.0)
+    clear = toy("eye_left_cornea", 0.303, colour=(1.0,) * 3, opacity=0.08, alpha="blend", transmission=1.0)
+    dark, shining, dull = (
+        render_head(
+            HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=parts, without=without
+        ).light[28, 24]
+        for parts, without in (((pupil,), ()), ((pupil, clear), ()), ((pupil, clear), ("reflection",)))
+    )  # fmt: skip
+    assert dark.max() < 1e-6 and dull.max() < 1e-6
+    f0 = (0.376 / 2.376) ** 2
+    np.testing.assert_allclose(shining, f0, rtol=0.15)
+
+
+def test_flesh_sends_back_no_more_than_it_receives() -> None:
+    """In a closed mouth light must not pile up, nor come from nowhere; in the open there is no flesh."""
+    nothing, white, grey = (np.full(3, value, np.float32) for value in (0.0, 1.0, 0.5))
+    found = Arriving(
+        np.ones((3, 3), np.float32), np.array([0, 0.25, 1], np.float32), nothing, np.ones((3, 0), np.float32)
+    )
+    total, sent = found.with_flesh(white, nothing)
+    assert np.isfinite(total).all() and np.isfinite(sent).all() and (total >= 1).all()
+    np.testing.assert_allclose(total[2], 1)
+    dark = dataclasses.replace(found, irradiance=np.zeros((3, 3), np.float32))
+    total, _ = dark.with_flesh(grey, white)
+    assert not total[0].any() and not total[2].any() and (total[1] < 0.75).all()
