@@ -107,13 +107,13 @@ def test_drawn_pores_are_deep_and_a_photos_spots_are_not(name: str) -> None:
         what = network.description
         side = 16 * what.stride
         y, x = np.indices((side, side)) % 16 - 8
-        spots = 0.3 - 0.12 * np.exp(-(x * x + y * y) / (2 * 1.6**2)).astype(np.float32)
-        fixed = {"shaded_grey": spots, "normal_tangent_z": 1.0, "normal_object_z": 1.0}
-        planes = {channel: fixed.get(channel, 0.0) for channel in what.channels}
+        spots = np.asarray(0.3 - 0.12 * np.exp(-(x * x + y * y) / (2 * 1.6**2)), np.float32)
         slope = []
         for drawn in (-1.0, 1.0):
-            told = planes | {"drawn_detail": drawn}
-            normal = network.run(np.stack([np.broadcast_to(np.float32(told[c]), spots.shape) for c in what.channels]))
+            values = {"normal_tangent_z": 1.0, "normal_object_z": 1.0, "drawn_detail": drawn}
+            planes = [np.full_like(spots, values.get(name, 0.0)) for name in what.channels]
+            planes[what.channels.index("shaded_grey")] = spots
+            normal = network.run(np.stack(planes))
             slope.append(float(np.hypot(*normal[:2]).mean()))
     assert slope[1] > 2 * slope[0]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -146,11 +147,11 @@ def test_which_recess() -> None:
     assert recess_of("hair") is None and recess_of("lash_cards") is None
 
 
-def toy(name: str, z: float, **material: float | str) -> MeshPart:
+def toy(name: str, z: float, **material: Any) -> MeshPart:
     """A square before the toy head."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(0.03)
     points = corners + np.array([0, 0, z], np.float32)
-    surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})  # type: ignore[arg-type]
+    surface = Material(name, **{"colour": (0.0,) * 3, "ior": 1.376, "roughness": 0.03, **material})
     uv = np.zeros((4, 2), np.float32)
     return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
 
