@@ -19,6 +19,8 @@ from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
 from service.reflectance.chart_light import found_by
 from service.reflectance.diffuse_albedo import CONTEXT, needs_context
+from service.reflectance.drawn import NAME as DRAWN_DETAIL
+from service.reflectance.drawn import drawn_detail
 from service.reflectance.fine_shade import NAME as SHADED_GREY
 from service.reflectance.fine_shade import shaded_grey
 from service.reflectance.planes import Planes
@@ -165,6 +167,7 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
         planes.add_codes("albedo", albedo)
         if SHADED_GREY in what.channels:
             planes.add_grey(SHADED_GREY, shaded_grey(planes, albedo))
+            planes.add_coarse([DRAWN_DETAIL], drawn_detail(None, (), 1.0)[None])
             planes.drop("texture")
     return planes, seconds
 
