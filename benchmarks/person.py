@@ -19,12 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from models.people.shards import decode
-from service.arrays import Float32, Float64, UInt8
+from service.arrays import Float32, UInt8
 from service.errors import AvatarError
 from service.face.finder import FaceFinder
 from service.face.reading import person
 from service.face.reading.parts import BACKGROUND, HAIR
-from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, PART_CELLS, ReaderNetwork, Reading, crop_of, middles
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import PART_CELLS, Reading, middles
 from service.face.reading.sampled import parts_at_pixels
 from service.photo.gate import read_photo
 
@@ -66,15 +67,7 @@ def _around(reading: Reading) -> Reading:
     return reading.around
 
 
-def read(pixels: UInt8, landmarks: Float64, network: ReaderNetwork) -> Reading | None:
-    """Both crops of the reader alone; None where the landmarks give none."""
-    narrow, wide = crop_of(landmarks), crop_of(landmarks, AROUND_FILL, AROUND_ABOVE)
-    if narrow is None or wide is None:
-        return None
-    return replace(network(pixels, narrow), around=network(pixels, wide))
-
-
-def on_people(folder: Path, most: int, reader: ReaderNetwork, joined: dict[str, Way]) -> None:
+def on_people(folder: Path, most: int, readers: Readers, joined: dict[str, Way]) -> None:
     """Print the table of the portraits."""
     found: dict[str, list[Float32]] = {name: [] for name in joined}
     true, count = [], 0
@@ -83,8 +76,8 @@ def on_people(folder: Path, most: int, reader: ReaderNetwork, joined: dict[str, 
             portraits = decode(dict(arrays))
         for portrait in portraits:
             pixels = portrait.image
-            reading = read(pixels, portrait.points[:468].astype(np.float64), reader) if count < most else None
-            if reading is None:
+            reading = read_face(pixels, portrait.points[:468].astype(np.float64), readers) if count < most else None
+            if reading is None or reading.around is None:
                 continue
             count += 1
             at = middles(_around(reading).region, PART_CELLS)
@@ -109,7 +102,7 @@ def on_people(folder: Path, most: int, reader: ReaderNetwork, joined: dict[str, 
         sys.stdout.write(f"| {name} | {' | '.join(f'{100 * share:.1f} %' for share in shares)} | {log:.3f} |\n")
 
 
-def on_photos(folder: Path, sheet: Path, reader: ReaderNetwork, network: person.PersonNetwork) -> None:
+def on_photos(folder: Path, sheet: Path, readers: Readers, network: person.PersonNetwork) -> None:
     """Draw what changes, a row a photo."""
     import cv2
 
@@ -120,8 +113,8 @@ def on_photos(folder: Path, sheet: Path, reader: ReaderNetwork, network: person.
         except (AvatarError, OSError):
             continue
         faces = finder.find(pixels)
-        before = read(pixels, faces[0].landmarks, reader) if faces else None
-        if before is None:
+        before = read_face(pixels, faces[0].landmarks, readers) if faces else None
+        if before is None or before.around is None:
             continue
         after = person.with_person(pixels, before, network)
         region = _around(before).region
@@ -145,11 +138,11 @@ def main() -> None:
     parser.add_argument("--photos", type=Path)
     parser.add_argument("--sheet", type=Path, default=Path("person.png"))
     chosen = parser.parse_args()
-    reader, network = ReaderNetwork(), person.PersonNetwork()
+    readers, network = Readers(person=False), person.PersonNetwork()
     if chosen.people:
-        on_people(chosen.people, chosen.most, reader, ways(network))
+        on_people(chosen.people, chosen.most, readers, ways(network))
     if chosen.photos:
-        on_photos(chosen.photos, chosen.sheet, reader, network)
+        on_photos(chosen.photos, chosen.sheet, readers, network)
 
 
 if __name__ == "__main__":

@@ -209,13 +209,18 @@ def train(
     log = run.folder / "log.jsonl"
     begun, before, saved = time.monotonic(), run.seconds, run.seconds
     sums: dict[str, float] = {}
-    while (done := run.step / steps if steps else run.seconds / (60.0 * minutes)) < 1.0:
+
+    def done() -> float:
+        """Share of the run that is over."""
+        spent, length = (run.step, steps) if steps else (run.seconds, 60.0 * minutes)
+        return spent / length if length > 0 else 1.0
+
+    while done() < 1.0:
         some = augmented(pool.draw(batch, run.generator), run.generator)
-        for name, value in run.train_step(some, 1.0 - done, bf16).items():
+        for name, value in run.train_step(some, 1.0 - done(), bf16).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
-        ended = run.step >= steps if steps else run.seconds >= 60.0 * minutes
-        if run.seconds - saved > 60.0 * every or ended:
+        if run.seconds - saved > 60.0 * every or done() >= 1.0:
             saved = run.seconds
             line = {"step": run.step, "minutes": round(run.seconds / 60.0, 1),
                     **{f"loss_{name}": round(value, 4) for name, value in sums.items()},

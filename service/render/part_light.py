@@ -18,7 +18,8 @@ from service.light.reflection import prefiltered
 from service.light.scene import Triple
 from service.materials.material import Material
 from service.render.light import Visibility
-from service.render.recess import Arriving, Nodes
+from service.render.nodes import Nodes
+from service.render.recess import Arriving
 from service.render.view import Samples
 
 

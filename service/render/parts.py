@@ -25,8 +25,9 @@ from service.geometry.raster import Fragments, fragments, interpolate, rasterise
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
+from service.render.nodes import Nodes
 from service.render.part_light import PartLight
-from service.render.recess import RECESSES, Nodes, Recess, recess_of, skin_around
+from service.render.recess import RECESSES, Recess, recess_of, skin_around
 
 NO_SHADOWS = "part-shadows-not-simulated"
 """Fallback: hair and other parts throw no shadows in the picture."""

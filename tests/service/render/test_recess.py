@@ -14,7 +14,8 @@ from service.light.plan import Plan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.recess import Arriving, Nodes, Recess, recess_of, skin_around
+from service.render.nodes import Nodes
+from service.render.recess import Arriving, Recess, recess_of, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
