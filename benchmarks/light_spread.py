@@ -1,12 +1,14 @@
 """The same heads in several lights: ``python -m benchmarks.light_spread --data DIR [--write docs/reflectance.md]``.
 
-DIR holds ``ict_facekit_head.npz``, ``ffhq_uv_head/`` and ``lee_perry_smith/``, which no training has seen. Heads are of
-three kinds (``benchmarks.subjects``): those with a carried skin, the scan, and held-out subjects of the light stage.
-Mitsuba takes a photo of each head in each light; the program makes a diffuse albedo of each photo. Two questions:
+DIR holds ``ict_facekit_head.npz``, ``ffhq_uv_head/``, ``hifi3d_uv/`` and ``lee_perry_smith/``, which no training has
+seen. Heads are of four kinds: those with a carried skin, the scan, and held-out subjects of the light stage
+(``benchmarks.subjects``), and three further real skins. Mitsuba takes a photo of each head in each light; the program
+makes a diffuse albedo of each photo. Two questions:
 
 - How far is it from the true albedo? PSNR of sRGB-coded skin over the pixels of the photo where both heads show the
   face, and the same after the one gain of linear values that fits best: how dark a skin is, and how bright its light,
-  is all but impossible to tell from a photo.
+  is all but impossible to tell from a photo. Beside it one flat colour, the true mean; and means of each head over its
+  lights.
 - How much of the light is left in it? Root mean square over texels of the standard deviation over lights, beside that
   over heads of the mean over lights. All heads share one chart; texels count that every photo shows.
 
@@ -19,7 +21,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -27,11 +29,12 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
+from benchmarks.corrections.sitters import Sitter, Studio
 from benchmarks.heads import TexturedHead
 from benchmarks.metrics import View, face_region
 from benchmarks.render import FURTHER_LAMPS, LAMPS, Shot, take_once
 from benchmarks.shoot import data_folder
-from benchmarks.subjects import KINDS
+from benchmarks.subjects import KINDS as SUBJECTS
 from models.tables import tell
 from service.colour import linear_to_srgb, srgb_to_linear
 
@@ -39,6 +42,19 @@ Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MARK = ("<!-- light-spread -->", "<!-- /light-spread -->")
+HIFI3D = (Sitter(106, "hifi3d 1"), Sitter(108, "hifi3d 2"), Sitter(109, "hifi3d 3"))
+"""Three real skins on three shapes of ICT-FaceKit."""
+
+
+def hifi3d(data: Path, out: Path) -> list[TexturedHead]:
+    """The heads of ``HIFI3D``."""
+    studio = Studio(data, out)
+    return [replace(studio.head(one), name=one.skin.replace(" ", "")) for one in HIFI3D]
+
+
+KINDS = {**SUBJECTS, "hifi3d": hifi3d}
+"""Kinds of heads: (folder of reference heads, folder that keeps what was made) -> heads."""
+
 LIGHTS = ("soft", *LAMPS, "harsh", *FURTHER_LAMPS)
 SIZE = 512
 COMPARED_WIDTH = 384
@@ -55,9 +71,10 @@ SEEN = 160
 
 @dataclass(frozen=True)
 class Run:
-    """One photo: PSNR in dB of albedo and texture, raw and after the best gain; both maps, small, sRGB in [0, 1]."""
+    """One photo: PSNR in dB of albedo, one flat colour and texture, raw and after the best gain; maps, sRGB in [0, 1]."""
 
     albedo: tuple[float, float]
+    flat: tuple[float, float]
     texture: tuple[float, float]
     maps: Mapping[str, Float]
     seen: Mask
@@ -128,7 +145,8 @@ def run(head: TexturedHead, light: str, out: Path, quality: str) -> Run:
     size = (COMPARED_WIDTH, COMPARED_WIDTH * 2 // 3)
     small = {k: np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.float64) for k, v in maps.items()}
     seen = cv2.resize(avatar.texture.confidence, size, interpolation=cv2.INTER_AREA) >= SEEN
-    return Run(psnr(ours[face], coded), psnr(texture[face], coded), small, seen)
+    flat = np.broadcast_to(coded.mean(0), coded.shape)
+    return Run(psnr(ours[face], coded), psnr(flat, coded), psnr(texture[face], coded), small, seen)
 
 
 @dataclass(frozen=True)
@@ -166,15 +184,21 @@ def seen_by_all(runs: Mapping[tuple[str, str], Run]) -> Mask:
 
 def table(runs: Mapping[tuple[str, str], Run], kinds: Mapping[str, str], quality: str) -> list[str]:
     """Markdown; ``kinds`` has the kind of each head."""
-    lines = ["| kind | head | light | albedo dB | best gain | texture itself dB | best gain |", "|---" * 7 + "|"]
+    lines = ["| kind | head | light | albedo dB | best gain | flat: best gain | texture itself dB | best gain |"]
+    lines.append("|---" * 8 + "|")
+
+    def numbers(one: Run) -> tuple[float, ...]:
+        return (*one.albedo, one.flat[1], *one.texture)
+
     for (who, light), one in runs.items():
-        told = " | ".join(f"{value:.1f}" for value in (*one.albedo, *one.texture))
-        lines.append(f"| {kinds[who]} | {who} | {light} | {told} |")
+        lines.append(f"| {kinds[who]} | {who} | {light} | {' | '.join(f'{value:.1f}' for value in numbers(one))} |")
+    for head, kind in kinds.items():
+        told = np.mean([numbers(one) for (who, _), one in runs.items() if who == head], 0)
+        lines.append(f"| {kind} | {head} | mean | {' | '.join(f'**{value:.1f}**' for value in told)} |")
     named = list(dict.fromkeys(kinds.values()))
     for kind in (*named, ALL):
-        columns = [(*one.albedo, *one.texture) for (who, _), one in runs.items() if kind in (kinds[who], ALL)]
-        told = " | ".join(f"**{value:.1f}**" for value in np.median(np.array(columns), 0))
-        lines.append(f"| {kind} | median | | {told} |")
+        told = np.mean([numbers(one) for (who, _), one in runs.items() if kind in (kinds[who], ALL)], 0)
+        lines.append(f"| {kind} | all | mean | {' | '.join(f'**{value:.1f}**' for value in told)} |")
     lines += [
         "",
         f"| standard deviation (sRGB, 255 = 1) | over lights: {' | '.join((*named, ALL))} | over heads | ratio |",

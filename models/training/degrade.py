@@ -51,7 +51,7 @@ def graded(texture: Tensor, generator: torch.Generator) -> Tensor:
     """
     n = len(texture)
     contrast = uniform(generator, -0.2, 0.6, n, 1, 1, 1)
-    bend = torch.exp(0.07 * torch.randn(n, 3, 1, 1, generator=generator))
+    bend = torch.exp(0.1 * torch.randn(n, 3, 1, 1, generator=generator))
     ceiling = uniform(generator, 0.8, 1.0, n, 1, 1, 1) * uniform(generator, 0.94, 1.0, n, 3, 1, 1)
     coded = (texture / ceiling).clamp(0.0, 1.0) ** bend
     coded = coded + contrast * (coded * coded * (3.0 - 2.0 * coded) - coded)

@@ -22,7 +22,7 @@ in logarithms, both beside the light on the lids: slope and shift. ``benchmarks.
 heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed. It
 counts all skin round the eyes; the zones of :func:`lid_zones` are nearer to them and 0.3 darker."""
 
-FLAT, FLATTER = 0.15, (0.3, 1.0)
+FLAT, FLATTER = 0.15, (0.5, 1.2)
 """Eyes of the light stage's heads lie deeper between their lids than people's: under an even sky their whites stand in
 0.2 to 0.65 less log light than the lids, those of scanned heads in 0 to 0.2 more (``Whites.beside_lids``). The whites
 of each chart are told nearer to the first number by a share between the other two."""

@@ -16,11 +16,12 @@ from service.colour import LUMA
 SWAPPED, ALIKE = 0.5, 0.3
 """Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
 
-SCALE = (0.50, 0.40)
-"""Mean of fair skin and standard deviation of log(albedo as captured / albedo of the light stage). The stage's skin is
-as light as spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie at 65 to 75, the same hue
-being brighter there by a quarter or more, and calibrations differ from each other by as much. The range is wider than
-that: in a narrow one the network learns how bright skin is from its hue, and heeds the whites of the eyes little."""
+SCALE, SPREAD = 0.45, (0.60, 0.40)
+"""Of log(albedo as captured / albedo of the light stage): mean of fair skin, and standard deviation of fair and of dark
+skin. The stage's skin is as light as spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie
+at 65 to 75, the same hue being brighter there by a quarter or more, and calibrations differ from each other by as much.
+The range is wider than that: in a narrow one the network learns how bright skin is from its hue, and heeds the whites
+of the eyes little."""
 
 DARK_SCALE = -0.05
 """The same mean of dark skin. With the mean of fair skin, training showed no skin as dark as there is: the darkest was
@@ -29,7 +30,7 @@ half as bright again, and the network made dark faces two to three times too bri
 DARK, FAIR = math.log(0.06), math.log(0.30)
 """Log luminance of the stage's skin up to which it counts as dark, and from which as fair; between them, between."""
 
-HUE = 0.05
+HUE = 0.09
 """Standard deviation of the same by channel, less its mean."""
 
 DARKENED, MELANIN, BY_CHANNEL = 0.3, (0.2, 2.0), (0.88, 1.0, 1.1)
@@ -88,8 +89,8 @@ def recalibrated(texture: Tensor, albedo: Tensor, generator: torch.Generator) ->
     """
     n = len(albedo)
     fair = fairness(albedo)
-    mean = DARK_SCALE + fair * (SCALE[0] - DARK_SCALE)
-    scale = mean + SCALE[1] * torch.randn(n, 1, 1, 1, generator=generator)
+    mean, spread = DARK_SCALE + fair * (SCALE - DARK_SCALE), SPREAD[1] + fair * (SPREAD[0] - SPREAD[1])
+    scale = mean + spread * torch.randn(n, 1, 1, 1, generator=generator)
     hue = HUE * torch.randn(n, 3, 1, 1, generator=generator)
     hue = torch.exp(hue - hue.mean(1, keepdim=True))
     skin = linear(albedo) * hue
