@@ -71,7 +71,7 @@ SEEN = 160
 
 @dataclass(frozen=True)
 class Run:
-    """One photo: PSNR in dB of albedo, one flat colour and texture, raw and after the best gain; maps, sRGB in [0, 1]."""
+    """One photo: PSNR in dB of albedo, a flat colour and texture, raw and after the best gain; maps, sRGB in [0, 1]."""
 
     albedo: tuple[float, float]
     flat: tuple[float, float]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import typer
 
 pytest.importorskip("torch")
 
+from benchmarks.corrections.sitters import HIFI3D as HIFI_MAPS
 from benchmarks.heads import TexturedHead
-from benchmarks.light_spread import ALL, Run, Spread, chosen, psnr, table, true_albedo
+from benchmarks.light_spread import ALL, HIFI3D, KINDS, Run, Spread, chosen, psnr, table, true_albedo
 from service.colour import linear_to_srgb, srgb_to_linear
 
 RNG = np.random.default_rng(0)
@@ -18,7 +21,7 @@ SHAPE = (16, 24)
 
 def run(albedo: float, texture: float, seen: bool = True) -> Run:
     maps = {"albedo": np.full((*SHAPE, 3), albedo), "texture": np.full((*SHAPE, 3), texture)}
-    return Run((20.0, 21.0), (10.0, 11.0), maps, np.full(SHAPE, seen))
+    return Run((20.0, 21.0), (17.0, 18.0), (10.0, 11.0), maps, np.full(SHAPE, seen))
 
 
 def test_a_gain_of_linear_values_is_forgiven_once_and_not_in_the_raw_number() -> None:
@@ -57,7 +60,11 @@ def test_spread_over_lights_and_over_heads() -> None:
     uneven = Spread.of(runs, kinds, "albedo").over_lights
     assert uneven == pytest.approx({"one": np.sqrt(0.02), "other": 0, ALL: 0.1}), "heads count alike"
     lines = table(runs, kinds, "draft")
-    assert "| all | median | | **20.0** | **21.0** | **10.0** | **11.0** |" in lines
+    assert "| all | all | mean | **20.0** | **21.0** | **18.0** | **10.0** | **11.0** |" in lines
+    runs["a", "soft"] = replace(runs["a", "soft"], albedo=(22.0, 25.0))
+    lines = table(runs, kinds, "draft")
+    assert "| one | a | mean | **21.0** | **23.0** | **18.0** | **10.0** | **11.0** |" in lines, "over its lights"
+    assert "| other | b | mean | **20.0** | **21.0** | **18.0** | **10.0** | **11.0** |" in lines
     assert f"{12 * 24} texels" in lines[-1]
 
 
@@ -84,3 +91,10 @@ def test_the_true_albedo_is_that_of_the_nearest_skin_and_eyes_are_left_out() -> 
     albedo, skin = true_albedo(head, position, mask)
     np.testing.assert_allclose(albedo[0, :2], [[0.5, 0.3, 0.2], [0.2, 0.1, 0.1]])
     assert skin.tolist() == [[True, True, False, False, False]]
+
+
+def test_every_kind_names_its_heads_once() -> None:
+    """Photos are kept by the head's name: two heads of one name would be given each other's photos."""
+    names = [one.skin for one in HIFI3D]
+    assert sorted(names) == sorted(set(names)) == sorted(HIFI_MAPS)
+    assert set(KINDS) == {"carried", "scan", "stage", "hifi3d"}
