@@ -5,7 +5,7 @@ Principal components of log albedo over the charts of captures and their mirror 
 (``models.training.facial_hair``), so one that ends at the border of what a photo shows goes on beyond it. How far the
 components are trusted is what completes other subjects best: captures are left out part by part, half hidden as photos
 hide them, and completed; the command prints the error on hidden skin, and on that of it where a painted beard grows,
-beside that of the mean colour of the seen skin.
+beside that of the mean colour of the seen skin. Then the same of charts without a beard alone.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ import numpy.typing as npt
 import torch
 import typer
 
+from models.lightstage.skin.subject import Subject
 from models.training.cover import Cover
 from models.training.facial_hair import Barber
 from models.training.store import Arrays, Wholes
 from service.colour import srgb_to_linear
 from service.errors import UsageError
-from service.reflectance.completion import FILE, AlbedoPrior
+from service.reflectance.completion import BARE, FILE, AlbedoPrior
 
 Float = npt.NDArray[np.float32]
 
@@ -128,6 +129,10 @@ class Charts:
                 of.append(index)
         return cls(np.stack(maps), np.array(of), np.stack(seen), np.stack(beard))
 
+    def only(self, chosen: npt.NDArray[np.bool_]) -> Charts:
+        """Some of them, (N,)."""
+        return Charts(self.maps[chosen], self.of[chosen], self.seen[chosen], self.beard[chosen])
+
 
 def small(plane: Float) -> Float:
     """(HEIGHT, WIDTH) means of a plane."""
@@ -139,10 +144,10 @@ def main(
     output: Annotated[Path, typer.Option("-o", help="File to write.")] = FILE,
     count: Annotated[int, typer.Option(min=1, help="Components.")] = 32,
 ) -> None:
-    """Choose the noise, write the prior.
+    """Learn both priors, write them.
 
     Raises:
-        UsageError: there are too few captures.
+        UsageError: there are too few captures, or too few without a beard.
     """
     wholes = Wholes(data / "train")
     wholes.refresh()
@@ -152,9 +157,29 @@ def main(
     charts = Charts.drawn(wholes.items, cover)
     inside = small(wholes.items[0]["geometry"][-1].astype(np.float32))
     skin = small((cover.skin * (1 - cover.scalp) * (1 - cover.hidden)).numpy())
+    own = [Subject.sample(int(one["seed"])).hair.beard_density > 0.0 for one in wholes.items]
+    bare = (charts.beard.max((1, 2)) == 0) & ~np.array(own)[charts.of]
+    if bare.sum() < FEWEST:
+        raise UsageError(f"{data / 'train'} has {bare.sum()} charts without a beard; {FEWEST} are needed at least")
+    arrays: dict[str, npt.NDArray[np.generic]] = {"inside": inside.astype(np.float16)}
+    for kind, chosen in (("", charts), (BARE, charts.only(bare))):
+        typer.echo(f"{len(chosen.of)} charts {'without a beard' if kind else 'of all kinds'}")
+        prior = best(chosen, inside, skin, count)
+        for name in ("mean", "components"):
+            arrays[kind + name] = getattr(prior, name).astype(np.float16)
+        arrays[kind + "noise"] = np.array(prior.noise)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(output, **arrays)  # type: ignore[arg-type]
+    typer.echo(f"{output}: of {len(wholes.items)} captures")
+
+
+def best(charts: Charts, inside: Float, skin: Float, count: int) -> AlbedoPrior:
+    """The prior of charts with the noise by which others are completed best; prints the errors."""
     errors: dict[float, list[tuple[float, ...]]] = {noise: [] for noise in NOISES}
-    for fold in range(min(FOLDS, len(wholes.items))):
+    for fold in range(FOLDS):
         left_out = charts.of % FOLDS == fold
+        if not left_out.any():
+            continue
         prior = learnt(charts.maps[~left_out], inside, count, NOISES[0])
         for noise, one in product(NOISES, np.flatnonzero(left_out)):
             places = (skin, skin * (charts.beard[one] > BEARDED))
@@ -162,21 +187,18 @@ def main(
             errors[noise].append((*tried[0], *tried[1]))
     found = {}
     for noise, rows in errors.items():
-        completed, by_mean, beard, beard_by_mean = np.nanmean(rows, 0)
+        known = [[value for value in column if np.isfinite(value)] for column in zip(*rows, strict=True)]
+        completed, by_mean, beard, beard_by_mean = (float(np.mean(c)) if c else float("nan") for c in known)
         typer.echo(
             f"noise {noise}: log albedo of hidden skin off by {completed:.3f}, by the seen mean {by_mean:.3f}; "
             f"under painted beards {beard:.3f}, {beard_by_mean:.3f}"
         )
-        found[noise] = float(completed)
+        found[noise] = completed
     # Photos leave light in the seen part, which captures do not: the most cautious of those that are as good.
     chosen = max(noise for noise, error in found.items() if error <= AS_GOOD * min(found.values()))
     prior = learnt(charts.maps, inside, count, chosen)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(
-        output, mean=prior.mean.astype(np.float16), components=prior.components.astype(np.float16),
-        inside=inside.astype(np.float16), noise=np.array(chosen),
-    )  # fmt: skip
-    typer.echo(f"{output}: {len(prior.components)} components of {len(wholes.items)} captures, noise {chosen}")
+    typer.echo(f"{len(prior.components)} components, noise {chosen}")
+    return prior
 
 
 if __name__ == "__main__":

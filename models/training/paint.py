@@ -68,7 +68,7 @@ MARKS = (
     Mark(("ear_left",), (-0.2, 0.5), (0.5, 1.0, 0.9), 1.0, 0.2, 2.0),
     Mark(("neck",), (-0.05, 0.55), (0.9, 1.0, 1.0), 3.0, 0.2, 4.0),
     # Make-up: shadow and liner of eyes, blush, and foundation, which ends at the jaw.
-    Mark(("eyelid_upper_left",), (0.2, 1.4), (1.0, 1.0, 1.0), 1.0, 0.1, 1.5, often=0.12, hues=0.5),
+    Mark(("eyelid_upper_left",), (0.2, 1.4), (1.0, 1.0, 1.0), 1.0, 0.1, 1.5, often=0.12, hues=0.3),
     Mark(("cheek_left",), (0.05, 0.5), (0.15, 1.0, 0.7), 4.0, 0.1, 4.0, often=0.12),
     Mark(("face",), (-0.4, 0.3), (0.9, 1.0, 1.1), 1.0, 0.05, 2.0, often=0.12, hues=0.2),
 )

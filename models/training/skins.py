@@ -16,7 +16,7 @@ from service.colour import LUMA
 SWAPPED, ALIKE = 0.5, 0.3
 """Share of training charts that show another subject's skin, and the largest difference of mean log albedo."""
 
-SCALE, SPREAD = 0.45, (0.60, 0.40)
+SCALE, SPREAD = 0.65, (0.60, 0.40)
 """Of log(albedo as captured / albedo of the light stage): mean of fair skin, and standard deviation of fair and of dark
 skin. The stage's skin is as light as spectrophotometers find it, L* up to 70. Published albedo maps of fair faces lie
 at 65 to 75, the same hue being brighter there by a quarter or more, and calibrations differ from each other by as much.
@@ -33,10 +33,10 @@ DARK, FAIR = math.log(0.06), math.log(0.30)
 HUE = 0.09
 """Standard deviation of the same by channel, less its mean."""
 
-DARKENED, MELANIN, BY_CHANNEL = 0.3, (0.2, 2.0), (0.88, 1.0, 1.1)
+DARKENED, MELANIN, BY_CHANNEL = 0.2, (0.2, 2.0), (0.88, 1.0, 1.1)
 """Share of the charts whose skin gets more melanin; optical depth of that in green; and by channel, over green."""
 
-BRIGHTEST = 0.9
+BRIGHTEST = 0.95
 """Linear value that all but a hundredth of a chart stays below, whatever the scale."""
 
 

@@ -82,7 +82,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    prior = albedo_prior()
+    prior = albedo_prior(start.bearded)
     apart = prior.apart(start.shown) if prior.is_of(inside) else None
     clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
     return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)

@@ -4,7 +4,8 @@ Ears are redder than cheeks, a beard on the chin goes on along the jaw, lids and
 shows of its skin tells much of the rest. A Gaussian over maps of log albedo (probabilistic principal components:
 Tipping and Bishop 1999), learnt from the light stage (``models.training.albedo_prior``), has for its mean, given the
 texels that are seen, the likeliest rest. It stands for the texture prior of AvatarMe, whose generator completes T
-(section 3.1).
+(section 3.1). There are two: of heads of all kinds, and of heads without a beard, for photos that show none. By the
+first alone, what is left of shade on a woman's jaw is likeliest a beard.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from service.colour import LUMA
 from service.errors import ModelFault
 
 FILE = Path(str(files("service"))) / "data" / "albedo" / "prior.npz"
+
+BARE = "bare_"
+"""Before the names of the arrays of the prior of heads without a beard."""
 
 SAME_ISLANDS = 0.95
 """Overlap (intersection over union) of a chart's islands with the prior's from which on it is the same chart."""
@@ -45,16 +49,17 @@ class AlbedoPrior:
     inside: Float32
 
     @classmethod
-    def read(cls, path: Path = FILE) -> AlbedoPrior:
-        """Read a file of ``models.training.albedo_prior``.
+    def read(cls, path: Path = FILE, bearded: bool = True) -> AlbedoPrior:
+        """Read one of the two priors in a file of ``models.training.albedo_prior``.
 
         Raises:
             ModelFault: there is no such file, or it is not what it should be.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
-                mean, components, inside = (file[n].astype(np.float32) for n in ("mean", "components", "inside"))
-                noise = float(file["noise"])
+                kind = "" if bearded else BARE
+                mean, components = (file[kind + name].astype(np.float32) for name in ("mean", "components"))
+                inside, noise = file["inside"].astype(np.float32), float(file[kind + "noise"])
         except (OSError, KeyError, ValueError) as error:
             raise ModelFault(
                 f"{path}: no prior of albedo ({error}); its trainer is models.training.albedo_prior"
@@ -114,10 +119,10 @@ class AlbedoPrior:
         return np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR)) for plane in whole])
 
 
-@lru_cache(maxsize=1)
-def albedo_prior() -> AlbedoPrior:
-    """The prior in the box, read once a process."""
-    return AlbedoPrior.read()
+@lru_cache(maxsize=2)
+def albedo_prior(bearded: bool) -> AlbedoPrior:
+    """The prior in the box of heads of all kinds, or of those without a beard; each read once a process."""
+    return AlbedoPrior.read(bearded=bearded)
 
 
 def _shrunk(planes: Float32, shape: tuple[int, ...]) -> Float32:

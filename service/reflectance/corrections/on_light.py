@@ -11,6 +11,11 @@ from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.ledger import SEEN_CHANGE, Correction, Ledger
 
+BORDER = 3
+"""Width of the border over which lit skin fades out, texels of the context's chart, 1.5 mm each."""
+LEAST_BEARD = 40.0
+"""Such texels of beard from which a head counts as bearded: a square centimetre."""
+
 
 @dataclass(frozen=True)
 class ChartLight:
@@ -38,6 +43,14 @@ class ChartLight:
     def weight(self) -> Float32:
         """(h, w) in [0, 1]: lit skin inside the islands."""
         return self.lit * self.inside
+
+    @property
+    def bearded(self) -> bool:
+        """Whether the photo shows a beard: what is shown beside lit skin and its soft border."""
+        import cv2
+
+        skin = cv2.dilate(self.lit, np.ones((2 * BORDER + 1, 2 * BORDER + 1), np.uint8))
+        return float(np.clip((self.shown - skin) * self.inside, 0, None).sum()) > LEAST_BEARD
 
     @property
     def coded_albedo(self) -> Float32:

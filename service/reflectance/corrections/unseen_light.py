@@ -152,7 +152,7 @@ def everywhere(at: ChartLight) -> Float32:
     """
     light = with_shade_floor(continued(at.light, at.lit), at.found, at.weight)
     if at.inpainted.any():
-        prior = albedo_prior()
+        prior = albedo_prior(at.bearded)
         known = prior if prior.is_of(at.inside) else None
         light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, known)
     return seamless(light)

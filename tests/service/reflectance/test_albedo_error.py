@@ -86,7 +86,7 @@ def test_a_file_that_lacks_a_weight_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_is_seen_narrows_what_the_prior_holds_possible() -> None:
-    prior = albedo_prior()
+    prior = albedo_prior(bearded=False)
     height, width = prior.inside.shape
     nothing = prior.apart(np.zeros((height, width), np.float32))
     left = np.zeros((height, width), np.float32)

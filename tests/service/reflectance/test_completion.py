@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from service.errors import ModelFault
@@ -12,6 +14,7 @@ from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
 from service.reflectance.completion import FILE, AlbedoPrior, albedo_prior
+from service.reflectance.corrections.on_light import ChartLight
 from service.reflectance.corrections.unseen_light import as_seen_skin, continued
 
 H, W = 16, 24
@@ -85,7 +88,7 @@ def test_unseen_skin_gets_what_goes_with_the_seen_and_no_step() -> None:
 
 def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
     """Lips are redder than cheeks in everybody, and one seen cheek tells a tone: dark stays dark all over."""
-    head, prior = load_head(None), albedo_prior()
+    head, prior = load_head(None), albedo_prior(bearded=True)
     chart = Chart.build(head, 288, 192)
     assert prior.is_of(chart.mask.astype(np.float32))
     lips, cheek, ear = (
@@ -102,7 +105,7 @@ def test_the_prior_in_the_box_is_of_the_head_in_the_box() -> None:
 
 def test_the_prior_in_the_box_knows_beards() -> None:
     """One that is seen on the face goes on along the hidden jaw; where bare skin is seen, none grows."""
-    head, prior = load_head(None), albedo_prior()
+    head, prior = load_head(None), albedo_prior(bearded=True)
     chart = Chart.build(head, 288, 192)
     grows = chart.interpolate(vertex_mask(head, "beard"))[..., 0]
     face = chart.interpolate(vertex_mask(head, "face"))[..., 0] * chart.mask
@@ -116,3 +119,32 @@ def test_the_prior_in_the_box_knows_beards() -> None:
         for depth in (0.0, 1.5)
     ]
     assert darker[1] - darker[0] < -0.5 and abs(darker[0]) < 0.3
+
+
+def test_no_beard_grows_where_the_photo_shows_none() -> None:
+    """What is left of shade on a jaw is likeliest a beard, if there may be one: women were given beards."""
+    chart = Chart.build(load_head(None), 288, 192)
+    grows = chart.interpolate(vertex_mask(chart.head, "beard"))[..., 0] * chart.mask
+    face = chart.interpolate(vertex_mask(chart.head, "face"))[..., 0] * chart.mask
+    seen = np.asarray(face * (np.abs(np.arange(288) + 0.5 - 144) < 40)[None], np.float32)
+    hidden = (grows > 0.5) & (seen == 0)
+    tone = np.full((3, 192, 288), -1.0, np.float32) + np.array([0.25, 0.0, -0.2], np.float32)[:, None, None]
+    shaded = tone - 0.5 * np.asarray(grows, np.float32)
+    darker = {b: float((albedo_prior(b).complete(shaded, seen) - tone)[:, hidden].mean()) for b in (True, False)}
+    assert darker[False] > darker[True] + 0.1 and darker[False] > -0.4
+
+
+def test_a_beard_is_what_is_shown_beside_lit_skin_and_not_its_soft_border() -> None:
+    """The border alone would make everybody bearded; a moustache is enough."""
+    lit = np.zeros((60, 80), np.float32)
+    lit[10:50, 10:70] = 1
+    soft = np.asarray(cv2.GaussianBlur(lit, (0, 0), 1.5), np.float32)
+    plain = np.zeros((3, 60, 80), np.float32)
+
+    def bearded(shown: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> bool:
+        return ChartLight(plain, plain, plain, skin, np.ones((60, 80), np.float32), 0 * skin, shown).bearded
+
+    assert not bearded(lit, soft) and not bearded(lit, lit)
+    moustache = lit.copy()
+    moustache[25:37, 25:55] = 0
+    assert bearded(lit, np.minimum(soft, moustache))
