@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -9,6 +11,7 @@ from torch import Tensor, nn
 from models.colour import linear, srgb
 from models.lightstage.skin.subject import Subject
 from models.networks.stages import Psi
+from models.training.coverings import Coverings
 from models.training.degrade import blur
 from models.training.reflectance import AlbedoTask, local_strength
 from models.training.store import Arrays
@@ -48,6 +51,10 @@ class PsiTask(AlbedoTask):
     usual = 0.5
     """Mean over the training subjects: the best that can be said without looking."""
 
+    def __init__(self, data: Path, side: int = 256) -> None:
+        super().__init__(data, side)
+        self.coverings = Coverings()
+
     def refresh(self) -> None:
         """Read captures that came since the last time; how glossy its subject is is taken out of each."""
         known = len(self.train.items)
@@ -62,6 +69,10 @@ class PsiTask(AlbedoTask):
         batch = super().batch(size, generator)
         batch["albedo"] = retoned(batch["albedo"], generator)
         return batch
+
+    def _crops(self, size: int, generator: torch.Generator) -> Batch:
+        """With pigment that is no gloss, and hair and lipstick that are."""
+        return self.coverings(super()._crops(size, generator), generator)
 
     def predict(self, network: nn.Module, batch: Batch) -> Tensor:
         """Specular albedo in [0, 1]."""
