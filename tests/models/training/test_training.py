@@ -33,7 +33,7 @@ from models.training.factory import main as draw_captures  # noqa: E402
 from models.training.factory import seeds_of  # noqa: E402
 from models.training.normals import NormalTask, angles, misplaced_pigment  # noqa: E402
 from models.training.reflectance import local_strength  # noqa: E402
-from models.training.specular_albedo import PsiTask, of_usual_gloss, retoned  # noqa: E402
+from models.training.specular_albedo import PsiTask, octaves, of_usual_gloss, retoned, strength_error  # noqa: E402
 from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
@@ -359,6 +359,20 @@ def test_crops_for_psi_change_their_tone_and_stay_colours() -> None:
     for level in (0.0, 1.0):
         extreme = retoned(torch.full((50, 3, 2, 2), level), torch.Generator().manual_seed(8))
         assert extreme.isfinite().all() and extreme.min() >= 0.0 and extreme.max() <= 1.0
+
+
+def test_detail_of_gloss_is_asked_for_octave_by_octave() -> None:
+    """Dots as strong as mottles of several texels are not the same; the same detail in other places is."""
+    noise = torch.randn(1, 1, 128, 128, generator=torch.Generator().manual_seed(9))
+    dots, mottles = noise - blur(noise, 1.0), blur(noise, 4.0) - blur(noise, 8.0)
+    dots, mottles = (0.1 * x / x.std() for x in (dots, mottles))
+    assert torch.allclose(sum(octaves(mottles)) + blur(mottles, 8.0), mottles, atol=1e-5)
+    weight = torch.ones(1, 1, 128, 128)
+    elsewhere = mottles.roll((37, 53), (2, 3))
+    assert float(strength_error(mottles, mottles, weight)) == 0.0
+    assert float(strength_error(elsewhere, mottles, weight)) < 0.3 * float(strength_error(dots, mottles, weight))
+    nothing = torch.zeros(1, 1, 64, 64)
+    assert torch.isfinite(strength_error(nothing, nothing, weight[..., :64, :64]))
 
 
 def test_psi_is_not_asked_how_glossy_a_subject_is(data: Path) -> None:
