@@ -17,20 +17,16 @@ HAIR_GLOSS = 0.38
 """Factor where hair covers the skin."""
 _FLOOR = 0.35
 """Even the deepest pore keeps this share."""
-_BLUNT = 0.15
-"""Standard deviation, mm, of the blur of the relief that hides itself within 0.8 mm; what is finer does within 0.25."""
 
 
 def specular_albedo(subject: Subject, drawn: Drawn, cavity: GaussianStack, ppm: Tensor, finest: float) -> Tensor:
     """(h, w) s in [0, 1], F0 = 0.04 s: level of the region, darker where the relief hides the surface.
 
-    Occlusion is exp of minus the depth below the mean height within 0.25 and 0.8 mm (method 1.4), each of the relief of
-    its own size, so that pores do not count twice, and the finer of both weak (``Gloss.occlusion_fine``). A hundredth
-    of a cheek keeps less than 0.73 of its reflection.
+    Occlusion is exp of minus the depth below the mean height within 0.25 mm, and of that below the one within 0.8 mm
+    (method 1.4); the finer of both is weak (``Gloss``).
     """
-    fine = (cavity.at(ppm, [(0.25, 1.0)], finest)[0] - drawn.height).clamp(min=0.0)
-    wide, blunt = (cavity.at(ppm, [(sigma, 1.0)], finest)[0] for sigma in (0.8, _BLUNT))
-    coarse = (wide - blunt).clamp(min=0.0)
+    near, wide = (cavity.at(ppm, [(sigma, 1.0)], finest)[0] for sigma in (0.25, 0.8))
+    fine, coarse = (near - drawn.height).clamp(min=0.0), (wide - near).clamp(min=0.0)
     g = subject.gloss
     open_sky = _FLOOR + (1.0 - _FLOOR) * torch.exp(
         -1.5 * (g.occlusion_fine * fine / 0.03 + g.occlusion_coarse * coarse / 0.06)
