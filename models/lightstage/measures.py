@@ -12,6 +12,7 @@ from models.lightstage.skin.chromophores import lab, typology_angle
 Array = npt.NDArray[np.float64]
 
 BANDS_MM = ((0.12, 0.3), (0.3, 1.0), (1.0, 4.0))
+GLOSS_BANDS_MM = ((0.4, 0.8), (0.8, 1.6), (1.6, 3.0), (3.0, 6.0))
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,14 @@ class Patch:
         albedo: (h, w, 3) float64 linear sRGB.
         slope: (2, h, w) float64 surface slopes along image x and up; None where there are no normals.
         texels_per_mm: resolution.
+        gloss: (h, w) float64 specular albedo in [0, 1]; None where there is none.
     """
 
     name: str
     albedo: Array
     slope: Array | None
     texels_per_mm: float
+    gloss: Array | None = None
 
 
 def slopes(normal: npt.NDArray[np.floating]) -> Array:
@@ -59,6 +62,12 @@ def band_rms(field: Array, texels_per_mm: float, low_mm: float, high_mm: float) 
 def log_luminance(albedo: Array) -> Array:
     """(h, w) natural logarithm of the luminance of linear sRGB, floored at 0.002."""
     return np.asarray(np.log(np.maximum(albedo @ np.array([0.2126, 0.7152, 0.0722]), 0.002)))
+
+
+def gloss_bands(gloss: Array, texels_per_mm: float) -> dict[str, float]:
+    """100 x rms of the logarithm of specular albedo (h, w) in [0, 1], floored at 0.02, by wavelength."""
+    logs = np.log(np.maximum(gloss, 0.02))
+    return {f"gloss {low:g}-{high:g}": 100.0 * band_rms(logs, texels_per_mm, low, high) for low, high in GLOSS_BANDS_MM}
 
 
 def height_of(slope: Array, texels_per_mm: float) -> Array:
@@ -97,6 +106,8 @@ def describe(patch: Patch) -> dict[str, float]:
     }  # fmt: skip
     for low, high in BANDS_MM:
         result[f"albedo {low:g}-{high:g}"] = 100.0 * band_rms(tone, ppm, low, high)
+    if patch.gloss is not None:
+        result |= gloss_bands(patch.gloss, ppm)
     if patch.slope is None:
         return result
     normal_z = 1.0 / np.sqrt(1.0 + (patch.slope**2).sum(0))

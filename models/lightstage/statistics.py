@@ -28,7 +28,8 @@ def synthetic_patches(stage: Stage, seed: int, size: int = 512) -> list[Patch]:
         albedo = maps.diffuse_albedo.permute(1, 2, 0).double().numpy()
         slope = slopes(maps.specular_normal.permute(1, 2, 0).numpy())
         slope = slope - slope.mean((1, 2), keepdims=True)
-        result.append(Patch(f"{seed} {place}", albedo, slope, FULL_PPM))
+        gloss = maps.specular_albedo[0].double().numpy()
+        result.append(Patch(f"{seed} {place}", albedo, slope, FULL_PPM, gloss))
         for ppm in (HIFI_PPM, SCAN_PPM):
             times = round(FULL_PPM / ppm)
             result.append(shrunk(result[-1 if times == 2 else -2], times))
@@ -39,10 +40,12 @@ def shrunk(patch: Patch, times: int) -> Patch:
     """Means of blocks of ``times`` texels: what a coarser scan would see."""
     h, w = (n // times * times for n in patch.albedo.shape[:2])
     albedo = patch.albedo[:h, :w].reshape(h // times, times, w // times, times, 3).mean((1, 3))
-    slope = None
+    slope, gloss = None, None
     if patch.slope is not None:
         slope = patch.slope[:, :h, :w].reshape(2, h // times, times, w // times, times).mean((2, 4))
-    return Patch(f"{patch.name} /{times}", albedo, slope, patch.texels_per_mm / times)
+    if patch.gloss is not None:
+        gloss = patch.gloss[:h, :w].reshape(h // times, times, w // times, times).mean((1, 3))
+    return Patch(f"{patch.name} /{times}", albedo, slope, patch.texels_per_mm / times, gloss)
 
 
 def oracle_gap(stage: Stage, seed: int) -> float:

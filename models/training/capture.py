@@ -43,10 +43,11 @@ class Recipe:
     """How much is drawn of each capture.
 
     Attributes:
-        lights: scenes the whole chart is baked under; every other one is hard light.
+        lights: scenes the whole chart is baked under; every other one is hard light. 0 for no whole chart.
         patch: side of a window.
         block: patches along each side of the block that is drawn at full resolution at once; 0 for none.
         lit: patches of the block that are baked, each under a scene of its own; those of its lower row in hard light.
+            With 0 the patch at low resolution is not baked either.
         draft_width: chart width of the extra patch at low resolution, whose scale draft quality works at; 0 for none.
     """
 
@@ -122,21 +123,26 @@ class Sitting:
 def capture(sitting: Sitting, recipe: Recipe | None = None) -> Arrays:
     """Typed arrays of one capture; keys ``whole_*`` and ``patch<i>_*``."""
     recipe = recipe or Recipe()
-    window = ChartWindow.whole(*WHOLE)
-    maps = sitting.skin.maps(window)
-    scenes = [sitting.scene(i, hard=i % 2 == 1) for i in range(recipe.lights)]
-    lit = torch.stack([sitting.baked(maps, window, scene) for scene in scenes])
-    result: Arrays = {
-        "whole_albedo": _byte(srgb(maps.diffuse_albedo)),
-        "whole_texture": _byte(lit),
-        "whole_geometry": _whole(sitting.channels),
-        "whole_whites": np.stack([sitting.whites.beside_lids(illumination(scene)) for scene in scenes]),
-    }
+    result = _lit_chart(sitting, recipe.lights) if recipe.lights else {}
     patches = [*_block(sitting, recipe), *_draft(sitting, recipe)]
     for i, patch in enumerate(patches):
         result.update({f"patch{i}_{name}": values for name, values in patch.items()})
     result["patches"] = np.array(len(patches))
     return result
+
+
+def _lit_chart(sitting: Sitting, lights: int) -> Arrays:
+    """The whole chart in some lights."""
+    window = ChartWindow.whole(*WHOLE)
+    maps = sitting.skin.maps(window)
+    scenes = [sitting.scene(i, hard=i % 2 == 1) for i in range(lights)]
+    lit = torch.stack([sitting.baked(maps, window, scene) for scene in scenes])
+    return {
+        "whole_albedo": _byte(srgb(maps.diffuse_albedo)),
+        "whole_texture": _byte(lit),
+        "whole_geometry": _whole(sitting.channels),
+        "whole_whites": np.stack([sitting.whites.beside_lids(illumination(scene)) for scene in scenes]),
+    }
 
 
 def _block(sitting: Sitting, recipe: Recipe) -> list[Arrays]:
@@ -161,7 +167,7 @@ def _draft(sitting: Sitting, recipe: Recipe) -> list[Arrays]:
     if not recipe.draft_width:
         return []
     window = _somewhere(sitting, recipe.patch, recipe.draft_width)
-    return [_patch(sitting, sitting.skin.maps(window), window, sitting.scene(200))]
+    return [_patch(sitting, sitting.skin.maps(window), window, sitting.scene(200) if recipe.lit else None)]
 
 
 def _somewhere(sitting: Sitting, side: int, width: int) -> ChartWindow:

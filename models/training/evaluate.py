@@ -27,13 +27,14 @@ from models.training.degrade import blur
 from models.training.measures import colour_difference, light_left
 from models.training.normals import NormalTask, angles, misplaced_pigment
 from models.training.reflectance import grey
+from models.training.specular_albedo import PsiTask
 from models.training.tasks import Batch, Task, channels, psnr
 from models.training.train import TASKS
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
 
 MARK = ("<!-- held-out -->", "<!-- /held-out -->")
-CREASES_SEED = 17
+CREASES_SEED, COVERINGS_SEED = 17, 19
 
 EVALUATED = ("delta_context", "delta", "psi", "rho", "sigma", "zeta")
 
@@ -168,6 +169,25 @@ def normal_rows(task: NormalTask, network: nn.Module) -> Callable[[Batch], Row]:
     return measure
 
 
+def gloss_rows(task: PsiTask, network: nn.Module) -> Callable[[Batch], Row]:
+    """Of specular albedo, as it is, and with pigment and with hair and lipstick painted over the crops."""
+    generator = torch.Generator().manual_seed(COVERINGS_SEED)
+    plain = plain_rows(task, network)
+
+    def measure(batch: Batch) -> Row:
+        painted, covered = task.coverings.pigmented(batch, generator), task.coverings.covered(batch, generator)
+        shown, under, over = (task.predict(network, one) for one in (batch, painted, covered))
+        moved = ((under - shown).abs() * batch["mask"]).sum() / (batch["mask"].sum() + 1e-6)
+        return plain(batch) | {
+            "pigment painted: network": -task.measure(under, painted)["score"],
+            "pigment painted: differs from unpainted": float(moved),
+            "hair and lipstick: network": -task.measure(over, covered)["score"],
+            "hair and lipstick: as if unpainted": -task.measure(shown, covered)["score"],
+        }
+
+    return measure
+
+
 def plain_rows(task: Task, network: nn.Module) -> Callable[[Batch], Row]:
     """What the task itself measures."""
 
@@ -223,7 +243,12 @@ def evaluate(network: str, data: Path, folder: Path) -> str:
         other.refresh()
         batches = single(other.held_out())
         seeds = other.seeds()
-        rows = normal_rows(other, module) if isinstance(other, NormalTask) else plain_rows(other, module)
+        if isinstance(other, NormalTask):
+            rows = normal_rows(other, module)
+        elif isinstance(other, PsiTask):
+            rows = gloss_rows(other, module)
+        else:
+            rows = plain_rows(other, module)
         return as_markdown(network, tabulate(batches, seeds, rows))
 
 

@@ -81,15 +81,19 @@ def main(
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     threads: Annotated[int, typer.Option(min=1, help="Of each job.")] = 1,
     whole_only: Annotated[bool, typer.Option(help="No patches: a third of the time, for the context alone.")] = False,
+    patches_only: Annotated[bool, typer.Option(help="No whole charts and no light: for psi alone.")] = False,
     lights: Annotated[int, typer.Option(min=1, help="Scenes of each whole chart; every other one is hard.")] = LIGHTS,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
     """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions.
 
     Raises:
-        UsageError: there is no such part or tone.
+        UsageError: there is no such part or tone, or nothing is left to draw.
     """
+    if whole_only and patches_only:
+        raise UsageError("--whole-only and --patches-only leave nothing to draw; give one of them")
     recipe = Recipe(lights, block=0, draft_width=0) if whole_only else Recipe(lights)
+    recipe = Recipe(lights=0, lit=0) if patches_only else recipe
     seeds = list(islice(seeds_of(part, first, tone_class), count))
     for round_ in range(rounds):
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:

@@ -14,13 +14,29 @@ from torch import Tensor
 from models.networks.context import HEIGHT, WIDTH
 from models.training.degrade import blur, smooth_field
 from models.training.regions import region_planes
-from models.training.tasks import choice, uniform
+from models.training.tasks import choice, one, uniform
 
 OFTEN = 0.12
 """Share of the charts that have each kind."""
 
 MELANIN, BLOOD = (0.85, 1.0, 1.15), (0.15, 1.0, 0.75)
 """Absorption by channel over that in green, of more or less melanin and of more blood."""
+
+CHART = (HEIGHT, WIDTH)
+
+
+def islands(
+    shape: tuple[int, int], cells: int, edge: tuple[float, float], sharp: float, generator: torch.Generator
+) -> Tensor:
+    """(h, w) in [0, 1]: where a random field with ``cells`` waves is above a random ``edge``, standard deviations."""
+    field = smooth_field((1, 1, *shape), cells, generator)[0, 0]
+    return ((field - uniform(generator, *edge, 1)) * sharp + 0.5).clamp(0.0, 1.0)
+
+
+def dots(often: Tensor, size: float, generator: torch.Generator) -> Tensor:
+    """(h, w) round dots whose middles lie at a texel as ``often`` (h, w) says; 1 and more where they are densest."""
+    middles = (torch.rand(often.shape, generator=generator) < often).float()
+    return blur(middles[None, None], size)[0, 0]
 
 
 class Pigment:
@@ -51,29 +67,23 @@ class Pigment:
                 logs[i] += where(generator) * uniform(generator, *depth, 1) * tint.view(3, 1, 1)
         return logs
 
-    @staticmethod
-    def _islands(cells: tuple[int, ...], edge: tuple[float, float], sharp: float, generator: torch.Generator) -> Tensor:
-        """(h, w) in [0, 1]: where a random field is above ``edge``, standard deviations."""
-        field = smooth_field((1, 1, HEIGHT, WIDTH), cells[choice(generator, len(cells))], generator)[0, 0]
-        return ((field - uniform(generator, *edge, 1)) * sharp + 0.5).clamp(0.0, 1.0)
-
     def _vitiligo(self, generator: torch.Generator) -> Tensor:
-        one = self._islands((8, 12, 20), (0.7, 1.7), float(uniform(generator, 3.0, 12.0, 1)), generator)
-        return torch.maximum(one, one.flip(-1)) if choice(generator, 2) else one  # as often as not on both sides
+        patch = islands(CHART, (8, 12, 20)[choice(generator, 3)], (0.7, 1.7), one(generator, 3.0, 12.0), generator)
+        return torch.maximum(patch, patch.flip(-1)) if choice(generator, 2) else patch  # as often as not on both sides
 
     def _melasma(self, generator: torch.Generator) -> Tensor:
-        one = self._islands((12, 20), (0.2, 1.2), 2.0, generator) * self.face
-        return torch.maximum(one, one.flip(-1))
+        patch = islands(CHART, (12, 20)[choice(generator, 2)], (0.2, 1.2), 2.0, generator) * self.face
+        return torch.maximum(patch, patch.flip(-1))
 
     def _birthmark(self, generator: torch.Generator) -> Tensor:
-        return self._islands((5, 8, 12), (1.4, 2.2), float(uniform(generator, 3.0, 15.0, 1)), generator)
+        return islands(CHART, (5, 8, 12)[choice(generator, 3)], (1.4, 2.2), one(generator, 3.0, 15.0), generator)
 
     def _flush(self, generator: torch.Generator) -> Tensor:
-        return self.middle * self._islands((12, 24, 48), (-1.5, 0.3), 1.0, generator)
+        return self.middle * islands(CHART, (12, 24, 48)[choice(generator, 3)], (-1.5, 0.3), 1.0, generator)
 
     def _tan(self, generator: torch.Generator) -> Tensor:
         """What a cap, a collar or glasses kept from the sun, or all but that."""
-        kind, soft = choice(generator, 3), float(uniform(generator, 0.7, 5.0, 1))
+        kind, soft = choice(generator, 3), one(generator, 0.7, 5.0)
         if kind == 2:
             inside = ((self.eyes - uniform(generator, 0.2, 0.6, 1)) * 8.0 / soft + 0.5).clamp(0.0, 1.0)
             return inside
@@ -85,5 +95,4 @@ class Pigment:
 
     def _freckles(self, generator: torch.Generator) -> Tensor:
         often = uniform(generator, 0.01, 0.1, 1) * (0.3 + self.middle)
-        spots = (torch.rand(HEIGHT, WIDTH, generator=generator) < often).float()
-        return blur(spots[None, None], float(uniform(generator, 0.3, 0.9, 1)))[0, 0] * 2.0
+        return dots(often, one(generator, 0.3, 0.9), generator) * 2.0

@@ -17,14 +17,14 @@ STRENGTH_WINDOW = 16
 """Texels over which the strength of relief is compared."""
 
 
-def local_strength(slopes: Tensor) -> Tensor:
-    """(N, 1, h, w) root mean square of slopes (N, C, h, w) around each texel.
+def local_strength(slopes: Tensor, window: int = STRENGTH_WINDOW) -> Tensor:
+    """(N, 1, h, w) root mean square of slopes (N, C, h, w) around each texel, in squares of ``window`` texels.
 
     Where colour says little about a pore's place, the least error is a flat map. Skin is not flat; so the strength of
     its relief is asked for by itself.
     """
     power = slopes.square().sum(1, keepdim=True)
-    pooled = functional.avg_pool2d(power, STRENGTH_WINDOW, STRENGTH_WINDOW // 2)
+    pooled = functional.avg_pool2d(power, window, window // 2)
     around = functional.interpolate(pooled, slopes.shape[2:], mode="bilinear", align_corners=False)
     return (around + 1e-6).sqrt()
 

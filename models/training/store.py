@@ -32,10 +32,12 @@ class Wholes:
         """Read the files that came since the last time.
 
         Raises:
-            ModelFault: there is no capture, or one of an older version.
+            ModelFault: there is no capture with a whole chart, or one of an older version.
         """
         for path in _new(self.folder, self._seen):
             with np.load(path) as file:
+                if "whole_albedo" not in file:  # drawn with patches only
+                    continue
                 if "whole_whites" not in file:
                     raise ModelFault(f"{path} has no whole_whites; it is of an older version, draw it anew")
                 albedo, texture, geometry, whites = (

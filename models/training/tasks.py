@@ -52,6 +52,11 @@ def uniform(generator: torch.Generator, low: float, high: float, *shape: int) ->
     return low + (high - low) * torch.rand(*shape, generator=generator)
 
 
+def one(generator: torch.Generator, low: float, high: float) -> float:
+    """A random number."""
+    return float(uniform(generator, low, high, 1))
+
+
 def choice(generator: torch.Generator, count: int) -> int:
     """A random index."""
     return int(torch.randint(count, (1,), generator=generator))
@@ -96,10 +101,17 @@ def enlarged(cells: np.ndarray, scale: int, crop: Crop) -> Tensor:
 
 
 def crop_of(item: Arrays, crop: Crop) -> Batch:
-    """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit; texels along its whole chart."""
-    scale = int(item["window"][4]) // GEOMETRY_SIZE[0]
-    width = torch.full((1, 1, 1), float(item["window"][4]))
-    result = {"geometry": enlarged(item["geometry"], scale, crop), "chart_width": width}
+    """Maps of a patch under a crop, as float32: colours in [0, 1], normals unit; texels along its whole chart.
+
+    ``place`` is (4,): left, top, right and bottom end as shares of the chart; left and right swapped where mirrored.
+    """
+    chart_width = int(item["window"][4])
+    width = torch.full((1, 1, 1), float(chart_width))
+    result = {"geometry": enlarged(item["geometry"], chart_width // GEOMETRY_SIZE[0], crop), "chart_width": width}
+    left, top = (int(item["window"][i]) + n for i, n in enumerate((crop.column, crop.row)))
+    ends = (left + crop.side, left) if crop.flip else (left, left + crop.side)
+    size = torch.tensor([chart_width, chart_width * GEOMETRY_SIZE[1] / GEOMETRY_SIZE[0]] * 2)
+    result["place"] = torch.tensor([ends[0], top, ends[1], top + crop.side]) / size
     for name in ("albedo", "specular", "mask", "hair", "texture"):
         if name in item:
             result[name] = byte(crop.cut(item[name]))

@@ -10,8 +10,11 @@ from models.lightstage.skin.relief import fade
 from models.lightstage.skin.stack import GaussianStack
 from models.lightstage.skin.subject import Subject
 
-_LIP_GLOSS = 0.80
-_HAIR_GLOSS = 0.38
+LIP_GLOSS = 0.80
+LIPSTICK_GLOSS = 0.95
+"""Waxes and oils have an index of 1.45 to 1.5, which is an F0 of 0.034 to 0.04."""
+HAIR_GLOSS = 0.38
+"""Factor where hair covers the skin."""
 _FLOOR = 0.35
 """Even the deepest pore keeps this share."""
 
@@ -19,19 +22,20 @@ _FLOOR = 0.35
 def specular_albedo(subject: Subject, drawn: Drawn, cavity: GaussianStack, ppm: Tensor, finest: float) -> Tensor:
     """(h, w) s in [0, 1], F0 = 0.04 s: level of the region, darker where the relief hides the surface.
 
-    Occlusion is exp of minus the depth below the mean height within 0.25 and 0.8 mm, so that the floors of pores keep
-    0.4 to 0.7 of it (method 1.4).
+    Occlusion is exp of minus the depth below the mean height within 0.25 mm, and of that below the one within 0.8 mm
+    (method 1.4); the finer of both is weak (``Gloss``).
     """
-    fine = (cavity.at(ppm, [(0.25, 1.0)], finest)[0] - drawn.height).clamp(min=0.0)
-    coarse = (cavity.at(ppm, [(0.8, 1.0)], finest)[0] - drawn.height).clamp(min=0.0)
+    near, wide = (cavity.at(ppm, [(sigma, 1.0)], finest)[0] for sigma in (0.25, 0.8))
+    fine, coarse = (near - drawn.height).clamp(min=0.0), (wide - near).clamp(min=0.0)
     g = subject.gloss
     open_sky = _FLOOR + (1.0 - _FLOOR) * torch.exp(
         -1.5 * (g.occlusion_fine * fine / 0.03 + g.occlusion_coarse * coarse / 0.06)
     )
-    level = torch.lerp(drawn.base["gloss"], torch.full_like(ppm, _LIP_GLOSS * g.scale), drawn.lips)
+    lips = (LIP_GLOSS + (LIPSTICK_GLOSS - LIP_GLOSS) * subject.make_up.lipstick) * g.scale
+    level = torch.lerp(drawn.base["gloss"], torch.full_like(ppm, lips), drawn.lips)
     level = level * (1.0 + 0.05 * drawn.mottle[3])
     hair = torch.maximum(drawn.hair.cover, 0.85 * scalp_cover(subject, drawn))
-    level = level * open_sky * (1.0 - (1.0 - _HAIR_GLOSS) * hair.clamp(0.0, 1.0))
+    level = level * open_sky * (1.0 - (1.0 - HAIR_GLOSS) * hair.clamp(0.0, 1.0))
     return (level * (1.0 - 0.8 * drawn.base["dark"].clamp(0.0, 1.0))).clamp(0.0, 1.0)
 
 

@@ -102,7 +102,12 @@ class Coupling:
 
 @dataclass(frozen=True)
 class Gloss:
-    """Specular reflection: scale of F0, two lobes (GGX alpha) and their mix, occlusion by cavities."""
+    """Specular reflection: scale of F0, two lobes (GGX alpha) and their mix, occlusion by cavities.
+
+    What pores and furrows hide of themselves is little: they are shallow for their width, and nearly all of the sky
+    reaches their floors. With three times this detail at 0.4 to 0.8 mm, the specular albedo of finished avatars had 2.2
+    times that of a real light stage's; that of 1.6 to 3 mm is as it was then.
+    """
 
     scale: float
     alpha_narrow: float
@@ -340,8 +345,8 @@ def _gloss(s: Stream, tone: Tone) -> Gloss:
         alpha_broad=float(np.clip(s.normal(0.48, 0.06)[0], 0.36, 0.62)),
         mix=float(np.clip(s.normal(0.75, 0.1)[0], 0.5, 0.95)),
         oil=s.one(0.0, 1.0),
-        occlusion_fine=s.one(0.25, 0.45),
-        occlusion_coarse=s.one(0.15, 0.35),
+        occlusion_fine=s.one(0.075, 0.135),
+        occlusion_coarse=s.one(0.3, 0.7),
         scatter_scale=s.one(0.7, 1.4) * (0.8 if tone.typology_angle_deg < -10.0 else 1.0),
     )
 

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 if TYPE_CHECKING:
     from torch import Tensor
 
-from models.lightstage.measures import band, correlation, log_luminance  # noqa: E402
+from models.lightstage.measures import band, band_rms, correlation, log_luminance  # noqa: E402
 from models.lightstage.skin import Anatomy, Atlas, ChartWindow, Skin, SkinMaps, Subject  # noqa: E402
 from models.lightstage.skin.wrinkles import activation  # noqa: E402
 
@@ -100,6 +100,14 @@ def test_colour_follows_height_but_not_slavishly() -> None:
     assert max(values) < 0.0
     assert np.mean([4.5 <= t <= 13.0 for t in tilts]) > 0.85
     assert np.std(values) > 0.05  # the law varies between subjects
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_specular_albedo_varies_less_the_finer(seed: int) -> None:
+    """Pores that hid most of themselves from the light made its finest band the strongest."""
+    gloss = np.log(maps(seed).specular_albedo[0].double().numpy())
+    fine, middle, coarse = (band_rms(gloss, 14.0, *limits) for limits in ((0.15, 0.4), (0.4, 0.8), (0.8, 1.6)))
+    assert 0.005 < fine < middle < coarse
 
 
 def test_low_resolution_is_the_mean_of_high() -> None:

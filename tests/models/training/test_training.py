@@ -29,10 +29,11 @@ from models.training.degrade import (  # noqa: E402
     noisy,
     tinted,
 )
+from models.training.factory import main as draw_captures  # noqa: E402
 from models.training.factory import seeds_of  # noqa: E402
 from models.training.normals import NormalTask, angles, misplaced_pigment  # noqa: E402
 from models.training.reflectance import local_strength  # noqa: E402
-from models.training.specular_albedo import PsiTask, of_usual_gloss, retoned  # noqa: E402
+from models.training.specular_albedo import PsiTask, octaves, of_usual_gloss, retoned, strength_error  # noqa: E402
 from models.training.store import Patches, Wholes  # noqa: E402
 from models.training.super_resolution import ZetaTask  # noqa: E402
 from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
@@ -95,6 +96,34 @@ def test_a_mirrored_crop_turns_x_around(data: Path) -> None:
     x, y = GEOMETRY.index("normal_object_x"), GEOMETRY.index("normal_object_y")
     assert torch.allclose(mirrored["geometry"][x].flip(-1), -plain["geometry"][x])
     assert torch.allclose(mirrored["geometry"][y].flip(-1), plain["geometry"][y])
+
+
+def test_a_crop_knows_its_place_on_the_chart(data: Path) -> None:
+    """Beards would be painted on foreheads."""
+    patches = Patches(data / TRAIN, ("albedo", "geometry", "mask"))
+    patches.refresh()
+    plain, mirrored = (crop_of(patches.items[0], Crop(64, 136, 256, flip)) for flip in (False, True))
+    ends = torch.tensor([(1024 + 136) / 6144, (512 + 64) / 4096, (1024 + 392) / 6144, (512 + 320) / 4096])
+    assert torch.allclose(plain["place"], ends)
+    assert torch.allclose(mirrored["place"], ends[[2, 1, 0, 3]])
+
+
+def test_captures_without_a_whole_chart_are_for_patches_alone(data: Path, tmp_path: Path) -> None:
+    """Drawn for psi into the same folder, they must not stop the context's training."""
+    with np.load(data / TRAIN / "1_neutral.npz") as file:
+        patches_alone = {name: file[name] for name in file.files if not name.startswith("whole_")}
+    np.savez(tmp_path / "3_neutral.npz", allow_pickle=False, **patches_alone)
+    with pytest.raises(ModelFault, match="no captures"):
+        Wholes(tmp_path).refresh()
+    (tmp_path / "1_neutral.npz").write_bytes((data / TRAIN / "1_neutral.npz").read_bytes())
+    charts = Wholes(tmp_path)
+    charts.refresh()
+    assert len(charts.items) == 1
+
+
+def test_a_factory_that_is_to_draw_nothing_says_so(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="nothing to draw"):
+        draw_captures(tmp_path, whole_only=True, patches_only=True)
 
 
 def test_light_out_and_in_again() -> None:
@@ -313,6 +342,10 @@ def test_a_real_capture() -> None:
     assert arrays["whole_whites"].shape == (1, 2, 3) and np.abs(arrays["whole_whites"]).max() < 4.0
     assert arrays["patch0_albedo"].std() > 0 and "patch0_texture" in arrays
     assert np.abs(arrays["patch0_specular_normal"].astype(np.int32)).mean() < 0.3 * 32767
+    unlit_arrays = capture(sitting, Recipe(lights=0, patch=128, block=1, lit=0, draft_width=1536))
+    assert int(unlit_arrays["patches"]) == 2
+    assert not any(name.startswith("whole_") or name.endswith("_texture") for name in unlit_arrays)
+    assert np.array_equal(unlit_arrays["patch0_specular"], arrays["patch0_specular"])
 
 
 def test_crops_for_psi_change_their_tone_and_stay_colours() -> None:
@@ -326,6 +359,20 @@ def test_crops_for_psi_change_their_tone_and_stay_colours() -> None:
     for level in (0.0, 1.0):
         extreme = retoned(torch.full((50, 3, 2, 2), level), torch.Generator().manual_seed(8))
         assert extreme.isfinite().all() and extreme.min() >= 0.0 and extreme.max() <= 1.0
+
+
+def test_detail_of_gloss_is_asked_for_octave_by_octave() -> None:
+    """Dots as strong as mottles of several texels are not the same; the same detail in other places is."""
+    noise = torch.randn(1, 1, 128, 128, generator=torch.Generator().manual_seed(9))
+    dots, mottles = noise - blur(noise, 1.0), blur(noise, 4.0) - blur(noise, 8.0)
+    dots, mottles = (0.1 * x / x.std() for x in (dots, mottles))
+    assert torch.allclose(sum(octaves(mottles)) + blur(mottles, 8.0), mottles, atol=1e-5)
+    weight = torch.ones(1, 1, 128, 128)
+    elsewhere = mottles.roll((37, 53), (2, 3))
+    assert float(strength_error(mottles, mottles, weight)) == 0.0
+    assert float(strength_error(elsewhere, mottles, weight)) < 0.3 * float(strength_error(dots, mottles, weight))
+    nothing = torch.zeros(1, 1, 64, 64)
+    assert torch.isfinite(strength_error(nothing, nothing, weight[..., :64, :64]))
 
 
 def test_psi_is_not_asked_how_glossy_a_subject_is(data: Path) -> None:
