@@ -1,13 +1,14 @@
-"""How strong the detail of specular albedo is: ``python -m benchmarks.gloss_detail PHOTO...``.
+"""How strong the detail of specular albedo is: ``python -m benchmarks.gloss_detail ARCHIVE...``.
 
-An avatar of each photo is made by ``service.pipeline.make_avatar``. Of four pieces of 37 mm, both cheeks and both sides
-of the forehead: 100 x rms of the logarithm of the specular albedo by wavelength in mm, median of the four.
+Archives are those of ``avatarme make`` at ``standard`` or above. Of four pieces of 37 mm, both cheeks and both sides
+of the forehead: 100 x rms of the logarithm of the specular albedo by wavelength in mm; the median of the four.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import typer
@@ -15,10 +16,10 @@ import typer
 from models.lightstage.measures import gloss_bands
 from models.lightstage.stage import Stage
 from models.lightstage.statistics import FULL_PPM
+from service.archive.unpack import unpack_map
 from service.arrays import Float64
-from service.colour import FULL_CODE
-from service.options import Options
-from service.pipeline import make_avatar
+from service.errors import BadArchive
+from service.levels import FULL_SIZE
 
 SIDE = 512
 
@@ -33,24 +34,27 @@ def patches(specular: Float64, stage: Stage) -> list[Float64]:
     ]
 
 
-def main(
-    photos: Annotated[list[Path], typer.Argument(help="Photos.")],
-    seed: Annotated[int, typer.Option(help="Of the detail that is drawn.")] = 1,
-) -> None:
-    """Print a table."""
+def main(archives: Annotated[list[Path], typer.Argument(help="Archives with a full-size specular albedo.")]) -> None:
+    """Print a table.
+
+    Raises:
+        BadArchive: an archive has no such map.
+    """
     stage, head = Stage.open(), True
-    for photo in photos:
-        options = Options(maps=("specular_albedo",), face="largest", seed=seed)
-        made = make_avatar(photo.read_bytes(), options).reflectance
-        if made is None or made.specular_albedo is None:
-            raise ValueError(f"{photo}: an avatar of this benchmark has to have the specular albedo")
-        specular = made.specular_albedo.astype(np.float64) / FULL_CODE
+    for path in archives:
+        try:
+            png = ZipFile(path).read("maps/specular_albedo.png")
+        except (OSError, BadZipFile, KeyError) as error:
+            raise BadArchive(f"{path}: no archive with maps/specular_albedo.png: {error}") from error
+        specular = unpack_map(png, "specular_albedo")[..., 0].astype(np.float64) / 255.0
+        if specular.shape[1] != FULL_SIZE[0]:
+            raise BadArchive(f"{path}: the map is {specular.shape[1]} texels wide; it has to be {FULL_SIZE[0]}")
         rows = [gloss_bands(piece, FULL_PPM) for piece in patches(specular, stage)]
         if head:
-            typer.echo(f"| photo | {' | '.join(rows[0])} |\n|---{'|---' * len(rows[0])}|")
+            typer.echo(f"| archive | {' | '.join(rows[0])} |\n|---{'|---' * len(rows[0])}|")
             head = False
         middle = [f"{np.median([row[name] for row in rows]):.2f}" for name in rows[0]]
-        typer.echo(f"| {photo.stem} | {' | '.join(middle)} |")
+        typer.echo(f"| {path.stem} | {' | '.join(middle)} |")
 
 
 if __name__ == "__main__":
