@@ -23,7 +23,7 @@ TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
 """Standard deviation of the logarithm by which crops for psi change their tone, and how much more blue changes: what
 reflects at the surface does not depend on pigment."""
 
-STRENGTH_WEIGHT = 1.0
+STRENGTH_WEIGHT = 0.4
 """What the strength of detail counts for beside its place, in each octave."""
 
 OCTAVES = (1.0, 2.0, 4.0, 8.0)
