@@ -10,7 +10,7 @@ from benchmarks.region_tones import REGIONS, table
 def test_means_are_of_logarithms_and_what_is_not_shown_is_left_out() -> None:
     """A skin whose neck no photo shows would make the mean of all necks nothing."""
     real = {"a": dict.fromkeys(REGIONS, 0.5), "b": dict.fromkeys(REGIONS, 2.0) | {"neck": float("nan")}}
-    trained = [dict.fromkeys(REGIONS, np.exp(0.3)), {}]
+    trained: list[dict[str, float]] = [dict.fromkeys(REGIONS, float(np.exp(0.3))), {}]
     lines = table(real, trained)
     assert len(lines) == len(REGIONS) + 1, "a head, a rule, and every region but the cheeks"
     assert "| lids | 0.50 | 2.00 | 0.00 | 0.69 | 0.30 | 0.00 |" in lines
