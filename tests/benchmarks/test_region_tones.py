@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from benchmarks.region_tones import REGIONS, table
+pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
+
+from benchmarks.region_tones import REGIONS, table  # noqa: E402
 
 
 def test_means_are_of_logarithms_and_what_is_not_shown_is_left_out() -> None:
