@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
-from benchmarks.region_tones import REGIONS, table  # noqa: E402
+from benchmarks.region_tones import REGIONS, table
 
 
 def test_means_are_of_logarithms_and_what_is_not_shown_is_left_out() -> None:
