@@ -90,7 +90,6 @@ def _some(name: str, n: int, generator: torch.Generator) -> Tensor:
     return (torch.rand(n, 1, 1, 1, generator=generator) < SHARES[name]).float()
 
 
-
 def _density(side: int, scale: float, generator: torch.Generator) -> Tensor:
     """(3, h, w) -log of what pigment leaves of the albedo of a crop with ``scale`` texels per mm."""
     kinds: dict[str, tuple[Callable[[int, float, torch.Generator], Tensor], tuple[float, float]]] = {

@@ -85,8 +85,7 @@ class Pigment:
         """What a cap, a collar or glasses kept from the sun, or all but that."""
         kind, soft = choice(generator, 3), one(generator, 0.7, 5.0)
         if kind == 2:
-            inside = ((self.eyes - uniform(generator, 0.2, 0.6, 1)) * 8.0 / soft + 0.5).clamp(0.0, 1.0)
-            return inside
+            return ((self.eyes - uniform(generator, 0.2, 0.6, 1)) * 8.0 / soft + 0.5).clamp(0.0, 1.0)
         top, bottom = self.rows
         line = top + (bottom - top) * uniform(generator, *((0.05, 0.3) if kind == 0 else (0.85, 1.1)), 1)
         line = line + 4.0 * smooth_field((1, 1, 1, WIDTH), 4, generator)[0, 0]

@@ -11,7 +11,6 @@ from service.arrays import Float32
 from service.colour import srgb_to_linear
 from service.ledger import Ledger
 from service.reflectance.albedo_error import clues
-from service.reflectance.completion import albedo_prior
 from service.reflectance.corrections.light_contrast import LIGHT_CONTRAST
 from service.reflectance.corrections.on_light import ChartLight, LightCorrection, corrected
 from service.reflectance.corrections.skin_hue import SKIN_HUE
@@ -82,7 +81,7 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
     on_skin = corrected(start, ON_LIT_SKIN, ledger)
     whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    prior = albedo_prior(start.bearded)
-    apart = prior.apart(start.shown) if prior.is_of(inside) else None
+    prior = start.prior
+    apart = None if prior is None else prior.apart(start.shown)
     clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
     return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)

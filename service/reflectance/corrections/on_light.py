@@ -10,6 +10,7 @@ import numpy as np
 from service.arrays import Float32
 from service.colour import linear_to_srgb
 from service.ledger import SEEN_CHANGE, Correction, Ledger
+from service.reflectance.completion import AlbedoPrior, albedo_prior
 
 BORDER = 3
 """Width of the border over which lit skin fades out, texels of the context's chart, 1.5 mm each."""
@@ -51,6 +52,12 @@ class ChartLight:
 
         skin = cv2.dilate(self.lit, np.ones((2 * BORDER + 1, 2 * BORDER + 1), np.uint8))
         return float(np.clip((self.shown - skin) * self.inside, 0, None).sum()) > LEAST_BEARD
+
+    @property
+    def prior(self) -> AlbedoPrior | None:
+        """What completes albedo like this head's; None on another chart than the one that it was learnt on."""
+        found = albedo_prior(self.bearded)
+        return found if found.is_of(self.inside) else None
 
     @property
     def coded_albedo(self) -> Float32:

@@ -11,7 +11,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.ledger import Constant
-from service.reflectance.completion import AlbedoPrior, albedo_prior
+from service.reflectance.completion import AlbedoPrior
 from service.reflectance.corrections.on_light import ChartLight, LightCorrection
 
 WIDEST = 64
@@ -152,9 +152,7 @@ def everywhere(at: ChartLight) -> Float32:
     """
     light = with_shade_floor(continued(at.light, at.lit), at.found, at.weight)
     if at.inpainted.any():
-        prior = albedo_prior(at.bearded)
-        known = prior if prior.is_of(at.inside) else None
-        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, known)
+        light = as_seen_skin(light, at.texture, at.found, at.weight, at.inpainted, at.shown, at.prior)
     return seamless(light)
 
 
