@@ -18,7 +18,7 @@ KNOWN = 0.7
 
 FAITH, LESS = 0.95, -0.3
 """How the light that the program reads off the whites goes with the computed one (``models.lightstage.light.sclera``),
-in logarithms, both beside the light on the lids: slope and shift. ``benchmarks.eye_whites`` has 0.93 and -0.57 for
+in logarithms, both beside the light on the lids: slope and shift. Measured: 0.93 and -0.57 for
 heads of the light stage, and for heads of ICT-FaceKit, whose eyes lie less deep, -0.41 where 0.19 is computed. It
 counts all skin round the eyes; the zones of :func:`lid_zones` are nearer to them and 0.3 darker."""
 
@@ -32,7 +32,7 @@ ERROR = 0.22
 told was off by 0.67 in training, and the network heeded it by half."""
 
 EXPOSED = (-0.5, 0.6)
-"""Mean and standard deviation of the log light on faces as photos expose them. ``benchmarks.eye_whites --photos`` has a
+"""Mean and standard deviation of the log light on faces as photos expose them. Real photos have a
 median of -0.7 for the lids, and 0.45 for half of the middle two thirds; the rest of a face stands in 0.2 more."""
 
 BRIGHTEST, DARKEST = 4.0, 1e-3

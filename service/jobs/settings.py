@@ -38,7 +38,7 @@ class Settings:
         tombstone_hours: how long after that its address says that it is gone.
         max_queued: jobs that may wait, all tenants together.
         reserve_mb: free space in MiB that uploads may not use up and without which no job begins; it has to hold
-            the kept stages and the archive of a job (``benchmarks.full_job`` measures them).
+            the kept stages and the archive of a job.
         host, port: where to listen.
         allowed_hosts: names for the Host header, joined by commas; "" for addresses and the names of this machine.
         keys: path of the file of API keys; "" for a server without keys.

@@ -40,7 +40,7 @@ ABOVE_LOWER, OPENED, RAISED = 0.9, 1.7, 0.4
 """Usual height of the iris above the lower lid, in radii: 5 to 5.5 mm (margin reflex distance 2) of 5.85; height of an
 open eye, likewise; and how much of what an eye lacks of it the lower lid has come up, as it does in a smile. The upper
 lid rests on the iris, now more, now less: sought in the middle of the opening, irises were found too low, and people
-who look into the camera looked at its feet (``benchmarks.gaze``)."""
+who look into the camera looked at its feet."""
 
 EXPECTED_COST = 0.1
 """Cost, in contrast, of lying one radius off the expected place, growing with the square."""

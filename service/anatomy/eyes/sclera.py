@@ -27,7 +27,7 @@ LIT = (0.8, 0.97)
 rims, lashes, shade, the iris) has less blue, and the brightest pixels are glints."""
 
 BEST_LIT = 0.92
-"""Light on that best lit part of the sclera, as a share of the light on the lids: ``benchmarks.eye_whites``."""
+"""Light on that best lit part of the sclera, as a share of the light on the lids, of rendered heads."""
 
 LEAST_BLUE, CLEARLY_BLUE = 1.3, 1.5
 """Blue over red of the sclera, divided by that of the skin below the eye, which cancels the colour of the light: below

@@ -47,8 +47,8 @@ LIGHT_CONTRAST = LightCorrection(
     mends="Regions of the skin that are darker or paler than the rest are taken for shade and light.",
     source="light",
     constants={
-        "kept": Constant(KEPT, "share of the contrast", "benchmarks.light_contrast"),
-        "wide": Constant(WIDE, "texels of the context, standard deviation", "benchmarks.light_contrast"),
+        "kept": Constant(KEPT, "share of the contrast", "docs/reflectance.md"),
+        "wide": Constant(WIDE, "texels of the context, standard deviation", "docs/reflectance.md"),
     },
     cases=("soft", "hard"),
     apply=lambda at: less_contrast(at.light, at.weight),
