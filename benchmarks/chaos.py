@@ -2,8 +2,8 @@
 
     python -m benchmarks.chaos --kills 200 --jobs 1000
 
-Jobs are those of ``benchmarks.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to the
-worker alone. The moments are spread evenly over ``POINTS``: while a photo is taken in, in each stage, while the
+Jobs are those of ``tests.support.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to
+the worker alone. The moments are spread evenly over ``POINTS``: while a photo is taken in, in each stage, while the
 archive is packed and published, and soon after a start. Afterwards every job that was answered with 202 must have
 succeeded, or failed where its photo has to fail, and been told so once; its archive must be that of an undisturbed run
 byte for byte, no stage whose result was on the disk may have been computed again, and there may be no job that nobody
@@ -30,13 +30,13 @@ from typing import Any
 
 import httpx
 
-from benchmarks.moments import POINTS, reached, redone
-from benchmarks.serving import Server, listed, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.view import FINAL
+from tests.support.moments import POINTS, reached, redone
+from tests.support.server import Server, listed, post, small_photo, wait_for
+from tests.support.toy_job import LOG, SECONDS, archive
 
 FAILING = {101: "crashed", 104: "no-face", 105: "internal"}
-"""Seeds of jobs that have to fail, with the code that they have to fail with; see ``benchmarks.toy_job.FAULTS``."""
+"""Seeds of jobs that have to fail, with the code that they have to fail with; see ``tests.support.toy_job.FAULTS``."""
 
 _EVERY = 25
 """One photo of so many is one that has to fail."""

@@ -3,7 +3,7 @@ and then dead for a while, and Postgres is restarted.
 
     python -m benchmarks.chaos_postgres --kills 200 --jobs 1000
 
-The moments of the kills are spread evenly over ``benchmarks.moments.POINTS``, and the worker that is killed is the one
+The moments of the kills are spread evenly over ``tests.support.moments.POINTS``, and the worker that is killed is the one
 that came to that point. Every accepted job has to succeed once, with the bytes of an undisturbed run. Needs Debian's
 package postgresql.
 """
@@ -29,14 +29,14 @@ from pathlib import Path
 
 import httpx
 
-from benchmarks.line import Line
-from benchmarks.moments import POINTS, reached
-from benchmarks.postgres import Postgres
-from benchmarks.serving import Server, listed, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.process import descendants
 from service.jobs.settings import PREFIX
 from service.jobs.view import FINAL
+from tests.support.moments import POINTS, reached
+from tests.support.postgres import Postgres
+from tests.support.server import Server, listed, post, small_photo, wait_for
+from tests.support.slow_line import Line
+from tests.support.toy_job import LOG, SECONDS, archive
 
 
 class Workers:
@@ -180,7 +180,7 @@ def run(
     postgres = Postgres(folder)
     postgres.start()
     settings: dict[str, object] = {
-        "database": postgres.url, "artifacts": f"file://{folder}/artifacts", "program": "benchmarks.toy_job",
+        "database": postgres.url, "artifacts": f"file://{folder}/artifacts", "program": "tests.support.toy_job",
         "reserve_mb": 1, "niceness": 0,
     }  # fmt: skip
     server = Server(folder / "server", settings, with_worker=False)

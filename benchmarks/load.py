@@ -3,7 +3,7 @@
     python -m benchmarks.load
 
 Status requests at a rate, parallel uploads, many queued jobs listed in pages, downloads at the same time; each with
-times and the memory of the HTTP process. Jobs are those of ``benchmarks.toy_job``; their processes keep a core busy.
+times and the memory of the HTTP process. Jobs are those of ``tests.support.toy_job``; their processes keep a core busy.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from typing import Any
 import httpx
 import numpy as np
 
-from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
-from benchmarks.toy_job import BUSY, SECONDS
 from service.jobs.process import resident_mb
+from tests.support.server import Server, in_threads, post, small_photo, wait_for
+from tests.support.toy_job import BUSY, SECONDS
 
 
 class Peak:

@@ -5,7 +5,7 @@
 Photos are posted at a steady pace, followed by events or by asking, fetched, compared and, every other one, erased;
 bad photos come between them. Results expire after a few minutes, so that what is kept reaches its level. After a third
 of the time everything has to stay where it is: the line through the rest (Theil and Sen) must not rise by more than is
-allowed within an hour. Jobs are those of ``benchmarks.toy_job``.
+allowed within an hour. Jobs are those of ``tests.support.toy_job``.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from statistics import median
 
 import httpx
 
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS, archive
 from service.jobs.process import resident_mb
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import SECONDS, archive
 
 PATIENCE = 600.0
 """Seconds that a job may take, on a machine that other work keeps busy."""

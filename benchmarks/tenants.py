@@ -2,7 +2,7 @@
 
     python -m benchmarks.tenants --jobs 20
 
-The jobs are those of ``benchmarks.toy_job`` and take the same time each. The small tenant posts one, waits for its end,
+The jobs are those of ``tests.support.toy_job`` and take the same time each. The small tenant posts one, waits for its end,
 and posts the next: first alone, then while the large one has hundreds waiting. With fair turns it is behind one other
 job at most, so its median is at most twice what it is alone; in one line for all it would wait for all of them.
 """
@@ -20,9 +20,9 @@ from pathlib import Path
 
 import httpx
 
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS
 from service.api.keys import new_key
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import SECONDS
 
 STAGE_S = 0.7
 """Seconds of each of the three stages, so that a job is long beside what starts it."""

@@ -10,15 +10,15 @@ import httpx2
 import pytest
 from starlette.testclient import TestClient
 
-from benchmarks.serving import Server
 from service.api.app import create_app
 from service.api.context import Context
 from service.jobs.settings import Settings
 from tests.service.databases import lay_out
 from tests.service.photo.badimages import picture, save
+from tests.support.server import Server
 
-TOY = "benchmarks.toy_job"
-TOY_PICTURE = "benchmarks.toy_picture"
+TOY = "tests.support.toy_job"
+TOY_PICTURE = "tests.support.toy_picture"
 GOOD = save(picture(300, 280), "JPEG")
 
 

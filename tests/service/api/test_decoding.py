@@ -15,12 +15,12 @@ import httpx
 import pytest
 from PIL import Image
 
-from benchmarks.serving import Server, in_threads
 from service.api.decoding import FIXED, MIB, MOST, DecodingMemory, budget, cost
 from service.jobs.settings import Settings
 from service.photo.limits import Limits
 from tests.service.api.conftest import TOY, is_problem, open_api
 from tests.service.cgroups import Group, group
+from tests.support.server import Server, in_threads
 
 
 def blank_png(side: int, colour: int, depth: int) -> bytes:

@@ -11,7 +11,6 @@ from fastapi import FastAPI, Request
 from starlette.responses import JSONResponse, Response
 from starlette.testclient import TestClient
 
-from benchmarks.toy_picture import picture
 from service.api.app import create_app
 from service.api.derived import asked, made, whole
 from service.api.needs import Asking, Here
@@ -23,6 +22,7 @@ from service.jobs.view import job_json
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem
 from tests.service.api.test_renders import with_result
 from tests.service.databases import lay_out
+from tests.support.toy_picture import picture
 
 FILM = Kind(
     name="turntable", place="turntables", artifact="film", file="film.gif", program="render_program",

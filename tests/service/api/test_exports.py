@@ -15,8 +15,6 @@ import httpx
 import httpx2
 import pytest
 
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_picture import picture
 from service.api.keys import new_key
 from service.archive.pack import write_archive
 from service.jobs.artifacts import artifact_name, sha256_of
@@ -27,6 +25,8 @@ from service.kits.make import export_kit
 from service.kits.tools import TOOLS
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import whole_avatar
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_picture import picture
 
 
 @pytest.fixture(scope="module")

@@ -22,9 +22,9 @@ import pytest
 
 import service
 from benchmarks.load import _large_archive
-from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS, archive
 from tests.service.api.conftest import is_problem
+from tests.support.server import Server, in_threads, post, small_photo, wait_for
+from tests.support.toy_job import SECONDS, archive
 
 pytestmark = pytest.mark.slow
 

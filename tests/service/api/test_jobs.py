@@ -18,9 +18,9 @@ from typing import Any
 import httpx
 import pytest
 
-from benchmarks.serving import Server, free_port, in_threads, post, small_photo, wait_for
-from benchmarks.toy_job import archive
 from tests.service.api.conftest import is_problem
+from tests.support.server import Server, free_port, in_threads, post, small_photo, wait_for
+from tests.support.toy_job import archive
 
 _SEEDS = iter(range(10_000, 20_000))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from benchmarks.serving import Server, in_threads, small_photo
+from tests.support.server import Server, in_threads, small_photo
 
 
 def talk(server: Server, *pieces: bytes | float, seconds: float = 8.0) -> bytes:

@@ -15,8 +15,6 @@ import httpx
 import httpx2
 import pytest
 
-from benchmarks.serving import Server, in_threads, post, small_photo, wait_for
-from benchmarks.toy_picture import picture
 from service.api.derived import MAX_BODY
 from service.api.keys import new_key
 from service.archive.pack import archive_members
@@ -34,6 +32,8 @@ from service.render.surface import ROLES
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import toy_avatar
 from tests.service.render.toys import ROUGH
+from tests.support.server import Server, in_threads, post, small_photo, wait_for
+from tests.support.toy_picture import picture
 
 
 @pytest.fixture(scope="module")

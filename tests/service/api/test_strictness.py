@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.serving import Server, small_photo
 from service.errors import UsageError
 from service.options import Options, parse_face, parse_size
 from tests.service.api.conftest import GOOD, Api, is_problem
+from tests.support.server import Server, small_photo
 
 RAW = {"Content-Type": "image/jpeg"}
 

@@ -19,7 +19,7 @@ from service.jobs.store import Store
 from service.jobs.tables import create_tables
 from tests.service.databases import lay_out
 
-TOY = "benchmarks.toy_job"
+TOY = "tests.support.toy_job"
 
 
 class Bench:

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import pytest
 
-from benchmarks.serving import free_port
-from benchmarks.swift import Swift, missing
+from tests.support.server import free_port
+from tests.support.swift import Swift, missing
 
 REASON = "moto[s3], flask, flask-cors or s3fs is not installed: pip install -e '.[dev]'"
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from benchmarks.postgres import Postgres, find_programs
-from benchmarks.serving import in_threads
 from service.jobs.admission import LOW, Bounds, NoRoom
 from service.jobs.clock import now
 from service.jobs.database import JOBS
 from tests.service.jobs.conftest import Bench
+from tests.support.postgres import Postgres, find_programs
+from tests.support.server import in_threads
 
 _SLOW = [
     pytest.mark.slow,

@@ -18,10 +18,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import SECONDS, archive
 from tests.service.cgroups import Group, group
 from tests.service.jobs.processes import WITHIN
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import SECONDS, archive
 
 pytestmark = pytest.mark.slow
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import httpx
 import pytest
 
-from benchmarks.moments import redone
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.admission import UNFINISHED
 from service.jobs.process import descendants
 from service.jobs.suspicion import LOSSES
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
+from tests.support.moments import redone
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import LOG, SECONDS, archive
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench

@@ -14,14 +14,14 @@ import httpx
 import pytest
 
 from benchmarks.chaos_postgres import Workers
-from benchmarks.line import Line
-from benchmarks.moments import redone
-from benchmarks.postgres import Postgres, find_programs
-from benchmarks.serving import TOY, Server, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs.settings import Settings
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.service.jobs.s3 import S3, serve
+from tests.support.moments import redone
+from tests.support.postgres import Postgres, find_programs
+from tests.support.server import TOY, Server, post, small_photo, wait_for
+from tests.support.slow_line import Line
+from tests.support.toy_job import LOG, SECONDS, archive
 
 pytestmark = [
     pytest.mark.slow,

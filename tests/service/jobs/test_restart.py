@@ -15,10 +15,10 @@ import httpx
 import pytest
 
 from benchmarks.chaos import chaos
-from benchmarks.moments import redone
-from benchmarks.postgres import find_programs
-from benchmarks.serving import Server, post, small_photo, wait_for
-from benchmarks.toy_job import LOG, SECONDS, archive
+from tests.support.moments import redone
+from tests.support.postgres import find_programs
+from tests.support.server import Server, post, small_photo, wait_for
+from tests.support.toy_job import LOG, SECONDS, archive
 
 
 def test_after_a_kill_the_job_goes_on_after_its_last_stage(tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.toy_job import LOG, SECONDS, archive
 from service.jobs import attempts, suspicion
 from service.jobs.process import descendants
 from service.jobs.settings import Settings
 from service.jobs.watching import Report
+from tests.support.toy_job import LOG, SECONDS, archive
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,9 +14,6 @@ from typing import Any
 import httpx
 import pytest
 
-from benchmarks.serving import Server
-from benchmarks.swift import Swift
-from benchmarks.toy_job import LOG, archive
 from service.client.client import Client
 from service.jobs import janitor as janitor_module
 from service.jobs import patience
@@ -30,6 +27,9 @@ from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN
 from tests.service.jobs.s3 import S3, SERVERS, serve
+from tests.support.server import Server
+from tests.support.swift import Swift
+from tests.support.toy_job import LOG, archive
 
 JOB = "a" * 32
 

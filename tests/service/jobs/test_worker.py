@@ -31,7 +31,7 @@ class Watched:
         monkeypatch.setattr(workflow, "launch", self._launch)
         monkeypatch.setattr(os, "_exit", self._exit)
         lay_out(data)
-        self.worker = Worker(Settings(data=data, program="benchmarks.toy_job"))
+        self.worker = Worker(Settings(data=data, program="tests.support.toy_job"))
 
     def start(self) -> None:
         """As at the start of its process, without the loop."""

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from benchmarks.serving import free_port
+from tests.support.server import free_port
 
 USER = "avatarme"
 
@@ -50,7 +50,7 @@ class Postgres:
 
     @staticmethod
     def url_by(port: int) -> str:
-        """How it is reached by a port: its own, or that of a :class:`benchmarks.line.Line` that leads to it."""
+        """How it is reached by a port: its own, or that of a :class:`tests.support.slow_line.Line` that leads to it."""
         return f"postgresql://{USER}@127.0.0.1:{port}/postgres"
 
     def start(self) -> None:

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 
-from benchmarks.serving import free_port
+from tests.support.server import free_port
 
 
 class Line:

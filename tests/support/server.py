@@ -21,7 +21,7 @@ import numpy as np
 from service.jobs.process import descendants
 from service.jobs.settings import PREFIX
 
-TOY = "benchmarks.toy_job"
+TOY = "tests.support.toy_job"
 
 
 def small_photo(seed: int, side: int = 256) -> bytes:

@@ -15,7 +15,7 @@ import subprocess
 import time
 from pathlib import Path
 
-from benchmarks.serving import free_port
+from tests.support.server import free_port
 
 USER, SECRET = "test:tester", "testing"
 REGION = "us-east-1"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks.line import Line
+from tests.support.slow_line import Line
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Does a client that a program wrote from the OpenAPI document work? Generate one and make an avatar with it.
 
-    python -m benchmarks.generated_client
+    python -m tests.support.generated_client
 
 Installs openapi-python-client into an environment of its own in a temporary folder (``--generator PATH`` names one that
 is installed already), starts a server with the pipeline, posts the sample photo for its texture alone, waits, lists and
@@ -26,8 +26,8 @@ from typing import Any
 
 import httpx
 
-from benchmarks.serving import Server
 from service.diagnosis import SAMPLE
+from tests.support.server import Server
 
 PACKAGE = "avatarme_client"
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.toy_job import STAGES
+from tests.support.toy_job import STAGES
 
 POINTS = ("taking in", *STAGES, "publishing", "starting")
 """Where the kills meet the service, in turn: in the request, in each stage, after the last one, after a start."""
