@@ -3,9 +3,9 @@ and then dead for a while, and Postgres is restarted.
 
     python -m benchmarks.chaos_postgres --kills 200 --jobs 1000
 
-The moments of the kills are spread evenly over ``tests.support.moments.POINTS``, and the worker that is killed is the one
-that came to that point. Every accepted job has to succeed once, with the bytes of an undisturbed run. Needs Debian's
-package postgresql.
+The moments of the kills are spread evenly over ``tests.support.moments.POINTS``, and the worker that is killed is the
+one that came to that point. Every accepted job has to succeed once, with the bytes of an undisturbed run. Needs
+Debian's package postgresql.
 """
 
 from __future__ import annotations

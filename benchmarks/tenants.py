@@ -2,9 +2,9 @@
 
     python -m benchmarks.tenants --jobs 20
 
-The jobs are those of ``tests.support.toy_job`` and take the same time each. The small tenant posts one, waits for its end,
-and posts the next: first alone, then while the large one has hundreds waiting. With fair turns it is behind one other
-job at most, so its median is at most twice what it is alone; in one line for all it would wait for all of them.
+The jobs are those of ``tests.support.toy_job`` and take the same time each. The small tenant posts one, waits for its
+end, and posts the next: first alone, then while the large one has hundreds waiting. With fair turns it is behind one
+other job at most, so its median is at most twice what it is alone; in one line for all it would wait for all of them.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ BUSY = "AVATARME_TOY_BUSY"
 """Variable that makes a stage compute for its time rather than sleep."""
 
 LOG = "AVATARME_TOY_LOG"
-"""Variable with the path of a file that gets a line for each stage that begins or is kept: ``tests.support.moments``."""
+"""Variable with the path of a file that gets a line for each stage begun or kept: ``tests.support.moments``."""
 
 
 def archive(photo_sha256: str, seed: int) -> bytes:
