@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+from collections.abc import Callable, Collection
 from typing import Annotated, Any
 
 import typer
 
 from service import __version__
 from service.cli.failures import reported
-from service.cli.signature import with_options_of
+
+
+def with_options_of(
+    command: Callable[..., None], other: Callable[..., None], *, leave_out: Collection[str]
+) -> Callable[..., None]:
+    """``command`` whose signature has the parameters of ``other`` in place of its ``**`` parameter, for typer.
+
+    Args:
+        command: a function whose last parameter is ``**``.
+        other: the function whose parameters are to be taken as well.
+        leave_out: names of parameters of ``other`` to leave out.
+    """
+    own = inspect.signature(command, eval_str=True)
+    plain = [item for item in own.parameters.values() if item.kind is not inspect.Parameter.VAR_KEYWORD]
+    shared = inspect.signature(other, eval_str=True).parameters
+    taken = [
+        item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for name, item in shared.items() if name not in leave_out
+    ]
+    command.__signature__ = own.replace(parameters=[*plain, *taken])  # type: ignore[attr-defined]
+    return command
+
 
 app = typer.Typer(
     name="avatarme",
@@ -108,8 +130,8 @@ def make(
     Prints the path of the archive. Exit status: 0 done, 2 usage, 3 no usable face, 4 unreadable input, 1 anything else.
     """
     with reported(as_json=as_json):
-        from service.cli.asked import asked
-        from service.cli.make import make as run
+        from service.cli.make_and_maps import asked
+        from service.cli.make_and_maps import make as run
         from service.options import Options
 
         given = asked(
@@ -157,9 +179,9 @@ def batch(
     status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
     """
     with reported(as_json=as_json):
-        from service.cli.asked import as_json as json_values
-        from service.cli.asked import asked
         from service.cli.batch import batch as run
+        from service.cli.make_and_maps import as_json as json_values
+        from service.cli.make_and_maps import asked
 
         head = options_of_make.pop("head")
         run(
@@ -202,8 +224,8 @@ def maps(
     Exit status: 0 done, 2 usage, 4 texture or mesh cannot be used, 1 anything else.
     """
     with reported(as_json=as_json):
-        from service.cli.asked import asked
-        from service.cli.maps import maps as run
+        from service.cli.make_and_maps import asked
+        from service.cli.make_and_maps import maps as run
 
         given = asked(
             maps=maps,
@@ -250,7 +272,7 @@ def render(
     2 usage (also a scene that is not right), 4 unreadable archive, 1 anything else.
     """
     with reported(as_json=as_json):
-        from service.cli.render import render as run
+        from service.cli.render_and_export import render as run
         from service.options import parse_size
 
         run(
@@ -282,7 +304,7 @@ def export(
     archive, 1 anything else.
     """
     with reported(as_json=as_json):
-        from service.cli.export import export as run
+        from service.cli.render_and_export import export as run
 
         run(archive, tool, output, as_json=as_json)
 
@@ -312,7 +334,7 @@ def serve(
     Every setting can also come from the environment: AVATARME_PORT, AVATARME_RESULT_HOURS ...; docs/service.md has all.
     """
     with reported(as_json=False):
-        from service.cli.serve import serve as run
+        from service.cli.serve_and_worker import serve as run
 
         flags = {"host": host, "port": port, "data": data, "jobs": jobs, "anybody": anybody}
         run(flags | {"database": database, "artifacts": artifacts, "keys": keys}, with_worker=worker)
@@ -328,7 +350,7 @@ def worker(
 ) -> None:
     """Compute jobs that a server elsewhere takes."""
     with reported(as_json=False):
-        from service.cli.serve import work as run
+        from service.cli.serve_and_worker import work as run
 
         run({"worker": name, "data": data, "jobs": jobs, "database": database, "artifacts": artifacts})
 

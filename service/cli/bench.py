@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from service.bench.variants import FULL, NETWORKS, QUICK, SHIPPED, Family
-from service.cli.progress import progress_bar
+from service.cli.files import progress_bar
 from service.errors import OutputFault, UsageError
 from service.runtime.sessions import MODELS, TABLE, model_table
 

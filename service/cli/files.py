@@ -1,13 +1,16 @@
-"""Input and output paths: bounded reading, standard input and output, checks of combinations."""
+"""What the commands share: input and output paths, bounded reading, atomic writing, the progress bar."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from service.errors import TooManyBytes, UsageError
+from service.archive.container import replace_file
+from service.errors import OutputFault, TooManyBytes, UsageError
 from service.photo.source import PIPE, called, read_bounded
 
 
@@ -67,3 +70,39 @@ def read_file(source: str, limit: int, what: str) -> bytes:
     if len(data) > limit:
         raise TooManyBytes(f"{name} has more than {limit} bytes, which is the most that a {what} may have", limit=limit)
     return data
+
+
+def write_bytes(target: str, data: bytes) -> None:
+    """Write to a path, or to standard output for ``-``.
+
+    Raises:
+        OutputFault: it cannot be written; an existing file is unchanged.
+    """
+    if target != PIPE:
+        replace_file(Path(target), lambda stream: stream.write(data))
+        return
+    try:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+    except BrokenPipeError as error:
+        raise OutputFault("the reader of the output closed it before it was complete") from error
+
+
+if TYPE_CHECKING:
+    from service.pipeline import Progress
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A progress bar if stderr is a terminal, else a function that does nothing. Colour obeys NO_COLOR."""
+    if not sys.stderr.isatty():
+        yield lambda stage, share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("start", total=1.0)
+        yield lambda stage, share: bar.update(task, description=stage, completed=min(max(share, 0.0), 1.0))

@@ -1,3 +1,4 @@
+
 from __future__ import annotations
 
 import subprocess
@@ -7,7 +8,7 @@ import pytest
 import typer
 
 from service.cli.failures import reported
-from service.cli.serve import work
+from service.cli.serve_and_worker import work
 from service.errors import UsageError
 
 
@@ -24,6 +25,6 @@ def test_a_wrong_setting_is_a_usage_error() -> None:
 
 def test_other_commands_do_not_load_the_server() -> None:
     """Whoever makes one avatar must not wait for FastAPI, DBOS and SQLAlchemy."""
-    program = "import sys, service.cli.app, service.cli.make; print(*sys.modules)"
+    program = "import sys, service.cli.app, service.cli.make_and_maps; print(*sys.modules)"
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not {"fastapi", "uvicorn", "dbos", "sqlalchemy", "psycopg", "fsspec"} & set(child.stdout.split())

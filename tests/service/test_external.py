@@ -20,8 +20,7 @@ from service.archive.pack import archive_members
 from service.archive.read_obj import ObjMesh, read_obj
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
-from service.external.make import check_aspect, default_maps, make_external
-from service.external.mesh import vertices_of
+from service.external import check_aspect, default_maps, make_external, vertices_of
 from service.head.files import save_head
 from service.options import Options
 from service.reflectance.plan import Plan
@@ -141,7 +140,7 @@ def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.M
         seen[texture.shape[1]] = (plan.stages, float(texture.std()))
         return Reflectance((1536, 1024))
 
-    monkeypatch.setattr("service.external.make.make_reflectance", reflectance)
+    monkeypatch.setattr("service.external.make_reflectance", reflectance)
     options = Options(maps=("diffuse_albedo",), quality="standard")
     for width, picture in ((1200, stripes), (576, stripes[:384, :576])):
         make_external(encode_png(picture, srgb=True), MESH, options, head_file=head_file)

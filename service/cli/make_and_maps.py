@@ -1,0 +1,163 @@
+"""``avatarme make`` and ``avatarme maps``: a photo, or a mesh and its texture, in; an archive out."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from service.cli.files import check_paths, head_file, progress_bar, read_file
+from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
+from service.photo.source import PIPE, read_photo
+
+if TYPE_CHECKING:
+    from service.archive.avatar import Avatar
+
+_PARSERS: dict[str, Callable[[str], Any]] = {
+    "maps": parse_maps,
+    "size": parse_size,
+    "texture_size": parse_texture_size,
+    "face": parse_face,
+    "without": parse_without,
+}
+
+
+def asked(**flags: Any) -> dict[str, Any]:
+    """Fields of :class:`Options` whose flags were given (are not None).
+
+    Raises:
+        UsageError: a value is out of range or cannot be read.
+    """
+    given = {name: value for name, value in flags.items() if value is not None}
+    fields = {name: _PARSERS[name](value) if name in _PARSERS else value for name, value in given.items()}
+    Options(**fields)
+    return fields
+
+
+def as_json(fields: dict[str, Any]) -> dict[str, Any]:
+    """Fields of :class:`Options` as JSON values."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
+
+
+def destination(source: str, output: str | None, *, as_json: bool) -> str:
+    """Path of the archive, or ``-``: as given, else beside the photo, or standard output for a photo from a pipe.
+
+    Raises:
+        UsageError: the archive would overwrite the photo, share standard output with the JSON, or fill a terminal.
+    """
+    if output is None:
+        output = PIPE if source == PIPE else str(Path(source).with_suffix(".zip"))
+    check_paths(output, {"photo": source}, what="archive", example="OUT.zip", as_json=as_json)
+    return output
+
+
+def make(photo: str, output: str | None, options: Options, *, head: str | None = None, as_json: bool) -> None:
+    """Read ``photo``, run the pipeline, write the archive, report the result.
+
+    Args:
+        photo: path, or ``-`` for standard input.
+        output: path, ``-`` for standard output, or None for beside the photo.
+        options: the request.
+        head: path of a head model file, None for the shipped one.
+        as_json: print facts of the run as one JSON object instead of the path.
+
+    Raises:
+        UsageError: there is no head model file of that name.
+        AvatarError: as the stages raise it.
+    """
+    begin = time.perf_counter()
+    target = destination(photo, output, as_json=as_json)
+    model = head_file(head)
+    data = read_photo(photo)
+    with progress_bar() as progress:
+        # After the cheap checks, as importing the numeric libraries takes a large part of a second.
+        from service.archive.pack import write_archive
+        from service.pipeline import make_avatar
+
+        avatar = make_avatar(data, options, progress, model)
+        write_archive(avatar, sys.stdout.buffer if target == PIPE else Path(target))
+    seconds = time.perf_counter() - begin
+    for code in avatar.all_warnings():
+        typer.echo(f"avatarme: warning: {code}", err=True)
+    if as_json:
+        typer.echo(json.dumps(summary(avatar, target, seconds), allow_nan=False))
+    elif target != PIPE:
+        typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
+
+
+def summary(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:
+    """Facts of a run as JSON values: ``archive``, ``bytes``, ``seconds``, ``fit``, ``warnings``, ``timings_s``."""
+    yaw, pitch, roll = avatar.fit.camera.yaw_pitch_roll_deg()
+    return {
+        "archive": target,
+        "bytes": os.stat(target).st_size,
+        "seconds": round(seconds, 3),
+        "options": avatar.options,
+        "fit": {
+            "landmark_rms_px": avatar.fit.landmark_rms_px,
+            "inter_ocular_px": avatar.fit.inter_ocular_px,
+            "focal_px": avatar.fit.camera.focal_px,
+            "yaw_pitch_roll_deg": [yaw, pitch, roll],
+        },
+        "warnings": list(avatar.all_warnings()),
+        "timings_s": dict(avatar.timings_s),
+        "peak_rss_mb": avatar.peak_rss_mb,
+    }
+
+
+MAX_TEXTURE = 200_000_000
+MAX_MESH = 64 << 20
+"""Largest input files, bytes."""
+
+
+def maps(
+    texture: str, mesh: str, output: str, options: dict[str, Any], *, head: str | None, as_json: bool
+) -> None:  # fmt: skip
+    """Read both, run the networks, write the archive, report the result.
+
+    Args:
+        texture: path of the image, or ``-`` for standard input.
+        mesh: path of the OBJ file, or ``-``.
+        output: path of the archive, or ``-`` for standard output.
+        options: fields of :class:`Options` that were given.
+        head: path of a head model file, None for the shipped one.
+        as_json: print facts of the run as one JSON object instead of the path.
+
+    Raises:
+        UsageError: a file does not exist, both come from standard input, or an option is out of range.
+        AvatarError: as the stages raise it.
+    """
+    begin = time.perf_counter()
+    inputs = {"texture": texture, "mesh": mesh}
+    check_paths(output, inputs, what="archive", example="OUT.zip", as_json=as_json)
+    chosen_head = head_file(head)
+    image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
+    with progress_bar() as progress:
+        from service.archive.pack import write_archive
+        from service.external import default_maps, make_external
+
+        chosen = Options(**{"maps": default_maps(), **options})
+        avatar = make_external(image, model, chosen, progress, chosen_head)
+        write_archive(avatar, sys.stdout.buffer if output == PIPE else Path(output))
+    for code in avatar.all_warnings():
+        typer.echo(f"avatarme: warning: {code}", err=True)
+    if as_json:
+        facts = {
+            "archive": output,
+            "bytes": os.stat(output).st_size,
+            "seconds": round(time.perf_counter() - begin, 3),
+            "options": dict(avatar.options),
+            "warnings": list(avatar.all_warnings()),
+            "fallbacks": [] if avatar.reflectance is None else list(avatar.reflectance.fallbacks),
+            "timings_s": dict(avatar.timings_s),
+            "peak_rss_mb": avatar.peak_rss_mb,
+        }
+        typer.echo(json.dumps(facts, allow_nan=False))
+    elif output != PIPE:
+        typer.echo(os.fsencode(output))
