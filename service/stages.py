@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 class Stages(Protocol):
-    """Results of stages; ``service.jobs.stages`` keeps them on disk."""
+    """Results of stages; ``service.jobs.stage_files`` keeps them on disk."""
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
         """The result of stage ``name``: the kept one where there is one, else that of ``make``, which is then kept.

@@ -20,11 +20,10 @@ from service.api.keys import Tenant
 from service.api.options import parse_metadata
 from service.api.problems import ProblemError
 from service.api.upload import Upload
-from service.jobs.admission import Bounds, NoRoom
+from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom
 from service.jobs.artifacts import artifact_name
-from service.jobs.lookups import Row
-from service.jobs.new import KeyInUse, NewJob
-from service.jobs.webhooks.address import target
+from service.jobs.store import Row
+from service.jobs.webhooks import target
 from service.photo.gate import check_photo
 
 _MAX_KEY = 255

@@ -9,7 +9,7 @@ from service.api.context import Context
 from service.api.keys import Tenant
 from service.api.problems import ProblemError, not_found
 from service.jobs.admission import Bounds, NoRoom
-from service.jobs.clock import now
+from service.jobs.database import now
 from service.jobs.erasure import checkpoint, let_go
 
 

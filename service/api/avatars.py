@@ -19,8 +19,8 @@ from service.api.problems import ProblemError
 from service.api.schemas import Job, JobPage, State
 from service.api.upload import QUERY
 from service.api.uploads import received
-from service.jobs.lookups import Row
-from service.jobs.traces import traceparent
+from service.jobs.store import Row
+from service.jobs.telemetry import traceparent
 from service.jobs.view import FINAL, job_json
 
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")

@@ -15,13 +15,11 @@ from service.api.keys import Keys, Tenant
 from service.api.problems import ProblemError, not_found
 from service.api.watcher import Watcher
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import WORKERS, connect, seconds_of_database
-from service.jobs.lookups import Row
+from service.jobs.database import WORKERS, connect, create_tables, seconds_of_database
 from service.jobs.machine import memory_bytes, processors
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
-from service.jobs.store import Store
-from service.jobs.tables import create_tables
+from service.jobs.store import Row, Store
 from service.photo.limits import Limits
 
 FRESH = 20.0

@@ -28,10 +28,9 @@ from service.api.options import parse_object
 from service.api.problems import ProblemError
 from service.archive.version import GENERATOR
 from service.errors import TooManyBytes
-from service.jobs.admission import NoRoom
+from service.jobs.admission import KeyInUse, NewJob, NoRoom
 from service.jobs.kinds import KINDS, Kind
-from service.jobs.lookups import Row
-from service.jobs.new import KeyInUse, NewJob
+from service.jobs.store import Row
 from service.jobs.view import FINAL, job_json
 
 MAX_BODY = 1 << 20

@@ -16,7 +16,7 @@ from starlette.responses import Response, StreamingResponse
 from service.api.context import Context
 from service.api.problems import not_found
 from service.api.ranges import not_modified, wanted_range
-from service.jobs.lookups import Row
+from service.jobs.store import Row
 
 PIECE = 256 << 10
 

@@ -15,7 +15,7 @@ from service.api.keys import Tenant
 from service.api.needs import Asking, Here
 from service.api.problems import ProblemError, not_found
 from service.api.schemas import FileList
-from service.jobs.lookups import Row
+from service.jobs.store import Row
 
 SIGNED_S = 300
 """Seconds for which an address at the store can be used; a download that has begun goes on."""

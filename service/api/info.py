@@ -14,8 +14,8 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from service.api.needs import Here
 from service.api.problems import EXPLANATIONS, ProblemError, not_found, response
 from service.api.schemas import Health, ModelList, QualityList, Readiness
-from service.jobs.lookups import Row
-from service.jobs.problems import TITLES, problem
+from service.jobs.store import Row
+from service.jobs.view import TITLES, problem
 
 router = APIRouter(tags=["server"])
 

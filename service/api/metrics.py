@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, HistogramMetricFamily, Metric
 
-from service.jobs import tallies
-from service.jobs.clock import now
-from service.jobs.database import JOBS
+from service.jobs import telemetry
+from service.jobs.database import JOBS, now
 from service.jobs.view import STATES
 
 if TYPE_CHECKING:
@@ -58,10 +57,10 @@ class _Tallies:
     def collect(self) -> Iterator[Metric]:
         """The families; called by the library."""
         ended = CounterMetricFamily("avatarme_jobs_ended", "Jobs that ended", labels=["kind", "state", "code"])
-        for label, value in sorted(tallies.counts(self._engine, tallies.ENDED).items()):
+        for label, value in sorted(telemetry.counts(self._engine, telemetry.ENDED).items()):
             ended.add_metric(label.split("/"), value)
         yield ended
         stages = HistogramMetricFamily("avatarme_stage_seconds", "Time of a stage of a job", labels=["stage"])
-        for stage, buckets, total in tallies.histograms(self._engine):
+        for stage, buckets, total in telemetry.histograms(self._engine):
             stages.add_metric([stage], buckets, total)
         yield stages

@@ -16,8 +16,8 @@ from starlette.responses import Response
 
 from service.api.methods import allowed_methods
 from service.errors import AvatarError
-from service.jobs.problems import from_error, problem
-from service.jobs.remote import StoreFault
+from service.jobs.artifacts import StoreFault
+from service.jobs.view import from_error, problem
 
 MEDIA_TYPE = "application/problem+json"
 

@@ -12,7 +12,7 @@ import h11
 from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
 
 from service.api.problems import EXPLANATIONS, MEDIA_TYPE
-from service.jobs.problems import problem
+from service.jobs.view import problem
 
 
 def protocol_class(header_seconds: float, connections: int, stalled_seconds: float = 60.0) -> type[H11Protocol]:

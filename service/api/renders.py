@@ -16,7 +16,7 @@ from service.api.files import finished
 from service.api.needs import Asking, Here
 from service.api.schemas import RenderJob
 from service.jobs.kinds import RENDER
-from service.jobs.lookups import Row
+from service.jobs.store import Row
 from service.jobs.view import job_json
 from service.render.wire import parse
 

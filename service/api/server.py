@@ -20,8 +20,8 @@ from service.api.app import create_app
 from service.api.keys import LOOPBACK, check_exposed, make_first_key
 from service.api.protocol import protocol_class
 from service.jobs import logs
-from service.jobs.limits import give_back_memory
 from service.jobs.locks import FileLock
+from service.jobs.machine import give_back_memory
 from service.jobs.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ class WorkerKeeper:
         while not self._stopping.is_set():
             begin = time.monotonic()
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-                [sys.executable, "-m", "service.jobs.worker_process", str(os.getpid())], stdin=subprocess.PIPE
+                [sys.executable, "-m", "service.jobs.worker", str(os.getpid())], stdin=subprocess.PIPE
             )
             with contextlib.suppress(OSError):
                 if self._process.stdin is not None:
@@ -145,7 +145,7 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
 def work(settings: Settings) -> int:
     """Run a worker alone until a signal ends it; returns its exit status."""
     process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-        [sys.executable, "-m", "service.jobs.worker_process", str(os.getpid())], stdin=subprocess.PIPE
+        [sys.executable, "-m", "service.jobs.worker", str(os.getpid())], stdin=subprocess.PIPE
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, frame: process.send_signal(number))

@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from service.jobs.wire import Program, Reporter, Task, serve_one
+from service.jobs.process import Program, Reporter, Task, serve_one
 
 LOG = "log"
 """Name of the file in the scratch folder that gets standard error."""

@@ -18,9 +18,8 @@ from service.batch.child import HEAD, LOG
 from service.batch.maker import Hopeless, Order, Progress, Stopped
 from service.client.whole import check_archive
 from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, OutputFault
-from service.jobs.process import Ending, JobProcess
+from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
-from service.jobs.wire import Task
 
 _TAIL = 2000
 

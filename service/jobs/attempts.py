@@ -1,7 +1,11 @@
-"""Attempts at a job on this machine: a process of its own each time, again where the fault was not the photo's."""
+"""Attempts at a job on this machine: a process of its own each time, again where the fault was not the photo's.
+
+A job that seems to take its whole worker along rests before it is tried again, which tells whether it does.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import shutil
@@ -10,22 +14,152 @@ import time
 from pathlib import Path
 from typing import Any
 
+import sqlalchemy as sa
+
 from service.errors import Crashed, OutOfMemory, OutOfTime
-from service.jobs import derived
-from service.jobs.artifacts import Artifacts, artifact_name
+from service.jobs.artifacts import Artifacts, artifact_name, sha256_of
+from service.jobs.database import patient
 from service.jobs.kinds import KINDS, Kind
-from service.jobs.lookups import Row
-from service.jobs.patience import patient
-from service.jobs.problems import from_error
-from service.jobs.process import Ending, JobProcess
+from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
-from service.jobs.store import Store
-from service.jobs.suspicion import LOSSES, rest
-from service.jobs.view import FINAL
-from service.jobs.watching import Report, Stop
-from service.jobs.wire import Task
+from service.jobs.store import Row, Store
+from service.jobs.view import FINAL, from_error, problem
+
+
+def derived_task(kind: Kind, row: Row, source: Row, settings: Settings, scratch: Path) -> Task:
+    """What the process is told: the name of the avatar's archive, and the request.
+
+    Args:
+        kind: of the job.
+        row: of the job.
+        source: of the job whose archive it is made of.
+        settings: of the worker.
+        scratch: folder for the result.
+    """
+    return Task(
+        job=row["id"], photo="", photo_sha256="",
+        options={"archive": source["archive"], "request": json.loads(row["options"])["request"]},
+        artifacts=settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
+    )  # fmt: skip
+
+
+def derived_facts(file: Path, said: dict[str, Any]) -> dict[str, Any]:
+    """What is stored of a result.
+
+    Args:
+        file: that the process wrote.
+        said: by the process.
+    """
+    with file.open("rb") as stream:
+        digest = sha256_of(stream)
+    size = file.stat().st_size
+    return {"sha256": digest, "bytes": size, "warnings": [], "timings": {}, "peak_rss_mb": None, "derived_facts": said}
+
+
+def too_slow(kind: Kind, seconds: float) -> dict[str, Any]:
+    """The problem of something that took too long."""
+    return problem(f"{kind.name}-timeout", 504, kind.slow.format(seconds=seconds))
+
+
+def source_gone() -> dict[str, Any]:
+    """The problem of something whose avatar was erased while it waited."""
+    return problem("source_gone", 410, "the avatar has expired or was erased")
+
+
+LOOK = 0.4
+"""Seconds between two looks at the database for a cancellation."""
+
+WRITE = 0.5
+"""Seconds between two reports of progress within a stage."""
+
+
+class Report:
+    """Progress from the process to the database, not too often; a report that fails is left out."""
+
+    def __init__(self, store: Store, job: str) -> None:
+        self._store, self._job = store, job
+        self._stage, self._at = "", 0.0
+
+    def __call__(self, message: dict[str, Any]) -> None:
+        """Take a line of the process: a stage that begins, or one that is kept."""
+        if "kept" in message:
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                self._store.answered(self._job)
+        stage, share = message.get("stage"), message.get("share")
+        if not isinstance(stage, str) or not isinstance(share, int | float):
+            return
+        if stage == self._stage and time.monotonic() - self._at < WRITE:
+            return
+        known, self._stage, self._at = self._stage, stage, time.monotonic()
+        with contextlib.suppress(sa.exc.SQLAlchemyError):
+            self._store.progress(self._job, stage, share, known)
+
+
+class Stop:
+    """Whether a process is to end: the worker stops, or the job has ended because its owner wants it to."""
+
+    def __init__(self, store: Store, job: str, stopping: threading.Event) -> None:
+        self._store, self._job, self._stopping = store, job, stopping
+        self._at = 0.0
+
+    def __call__(self) -> bool:
+        """Whether it is to end now."""
+        if self._stopping.is_set():
+            return True
+        if time.monotonic() - self._at < LOOK:
+            return False
+        self._at = time.monotonic()
+        try:
+            row = self._store.get(self._job)
+        except sa.exc.SQLAlchemyError:
+            return False
+        return row is None or row["state"] in FINAL
+
 
 log = logging.getLogger(__name__)
+
+LOSSES = 10
+"""How often in a row its whole worker may be lost with a job, without a stage finished in between, before it fails.
+
+Somebody who kills the worker now and then meets other jobs, or later stages of this one. A job that takes the worker
+along each time, as where a container is ended as a whole for its memory, must not do so for ever.
+"""
+
+SUSPECTED = 3
+REST, LONGEST_REST = 4.0, 60.0
+"""After so many losses in a row a job rests before it is tried again: so many seconds, twice as many each time.
+
+It is a test of the suspicion. If the worker is lost while the job rests, something else takes it along, and what was
+lost before counts no more.
+"""
+
+
+def rest(store: Store, job: str, stopping: threading.Event) -> None:
+    """Let a job rest that is suspected, unless the worker was lost while it did.
+
+    Args:
+        store: the jobs.
+        job: which.
+        stopping: set when the worker ends.
+    """
+    row = patient(lambda: store.get(job))
+    if row is None or not (row["resting"] or SUSPECTED <= row["losses"] < LOSSES):
+        return
+    if row["resting"]:
+        log.warning("a worker was lost while a job that was suspected of it rested", extra={"job": job})
+        patient(lambda: store.set(job, resting=0, losses=0))
+        return
+    patient(lambda: store.set(job, resting=1))
+    until = time.monotonic() + min(REST * 2 ** (row["losses"] - SUSPECTED), LONGEST_REST)
+    while time.monotonic() < until and not stopping.is_set() and _wanted(store, job):
+        stopping.wait(min(LOOK, max(until - time.monotonic(), 0.0)))
+    patient(lambda: store.set(job, resting=0))
+
+
+def _wanted(store: Store, job: str) -> bool:
+    row = patient(lambda: store.get(job))
+    return row is not None and row["state"] not in FINAL
+
 
 SPACE = 2.0
 """Seconds between two looks for space on the disk."""
@@ -117,7 +251,7 @@ class Attempts:
         if ending.kind == "time":
             seconds = kind.limits(self.settings).job_seconds
             words = f"the computation took more than {seconds:g} s"
-            return derived.too_slow(kind, seconds) if kind.derived else from_error(OutOfTime(words))
+            return too_slow(kind, seconds) if kind.derived else from_error(OutOfTime(words))
         log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
         if starved:
             again = patient(lambda: self.store.starved(job)) < OUT_OF_MEMORY
@@ -136,10 +270,10 @@ class Attempts:
         if kind.derived:
             source = patient(lambda: self.store.get(row["source"]))
             if source is None or source["archive"] is None:
-                return Ending("problem", derived.gone(), 0)
+                return Ending("problem", source_gone(), 0)
             process = JobProcess(kind.limits(self.settings))
             self.active[job] = process
-            return process.run(derived.task(kind, row, source, self.settings, scratch), lambda message: None, stop)
+            return process.run(derived_task(kind, row, source, self.settings, scratch), lambda message: None, stop)
         task = Task(
             job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=json.loads(row["options"]),
             artifacts=self.settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
@@ -184,7 +318,7 @@ class Attempts:
         kind = KINDS[row["kind"]]
         file = scratch / kind.file
         if kind.derived:
-            facts = patient(lambda: derived.facts(file, facts))
+            facts = patient(lambda: derived_facts(file, facts))
         name = artifact_name(row["id"], kind.artifact, facts["sha256"], file.suffix.removeprefix("."))
         if file.exists():
             patient(lambda: self.artifacts.put(file, name))

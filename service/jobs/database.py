@@ -1,14 +1,21 @@
-"""The tables of the service, in SQLite or Postgres, and the engine that reaches them.
+"""The database of the service, SQLite or Postgres: tables, engine, clock, and patience while it fails.
 
 DBOS keeps its own tables in the same database, so that a job and its place in the queue are written in one transaction.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import logging
+import os
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy import event
+
+from service.jobs.locks import TABLES_PATIENCE, FileLock
+from service.jobs.settings import Settings
 
 TABLES = sa.MetaData()
 
@@ -72,7 +79,7 @@ TALLIES = sa.Table(
     sa.Column("bucket", sa.String(16), primary_key=True),
     sa.Column("value", sa.Double, nullable=False),
 )
-"""Counts that only grow, for :mod:`service.jobs.tallies`; rows of jobs go, these stay."""
+"""Counts that only grow, for :mod:`service.jobs.telemetry`; rows of jobs go, these stay."""
 
 EVENTS = sa.Table(
     "avatarme_events",
@@ -152,3 +159,62 @@ def seconds_of_database(engine: sa.Engine) -> sa.ColumnElement[float]:
     if engine.dialect.name == "sqlite":
         return sa.literal_column("((julianday('now') - 2440587.5) * 86400.0)", sa.Double)
     return sa.literal_column("extract(epoch from clock_timestamp())::double precision", sa.Double)
+
+
+def create_tables(engine: sa.Engine, settings: Settings) -> None:
+    """Make the tables of the service and of DBOS where they are missing; several processes may do it at once."""
+    from dbos import DBOS
+
+    held = FileLock(settings.data, "tables", TABLES_PATIENCE) if settings.database_url.startswith("sqlite") else None
+    try:
+        with engine.begin() as connection:
+            if engine.dialect.name != "sqlite":
+                connection.execute(sa.text("select pg_advisory_xact_lock(4242001)"))
+            TABLES.create_all(connection)
+            add_columns(connection)
+        logging.getLogger("dbos").setLevel(logging.WARNING)
+        DBOS.migrate(settings.database_url)
+    finally:
+        if held is not None:
+            held.release()
+
+
+_WALL = time.time()
+_STEADY = time.monotonic()
+
+
+def now() -> float:
+    """Seconds since 1970 by the clock as it stood when this process started, counted on by the monotonic clock.
+
+    Somebody who sets the machine's clock a day forward thereby neither expires results nor ends jobs.
+    """
+    return _WALL + (time.monotonic() - _STEADY)
+
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
+
+TEMPORARY_FAILURE = 75
+"""Exit status (EX_TEMPFAIL) of a worker that cannot reach its database or disk; it is started again."""
+
+PATIENCE = 60.0
+"""Seconds for which a step waits for its database or disk before the worker gives up."""
+
+
+def patient(call: Callable[[], T]) -> T:
+    """Call again and again while the database or the disk fails; after ``PATIENCE`` end this process.
+
+    An exception would be recorded as the result of the step, and the job would fail for what is not its fault. A new
+    process takes the step up again.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return call()
+        except (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError, OSError) as error:
+            log.warning("waiting for database or disk: %s", error)
+            if time.monotonic() > deadline:
+                log.critical("this worker cannot reach its database or disk and ends")
+                os._exit(TEMPORARY_FAILURE)
+        time.sleep(0.5)

@@ -8,15 +8,13 @@ import time
 import sqlalchemy as sa
 
 from service.jobs.admission import UNFINISHED
-from service.jobs.clock import now
-from service.jobs.database import JOBS, WORKERS, seconds_of_database
+from service.jobs.database import JOBS, WORKERS, now, seconds_of_database
 from service.jobs.erasure import checkpoint, forget, let_go
-from service.jobs.lookups import Row, workflows
-from service.jobs.problems import problem
 from service.jobs.queue import Queue
-from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.view import FINAL
+from service.jobs.store import Row, workflows
+from service.jobs.view import FINAL, problem
+from service.jobs.workflow import Runner
 
 log = logging.getLogger(__name__)
 

@@ -1,9 +1,9 @@
 """What a job can make: an avatar of a photo, or something of a finished avatar.
 
 What is made of a finished avatar is *derived*: it has no photo, belongs to the avatar and goes with it, and is kept by
-its content, so that the same request for the same result is computed once. A further kind needs an entry
-here with its settings, a program that computes it, as :mod:`service.render.child` and :mod:`service.jobs.kit` are, and
-its routes, on :mod:`service.api.derived`.
+its content, so that the same request for the same result is computed once. A further kind needs an entry here
+with its settings, a program that computes it, as :mod:`service.render.child` and :mod:`service.jobs.kit_process` are,
+and its routes, on :mod:`service.api.derived`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What this process may use of its machine: memory and processors, as a container's limits leave them.
+"""What this process may use of its machine, and the limits that a job's process sets itself.
 
 A container sees the memory and the cores of its host; what it may use of them stands in the files of its control group
 (cgroup), version 2 or 1, and the tightest group on the way up counts.
@@ -6,8 +6,12 @@ A container sees the memory and the cores of its host; what it may use of them s
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import signal
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -78,3 +82,82 @@ def _text(path: Path) -> str:
         return path.read_text("ascii")
     except (OSError, UnicodeError):
         return ""
+
+
+_PR_SET_PDEATHSIG = 1
+_OOM_SCORE = "500"
+_M_MMAP_THRESHOLD = -3
+_LARGE = 1 << 20
+
+
+def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> None:
+    """Apply the limits.
+
+    Args:
+        memory_mb: most private writable memory in MiB, 0 for none; an allocation beyond it raises MemoryError.
+        seconds: processor time per core after which the system ends the process, in case that nobody else does.
+        niceness: to add.
+        parent: process to end with.
+    """
+    with contextlib.suppress(OSError):
+        os.nice(niceness)
+    if sys.platform == "win32":
+        return
+    import resource
+
+    _lower(resource.RLIMIT_CORE, 0)
+    _lower(resource.RLIMIT_CPU, int(seconds * (os.cpu_count() or 1)) + 60)
+    if sys.platform != "linux":
+        return
+    if memory_mb:
+        # RLIMIT_AS would count the address space that allocators and networks reserve and never use.
+        _lower(resource.RLIMIT_DATA, memory_mb << 20)
+    with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as score:
+        score.write(_OOM_SCORE)  # the system takes this process first, not the server
+    with contextlib.suppress(OSError, AttributeError):
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the line above
+        os._exit(1)
+
+
+def give_back_memory() -> None:
+    """Have large blocks returned to the system as soon as they are free, where the allocator is glibc's.
+
+    It would raise the size from which it does so with every photo that passes through, and then keep what was freed, in
+    a heap of its own for each thread.
+    """
+    if sys.platform != "linux":
+        return
+    with contextlib.suppress(OSError, AttributeError):
+        import ctypes
+
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE)
+
+
+def end_with(pipe: int) -> None:
+    """End this process when the other end of a pipe closes: for systems without a signal at the parent's death.
+
+    Args:
+        pipe: its file descriptor. Not a Python stream: a thread that reads one holds its lock while the interpreter
+            ends, which aborts the process.
+    """
+
+    def wait() -> None:
+        while os.read(pipe, 4096):
+            pass
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+if sys.platform != "win32":
+
+    def _lower(kind: int, value: int) -> None:
+        import resource
+
+        hard = resource.getrlimit(kind)[1]
+        if hard != resource.RLIM_INFINITY:
+            value = min(value, hard)
+        resource.setrlimit(kind, (value, value))

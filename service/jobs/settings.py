@@ -100,9 +100,9 @@ class Settings:
     webhook_hosts: str = ""
     webhook_secret: str = ""
     webhook_private: bool = False
-    program: str = "service.jobs.child"
+    program: str = "service.jobs.avatar_process"
     render_program: str = "service.render.child"
-    export_program: str = "service.jobs.kit"
+    export_program: str = "service.jobs.kit_process"
 
     def __post_init__(self) -> None:
         low = {

@@ -1,4 +1,4 @@
-"""A job as its owner sees it: the same JSON in answers, lists and events."""
+"""What an owner sees: a job as the same JSON in answers, lists and events, and faults as RFC 9457 problem objects."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.errors import AvatarError
 from service.jobs.kinds import KINDS, Kind
 
 FINAL = ("succeeded", "failed", "cancelled")
@@ -75,3 +76,59 @@ def stamp(seconds: float | None) -> str | None:
     if seconds is None:
         return None
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+_INTERNAL = "The server could not finish this; the fault is on its side and was logged."
+
+TITLES = {
+    "no-face": "No face in the photo",
+    "multiple-faces": "Several faces in the photo",
+    "face-too-small": "The face is too small",
+    "face-cut-off": "The face is cut off",
+    "fit-failed": "The head does not fit the face",
+    "unsupported-format": "Not a photo format that is accepted",
+    "corrupt-image": "The image is damaged",
+    "empty-file": "The file is empty",
+    "too-large": "The upload is too large",
+    "too-many-pixels": "The image has too many pixels",
+    "too-small": "The image is too small",
+    "bad-aspect": "The image is too long and narrow",
+    "animated": "The image has several frames",
+    "too-complex": "Decoding the image costs too much",
+    "bad-archive": "Not an archive that can be used",
+    "bad-mesh": "Not a mesh that can be used",
+    "usage": "An option is not possible",
+    "model-corrupt": "A data file of the server is damaged",
+    "numeric-error": "The computation failed",
+    "output": "The result could not be stored",
+    "crashed": "The computation crashed",
+    "out-of-memory": "The computation needs more memory than is allowed",
+    "out-of-time": "The computation takes more time than is allowed",
+    "internal": "A fault of the server",
+}
+"""Title of each code of ``service.errors`` that a job can end with."""
+
+
+def problem(code: str, status: int, detail: str, **extra: Any) -> dict[str, Any]:
+    """A problem object; ``type`` is an address on this server that explains the code."""
+    return {
+        **extra,
+        "type": f"/problems/{code}",
+        "title": TITLES.get(code, code.replace("-", " ").capitalize()),
+        "status": status,
+        "detail": detail,
+        "code": code,
+    }
+
+
+def from_error(error: BaseException) -> dict[str, Any]:
+    """The problem object of a fault: words of 4xx as they are, those of 5xx replaced."""
+    if not isinstance(error, AvatarError):
+        return problem("internal", 500, _INTERNAL)
+    if error.http_status >= 500 and error.code not in ("crashed", "out-of-memory", "out-of-time"):
+        return problem(error.code, error.http_status, _INTERNAL)
+    extra = dict(error.extra)
+    field = extra.pop("field", None)
+    if field is not None:
+        extra["pointer"] = f"/{field}"
+    return problem(error.code, error.http_status, error.message, **extra)

@@ -1,28 +1,37 @@
-"""A worker: takes jobs from the queue, and does what has to be done beside them."""
+"""A worker: takes jobs from the queue, and does what has to be done beside them.
+
+As a process it is ``python -m service.jobs.worker``, with its settings as JSON on standard input.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import logging
 import os
 import shutil
+import signal
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable
+from types import FrameType
 
 import sqlalchemy as sa
 
+from service.errors import AvatarError
 from service.jobs import logs
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import WORKERS, connect, seconds_of_database
+from service.jobs.database import PATIENCE, TEMPORARY_FAILURE, WORKERS, connect, create_tables, seconds_of_database
+from service.jobs.erasure import Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock, FileLock
-from service.jobs.patience import PATIENCE, TEMPORARY_FAILURE
 from service.jobs.queue import Queue
-from service.jobs.runner import Runner
-from service.jobs.settings import PIPELINE_VERSION, Settings
+from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
 from service.jobs.store import Store
-from service.jobs.strays import Strays
-from service.jobs.tables import create_tables
-from service.jobs.webhooks.teller import Teller
+from service.jobs.webhooks import Teller
+from service.jobs.workflow import Runner
 
 log = logging.getLogger(__name__)
 
@@ -138,8 +147,6 @@ class Worker:
 
     def _check(self) -> None:
         """Check the data files by their hashes, and that all networks can be loaded."""
-        from service.jobs.readiness import faults
-
         before, found = self._fault, faults(self.settings)
         self._fault = "; ".join(found) or None
         self._ready = not found
@@ -170,3 +177,95 @@ class Worker:
         log.critical("this worker ends: %s", reason)
         self.stop()
         os._exit(TEMPORARY_FAILURE)
+
+
+def main() -> int:
+    """Read the settings and work."""
+    logs.set_up()
+    settings = from_json(sys.stdin.buffer.readline().decode())
+    if threading.current_thread() is threading.main_thread() and len(sys.argv) > 1:
+        _end_with_parent(int(sys.argv[1]))
+    try:
+        worker = Worker(settings)
+    except AvatarError as error:
+        log.critical("%s", error.message)
+        return error.exit_status
+    stopped = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        worker.runner.stopping.set()
+        if stopped.is_set():
+            os._exit(0)
+        stopped.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+    try:
+        worker.run()
+    except (sa.exc.SQLAlchemyError, OSError) as error:
+        log.critical("this worker cannot start or go on: %s", error)
+        worker.stop()
+        os._exit(TEMPORARY_FAILURE)
+    worker.stop()
+    with contextlib.suppress(OSError):
+        shutil.rmtree(worker.runner.scratch, ignore_errors=True)
+    logs.flush()
+    os._exit(0)  # threads of steps wait for this
+
+
+def _end_with_parent(parent: int) -> None:
+    if sys.platform != "linux":
+        return
+    import ctypes
+
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
+
+
+LOADING_TIMEOUT = 300.0
+
+_LOAD = """
+import json, sys
+faults = []
+try:
+    from service.diagnosis import data_faults
+    faults += data_faults()
+    if not faults:
+        from service.head.files import load_head
+        from service.runtime.sessions import load_session, model_table
+        load_head()
+        for name, entry in model_table().items():
+            if str(entry["file"]).endswith(".onnx"):
+                load_session(name)
+except Exception as error:
+    faults.append(f"{type(error).__name__}: {error}")
+print(json.dumps(faults))
+"""
+
+
+def faults(settings: Settings) -> list[str]:
+    """One sentence for each thing that is not well; empty when all is.
+
+    Hashes of all data files are compared and all networks are loaded, in a process of its own: native code that
+    crashes must not take the worker along, and loading brings the files into the system's cache.
+
+    Args:
+        settings: of the worker; where it runs another program than the pipeline, nothing is checked.
+    """
+    if settings.program != "service.jobs.avatar_process":
+        return []
+    try:
+        process = subprocess.run(  # noqa: S603 - our own interpreter and our own code
+            [sys.executable, "-c", _LOAD], capture_output=True, text=True, timeout=LOADING_TIMEOUT, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return [f"loading the networks took more than {LOADING_TIMEOUT:g} s"]
+    lines = process.stdout.strip().splitlines()
+    if process.returncode or not lines:
+        return [f"loading the networks ended with status {process.returncode}"]
+    return [str(fault) for fault in json.loads(lines[-1])]

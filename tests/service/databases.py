@@ -8,9 +8,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from service.jobs.database import connect
+from service.jobs.database import connect, create_tables
 from service.jobs.settings import Settings
-from service.jobs.tables import create_tables
 
 
 @functools.cache

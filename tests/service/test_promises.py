@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.api.problems import EXPLANATIONS
-from service.jobs.problems import TITLES
+from service.jobs.view import TITLES
 
 TESTS = Path(__file__).parents[1]
 ROWS = re.findall(r"^\| \d+ \| .* \|$", (TESTS.parent / "docs" / "promises.md").read_text("utf-8"), re.MULTILINE)

@@ -112,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory(prefix="generated-") as place:
         folder = Path(place)
         generator = asked.generator or _installed(folder / "environment")
-        server = Server(folder / "data", {"program": "service.jobs.child"})
+        server = Server(folder / "data", {"program": "service.jobs.avatar_process"})
         server.start()
         try:
             words = generate(generator.absolute(), httpx.get(f"{server.url}/openapi.json").content, folder)

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.errors import NoFace, NumericFault
-from service.jobs.wire import Program, Reporter, Task, serve_one
+from service.jobs.process import Program, Reporter, Task, serve_one
 
 STAGES = ("one", "two", "three")
 
@@ -68,7 +68,7 @@ def run(task: Task, reporter: Reporter) -> None:
         NoFace, NumericFault, RuntimeError: on request.
     """
     from service.jobs.artifacts import Artifacts
-    from service.jobs.stages import KeptStages
+    from service.jobs.stage_files import KeptStages
 
     seed = int(task.options["seed"])
     _fault(

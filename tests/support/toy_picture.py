@@ -13,7 +13,7 @@ import time
 import zlib
 from pathlib import Path
 
-from service.jobs.wire import Program, Reporter, Task, serve_one
+from service.jobs.process import Program, Reporter, Task, serve_one
 
 FACTS = {"exposure": 0.5, "effects": [], "left_out_costs_at_most": 0.0, "fallbacks": []}
 

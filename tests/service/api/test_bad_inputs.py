@@ -276,7 +276,7 @@ def test_an_unexpected_mistake_tells_nothing(shared: Api, monkeypatch: pytest.Mo
 
 def test_every_code_has_its_page(shared: Api) -> None:
     from service.api.problems import EXPLANATIONS
-    from service.jobs.problems import TITLES
+    from service.jobs.view import TITLES
 
     for code in {*EXPLANATIONS, *TITLES}:
         assert shared.client.get(f"/problems/{code}").status_code == 200
@@ -290,8 +290,8 @@ def test_the_service_has_nothing_to_fetch_with() -> None:
     import sys
     from pathlib import Path
 
-    modules = "sys, service.api.app, service.jobs.worker_process, service.jobs.child"
-    program = f"import {modules}; service.jobs.child.load(); print(*sys.modules)"
+    modules = "sys, service.api.app, service.jobs.worker, service.jobs.avatar_process"
+    program = f"import {modules}; service.jobs.avatar_process.load(); print(*sys.modules)"
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not {"httpx", "requests", "urllib3", "aiohttp"} & set(child.stdout.split())
     root = Path(__file__).parents[3] / "service"

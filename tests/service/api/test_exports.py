@@ -19,8 +19,8 @@ from service.api.keys import new_key
 from service.archive.pack import write_archive
 from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
-from service.jobs.runner import Runner
 from service.jobs.settings import Settings
+from service.jobs.workflow import Runner
 from service.kits.make import export_kit
 from service.kits.tools import TOOLS
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api

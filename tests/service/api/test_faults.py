@@ -253,7 +253,7 @@ def test_a_damaged_data_file_is_found_before_any_photo_is_taken(
     shutil.copytree(source, tmp_path / "service", ignore=shutil.ignore_patterns("__pycache__"))
     harmed = min((tmp_path / "service" / "data").rglob("*.onnx"))
     harm(harmed)
-    server = servers.make({"program": "service.jobs.child"})
+    server = servers.make({"program": "service.jobs.avatar_process"})
     whole = subprocess.Popen
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(subprocess, "Popen", lambda *a, **b: whole(*a, **{**b, "cwd": tmp_path}))

@@ -8,15 +8,13 @@ from typing import Any
 
 import pytest
 
-from service.jobs.admission import Bounds
+from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import connect
-from service.jobs.new import NewJob
+from service.jobs.database import connect, create_tables
 from service.jobs.queue import Queue
-from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.jobs.store import Store
-from service.jobs.tables import create_tables
+from service.jobs.workflow import Runner
 from tests.service.databases import lay_out
 
 TOY = "tests.support.toy_job"

@@ -10,8 +10,7 @@ import pytest
 import sqlalchemy as sa
 
 from service.jobs.admission import LOW, Bounds, NoRoom
-from service.jobs.clock import now
-from service.jobs.database import JOBS
+from service.jobs.database import JOBS, now
 from tests.service.jobs.conftest import Bench
 from tests.support.postgres import Postgres, find_programs
 from tests.support.server import in_threads

@@ -1,5 +1,7 @@
+
 from __future__ import annotations
 
+import os
 import time
 from typing import TYPE_CHECKING
 
@@ -7,11 +9,10 @@ import pytest
 import sqlalchemy as sa
 
 from service.jobs import janitor as module
-from service.jobs.clock import now
-from service.jobs.database import JOBS, WORKERS
+from service.jobs.database import JOBS, WORKERS, create_tables, now
+from service.jobs.erasure import SEEN, STRAY, Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.settings import PIPELINE_VERSION
-from service.jobs.tables import create_tables
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -190,3 +191,35 @@ def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
 def test_the_tables_are_where_the_queries_look(bench: Bench) -> None:
     assert {"avatarme_jobs", "workflow_status"} <= set(sa.inspect(bench.engine).get_table_names())
     assert JOBS.c.id.primary_key
+
+
+if TYPE_CHECKING:
+    from tests.service.jobs.conftest import Bench
+
+
+def test_uploads_that_became_no_job_go_after_an_hour(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    strays = Strays(bench.settings, bench.store, bench.artifacts)
+    folder = bench.artifacts.folder
+    assert folder is not None
+    young, old = folder / ("c" * 32), folder / ("d" * 32)
+    bench.settings.incoming.mkdir()
+    part = bench.settings.incoming / "x.part"
+    for path in (young, old):
+        path.mkdir()
+        (path / f"photo-{'0' * 64}.bin").write_bytes(b"x")
+    part.write_bytes(b"x")
+    for path in (old, part):
+        os.utime(path, (time.time() - 2 * STRAY,) * 2)
+    job = bench.add()
+    strays.sweep()
+    assert old.exists(), "a clock that was set by a day makes everything old"
+    assert part.exists()
+    later = time.monotonic() + SEEN
+    monkeypatch.setattr(time, "monotonic", lambda: later)
+    strays.sweep()
+    assert young.exists()
+    assert not old.exists()
+    assert not part.exists()
+    assert bench.artifacts.names(job)

@@ -15,8 +15,8 @@ import httpx
 import pytest
 
 from service.jobs.admission import UNFINISHED
+from service.jobs.attempts import LOSSES
 from service.jobs.process import descendants
-from service.jobs.suspicion import LOSSES
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone
 from tests.support.server import Server, post, small_photo, wait_for
@@ -31,7 +31,7 @@ OF_A_WORKER = (
     "service.jobs.store:Store.begin:before",
     "service.jobs.store:Store.begin:after",
     "service.jobs.store:Store.progress:after",
-    "service.jobs.runner:Runner._store:before",  # the archive is written, and is not in its place
+    "service.jobs.workflow:Runner._store:before",  # the archive is written, and is not in its place
     "service.jobs.artifacts:os.fsync:after",  # ... flushed, and not renamed
     "service.jobs.artifacts:_sync:before",  # ... renamed, and the folder is not flushed
     "service.jobs.artifacts:Artifacts.put:after",
@@ -105,7 +105,7 @@ def test_a_worker_may_die_at_every_point_of_a_job(
 def test_a_job_that_ends_its_worker_again_and_again_ends_and_the_next_one_goes_on(bench: Bench) -> None:
     bad = bench.add(seed=14)
     for lost in (1, 2):
-        assert Worker(bench, "service.jobs.runner:Runner._once:before").died()
+        assert Worker(bench, "service.jobs.workflow:Runner._once:before").died()
         row = bench.store.get(bad)
         assert row is not None
         assert (row["state"], row["losses"]) == ("running", lost)
@@ -141,7 +141,7 @@ def test_a_server_may_die_at_every_point_of_an_upload(tmp_path: Path) -> None:
     server = Server(tmp_path / "data", with_worker=False)
     command = server._command
     for point in OF_A_SERVER:
-        server._command = [sys.executable, "-m", "tests.service.jobs.dying", "server", point]
+        server._command = [sys.executable, "-m", "tests.service.jobs.processes", "server", point]
         server.start(ready=False)
         with httpx.Client(base_url=server.url, timeout=60) as client, pytest.raises(httpx.TransportError):
             post(client, photo, 5, key)

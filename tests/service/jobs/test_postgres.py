@@ -236,7 +236,7 @@ def test_a_password_may_have_any_characters(tmp_path: Path) -> None:
         postgres.start()
         program = (
             "from pathlib import Path; from service.jobs.settings import Settings; "
-            "from service.jobs.database import connect; from service.jobs.tables import create_tables; import sys; "
+            "from service.jobs.database import connect; from service.jobs.database import create_tables; import sys; "
             "s = Settings(data=Path(sys.argv[1]), database=sys.argv[2]); create_tables(connect(s.database_url), s)"
         )
         command = [sys.executable, "-c", program, str(tmp_path / "data"), postgres.url]

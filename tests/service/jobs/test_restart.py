@@ -102,7 +102,7 @@ def test_a_photo_becomes_the_same_archive_as_on_the_command_line(tmp_path: Path)
     from service.diagnosis import SAMPLE
 
     options = '{"quality": "draft", "maps": ["texture", "confidence"]}'
-    server = Server(tmp_path / "data", {"program": "service.jobs.child"})
+    server = Server(tmp_path / "data", {"program": "service.jobs.avatar_process"})
     server.start()
     with httpx.Client(base_url=server.url, timeout=60) as client:
         files: Any = {"image": ("me.png", SAMPLE.read_bytes()), "options": (None, options)}
@@ -129,8 +129,8 @@ def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
     from service.jobs.artifacts import Artifacts
-    from service.jobs.child import kinds, options_from
-    from service.jobs.stages import KeptStages
+    from service.jobs.avatar_process import kinds, options_from
+    from service.jobs.stage_files import KeptStages
     from service.pipeline import make_avatar
     from service.stages import Unkept
 

@@ -15,14 +15,13 @@ import httpx
 import pytest
 
 from service.client.client import Client
+from service.jobs import database
 from service.jobs import janitor as janitor_module
-from service.jobs import patience
-from service.jobs.artifacts import Artifacts, artifact_name
-from service.jobs.clock import now
+from service.jobs.artifacts import Artifacts, StoreFault, artifact_name
+from service.jobs.database import now
+from service.jobs.erasure import STRAY, Strays
 from service.jobs.janitor import Janitor
-from service.jobs.remote import StoreFault
-from service.jobs.runner import Runner
-from service.jobs.strays import STRAY, Strays
+from service.jobs.workflow import Runner
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN
@@ -267,11 +266,11 @@ def test_a_store_that_stays_away_ends_the_worker_not_the_job(
         raise Ended(status)
 
     job = bench.add()
-    monkeypatch.setattr(patience, "PATIENCE", 0.0)
+    monkeypatch.setattr(database, "PATIENCE", 0.0)
     monkeypatch.setattr(os, "_exit", end)
     s3.stop()
     try:
-        with pytest.raises(Ended, match=str(patience.TEMPORARY_FAILURE)):
+        with pytest.raises(Ended, match=str(database.TEMPORARY_FAILURE)):
             bench.run(job)
     finally:
         s3.start()

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from service.jobs.admission import KeyInUse
 from service.jobs.erasure import checkpoint, depart
-from service.jobs.new import KeyInUse
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from service.jobs import readiness, workflow
-from service.jobs.patience import TEMPORARY_FAILURE
-from service.jobs.problems import problem
+from service.jobs import worker as worker_module
+from service.jobs import workflow
+from service.jobs.database import TEMPORARY_FAILURE
 from service.jobs.settings import Settings
+from service.jobs.view import problem
 from service.jobs.worker import Worker
 from tests.service.databases import lay_out
 from tests.service.jobs.conftest import Bench
@@ -27,7 +28,7 @@ class Watched:
     def __init__(self, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.faults: list[str] = []
         self.launched = 0
-        monkeypatch.setattr(readiness, "faults", lambda settings: list(self.faults))
+        monkeypatch.setattr(worker_module, "faults", lambda settings: list(self.faults))
         monkeypatch.setattr(workflow, "launch", self._launch)
         monkeypatch.setattr(os, "_exit", self._exit)
         lay_out(data)

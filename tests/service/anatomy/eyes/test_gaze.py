@@ -15,8 +15,8 @@ from service.geometry.camera import Camera
 from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
 from service.head.model import HeadModel
-from service.jobs.child import kinds
-from service.jobs.packing import pack, unpack
+from service.jobs.avatar_process import kinds
+from service.jobs.stage_files import pack, unpack
 
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
 

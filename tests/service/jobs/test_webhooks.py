@@ -17,13 +17,11 @@ from typing import Any
 import pytest
 
 from service.errors import UsageError
-from service.jobs.clock import now
-from service.jobs.database import MESSAGES
+from service.jobs import webhooks as delivering
+from service.jobs.database import MESSAGES, now
 from service.jobs.erasure import depart
 from service.jobs.settings import Settings
-from service.jobs.webhooks import deliver as delivering
-from service.jobs.webhooks.address import Target, resolved, target
-from service.jobs.webhooks.deliver import deliver
+from service.jobs.webhooks import Target, deliver, resolved, target
 from tests.service.jobs.conftest import Bench, bench  # noqa: F401 - a fixture
 
 SECRET = b"a secret of the operator and the receiver"

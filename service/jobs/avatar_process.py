@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from service.jobs.wire import Program, Reporter, Task, serve_one
+from service.jobs.process import Program, Reporter, Task, serve_one
 
 
 def load() -> Program:
@@ -28,7 +28,7 @@ def run(task: Task, reporter: Reporter) -> None:
     from service.archive.pack import write_archive
     from service.errors import CorruptImage
     from service.jobs.artifacts import Artifacts, sha256_of
-    from service.jobs.stages import KeptStages
+    from service.jobs.stage_files import KeptStages
     from service.pipeline import make_avatar
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 
@@ -77,8 +77,8 @@ def basis(task: Task) -> str:
 
     from service.archive.version import GENERATOR
     from service.diagnosis import DATA, SUMS
-    from service.jobs.packing import FORMAT
     from service.jobs.settings import PIPELINE_VERSION
+    from service.jobs.stage_files import FORMAT
 
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
     options = json.dumps(task.options, sort_keys=True)

@@ -16,7 +16,7 @@ from service.errors import (
     NoUsableFace,
     UsageError,
 )
-from service.jobs.problems import TITLES, from_error
+from service.jobs.view import TITLES, from_error
 
 
 def kinds(kind: type[AvatarError]) -> Iterator[type[AvatarError]]:

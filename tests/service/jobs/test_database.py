@@ -1,4 +1,4 @@
-"""One process for each name."""
+"""The clock of the service, and its locks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 from service.errors import UsageError
+from service.jobs.database import now
 from service.jobs.locks import FileLock
+
+
+@pytest.mark.parametrize("jump", [86400.0, -86400.0])
+def test_a_clock_that_is_set_does_not_move_deadlines(monkeypatch: pytest.MonkeyPatch, jump: float) -> None:
+    """Otherwise a day forward would erase all results, and a day back keep them a day longer."""
+    before, wall = now(), time.time()
+    assert before == pytest.approx(wall, abs=60)
+    monkeypatch.setattr(time, "time", lambda: wall + jump)
+    assert 0 <= now() - before < 60
 
 
 def test_a_name_is_one_process_and_free_after_it(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from service.jobs import attempts, suspicion
+from service.jobs import attempts
+from service.jobs.attempts import Report
 from service.jobs.process import descendants
 from service.jobs.settings import Settings
-from service.jobs.watching import Report
 from tests.support.toy_job import LOG, SECONDS, archive
 
 if TYPE_CHECKING:
@@ -92,30 +92,30 @@ def test_one_crash_is_forgiven(bench: Bench) -> None:
 def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
     """Nobody lives to count the crash: a container that is ended as a whole for its memory would never stop."""
     job = bench.add(seed=5)
-    for lost in range(suspicion.LOSSES):
+    for lost in range(attempts.LOSSES):
         assert bench.store.attempt(job) == lost
     bench.run(job)
     assert problem(bench, job)["code"] == "crashed"
-    assert f"{suspicion.LOSSES} times" in problem(bench, job)["detail"]
+    assert f"{attempts.LOSSES} times" in problem(bench, job)["detail"]
 
 
 def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The longer, the more were lost; it can be cancelled meanwhile."""
-    monkeypatch.setattr(suspicion, "REST", 0.05)
+    monkeypatch.setattr(attempts, "REST", 0.05)
     job = bench.add(seed=5)
     rests = []
-    for lost in range(suspicion.LOSSES):
+    for lost in range(attempts.LOSSES):
         begin = time.monotonic()
-        suspicion.rest(bench.store, job, bench.runner.stopping)
+        attempts.rest(bench.store, job, bench.runner.stopping)
         rests.append(time.monotonic() - begin)
         assert bench.store.attempt(job) == lost
-    assert max(rests[: suspicion.SUSPECTED]) < 0.05 + min(rests)
-    for count, seconds in enumerate(rests[suspicion.SUSPECTED :]):
+    assert max(rests[: attempts.SUSPECTED]) < 0.05 + min(rests)
+    for count, seconds in enumerate(rests[attempts.SUSPECTED :]):
         assert seconds >= 0.05 * 2**count
     assert state(bench, job)["resting"] == 0
-    monkeypatch.setattr(suspicion, "REST", 60.0)
-    bench.store.set(job, losses=suspicion.LOSSES - 1)
-    resting = threading.Thread(target=suspicion.rest, args=(bench.store, job, bench.runner.stopping))
+    monkeypatch.setattr(attempts, "REST", 60.0)
+    bench.store.set(job, losses=attempts.LOSSES - 1)
+    resting = threading.Thread(target=attempts.rest, args=(bench.store, job, bench.runner.stopping))
     resting.start()
     assert within(10, lambda: state(bench, job)["resting"] == 1)
     bench.store.cancel(job, 1e10)
@@ -126,7 +126,7 @@ def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypa
 def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> None:
     """Somebody kills everything again and again, faster than a stage ends on a busy machine: no fault of the photo."""
     job = bench.add(seed=5)
-    bench.store.set(job, losses=suspicion.LOSSES - 1, resting=1)
+    bench.store.set(job, losses=attempts.LOSSES - 1, resting=1)
     bench.run(job)
     assert state(bench, job)["state"] == "succeeded"
     assert (state(bench, job)["losses"], state(bench, job)["resting"]) == (0, 0)
@@ -134,13 +134,13 @@ def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> No
 
 def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever kills the worker now and then must not fail a job that gets ahead each time."""
-    monkeypatch.setattr(suspicion, "LONGEST_REST", 0.01)
+    monkeypatch.setattr(attempts, "LONGEST_REST", 0.01)
     job = bench.add(seed=5)
-    for _ in range(3 * suspicion.LOSSES):
+    for _ in range(3 * attempts.LOSSES):
         bench.store.attempt(job)
         Report(bench.store, job)({"kept": "one"})
     assert state(bench, job)["losses"] == 0
-    bench.store.set(job, losses=suspicion.LOSSES - 1)
+    bench.store.set(job, losses=attempts.LOSSES - 1)
     bench.run(job)
     assert state(bench, job)["state"] == "succeeded"
     assert state(bench, job)["losses"] == 0
@@ -307,11 +307,11 @@ def test_two_workers_at_the_same_step_make_one_result(bench: Bench) -> None:
 def test_a_photo_that_changed_on_the_disk_is_noticed(bench: Bench) -> None:
     """The pipeline's own process compares the hash; the toy job has no such check, so that process is asked."""
     from service.errors import CorruptImage
-    from service.jobs import child
-    from service.jobs.wire import Reporter, Task
+    from service.jobs import avatar_process
+    from service.jobs.process import Reporter, Task
 
     photo = bench.settings.data / "photo"
     photo.write_bytes(b"other")
     task = Task(job="0" * 32, photo=str(photo), photo_sha256="0" * 64, options={}, artifacts="", output="", scratch="")
     with pytest.raises(CorruptImage, match="changed"):
-        child.run(task, Reporter.__new__(Reporter))
+        avatar_process.run(task, Reporter.__new__(Reporter))

@@ -8,10 +8,10 @@ import sys
 
 import pytest
 
-from service.jobs import tallies, traces
+from service.jobs import telemetry
 from service.jobs.erasure import depart, forget
 from service.jobs.logs import calm
-from service.jobs.problems import problem
+from service.jobs.view import problem
 from tests.service.jobs.conftest import Bench
 
 RESULT = {"archive": "a", "sha256": "0" * 64, "bytes": 1, "warnings": [], "peak_rss_mb": 5.0}
@@ -71,7 +71,7 @@ def test_ends_are_counted_by_code_and_outlive_the_jobs(bench: Bench) -> None:
     for row in bench.store.where():
         depart(bench.engine, row["id"], "erased")
         forget(bench.engine, row["id"])
-    ended = tallies.counts(bench.engine, tallies.ENDED)
+    ended = telemetry.counts(bench.engine, telemetry.ENDED)
     assert ended == {"avatar/succeeded/": 2, "avatar/failed/no-face": 1, "avatar/cancelled/": 1}
 
 
@@ -80,7 +80,7 @@ def test_times_of_stages_are_a_histogram(bench: Bench) -> None:
         job = bench.add()
         bench.store.begin(job)
         bench.store.succeed(job, {**RESULT, "timings": {"fit": seconds}}, 1e10)
-    ((stage, buckets, total),) = tallies.histograms(bench.engine)
+    ((stage, buckets, total),) = telemetry.histograms(bench.engine)
     assert stage == "fit"
     assert dict(buckets)["0.1"] == 1 and dict(buckets)["3"] == 3 and dict(buckets)["+Inf"] == 4
     assert [count for _, count in buckets] == sorted(count for _, count in buckets), "cumulative"
@@ -99,7 +99,7 @@ def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
     bench.run(job)
     row = bench.store.get(job)
     assert row is not None
-    traces.spans(provider.get_tracer("test"), row)
+    telemetry.spans(provider.get_tracer("test"), row)
     spans = {span.name: span for span in kept.get_finished_spans()}
     assert set(spans) == {"job", "wait", "compute"}
     assert {f"{span.context.trace_id:032x}" for span in spans.values()} == {"ab" * 16}
@@ -113,4 +113,4 @@ def test_a_job_is_a_trace_below_that_of_its_request(bench: Bench) -> None:
 
 @pytest.mark.parametrize("value", ["", "x", "00-zz-1-01", "01-" + "ab" * 16 + "-" + "cd" * 8 + "-01"])
 def test_what_is_no_trace_is_left_out(value: str) -> None:
-    assert traces.traceparent({"traceparent": value}) is None
+    assert telemetry.traceparent({"traceparent": value}) is None

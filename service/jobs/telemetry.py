@@ -1,0 +1,175 @@
+"""What is told of jobs to whoever runs the service: lines of the log, counts, and traces of OpenTelemetry."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from service.jobs.database import TALLIES, now
+
+Row = sa.RowMapping
+
+log = logging.getLogger(__name__)
+
+
+def log_accepted(row: Row) -> None:
+    """A job was stored and waits."""
+    _log_line("log_accepted", row, priority=row["priority"], turn=row["turn"], bytes=row["photo_bytes"])
+
+
+def log_started(row: Row) -> None:
+    """A worker took a job up, for the first time or again."""
+    _log_line("log_started", row, waited_s=round((row["started_at"] or now()) - row["created_at"], 3))
+
+
+def log_stage(row: Row, name: str) -> None:
+    """A job has come to its next log_stage."""
+    began = row["started_at"] or row["created_at"]
+    _log_line("log_stage", row, log_stage=name, after_s=round(now() - began, 3))
+
+
+def log_ended(row: Row) -> None:
+    """A job is in its last state. That somebody cancelled it, or that a photo cannot be used, is no fault of ours."""
+    began = row["started_at"]
+    problem = json.loads(row["error"]) if row["error"] else {}
+    facts = {
+        "state": row["state"], "code": problem.get("code"),
+        "waited_s": None if began is None else round(began - row["created_at"], 3),
+        "took_s": None if began is None else round((row["finished_at"] or now()) - began, 3),
+        "stages_s": json.loads(row["timings"]), "peak_rss_mb": row["peak_rss_mb"], "crashes": row["crashes"],
+    }  # fmt: skip
+    level = logging.ERROR if int(problem.get("status", 0)) >= 500 else logging.INFO
+    _log_line("log_ended", row, level, **facts)
+
+
+def _log_line(event: str, row: Row, level: int = logging.INFO, **facts: Any) -> None:
+    who = {"event": event, "job": row["id"], "tenant": row["tenant"], "kind": row["kind"]}
+    log.log(level, "job %s", event, extra=who | facts)
+
+
+ENDED, STAGES = "ended", "stages"
+"""Names of the tallies: jobs by ``kind/state/code``, seconds by stage."""
+
+EDGES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+"""Upper edges of the buckets of a stage's time in seconds; the last bucket has none."""
+
+_SUM, _REST = "sum", "+Inf"
+
+
+def count(connection: sa.Connection, name: str, label: str, by: float = 1.0, bucket: str = "") -> None:
+    """Add to a count, in the caller's transaction."""
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    query = insert(TALLIES).values(name=name, label=label[:64], bucket=bucket, value=by)
+    more = {"value": TALLIES.c.value + by}
+    connection.execute(query.on_conflict_do_update(index_elements=["name", "label", "bucket"], set_=more))
+
+
+def count_stages(connection: sa.Connection, seconds: Mapping[str, float]) -> None:
+    """Sort the times of a job's stages into their buckets."""
+    for stage, spent in sorted(seconds.items()):  # in one order for all, or two transactions could wait for each other
+        bucket = next((f"{edge:g}" for edge in EDGES if spent <= edge), _REST)
+        count(connection, STAGES, stage, 1.0, bucket)
+        count(connection, STAGES, stage, spent, _SUM)
+
+
+def counts(engine: sa.Engine, name: str) -> dict[str, float]:
+    """Label -> count."""
+    query = sa.select(TALLIES.c.label, TALLIES.c.value).where(TALLIES.c.name == name, TALLIES.c.bucket == "")
+    with engine.connect() as connection:
+        return {row.label: row.value for row in connection.execute(query)}
+
+
+def histograms(engine: sa.Engine) -> Iterator[tuple[str, list[tuple[str, float]], float]]:
+    """(Stage, cumulative buckets as (upper edge, count), sum of seconds) of each stage."""
+    found: dict[str, dict[str, float]] = {}
+    with engine.connect() as connection:
+        for row in connection.execute(sa.select(TALLIES).where(TALLIES.c.name == STAGES)):
+            found.setdefault(row.label, {})[row.bucket] = row.value
+    for stage, values in sorted(found.items()):
+        total, buckets = 0.0, []
+        for edge in (*(f"{edge:g}" for edge in EDGES), _REST):
+            total += values.get(edge, 0.0)
+            buckets.append((edge, total))
+        yield stage, buckets, values.get(_SUM, 0.0)
+
+
+ENDPOINT = "OTEL_EXPORTER_OTLP_ENDPOINT"
+
+_PARENT = re.compile(r"00-[0-9a-f]{32}-[0-9a-f]{16}-[0-9a-f]{2}\Z")
+
+
+def traceparent(headers: Mapping[str, str]) -> str | None:
+    """The trace that a request belongs to; None for none, or for what is not of the form."""
+    value = headers.get("traceparent", "").strip()
+    return value if _PARENT.match(value) else None
+
+
+def trace_ended(row: sa.RowMapping) -> None:
+    """Tell of a job that is in its last state."""
+    found = tracer()
+    if found is not None:
+        spans(found, row)
+
+
+def spans(made_by: Any, row: sa.RowMapping) -> None:
+    """Make the spans of a job.
+
+    Args:
+        made_by: a tracer of OpenTelemetry.
+        row: of the job.
+    """
+    from opentelemetry import trace
+    from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+
+    carrier = {"traceparent": row["trace"]} if row["trace"] else {}
+    problem = json.loads(row["error"]) if row["error"] else {}
+    attributes = {
+        "avatarme.job": row["id"], "avatarme.kind": row["kind"], "avatarme.tenant": row["tenant"],
+        "avatarme.state": row["state"], "avatarme.code": problem.get("code", ""), "avatarme.crashes": row["crashes"],
+    }  # fmt: skip
+    end = row["finished_at"] or row["updated_at"]
+    whole = made_by.start_span(
+        "job",
+        TraceContextTextMapPropagator().extract(carrier),
+        start_time=_ns(row["created_at"]),
+        attributes=attributes,
+    )
+    below = trace.set_span_in_context(whole)
+    started = row["started_at"]
+    made_by.start_span("wait", below, start_time=_ns(row["created_at"])).end(_ns(started or end))
+    if started is not None:
+        stages = {f"avatarme.stage.{name}_s": seconds for name, seconds in json.loads(row["timings"]).items()}
+        made_by.start_span("compute", below, start_time=_ns(started), attributes=stages).end(_ns(end))
+    if int(problem.get("status", 0)) >= 500:
+        whole.set_status(trace.Status(trace.StatusCode.ERROR, problem["code"]))
+    whole.end(_ns(end))
+
+
+@lru_cache(maxsize=1)
+def tracer() -> Any:
+    """The tracer of this process, None where traces are not wanted or their packages are not there."""
+    if not os.environ.get(ENDPOINT):
+        return None
+    try:
+        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+        from opentelemetry.sdk.resources import Resource
+        from opentelemetry.sdk.trace import TracerProvider
+        from opentelemetry.sdk.trace.export import BatchSpanProcessor
+    except ImportError as error:
+        log.error("%s is set, and the extra 'otel' is not installed: %s", ENDPOINT, error)
+        return None
+    provider = TracerProvider(resource=Resource.create({"service.name": "avatarme"}))
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
+    return provider.get_tracer("service.jobs")
+
+
+def _ns(seconds: float) -> int:
+    return int(seconds * 1e9)
