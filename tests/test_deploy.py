@@ -24,7 +24,7 @@ import pytest
 import yaml  # type: ignore[import-untyped]
 
 from service import __version__
-from service.api.middleware import Hosts
+from service.api.front import Hosts
 from service.jobs.settings import PREFIX, Settings
 
 ROOT = Path(__file__).parents[1]

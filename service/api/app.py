@@ -14,12 +14,11 @@ from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 
 from service import __version__
-from service.api import avatars, events, exports, files, info, problems, renders
+from service.api import avatars, downloads, info, problem_responses, renders_and_exports
+from service.api.avatars import QuickState
 from service.api.context import Context
-from service.api.description import described
-from service.api.middleware import Front
-from service.api.quick import QuickState
-from service.api.strictness import Heads, no_strange_parameters
+from service.api.front import Front, Heads, no_strange_parameters
+from service.api.openapi import described
 from service.jobs.settings import Settings
 
 PAGE = Path(__file__).parents[1] / "web" / "static"
@@ -49,12 +48,16 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
         title="avatarme", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,
         description="One photo of a face in, a renderable head out.", redirect_slashes=False,
     )  # fmt: skip
-    problems.install(app)
+    problem_responses.install(app)
     app.add_middleware(QuickState)
     app.add_middleware(Heads)
     app.add_middleware(Front, settings=settings)
-    for module in (avatars, events, files, renders, exports, info):
-        app.include_router(module.router, dependencies=[Depends(no_strange_parameters)])
+    routers = (
+        avatars.router, avatars.events_router, downloads.router, renders_and_exports.renders,
+        renders_and_exports.exports, info.router,
+    )  # fmt: skip
+    for router in routers:
+        app.include_router(router, dependencies=[Depends(no_strange_parameters)])
     _serve_page(app, page)
     app.openapi = lambda: described(app)  # type: ignore[method-assign]
     return app

@@ -1,24 +1,29 @@
-"""``/v1/avatars``: post a photo, look at the job, list, cancel or erase."""
+"""``/v1/avatars``: post a photo, look at the job or follow it, list, cancel or erase."""
 
 from __future__ import annotations
 
+import asyncio
 import base64
+import contextlib
 import json
+import re
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import JSONResponse, Response
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.api.accepting import accept, admit, idempotency_key, slot
-from service.api.admitting import erase
+from service.api.accepting import accept, admit, erase, idempotency_key, slot
+from service.api.context import Asking, Context, Here
+from service.api.front import host_name
 from service.api.keys import ANYBODY, LOOPBACK
-from service.api.middleware import host_name
-from service.api.needs import Asking, Here
-from service.api.problems import ProblemError
-from service.api.schemas import Job, JobPage, State
-from service.api.upload import QUERY
-from service.api.uploads import received
+from service.api.openapi import Job, JobPage, State
+from service.api.problem_responses import ProblemError
+from service.api.uploads import QUERY, received
 from service.jobs.store import Row
 from service.jobs.telemetry import traceparent
 from service.jobs.view import FINAL, job_json
@@ -116,3 +121,97 @@ def _place(cursor: str | None) -> tuple[float, str] | None:
             "invalid-parameter", 422, "cursor is none of this server's", pointer="/query/cursor"
         ) from error
     return moment, job
+
+
+HEARTBEAT = 15.0
+_EVENT_HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+
+events_router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
+
+
+@events_router.get(
+    "/{job}/events",
+    operation_id="follow_avatar",
+    response_class=StreamingResponse,
+    summary="Follow a job.",
+    responses={
+        200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}},
+        204: {"description": "No more."},
+    },
+)
+async def events(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """Events ``progress`` and ``state``, each with the JSON of the job, from the first one or after ``Last-Event-ID``.
+
+    The stream ends after the event with a final state; whoever asks again after that one gets 204.
+    """
+    row = await run_in_threadpool(context.job, job, tenant)
+    text = request.headers.get("last-event-id", "").strip()
+    last = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+    if row["state"] in FINAL and last >= row["events"]:
+        return Response(status_code=204)
+    return StreamingResponse(_stream(context, job, last), 200, _EVENT_HEADERS, "text/event-stream")
+
+
+async def _stream(context: Context, job: str, last: int) -> AsyncIterator[bytes]:
+    yield b"retry: 2000\n\n"
+    with context.watcher.listening(job) as changed:
+        while not context.draining.is_set():
+            changed.clear()
+            for event in await run_in_threadpool(context.store.events, job, last):
+                last = event["n"]
+                yield f"id: {last}\nevent: {event['name']}\ndata: {event['body']}\n\n".encode()
+            row = await run_in_threadpool(context.store.get, job)
+            if row is None or row["gone"] is not None or (row["state"] in FINAL and last >= row["events"]):
+                return
+            if row["events"] > last:
+                continue
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(changed.wait(), HEARTBEAT)
+                continue
+            yield b": still here\n\n"
+
+
+_ADDRESS = re.compile(r"/v1/avatars/([0-9a-f]{32})\Z")
+
+
+@dataclass(frozen=True)
+class _Route:
+    """What the log and the numbers call these requests."""
+
+    path: str
+
+
+_ROUTE = _Route("/v1/avatars/{job}")
+
+
+class QuickState:
+    """The layer that answers such requests, around the application."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or pass on."""
+        plain = scope["type"] == "http" and scope["method"] == "GET" and not scope["query_string"]
+        match = _ADDRESS.match(scope["path"]) if plain else None
+        found = _look(scope, match[1]) if match is not None else None
+        if found is None:
+            await self._app(scope, receive, send)
+            return
+        body, final = found
+        headers = [
+            (b"content-type", b"application/json"),
+            (b"content-length", str(len(body)).encode()),
+            (b"cache-control", b"no-store"),
+        ]
+        if not final:
+            headers.append((b"retry-after", b"1"))
+        scope["route"] = _ROUTE
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
+
+
+def _look(scope: Scope, job: str) -> tuple[bytes, bool] | None:
+    context: Context = scope["app"].state.context
+    tenant = context.keys.tenant(Headers(scope=scope))
+    return None if tenant is None else context.glance.state(job, tenant.name)

@@ -12,7 +12,7 @@ import contextlib
 from collections import deque
 from collections.abc import AsyncIterator
 
-from service.api.problems import ProblemError
+from service.api.problem_responses import ProblemError
 from service.photo.container import Codec
 from service.photo.gate import open_container
 from service.photo.limits import Limits

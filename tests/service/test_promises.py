@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.api.problems import EXPLANATIONS
+from service.api.problem_responses import EXPLANATIONS
 from service.jobs.view import TITLES
 
 TESTS = Path(__file__).parents[1]

@@ -275,7 +275,7 @@ def test_an_unexpected_mistake_tells_nothing(shared: Api, monkeypatch: pytest.Mo
 
 
 def test_every_code_has_its_page(shared: Api) -> None:
-    from service.api.problems import EXPLANATIONS
+    from service.api.problem_responses import EXPLANATIONS
     from service.jobs.view import TITLES
 
     for code in {*EXPLANATIONS, *TITLES}:

@@ -12,8 +12,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.testclient import TestClient
 
 from service.api.app import create_app
-from service.api.derived import asked, made, whole
-from service.api.needs import Asking, Here
+from service.api.context import Asking, Here
+from service.api.renders_and_exports import asked, made, whole
 from service.jobs.database import JOBS
 from service.jobs.kinds import KINDS, Kind
 from service.jobs.settings import Settings

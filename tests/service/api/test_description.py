@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from service.api.app import create_app
-from service.api.description import attributes
+from service.api.openapi import attributes
 from service.jobs.settings import Settings
 from service.options import MAP_NAMES, Options
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from service.api import accepting
-from service.api.glance import Glance
+from service.api.context import Glance
 from service.api.keys import new_key
 from service.jobs.database import EVENTS
 from service.jobs.erasure import depart

@@ -15,8 +15,8 @@ import httpx
 import httpx2
 import pytest
 
-from service.api.derived import MAX_BODY
 from service.api.keys import new_key
+from service.api.renders_and_exports import MAX_BODY
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
 from service.jobs import attempts

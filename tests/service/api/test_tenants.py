@@ -144,12 +144,12 @@ def test_a_disk_that_fails_while_storing_takes_nothing(
 
 def test_a_disk_that_becomes_full_in_an_upload_is_said_to_be(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     """As an answer like others: after one to a mistake of ours the line is closed, and a next request on it is lost."""
-    from service.api import bodies
+    from service.api import uploads
 
     def full(self: object, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(bodies.Body, "_photo", full)
+    monkeypatch.setattr(uploads.Body, "_photo", full)
     answer = api.post(**bearer("ada"))
     is_problem(answer, 507, "no-space")
     assert answer.headers["retry-after"]

@@ -1,4 +1,4 @@
-"""What happens to every request: id, host check, security headers, one log line, numbers."""
+"""What happens to every request: id, host, origin and parameters checked, headers, one log line, numbers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,109 @@ import secrets
 import socket
 import time
 
+from fastapi import Request
+from starlette.datastructures import URL
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.metrics import DURATION, REQUESTS, UPLOAD_BYTES
-from service.api.origin import is_foreign
-from service.api.problems import ProblemError, response
-from service.api.strictness import in_origin_form
+from service.api.info import DURATION, REQUESTS, UPLOAD_BYTES
+from service.api.problem_responses import ProblemError, response
 from service.jobs.settings import Settings
+
+SAFE = ("GET", "HEAD", "OPTIONS", "TRACE")
+"""Methods that change nothing (RFC 9110, section 9.2.1); that no page reads their answers is up to CORS."""
+
+_OWN = ("same-origin", "none")
+_PORTS = {"http": 80, "https": 443}
+
+
+def is_foreign(method: str, site: str, origin: str, host: str) -> bool:
+    """Whether a request that changes something was made by a page of another origin.
+
+    Args:
+        method: of the request.
+        site: its ``Sec-Fetch-Site``, "" without one.
+        origin: its ``Origin``, "" without one.
+        host: its ``Host``.
+    """
+    if method in SAFE:
+        return False
+    if site:
+        return site.strip().lower() not in _OWN
+    return bool(origin) and not _same_origin(origin, host)
+
+
+def _same_origin(origin: str, host: str) -> bool:
+    """Whether an origin names the host that was asked; the scheme is the proxy's affair."""
+    try:
+        theirs = URL(origin.strip().lower())
+        ours = URL(f"{theirs.scheme}://{host.strip().lower()}")
+        port = _PORTS.get(theirs.scheme)
+        if theirs.hostname is None or port is None:
+            return False
+        return theirs.hostname == ours.hostname and (theirs.port or port) == (ours.port or port)
+    except ValueError:
+        return False
+
+
+_OWN_HEAD = re.compile(
+    r"/v1/(avatars/[^/]+/(archive\.zip|files/.+|photo|events)|renders/[^/]+/picture\.png|exports/[^/]+/kit\.zip)\Z"
+)
+"""Addresses whose HEAD is not a GET without its body: downloads answer it themselves, a stream of events has none."""
+
+
+async def no_strange_parameters(request: Request) -> None:
+    """Refuse parameters of the address that the route does not take: a misspelt one would be passed over in silence.
+
+    Raises:
+        ProblemError: there is one.
+    """
+    route = request.scope.get("route")
+    dependant = getattr(route, "dependant", None)
+    extra: frozenset[str] = getattr(getattr(route, "endpoint", None), "more_parameters", frozenset())
+    known = {field.alias for field in getattr(dependant, "query_params", ())} | set(extra)
+    for name in request.query_params:
+        if name not in known:
+            words = f"there is no parameter {name[:40]!r} here"
+            words += f"; there are {', '.join(sorted(known))}" if known else ", nor any other"
+            raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
+
+
+class Heads:
+    """Answers HEAD wherever GET is answered (RFC 9110, section 9.3.2), and takes addresses with scheme and host."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, as GET where HEAD is asked for, and its answer back without the body."""
+        if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
+            await self._app(scope, receive, send)
+            return
+
+        async def bodiless(message: Message) -> None:
+            if message["type"] == "http.response.body":
+                message = {**message, "body": b""}
+            await send(message)
+
+        await self._app({**scope, "method": "GET"}, receive, bodiless)
+
+
+def in_origin_form(scope: Scope) -> Scope:
+    """A request whose target has scheme and host (RFC 9112, section 3.2.2) as one without; its host comes from there.
+
+    Every server has to take such a target, and to ignore the Host header then.
+    """
+    path = scope["path"]
+    if not path.lower().startswith(("http://", "https://")):
+        return scope
+    target = URL(path)
+    raw = scope.get("raw_path", b"")
+    _, _, rest = raw.partition(b"://")
+    raw = b"/" + rest.partition(b"/")[2]
+    others = [(name, value) for name, value in scope["headers"] if name != b"host"]
+    headers = [(b"host", target.netloc.encode("latin-1", "replace")), *others]
+    return {**scope, "path": target.path or "/", "raw_path": raw, "headers": headers}
+
 
 log = logging.getLogger("service.api.access")
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationError
 
-from service.api.problems import ProblemError
+from service.api.problem_responses import ProblemError
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size
 
 MAX_BYTES = 16 << 10

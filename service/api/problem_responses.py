@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import logging
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,11 +14,30 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
+from starlette.types import Scope
 
-from service.api.methods import allowed_methods
 from service.errors import AvatarError
 from service.jobs.artifacts import StoreFault
 from service.jobs.view import from_error, problem
+
+METHODS = ("GET", "HEAD", "POST", "DELETE")
+
+_STREAM = re.compile(r"/v1/avatars/[^/]+/events\Z")
+
+
+def allowed_methods(scope: Scope) -> list[str]:
+    """Methods that the address of a request takes, over all routes."""
+    routes: list[Any] = scope["app"].router.routes
+    taken = []
+    for method in METHODS:
+        asked = {**scope, "method": method}
+        if any(route.matches(asked)[0] == Match.FULL for route in routes):
+            taken.append(method)
+    if "GET" in taken and "HEAD" not in taken and not _STREAM.match(scope["path"]):
+        taken.insert(1, "HEAD")
+    return taken
+
 
 MEDIA_TYPE = "application/problem+json"
 

@@ -1,0 +1,276 @@
+"""``archive.zip``, the files in it and the photo, in pieces if wanted: ranges, ``If-Range``, strong ``ETag``, ``HEAD``.
+
+Members of the archive are stored and not deflated, so a member is a range of the archive and needs no copy.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import zipfile
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import APIRouter, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from service.api.context import Asking, Context, Here
+from service.api.keys import Tenant
+from service.api.openapi import FileList
+from service.api.problem_responses import ProblemError, not_found
+from service.jobs.store import Row
+
+_ONE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*\Z", re.IGNORECASE)
+
+
+def wanted_range(headers: Mapping[str, str], size: int, etag: str) -> tuple[int, int] | None:
+    """First byte and number of bytes that a request asks for; None for the whole file.
+
+    Args:
+        headers: of the request, names in lower case.
+        size: bytes of the file.
+        etag: of the file; a range under another ``If-Range`` is not one any more.
+
+    Raises:
+        ProblemError: 416, there is no such range, or there are several of them.
+    """
+    text = headers.get("range")
+    if text is None or not text.lower().startswith("bytes=") or headers.get("if-range", etag) != etag:
+        return None
+    match = _ONE.match(text)
+    if match is None or match[1] == match[2] == "":
+        raise _unsatisfiable(size)
+    if match[1] == "":
+        first, last = max(size - int(match[2]), 0), size - 1
+    else:
+        first, last = int(match[1]), min(int(match[2] or size - 1), size - 1)
+    if first > last or first >= size:
+        raise _unsatisfiable(size)
+    return first, last - first + 1
+
+
+def not_modified(headers: Mapping[str, str], etag: str) -> bool:
+    """Whether the caller has this content already."""
+    known = headers.get("if-none-match")
+    return known is not None and (
+        known.strip() == "*" or etag in [part.strip().removeprefix("W/") for part in known.split(",")]
+    )
+
+
+def _unsatisfiable(size: int) -> ProblemError:
+    return ProblemError("range-not-satisfiable", 416, headers={"Content-Range": f"bytes */{size}"})
+
+
+PIECE = 256 << 10
+
+_LOCAL_HEADER = 30
+
+TYPES = {
+    "zip": "application/zip",
+    "json": "application/json",
+    "png": "image/png",
+    "jpg": "image/jpeg",
+    "glb": "model/gltf-binary",
+    "obj": "model/obj",
+    "mtl": "model/mtl",
+    "usda": "model/vnd.usda",
+    "md": "text/markdown; charset=utf-8",
+}
+
+OTHER = "application/octet-stream"
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A piece of an artifact that is given out as a file."""
+
+    artifact: str
+    start: int
+    size: int
+    etag: str
+    name: str
+
+
+def members(context: Context, row: Row) -> list[zipfile.ZipInfo]:
+    """Files of a job's archive."""
+    with context.artifacts.open(row["archive"]) as stream, zipfile.ZipFile(stream) as archive:
+        return archive.infolist()
+
+
+def member(context: Context, row: Row, path: str) -> Extent:
+    """Where a file lies in a job's archive.
+
+    Raises:
+        ProblemError: there is none of this name.
+    """
+    info = next((info for info in members(context, row) if info.filename == path), None)
+    if info is None or info.compress_type != zipfile.ZIP_STORED:
+        raise not_found()
+    with context.artifacts.open(row["archive"]) as stream:
+        stream.seek(info.header_offset)
+        header = stream.read(_LOCAL_HEADER)
+    start = info.header_offset + _LOCAL_HEADER + int.from_bytes(header[26:28], "little")
+    start += int.from_bytes(header[28:30], "little")
+    etag = f'"{row["archive_sha256"][:32]}-{info.CRC:08x}"'
+    return Extent(row["archive"], start, info.file_size, etag, path)
+
+
+def answer_with(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
+    """The file that a request asks for, a range of it, or that it is as it was."""
+    headers = {
+        **headers,
+        "Accept-Ranges": "bytes",
+        "ETag": extent.etag,
+        "Cache-Control": "private, max-age=3600",
+        "Content-Type": media_type(extent.name),
+    }
+    if not_modified(request.headers, extent.etag):
+        return Response(status_code=304, headers=headers)
+    part = wanted_range(request.headers, extent.size, extent.etag)
+    first, count = part or (0, extent.size)
+    headers["Content-Length"] = str(count)
+    if part is not None:
+        headers["Content-Range"] = f"bytes {first}-{first + count - 1}/{extent.size}"
+    status = 200 if part is None else 206
+    if request.method == "HEAD":
+        return Response(status_code=status, headers=headers)
+    pieces = _pieces(context, extent.artifact, extent.start + first, count)
+    return StreamingResponse(pieces, status, headers)
+
+
+async def _pieces(context: Context, artifact: str, start: int, count: int) -> AsyncIterator[bytes]:
+    stream = await run_in_threadpool(context.artifacts.open, artifact)
+    try:
+        await run_in_threadpool(stream.seek, start)
+        while count > 0:
+            piece = await run_in_threadpool(stream.read, min(PIECE, count))
+            if not piece:
+                return
+            count -= len(piece)
+            yield piece
+    finally:
+        stream.close()
+
+
+def media_type(name: str) -> str:
+    """Of a file by the end of its name."""
+    return TYPES.get(name.rpartition(".")[2], OTHER)
+
+
+SIGNED_S = 300
+"""Seconds for which an address at the store can be used; a download that has begun goes on."""
+
+router = APIRouter(prefix="/v1/avatars", tags=["results"])
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+def _answers(*kinds: str) -> dict[int | str, dict[str, Any]]:
+    """For the description: what a download of one of these media types is answered with."""
+    content = {kind.partition(";")[0]: _BINARY for kind in kinds}
+    return {
+        200: {"description": "The file.", "content": content},
+        206: {"description": "A range of the file.", "content": content},
+        304: {"description": "As it was."},
+    }
+
+
+@router.head("/{job}/archive.zip", include_in_schema=False)
+@router.get(
+    "/{job}/archive.zip",
+    response_class=Response,
+    operation_id="download_archive",
+    responses=_answers(TYPES["zip"]),
+    summary="The whole result as a zip.",
+)
+async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off.
+
+    307 where the operator lets the store give files out: its address is in ``Location`` and holds for five minutes.
+    """
+    row = await run_in_threadpool(finished, context, job, tenant)
+    digest = row["archive_sha256"]
+    whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
+    disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
+    if context.settings.signed_downloads and request.method == "GET":
+        words = disposition["Content-Disposition"]
+        place = await run_in_threadpool(context.artifacts.signed, row["archive"], SIGNED_S, words)
+        if place is not None:
+            headers = {"Location": place, "Cache-Control": "no-store", "Repr-Digest": _repr_digest(digest)}
+            return Response(status_code=307, headers=headers)
+    return answer_with(request, context, whole, disposition)
+
+
+@router.get(
+    "/{job}/files",
+    response_model=FileList,
+    operation_id="list_files",
+    summary="Names and sizes of the files of the result.",
+)
+def list_files(job: str, tenant: Asking, context: Here) -> Response:
+    """Each file can be had by itself under its ``link``."""
+    row = finished(context, job, tenant)
+    items = [
+        {
+            "path": info.filename,
+            "bytes": info.file_size,
+            "media_type": media_type(info.filename),
+            "link": f"/v1/avatars/{job}/files/{info.filename}",
+        }
+        for info in members(context, row)
+    ]
+    return JSONResponse({"items": items}, headers={"Cache-Control": "no-store"})
+
+
+@router.head("/{job}/files/{path:path}", include_in_schema=False)
+@router.get(
+    "/{job}/files/{path:path}",
+    response_class=Response,
+    operation_id="download_file",
+    responses=_answers(OTHER, *(kind for name, kind in TYPES.items() if name != "zip")),
+    summary="One file of the result.",
+)
+async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """As the whole archive, with ranges."""
+    row = await run_in_threadpool(finished, context, job, tenant)
+    return answer_with(request, context, await run_in_threadpool(member, context, row, path), {})
+
+
+@router.head("/{job}/photo", include_in_schema=False)
+@router.get(
+    "/{job}/photo",
+    response_class=Response,
+    operation_id="download_photo",
+    responses=_answers(OTHER),
+    summary="The photo as it was sent, where it was to be kept.",
+)
+async def photo(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """As bytes to be stored, never as something that a browser shows: it may be more things than a picture."""
+    row = await run_in_threadpool(context.job, job, tenant)
+    if not row["keep_photo"] or not row["photo"] or not await run_in_threadpool(context.artifacts.exists, row["photo"]):
+        raise not_found()
+    whole = Extent(row["photo"], 0, row["photo_bytes"], f'"{row["photo_sha256"]}"', "photo.bin")
+    return answer_with(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
+
+
+def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
+    """The row of a tenant's job that has a result.
+
+    Raises:
+        ProblemError: there is no such job, it has not succeeded, or its result is gone.
+    """
+    row = context.job(job, tenant, kind)
+    if row["state"] in ("queued", "running"):
+        raise ProblemError("not-ready", 409, headers={"Retry-After": "2"}, state=row["state"])
+    if row["state"] != "succeeded":
+        raise ProblemError("no-result", 409, state=row["state"])
+    if not context.artifacts.exists(row["archive"]):
+        raise ProblemError("gone", 410, reason="lost")
+    return row
+
+
+def _repr_digest(sha256: str) -> str:
+    """The hash of a file as a header of RFC 9530."""
+    return f"sha-256=:{base64.b64encode(bytes.fromhex(sha256)).decode()}:"

@@ -1,0 +1,295 @@
+"""``/v1/renders`` and ``/v1/exports``: a picture or a kit of a finished avatar (:mod:`service.jobs.kinds`).
+
+Each is a job like others: it counts in the quotas of its tenant, and a worker makes it. The same thing of the same
+result is made once: who asks for it again gets it from the store, for as long as it is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import secrets
+import time
+from typing import Any
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+from starlette.responses import JSONResponse, Response
+
+from service.api.accepting import bounds_of, erase, no_room
+from service.api.context import Asking, Context, Here
+from service.api.downloads import Extent, answer_with, finished
+from service.api.keys import Tenant
+from service.api.openapi import ExportJob, RenderJob
+from service.api.parameters import parse_object
+from service.api.problem_responses import ProblemError
+from service.archive.version import GENERATOR
+from service.errors import TooManyBytes, UsageError
+from service.jobs.admission import KeyInUse, NewJob, NoRoom
+from service.jobs.kinds import EXPORT, KINDS, RENDER, Kind
+from service.jobs.store import Row
+from service.jobs.view import FINAL, job_json
+from service.kits.tools import TOOLS, known
+from service.render.wire import parse
+
+MAX_BODY = 1 << 20
+
+_LOOK_S = 1.0
+
+
+async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, dict[str, Any]]:
+    """The request for something: the id of the avatar, and what is wanted of it.
+
+    Raises:
+        ProblemError: it is no JSON object with the id of an avatar, or does not arrive in time.
+        TooManyBytes: it is too long.
+    """
+    values = parse_object(await _body(request, context, kind), f"malformed-{kind.name}")
+    avatar = values.pop("avatar", None)
+    if not isinstance(avatar, str):
+        raise ProblemError("usage", 422, "avatar has to be the id of a finished avatar", pointer="/avatar")
+    return avatar, values
+
+
+async def made(
+    request: Request, context: Context, tenant: Tenant, kind: Kind, avatar: str, values: dict[str, Any], seconds: float
+) -> Row | Response:
+    """The row of the job that made something, or an answer that it is not ready.
+
+    Args:
+        request: that asks for it; with ``Prefer: respond-async`` nothing is waited for.
+        context: of the application.
+        tenant: who asks.
+        kind: of what.
+        avatar: id of the job of whose result it is made.
+        values: what is wanted, checked.
+        seconds: how long to wait for it.
+
+    Raises:
+        ProblemError: there is no such result, the tenant may have no more, or it failed.
+    """
+    if context.draining.is_set():
+        raise ProblemError("draining", 503, headers={"Retry-After": "10"})
+    source = await run_in_threadpool(finished, context, avatar, tenant)
+    row = await run_in_threadpool(_job, context, tenant, kind, source, values)
+    if "respond-async" not in request.headers.get("prefer", "").lower():
+        row = await _ended(request, context, row, seconds)
+    if row["state"] not in FINAL:
+        place = f"/v1/{kind.place}/{row['id']}"
+        return JSONResponse(job_json(row), 202, {"Location": place, "Retry-After": "2", "Cache-Control": "no-store"})
+    if row["state"] == "failed":
+        raise _failure(row)
+    if row["state"] == "cancelled":
+        raise ProblemError("no-result", 409, state="cancelled")
+    return row
+
+
+def waiting(what: str, schema: type[BaseModel]) -> dict[str, Any]:
+    """What the description of the API says of the answer 202."""
+    content = {"application/json": {"schema": {"$ref": f"#/components/schemas/{schema.__name__}"}}}
+    return {"description": f"The {what} is not ready yet: its job.", "content": content}
+
+
+def whole(context: Context, row: Row, media_type: str, headers: dict[str, str]) -> Response:
+    """The result of a job as an answer to the request that asked for it."""
+    with context.artifacts.open(row["archive"]) as stream:
+        content = stream.read()
+    place = f"/v1/{KINDS[row['kind']].place}/{row['id']}"
+    return Response(content, 200, {**headers, "Content-Location": place, "Cache-Control": "no-store"}, media_type)
+
+
+def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict[str, Any]) -> Row:
+    """The job of this: the one that there is, or a new one.
+
+    Raises:
+        ProblemError: there is none, and the tenant may have no more.
+    """
+    wanted = json.dumps([source["archive_sha256"], GENERATOR, values], sort_keys=True)
+    digest = hashlib.sha256(wanted.encode()).hexdigest()
+    job = NewJob(
+        id=secrets.token_hex(16), tenant=tenant.name, options={"request": values}, photo="", photo_sha256="",
+        photo_bytes=0, keep_photo=False, kind=kind.name, source=source["id"], digest=digest,
+        key=f"\t{kind.name} {digest}",  # no header can have a tab in it, so nobody's own key is like it
+    )  # fmt: skip
+    try:
+        return context.store.add(job, context.queue.put, bounds_of(context, tenant))
+    except KeyInUse as used:
+        return used.row
+    except NoRoom as full:
+        raise no_room(full) from full
+
+
+async def _ended(request: Request, context: Context, row: Row, seconds: float) -> Row:
+    """The row as soon as the job has ended, or when the caller has waited long enough or is gone."""
+    deadline = time.monotonic() + seconds
+    with context.watcher.listening(row["id"]) as changed:
+        while row["state"] not in FINAL and time.monotonic() < deadline and not context.draining.is_set():
+            changed.clear()
+            found: Row | None = await run_in_threadpool(context.store.get, row["id"])
+            row = found or row
+            if row["state"] in FINAL or await request.is_disconnected():
+                break
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(changed.wait(), _LOOK_S)
+    return row
+
+
+def _failure(row: Row) -> ProblemError:
+    facts = json.loads(row["error"])
+    code, status, detail = str(facts.pop("code")), int(facts.pop("status")), str(facts.pop("detail"))
+    facts = {name: value for name, value in facts.items() if name not in ("type", "title")}
+    return ProblemError(code, status, detail, **facts)
+
+
+async def _body(request: Request, context: Context, kind: Kind) -> bytes:
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if media_type != "application/json":
+        words = f"a {kind.name} is asked for with application/json"
+        raise ProblemError("unsupported-media-type", 415, words)
+    data = bytearray()
+    try:
+        async with asyncio.timeout(context.settings.idle_seconds):
+            async for chunk in request.stream():
+                data += chunk
+                if len(data) > MAX_BODY:
+                    raise TooManyBytes(f"the request has more than {MAX_BODY} bytes", limit=MAX_BODY)
+    except TimeoutError:
+        raise ProblemError("request-timeout", 408, headers={"Connection": "close"}) from None
+    except ClientDisconnect:
+        raise ProblemError("bad-request", 400, "the connection closed before the body was complete") from None
+    return bytes(data)
+
+
+FACTS = "Render-Facts"
+"""Header of the answer: JSON with exposure, effects, what leaving out the others costs at most, and fallbacks."""
+
+_SHOWN = ("exposure", "effects", "left_out_costs_at_most", "fallbacks")
+
+renders = APIRouter(prefix="/v1/renders", tags=["renders"])
+
+_PICTURE_CONTENT = {"image/png": {"schema": {"type": "string", "format": "binary"}}}
+_FACTS_HEADER = {FACTS: {"schema": {"type": "string"}, "description": "JSON: what was computed and left out."}}
+_PNG: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The picture.", "content": _PICTURE_CONTENT, "headers": _FACTS_HEADER},
+    202: waiting("picture", RenderJob),
+}
+
+
+@renders.post(
+    "", response_class=Response, operation_id="render_avatar", responses=_PNG,
+    summary="Render a finished avatar under a scene.",
+)  # fmt: skip
+async def render_avatar(request: Request, tenant: Asking, context: Here) -> Response:
+    """Takes a JSON object: ``avatar``, the id of a job that has succeeded; ``scene``, see docs/render.md; ``size``,
+    ``view``, ``background``, ``samples``, ``tolerance``. Answers with the picture as soon as it is made; with 202 and
+    its job where that takes too long, or at once with ``Prefer: respond-async``.
+    """
+    avatar, values = await asked(request, context, RENDER)
+    parse(values)
+    wait = context.settings.render_wait_seconds
+    row = await made(request, context, tenant, RENDER, avatar, values, wait)
+    if isinstance(row, Response):
+        return row
+    return await run_in_threadpool(whole, context, row, "image/png", {FACTS: _render_facts(row)})
+
+
+@renders.get("/{render}", response_model=RenderJob, operation_id="get_render", summary="State of a picture's job.")
+def render_state(render: str, tenant: Asking, context: Here) -> Response:
+    """Whether the picture is there, and where."""
+    row = context.job(render, tenant, "render")
+    return JSONResponse(job_json(row), 200, {"Cache-Control": "no-store"})
+
+
+@renders.head("/{render}/picture.png", include_in_schema=False)
+@renders.get(
+    "/{render}/picture.png", response_class=Response, operation_id="download_render",
+    responses={
+        200: _PNG[200],
+        206: {"description": "A range of it.", "content": _PICTURE_CONTENT},
+        304: {"description": "As it was."},
+    },
+    summary="The picture.",
+)  # fmt: skip
+async def picture(render: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """With ranges and ``ETag``, as an archive."""
+    row = await run_in_threadpool(finished, context, render, tenant, "render")
+    extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', RENDER.file)
+    return answer_with(request, context, extent, {FACTS: _render_facts(row)})
+
+
+@renders.delete("/{render}", status_code=204, operation_id="delete_render", summary="Cancel or erase a picture.")
+def delete_render(render: str, tenant: Asking, context: Here) -> Response:
+    """As for an avatar."""
+    erase(context, render, tenant, "render")
+    return Response(status_code=204)
+
+
+def _render_facts(row: Row) -> str:
+    facts = json.loads(row["metadata"])
+    return json.dumps({name: facts.get(name) for name in _SHOWN})
+
+
+exports = APIRouter(prefix="/v1/exports", tags=["exports"])
+
+_KIT_CONTENT = {"application/zip": {"schema": {"type": "string", "format": "binary"}}}
+_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The kit is there: its job, whose links lead to it."},
+    202: waiting("kit", ExportJob),
+}
+
+
+@exports.post(
+    "", response_model=ExportJob, operation_id="export_avatar", responses=_ANSWERS,
+    summary="Have a kit for a tool made of a finished avatar.",
+)  # fmt: skip
+async def export_avatar(request: Request, tenant: Asking, context: Here) -> Response:
+    """Takes a JSON object: ``avatar``, the id of a job that has succeeded, and ``for``, the tool. Answers at once with
+    the job: 202 while the kit is not there, 200 when it is.
+    """
+    avatar, values = await asked(request, context, EXPORT)
+    unknown = sorted(set(values) - {"for"})
+    if unknown:
+        raise UsageError(f"there is no field {unknown[0][:40]!r}; there are avatar and for", field=unknown[0][:40])
+    if "for" not in values:
+        raise UsageError(f"for is missing; it is one of {', '.join(TOOLS)}", field="for")
+    row = await made(request, context, tenant, EXPORT, avatar, {"for": known(values["for"])}, 0.0)
+    if isinstance(row, Response):
+        return row
+    place = f"/v1/{EXPORT.place}/{row['id']}"
+    return JSONResponse(job_json(row), 200, {"Content-Location": place, "Cache-Control": "no-store"})
+
+
+@exports.get("/{export}", response_model=ExportJob, operation_id="get_export", summary="State of a kit's job.")
+def export_state(export: str, tenant: Asking, context: Here) -> Response:
+    """Whether the kit is there, and where."""
+    row = context.job(export, tenant, EXPORT.name)
+    return JSONResponse(job_json(row), 200, {"Cache-Control": "no-store"})
+
+
+@exports.head("/{export}/kit.zip", include_in_schema=False)
+@exports.get(
+    "/{export}/kit.zip", response_class=Response, operation_id="download_export",
+    responses={
+        200: {"description": "The kit.", "content": _KIT_CONTENT},
+        206: {"description": "A range of it.", "content": _KIT_CONTENT},
+        304: {"description": "As it was."},
+    },
+    summary="The kit as a zip.",
+)  # fmt: skip
+async def kit(export: str, request: Request, tenant: Asking, context: Here) -> Response:
+    """With ranges and ``ETag``, as an archive."""
+    row = await run_in_threadpool(finished, context, export, tenant, EXPORT.name)
+    extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', EXPORT.file)
+    name = f"avatar-{row['source'][:8]}-kit.zip"
+    return answer_with(request, context, extent, {"Content-Disposition": f'attachment; filename="{name}"'})
+
+
+@exports.delete("/{export}", status_code=204, operation_id="delete_export", summary="Cancel or erase a kit.")
+def delete_export(export: str, tenant: Asking, context: Here) -> Response:
+    """As for an avatar."""
+    erase(context, export, tenant, EXPORT.name)
+    return Response(status_code=204)
