@@ -79,7 +79,7 @@ def make_avatar(
     """Make an avatar from the bytes of an image file.
 
     Args:
-        data: a JPEG, PNG or WebP file.
+        data: a JPEG, PNG or WebP file, or HEIC where the extra ``heic`` is installed.
         options: what to make.
         progress: told when a stage begins.
         head_file: head model to fit; None for the one in the box.

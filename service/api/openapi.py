@@ -185,7 +185,7 @@ _REF = "#/components/schemas/{model}"
 
 _PROBLEM = {"description": "A problem.", "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
 
-_PHOTO = {"type": "string", "format": "binary", "description": "JPEG, PNG or WebP."}
+_PHOTO = {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC."}
 
 _NEW_AVATAR: Json = {
     "type": "object",

@@ -89,7 +89,7 @@ def avatarme(
 
 @app.command()
 def make(
-    photo: Annotated[str, typer.Argument(metavar="PHOTO", help="JPEG, PNG or WebP, or - for a pipe.")],
+    photo: Annotated[str, typer.Argument(metavar="PHOTO", help="JPEG, PNG, WebP or HEIC, or - for a pipe.")],
     output: Annotated[
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
     ] = None,

@@ -104,12 +104,13 @@ def kinds() -> dict[str, type]:
     from service.geometry.camera import Camera
     from service.ledger import Applied
     from service.photo.photo import Photo
+    from service.reflectance.result import Wrinkle
     from service.texture.detail.result import Detail, Octave
     from service.texture.result import Texture
 
     found = (
         Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Tailored,
-        Texture, Similarity, Applied, Detail, Octave,
+        Texture, Similarity, Applied, Detail, Octave, Wrinkle,
     )  # fmt: skip
     return {kind.__name__: kind for kind in found}
 

@@ -47,13 +47,12 @@ def read_stream(stream: BinaryIO, limits: Limits = Limits()) -> bytes:  # noqa: 
     return data
 
 
-def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) -> Photo:  # noqa: B008 - frozen
+def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 - frozen
     """Turn the bytes of an image file into a photo.
 
     Args:
-        data: the whole file: JPEG, PNG or WebP.
+        data: the whole file: JPEG, PNG, WebP or, where the extra ``heic`` is installed, HEIC.
         limits: what is accepted, and what decoding may cost.
-        heic: accept HEIC as well; needs the extra ``heic``.
 
     Returns:
         (H, W, 3) uint8 sRGB pixels, upright, with no metadata but the focal length. ``warnings`` may hold
@@ -69,7 +68,7 @@ def read_photo(data: bytes, limits: Limits = Limits(), *, heic: bool = False) ->
     if not data:
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
-    container = open_container(data, limits, heic=heic)
+    container = open_container(data, limits)
     reply, raw = run_decoder(decoding_request(container, limits), limits)
     _check(reply, container, limits)
     pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
@@ -98,13 +97,13 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
     _check(reply, container, limits)
 
 
-def open_container(data: bytes, limits: Limits, *, heic: bool = False) -> Container:
+def open_container(data: bytes, limits: Limits) -> Container:
     """Everything that is done before decoding: the format, its container and the size that it states.
 
     Raises:
         UnreadableInput: one of its subclasses, as for ``read_photo``.
     """
-    codec = sniff(data, heic=heic)
+    codec = sniff(data)
     if codec == Codec.HEIC:
         if is_heic_sequence(data):
             raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")

@@ -35,12 +35,11 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 )
 
 
-def sniff(data: bytes, *, heic: bool = False) -> Codec:
+def sniff(data: bytes) -> Codec:
     """Name the codec of ``data`` by its magic bytes.
 
     Args:
         data: the whole file, or at least its first 64 bytes.
-        heic: accept HEIC as well.
 
     Raises:
         UnsupportedFormat: the bytes do not begin like a format that is accepted; ``looks_like`` says what they are.
@@ -52,11 +51,10 @@ def sniff(data: bytes, *, heic: bool = False) -> Codec:
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
         return Codec.WEBP
     brand = data[8:12] if data[4:8] == b"ftyp" else b""
-    if heic and brand in _HEIC_BRANDS | _HEIC_SEQUENCE_BRANDS:
+    if brand in _HEIC_BRANDS | _HEIC_SEQUENCE_BRANDS:
         return Codec.HEIC
     looks_like = _name(data, brand)
-    wanted = "JPEG, PNG, WebP or HEIC" if heic else "JPEG, PNG or WebP"
-    raise UnsupportedFormat(f"the file is {looks_like}; {wanted} is accepted", looks_like=looks_like)
+    raise UnsupportedFormat(f"the file is {looks_like}; JPEG, PNG, WebP or HEIC is accepted", looks_like=looks_like)
 
 
 def is_heic_sequence(data: bytes) -> bool:
@@ -65,8 +63,6 @@ def is_heic_sequence(data: bytes) -> bool:
 
 
 def _name(data: bytes, brand: bytes) -> str:
-    if brand in _HEIC_BRANDS | _HEIC_SEQUENCE_BRANDS:
-        return "a HEIC image, which this installation is not asked to read"
     if brand in (b"avif", b"avis"):
         return "an AVIF image"
     if brand:

@@ -74,7 +74,7 @@ def test_empty_file() -> None:
 @pytest.mark.parametrize("name", bad.NOT_IMAGES)
 def test_other_formats_are_named_and_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "run_decoder", _must_not_run)
-    with pytest.raises(UnsupportedFormat, match=r"JPEG, PNG or WebP is accepted") as caught:
+    with pytest.raises(UnsupportedFormat, match=r"JPEG, PNG, WebP or HEIC is accepted") as caught:
         read_photo(bad.NOT_IMAGES[name])
     assert caught.value.extra["looks_like"]
 
@@ -90,7 +90,7 @@ def test_refusal_says_what_the_file_is() -> None:
 
 
 def test_names_and_content_types_cannot_even_be_passed() -> None:
-    assert list(inspect.signature(read_photo).parameters) == ["data", "limits", "heic"]
+    assert list(inspect.signature(read_photo).parameters) == ["data", "limits"]
 
 
 # Rows 10 and 11

@@ -1,11 +1,13 @@
 // mesh/head.glb as three.js objects.
 
-import { Group, Mesh, MeshStandardMaterial, Texture } from "three";
+import { Group, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, Texture } from "three";
 import { GLTFLoader, type GLTFParser } from "three/addons/loaders/GLTFLoader.js";
+
+export type HeadPart = Mesh<Mesh["geometry"], MeshStandardMaterial>;
 
 export interface LoadedHead {
   group: Group;
-  meshes: Mesh[];
+  meshes: HeadPart[];
   /** Pictures inside the file, by the name of their texture. */
   pictures: Map<string, ImageBitmap>;
   /** Weights of the photo's expression by name. */
@@ -18,13 +20,28 @@ export async function loadHead(data: ArrayBuffer): Promise<LoadedHead> {
   // The loader's own way fetches a blob: address, which the content security policy does not allow.
   loader.register((parser) => ({ name: "pictures", loadTexture: (index: number) => picture(parser, index, pictures) }));
   const gltf = await loader.parseAsync(data, "");
-  const meshes: Mesh[] = [];
+  const meshes: HeadPart[] = [];
   let expression: Record<string, number> = {};
   gltf.scene.traverse((object) => {
-    if (object instanceof Mesh && object.material instanceof MeshStandardMaterial) meshes.push(object);
+    if (object instanceof Mesh && object.material instanceof MeshStandardMaterial) meshes.push(object as HeadPart);
     if (object.userData.expressionWeights) expression = object.userData.expressionWeights;
   });
   return { group: gltf.scene, meshes, pictures, expression };
+}
+
+/** Whether the maps of the archive lie on this material; the file says so. */
+export function onChart(material: MeshStandardMaterial): boolean {
+  return material.userData.chart === true || material.name === "skin";
+}
+
+/** The file's material as this page draws it. */
+export function drawable(material: MeshStandardMaterial): MeshStandardMaterial {
+  // The cornea is blended by its opacity; transmission would draw the whole head a second time for it.
+  if (material instanceof MeshPhysicalMaterial) material.transmission = 0;
+  // The cards' edges, which a cut by alpha alone leaves jagged.
+  material.alphaToCoverage = material.alphaTest > 0;
+  material.depthWrite = !material.transparent;
+  return material;
 }
 
 async function picture(parser: GLTFParser, index: number, pictures: Map<string, ImageBitmap>): Promise<Texture> {
@@ -36,5 +53,9 @@ async function picture(parser: GLTFParser, index: number, pictures: Map<string, 
     colorSpaceConversion: "none",
   });
   pictures.set(definition.name ?? image.name ?? "texture", bitmap);
-  return new Texture(bitmap);
+  const texture = new Texture(bitmap);
+  texture.flipY = false; // glTF's v grows downwards
+  texture.anisotropy = 8;
+  texture.needsUpdate = true;
+  return texture;
 }

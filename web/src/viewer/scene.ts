@@ -14,10 +14,11 @@ import {
   Vector3,
   WebGLRenderer,
   type Material,
+  type MeshStandardMaterial,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Lighting, type Light } from "./lighting";
-import { loadHead } from "./load";
+import { drawable, loadHead, onChart } from "./load";
 import type { PhotoCamera } from "./manifest";
 import type { MapStore } from "./maps";
 import { lookThrough, projectedBox, type PixelBox } from "./photo_camera";
@@ -43,7 +44,8 @@ export class HeadScene {
   private readonly neck = new Group();
   private readonly lighting: Lighting;
   private readonly watcher: ResizeObserver;
-  private readonly parts: { mesh: Mesh; skin: Skin; wires: Mesh }[] = [];
+  /** Each part of the head with its lit material: the maps of the archive where the chart covers it, else the one of the file. */
+  private readonly parts: { mesh: Mesh; own: Skin | MeshStandardMaterial; wires: Mesh }[] = [];
   private readonly centre = new Vector3();
   private store: MapStore | null = null;
   private distance = 1;
@@ -76,10 +78,9 @@ export class HeadScene {
     this.store = store;
     for (const [name, bitmap] of head.pictures) if (store.entry(name) || !store.maps.length) store.seed(name, bitmap);
     for (const mesh of head.meshes) {
-      const from = mesh.material as unknown as ConstructorParameters<typeof Skin>[0];
-      const skin = new Skin(from, from.map !== null);
-      mesh.material = skin;
-      mesh.castShadow = mesh.receiveShadow = !skin.transparent;
+      const own = onChart(mesh.material) ? new Skin(mesh.material) : drawable(mesh.material);
+      mesh.material = own;
+      mesh.castShadow = mesh.receiveShadow = !own.transparent;
       mesh.frustumCulled = false;
       const wires = new Mesh(
         mesh.geometry,
@@ -89,7 +90,7 @@ export class HeadScene {
       wires.morphTargetDictionary = mesh.morphTargetDictionary;
       wires.visible = false;
       mesh.add(wires);
-      this.parts.push({ mesh, skin, wires });
+      this.parts.push({ mesh, own, wires });
     }
     head.group.position.copy(NECK).negate();
     this.neck.position.copy(NECK);
@@ -136,20 +137,20 @@ export class HeadScene {
   }
 
   wear(surface: Surface): void {
-    for (const { mesh, skin } of this.parts) {
-      if (mesh.material !== skin) (mesh.material as Material).dispose();
-      mesh.material = skin;
+    for (const { mesh, own } of this.parts) {
+      if (mesh.material !== own) (mesh.material as Material).dispose();
+      mesh.material = own;
       mesh.visible = true;
-      skin.wear(surface);
+      if (own instanceof Skin) own.wear(surface);
     }
     this.draw();
   }
 
-  /** One map as it is, on all parts that the chart covers. */
+  /** One map as it is, on the parts that the chart covers; the others are hidden. */
   inspect(surface: () => MapSurface): void {
-    for (const { mesh, skin } of this.parts) {
-      if (mesh.material !== skin) (mesh.material as Material).dispose();
-      if (skin.textured) mesh.material = surface();
+    for (const { mesh, own } of this.parts) {
+      if (mesh.material !== own) (mesh.material as Material).dispose();
+      if (own instanceof Skin) mesh.material = surface();
       else mesh.visible = false;
     }
     this.draw();
@@ -188,9 +189,10 @@ export class HeadScene {
     this.watcher.disconnect();
     this.controls.dispose();
     this.store?.dispose();
-    for (const { mesh, skin, wires } of this.parts) {
+    for (const { mesh, own, wires } of this.parts) {
       mesh.geometry.dispose();
-      skin.dispose();
+      if (!(own instanceof Skin)) own.map?.dispose();
+      own.dispose();
       (wires.material as Material).dispose();
     }
     this.lighting.dispose();

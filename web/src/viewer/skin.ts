@@ -43,10 +43,7 @@ export class Skin extends MeshPhysicalMaterial {
     diffuseNormalMap: { value: null as Texture | null },
   };
 
-  constructor(
-    from: MeshStandardMaterial,
-    readonly textured: boolean,
-  ) {
+  constructor(from: MeshStandardMaterial) {
     super({
       name: from.name,
       color: from.color,
@@ -61,7 +58,6 @@ export class Skin extends MeshPhysicalMaterial {
   }
 
   wear(surface: Surface): void {
-    if (!this.textured) return;
     this.map = surface.colour;
     this.color.copy(surface.colour ? (this.userData.colour as Color) : CLAY);
     this.specularColorMap = surface.specular;

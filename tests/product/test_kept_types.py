@@ -1,0 +1,52 @@
+"""Whatever a stage of the pipeline hands on can be kept on disk, told from the annotations of the stages."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import typing
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import service.pipeline
+import service.reflectance.make
+from service.jobs.child import kinds
+
+
+def annotations(module: ModuleType) -> Iterator[Any]:
+    """Return types of the functions that ``keep`` and ``run`` are given, by name or as what a lambda calls."""
+    tree, names = ast.parse(inspect.getsource(module)), vars(module)
+    local = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if getattr(call.func, "id", getattr(call.func, "attr", "")) not in ("keep", "run"):
+            continue
+        given = [getattr(getattr(one, "body", None), "func", one) for one in call.args]
+        for name in {one.id for one in given if isinstance(one, ast.Name)}:
+            if name in local and local[name].returns is not None:
+                yield eval(ast.unparse(local[name].returns), names)  # noqa: S307 - our own source
+            elif inspect.isfunction(names.get(name)):
+                yield typing.get_type_hints(names[name]).get("return")
+
+
+def dataclasses_in(annotation: Any, seen: set[type]) -> set[type]:
+    """Adds the dataclasses that a type mentions, and those of their fields, to ``seen``."""
+    if isinstance(annotation, type) and is_dataclass(annotation) and annotation not in seen:
+        seen.add(annotation)
+        for field in typing.get_type_hints(annotation).values():
+            dataclasses_in(field, seen)
+    for argument in typing.get_args(annotation):
+        dataclasses_in(argument, seen)
+    return seen
+
+
+@pytest.mark.parametrize("module", [service.pipeline, service.reflectance.make], ids=lambda module: module.__name__)
+def test_all_that_stages_hand_on_can_be_kept(module: ModuleType) -> None:
+    handed_on: set[type] = set()
+    for annotation in annotations(module):
+        dataclasses_in(annotation, handed_on)
+    assert handed_on, "the stages are written differently now"
+    assert {kind.__name__ for kind in handed_on} <= set(kinds())
