@@ -14,7 +14,7 @@ import pytest
 
 import service.pipeline
 import service.reflectance.make
-from service.jobs.child import kinds
+from service.jobs.avatar_process import kinds
 
 
 def annotations(module: ModuleType) -> Iterator[Any]:
