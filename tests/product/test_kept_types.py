@@ -17,7 +17,7 @@ import service.reflectance.make
 from service.jobs.avatar_process import kinds
 
 
-def annotations(module: ModuleType) -> Iterator[Any]:
+def return_types(module: ModuleType) -> Iterator[Any]:
     """Return types of the functions that ``keep`` and ``run`` are given, by name or as what a lambda calls."""
     tree, names = ast.parse(inspect.getsource(module)), vars(module)
     local = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
@@ -26,8 +26,9 @@ def annotations(module: ModuleType) -> Iterator[Any]:
             continue
         given = [getattr(getattr(one, "body", None), "func", one) for one in call.args]
         for name in {one.id for one in given if isinstance(one, ast.Name)}:
-            if name in local and local[name].returns is not None:
-                yield eval(ast.unparse(local[name].returns), names)  # noqa: S307 - our own source
+            returned = local[name].returns if name in local else None
+            if returned is not None:
+                yield eval(ast.unparse(returned), names)  # noqa: S307 - our own source
             elif inspect.isfunction(names.get(name)):
                 yield typing.get_type_hints(names[name]).get("return")
 
@@ -46,7 +47,7 @@ def dataclasses_in(annotation: Any, seen: set[type]) -> set[type]:
 @pytest.mark.parametrize("module", [service.pipeline, service.reflectance.make], ids=lambda module: module.__name__)
 def test_all_that_stages_hand_on_can_be_kept(module: ModuleType) -> None:
     handed_on: set[type] = set()
-    for annotation in annotations(module):
+    for annotation in return_types(module):
         dataclasses_in(annotation, handed_on)
     assert handed_on, "the stages are written differently now"
     assert {kind.__name__ for kind in handed_on} <= set(kinds())
