@@ -41,12 +41,12 @@ from service.archive.avatar import Avatar
 from service.colour import FULL_CODE, LUMA, srgb_to_linear
 from service.options import Options
 from service.pipeline import make_avatar
-from service.reflectance.make import make_reflectance
-from service.reflectance.result import Reflectance
+from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import MODELS
-from service.stages import Stages, Unkept
+from service.stage_cache import Stages, Unkept
 
 T = TypeVar("T")
 Float = npt.NDArray[np.float64]
@@ -71,7 +71,7 @@ KEPT = ("level", "decode", "detect", "read", "fit", "texture", "compare")
 
 
 class OnDisk:
-    """Keeps the stages before the networks in a folder; ``service.stages.Stages``."""
+    """Keeps the stages before the networks in a folder; ``service.stage_cache.Stages``."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -30,7 +30,7 @@ from benchmarks.shoot import data_folder
 from models.tables import tell
 from service.colour import linear_to_srgb
 from service.runtime.sessions import MODELS
-from service.stages import Unkept
+from service.stage_cache import Unkept
 
 Float = npt.NDArray[np.float64]
 

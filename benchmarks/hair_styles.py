@@ -25,11 +25,9 @@ from models.people.person import Person, draw_person, the_head
 from models.people.pose import draw_camera, landmarks
 from models.people.skins import load_skin
 from models.people.wardrobe import load_wardrobe
-from service.anatomy.hair import choose as choosing
-from service.anatomy.hair.item import read_items
-from service.anatomy.hair.seen import Seen
-from service.anatomy.hair.silhouette import Frame
-from service.anatomy.hair.skull import Skull
+from service.anatomy.hair import find_hair as choosing
+from service.anatomy.hair.find_hair import Seen
+from service.anatomy.hair.wearables import Frame, Skull, read_items
 from service.arrays import UInt8
 from service.face.reading import parts as labels
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, ReaderNetwork, crop_of
@@ -47,7 +45,7 @@ ROWS: dict[str, dict[str, object]] = {
     "without fitted outlines": {"to_outline": lambda points, *_: (points, 0.0)},
     "without the wider crop": {},
 }  # fmt: skip
-"""What of ``service.anatomy.hair.choose`` is replaced."""
+"""What of ``service.anatomy.hair.find_hair`` is replaced."""
 
 
 @dataclass(frozen=True)

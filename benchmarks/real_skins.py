@@ -31,13 +31,12 @@ from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
-from service.reflectance.drawn import NAME as DRAWN_DETAIL
-from service.reflectance.fine_shade import NAME as SHADED_GREY
-from service.reflectance.normals import STEEPEST_Z
+from service.reflectance.relief.normal_inputs import DRAWN_DETAIL, SHADED_GREY
 from service.reflectance.relief.shading import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
+from service.reflectance.translate import STEEPEST_Z
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
-from service.texture.detail.octaves import joined, split
+from service.texture.photo_sampling import joined, split
 
 PPM = 14.0
 """Texels per mm of the full chart on cheeks."""
@@ -91,7 +90,7 @@ def in_light(patch: Patch, sensitivity: float, turn: float, folder: Path = MODEL
 
     Args:
         patch: of real skin; its slopes shade it.
-        sensitivity: d log E / d n along the light (``service.reflectance.relief.sensitivity``).
+        sensitivity: d log E / d n along the light (``service.reflectance.subject``).
         turn: radians from image x towards up, where the light comes from.
         folder: of the ONNX files.
     """

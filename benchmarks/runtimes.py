@@ -26,10 +26,8 @@ from models.tables import tell
 from service.bench.stages import computed
 from service.levels import FULL_SIZE, TEXTURE_SIZE
 from service.reflectance.plan import ROLES, Plan
-from service.runtime.describe import Description
-from service.runtime.networks import Engine, RuntimeName, choose_engine, describe, open_network
-from service.runtime.openvino_library import has_openvino
-from service.runtime.sessions import model_table
+from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe, open_network
+from service.runtime.sessions import has_openvino, model_table
 from service.runtime.tiles import DEFAULT_TILE
 
 MARK = ("<!-- runtimes -->", "<!-- /runtimes -->")

@@ -25,7 +25,7 @@ from service.errors import AvatarError
 from service.geometry.chart import Chart
 from service.options import Options
 from service.pipeline import make_avatar
-from service.texture.result import MIRRORED
+from service.texture.texture_maps import MIRRORED
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

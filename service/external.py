@@ -2,7 +2,7 @@
 
 ::
 
-    texture --gate--> T --(zeta)--> delta --> ...  as in service.reflectance.make
+    texture --gate--> T --(zeta)--> delta --> ...  as in service.reflectance.reflectance
     mesh --check--> vertices --> geometry channels
 
 There is no photo and nothing is fitted; the manifest says so.
@@ -33,13 +33,12 @@ from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.photo import Photo
 from service.pipeline import Progress
-from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
+from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
-from service.reflectance.surface.make import surface_maps
+from service.reflectance.surface_maps import surface_maps
 from service.runtime.networks import choose_engine
-from service.texture.result import Texture
-from service.texture.shape import depth_map, shape_normals
+from service.texture.texture_maps import Texture, depth_map, shape_normals
 
 CHART_TOLERANCE = 2e-3
 """Largest difference of texture coordinates, which exporters round; a texel of a chart 576 texels wide is 1.7e-3."""

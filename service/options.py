@@ -55,7 +55,9 @@ def _on_the_chart(size: tuple[int, int], info: ValidationInfo) -> tuple[int, int
 def _known(without: tuple[str, ...]) -> tuple[str, ...]:
     if not without:
         return without
-    from service.corrections import NAMES  # loads numpy, which the command line does without until it has work
+    from service.reflectance.albedo.diffuse_albedo import (
+        NAMES,  # loads numpy, which the command line does without until it has work
+    )
 
     unknown = [name for name in without if name not in NAMES]
     if unknown or len(set(without)) != len(without):

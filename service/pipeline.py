@@ -7,7 +7,8 @@
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
-It runs one way; each stage takes what it names and returns new things. ``service.reflectance.make`` has the networks.
+It runs one way; each stage takes what it names and returns new things. ``service.reflectance.reflectance`` has the
+networks.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from service.anatomy.hair.find import find_hair
-from service.anatomy.hair.make import worn
+from service.anatomy.hair.find_hair import find_hair
+from service.anatomy.hair.worn import worn
 from service.anatomy.insets.eyes import eye_parts
 from service.anatomy.insets.mouth import mouth_parts
 from service.archive.avatar import Avatar, Similarity
 from service.archive.cards import model_cards
+from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face
 from service.face.face import Face
@@ -40,16 +42,14 @@ from service.likeness import likeness
 from service.materials.part import coarser
 from service.options import Options, installed
 from service.photo.gate import read_photo
-from service.reflectance.make import make_reflectance
+from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
-from service.reflectance.surface.make import surface_maps
-from service.runtime.ahead import loading_ahead
-from service.runtime.budget import within_budget
-from service.runtime.networks import choose_engine
+from service.reflectance.surface_maps import surface_maps
+from service.runtime.networks import choose_engine, loading_ahead
 from service.runtime.tiles import DEFAULT_TILE
-from service.stages import Stages, Unkept
-from service.texture.detail.own import OwnDetail, own_texture_of
-from service.texture.make import make_texture
+from service.stage_cache import Stages, Unkept
+from service.texture.photo_detail import OwnDetail, own_texture_of
+from service.texture.texture import make_texture
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""

@@ -18,12 +18,12 @@ NOT_IN_SERVICE = {"torch", "torchvision", "tensorflow", "anny", "onnx", "onnxscr
 ORDER = {
     "service": (
         # What everything stands on.
-        "errors", "arrays", "robust", "checks", "stages", "levels", "colour", "ledger", "diagnosis", "photo", "head",
+        "errors", "arrays", "robust", "checks", "stage_cache", "levels", "colour", "diagnosis", "photo", "head",
         "geometry", "materials", "anatomy", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "anatomy.hair", "anatomy.insets", "texture", "reflectance", "corrections", "archive",
+        "light", "face", "anatomy.hair", "anatomy.insets", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
-        "kits", "options", "runtime.budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
+        "kits", "options", "budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
         "client", "batch", "cli", "__main__",
     ),
     "models": ("colour", "tables", "networks", "lightstage", "head", "people", "training"),
@@ -164,15 +164,15 @@ def test_no_module_leads_back_to_itself(imports: dict[str, set[str]]) -> None:
 @pytest.mark.parametrize(
     ("module", "source", "trespass"),
     [
-        ("service.geometry.chart", "from service.texture.make import complete", True),
-        ("service.geometry.chart", "def f():\n    import service.texture.make", True),
-        ("service.runtime.networks", "from service.runtime.budget import measure", True),
-        ("service.runtime.budget", "from service.runtime.networks import Engine", False),
-        ("service.texture.make", "from service.geometry.chart import Chart", False),
+        ("service.geometry.chart", "from service.texture.texture import complete", True),
+        ("service.geometry.chart", "def f():\n    import service.texture.texture", True),
+        ("service.runtime.networks", "from service.budget import measure", True),
+        ("service.budget", "from service.runtime.networks import Engine", False),
+        ("service.texture.texture", "from service.geometry.chart import Chart", False),
     ],
 )
 def test_the_check_sees_who_imports_a_higher_room(module: str, source: str, trespass: bool) -> None:
-    names = ("service.geometry.chart", "service.texture.make", "service.runtime.networks", "service.runtime.budget")
+    names = ("service.geometry.chart", "service.texture.texture", "service.runtime.networks", "service.budget")
     sources = {**dict.fromkeys(names, "pass"), module: source}
     assert bool(trespasses_up(imports_between(sources))) is trespass
 

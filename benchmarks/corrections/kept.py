@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 class Kept:
-    """Keeps what stages gave, and forgets what comes after a rule; ``service.stages.Stages``."""
+    """Keeps what stages gave, and forgets what comes after a rule; ``service.stage_cache.Stages``."""
 
     def __init__(self) -> None:
         self._results: dict[str, Any] = {}

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from service.archive.avatar import Avatar
 from service.options import Options
 from service.pipeline import make_avatar
-from service.stages import Stages
+from service.stage_cache import Stages
 
 SIZE = (768, 512)
 """Maps of the trial: a rule decides on the light of 192 x 128 cells or on textures of 576 x 384, whatever the map."""
@@ -19,7 +19,7 @@ RELIEF = "relief"
 
 
 class Rule(Protocol):
-    """One correction; ``service.corrections.Correction``."""
+    """One correction; ``service.reflectance.albedo.diffuse_albedo.Correction``."""
 
     @property
     def name(self) -> str:
@@ -62,7 +62,7 @@ class Product:
     @property
     def registry(self) -> Sequence[Rule]:
         """The program's."""
-        from service.corrections import REGISTRY
+        from service.reflectance.albedo.diffuse_albedo import REGISTRY
 
         return tuple(REGISTRY)
 

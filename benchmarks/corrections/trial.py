@@ -17,8 +17,8 @@ from benchmarks.corrections.score import Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
 from service.geometry.chart import islands
-from service.reflectance.result import NORMAL_ONE
-from service.texture.result import SEEN
+from service.reflectance.reflectance_maps import NORMAL_ONE
+from service.texture.texture_maps import SEEN
 
 Codes = npt.NDArray[np.uint16]
 Map = npt.NDArray[np.float32]

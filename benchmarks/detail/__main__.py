@@ -34,7 +34,7 @@ from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.options import Options
 from service.pipeline import make_avatar
-from service.stages import Stages, Unkept
+from service.stage_cache import Stages, Unkept
 
 MARK = ("<!-- detail -->", "<!-- /detail -->")
 SIZE = 1300

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from service.archive.avatar import Avatar
 from service.options import Options
-from service.reflectance.make import make_reflectance
+from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import choose_engine
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class Kept:
-    """Keeps the results of some stages in memory (``service.stages.Stages``)."""
+    """Keeps the results of some stages in memory (``service.stage_cache.Stages``)."""
 
     def __init__(self, *names: str) -> None:
         self._names = names

@@ -21,7 +21,7 @@ from service.geometry.normals import vertex_normals
 from service.head.regions import vertex_mask
 from service.options import Options
 from service.pipeline import make_avatar
-from service.reflectance.result import MID, SCALE_MM, unpack_normals
+from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 
 PLACES = ("cheek_left", "cheek_right", "brow", "lips", "ear_left", "ear_right")
 SIDE = 200

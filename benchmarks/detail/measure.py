@@ -16,7 +16,7 @@ from benchmarks.metrics import View, at_chart, face_region
 from service.archive.avatar import Avatar
 from service.colour import LUMA, linear_to_srgb
 from service.geometry.chart import Chart
-from service.reflectance.result import MID, SCALE_MM, unpack_normals
+from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -25,7 +25,7 @@ from export.faces.registry import register
 from export.light.examples import EXAMPLES, Inputs
 from models.lightstage.light import graphs
 from service.archive.container import replace_file
-from service.runtime.describe import KEY
+from service.runtime.networks import KEY
 
 OPSET = 18
 LICENCE = "Apache-2.0"

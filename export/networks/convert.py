@@ -29,8 +29,8 @@ from models.networks.rcan import SCALE
 from models.networks.stages import CONTEXT, TEXTURE, StageNet
 from service.archive.container import replace_file
 from service.errors import ModelFault
-from service.runtime.describe import KEY
-from service.runtime.openvino_library import openvino_library
+from service.runtime.networks import KEY
+from service.runtime.sessions import openvino_library
 
 OPSET = 18
 LICENCE = "Apache-2.0"

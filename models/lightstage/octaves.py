@@ -14,7 +14,7 @@ import typer
 from models.lightstage.stage import Stage
 from models.tables import tell
 from service.colour import LUMA
-from service.texture.detail.octaves import split
+from service.texture.photo_sampling import split
 
 COUNT = 5
 TEXEL_MM = 1 / 14

@@ -13,8 +13,7 @@ from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
 from service.colour import LUMA
-from service.reflectance.drawn import NAME as DRAWN_DETAIL
-from service.reflectance.fine_shade import NAME as SHADED_GREY
+from service.reflectance.relief.normal_inputs import DRAWN_DETAIL, SHADED_GREY
 
 TEXTURE = ("texture_r", "texture_g", "texture_b")
 ALBEDO = ("albedo_r", "albedo_g", "albedo_b")

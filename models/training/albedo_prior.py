@@ -1,7 +1,7 @@
 """Learns the Gaussian of whole albedo maps: ``python -m models.training.albedo_prior --data DIR``.
 
 Principal components of log albedo over the charts of captures and their mirror images, for
-``service.reflectance.completion``. Beards of all kinds are painted over copies of the charts
+``service.reflectance.albedo.albedo_prior``. Beards of all kinds are painted over copies of the charts
 (``models.training.facial_hair``), so one that ends at the border of what a photo shows goes on beyond it. How far the
 components are trusted is what completes other subjects best: captures are left out part by part, half hidden as photos
 hide them, and completed; the command prints the error on hidden skin, and on that of it where a painted beard grows,
@@ -28,7 +28,7 @@ from models.training.facial_hair import Barber
 from models.training.store import Arrays, Wholes
 from service.colour import srgb_to_linear
 from service.errors import UsageError
-from service.reflectance.completion import BARE, FILE, AlbedoPrior
+from service.reflectance.albedo.albedo_prior import BARE, FILE, AlbedoPrior
 
 Float = npt.NDArray[np.float32]
 

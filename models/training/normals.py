@@ -20,7 +20,8 @@ from service.reflectance.subject import GEOMETRY
 MOST_SHADE, SHADE_POWER, SHADE_MEASURED = 1.1, 0.35, 1.0
 """What is left of the fine shade, finer than delta's context tells, in the albedo that rho and sigma train on: at most
 this share, of a power of chance that makes shares near the whole the usual ones; and the share in held-out albedo.
-The service hands over all of it (``service.reflectance.fine_shade``): a crease of the photo stays a dark line."""
+The service hands over all of it (``service.reflectance.relief.normal_inputs``): a crease of the photo stays a dark
+line."""
 COARSEST = 3.0
 """The context's light is smoother than its cells: its cells are up to so many times as large in training, so that
 more shade is left. In held-out albedo they have their size."""
@@ -68,7 +69,8 @@ the blur that takes it off. The stage's colour follows its height: correlation 0
 1 mm, where scans have -0.1 to 0.2 (docs/lightstage.md); with this share crops have about the scans' mean. A network
 that has seen the stage alone reads relief off colour on every skin; one that has seen both gives, where it cannot tell,
 what is likeliest: next to none. Shade stays where its relief is, and creases are dark. Where super-resolution drew the
-detail, colour follows height as on the stage, and the network is told so (``service.reflectance.drawn``)."""
+detail, colour follows height as on the stage, and the network is told so
+(``service.reflectance.relief.normal_inputs``)."""
 
 
 def misplaced_pigment(albedo: Tensor, hair: Tensor, share: Tensor) -> Tensor:

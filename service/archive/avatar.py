@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.anatomy.hair.find import Hair
+from service.anatomy.hair.find_hair import Hair
 from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
-from service.reflectance.result import Reflectance
-from service.reflectance.surface.make import SurfaceMaps
-from service.texture.result import Texture
+from service.reflectance.reflectance_maps import Reflectance
+from service.reflectance.surface_maps import SurfaceMaps
+from service.texture.texture_maps import Texture
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.anatomy.hair.item import FILE as HAIR_FILE
+from service.anatomy.hair.wearables import FILE as HAIR_FILE
 from service.archive.avatar import ModelCard
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
-from service.reflectance.completion import FILE as PRIOR_FILE
+from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE
 from service.runtime.sessions import model_table
 
 ROLES = {

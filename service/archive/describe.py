@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from service import __version__
 from service.anatomy.eyes.gaze import Gaze
-from service.anatomy.hair.find import Hair
+from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
 from service.archive.container import in_order
@@ -20,7 +20,7 @@ from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
 from service.materials.material import Material
-from service.reflectance.result import MID, SCALE_MM
+from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 MEDIA_TYPES = {
     "png": "image/png",

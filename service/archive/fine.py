@@ -13,7 +13,7 @@ from service.geometry.normals import face_normals
 from service.geometry.subdivide import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
-from service.reflectance.result import MID, SCALE_MM
+from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 STEPS = 3
 """Subdivision steps: every quad becomes 64, with edges of about half a millimetre."""

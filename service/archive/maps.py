@@ -16,11 +16,11 @@ from service.archive.images import encode_png, normal_coding, quantise_normals, 
 from service.archive.png import Rows
 from service.arrays import UInt8, UInt16
 from service.levels import LEVELS
-from service.reflectance.folds.creases import GROUPS
 from service.reflectance.plan import SURFACE
-from service.reflectance.result import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
-from service.reflectance.surface.make import CODES_PER_MM
-from service.texture.result import MIRRORED, SEEN
+from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
+from service.reflectance.relief.folds import GROUPS
+from service.reflectance.surface_maps import CODES_PER_MM
+from service.texture.texture_maps import MIRRORED, SEEN
 
 HEIGHT_STEP = 1 / 128
 """Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
@@ -163,8 +163,7 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
     if codes is None:
         return None
     if in_object_space(avatar):
-        from service.reflectance.relief.frames import to_object
-        from service.reflectance.subject import Subject
+        from service.reflectance.subject import Subject, to_object
 
         codes = to_object(codes, Subject.of(avatar.head, avatar.fit.vertices))
     bits, plain = normal_bits(avatar), codes

@@ -19,7 +19,7 @@ from service.archive.licences import licences_text
 from service.archive.manifest import to_json
 from service.archive.maps import MAPS, encode_map, map_wanted
 from service.archive.meshes import meshes
-from service.runtime.memory import release
+from service.runtime.sessions import release
 
 
 def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = False) -> None:

@@ -11,7 +11,7 @@ from service.archive.avatar import Avatar
 from service.archive.gltf_materials import JPEG_QUALITY, Picture
 from service.archive.images import encode_jpeg, encode_normals8, encode_png, to_8_bits
 from service.arrays import Float32, UInt8
-from service.reflectance.result import Reflectance, unpack_normals
+from service.reflectance.reflectance_maps import Reflectance, unpack_normals
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

@@ -20,7 +20,7 @@ from service.archive.map_files import MapFiles
 from service.archive.mtlx import network, shaders
 from service.archive.usd_text import Asset, Shader, Value, Wire
 from service.materials.material import Material
-from service.reflectance.result import MID, SCALE_MM
+from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 SCOPE = "/Head/Materials"
 

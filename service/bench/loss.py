@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Bool, Float32, Float64, UInt8
-from service.reflectance.result import unpack_normals
+from service.reflectance.reflectance_maps import unpack_normals
 
 Kind = Literal["colour", "normal", "height"]
 

@@ -21,8 +21,7 @@ from service.bench.stages import inputs
 from service.bench.variants import NETWORKS, StageName, Variant, reference
 from service.errors import ModelFault, UsageError
 from service.reflectance.super_resolution import BODY, Grain, add_noise
-from service.runtime.describe import Description
-from service.runtime.networks import INPUT, Engine, describe, open_network
+from service.runtime.networks import INPUT, Description, Engine, describe, open_network
 from service.runtime.sessions import TABLE, checked_bytes, fold, model_table
 from service.runtime.tiles import run_whole
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.runtime.networks import has_bf16
-from service.runtime.openvino_library import has_openvino, openvino_library
+from service.runtime.sessions import has_openvino, openvino_library
 
 SIDE = 1536
 """Side of the matrices that are multiplied: too large for caches, yet a fraction of a second."""

@@ -10,8 +10,7 @@ from typing import Any
 from service.bench import material, rates
 from service.bench.variants import INT8, Extent, Family, Variant
 from service.bench.work import Work
-from service.runtime.describe import Description
-from service.runtime.networks import Engine
+from service.runtime.networks import Description, Engine
 
 Progress = Callable[[str, float], None]
 Launch = Callable[..., Any]

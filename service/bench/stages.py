@@ -17,15 +17,10 @@ from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.colour import to_codes
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.chart_light import found_by
-from service.reflectance.diffuse_albedo import CONTEXT, needs_context
-from service.reflectance.drawn import NAME as DRAWN_DETAIL
-from service.reflectance.drawn import drawn_detail
-from service.reflectance.fine_shade import NAME as SHADED_GREY
-from service.reflectance.fine_shade import shaded_grey
+from service.reflectance.albedo.diffuse_albedo import CONTEXT, found_by, needs_context
 from service.reflectance.planes import Planes
-from service.runtime.describe import Description
-from service.runtime.networks import Engine, Network, open_network
+from service.reflectance.relief.normal_inputs import DRAWN_DETAIL, SHADED_GREY, drawn_detail, shaded_grey
+from service.runtime.networks import Description, Engine, Network, open_network
 from service.runtime.tiles import Tile, run_tiles, tiles
 
 Result = npt.NDArray[Any]
@@ -126,7 +121,7 @@ def _translation(variant: Variant, engine: Engine, network: Network, material: M
     normal = variant.stage in ("rho", "sigma")
 
     def run() -> Result:
-        from service.reflectance.normals import pack_normals
+        from service.reflectance.translate import pack_normals
 
         result: Result = np.zeros((height, width, 2), np.int16) if normal else np.zeros(
             (height, width, len(what.outputs)), np.uint16)  # fmt: skip
@@ -175,7 +170,7 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
 def _integration(variant: Variant, material: Material) -> _Workload:
     from service.bench.material import resized_mask
     from service.reflectance.relief.displacement import displacement
-    from service.reflectance.relief.integrate import MOST_STEPS
+    from service.reflectance.relief.integration import MOST_STEPS
 
     side = material.window.pixels(variant.width)
     normals = _shrunk(material.result("rho"), side)
@@ -204,7 +199,7 @@ def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
 def _encoding(variant: Variant, material: Material) -> _Workload:
     from service.archive import png
     from service.archive.images import encode_png, quantise_normals, to_8_bits
-    from service.reflectance.result import unpack_normals
+    from service.reflectance.reflectance_maps import unpack_normals
 
     kind, bits, level = coding(variant.knob)
     stage = "rho" if kind == "normals" else "delta"
@@ -235,7 +230,7 @@ def _decoded(variant: Variant, data: bytes) -> Result:
     import cv2
 
     from service.archive.images import normal_coding
-    from service.reflectance.normals import pack_normals
+    from service.reflectance.translate import pack_normals
 
     kind, bits, _ = coding(variant.knob)
     image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))[..., ::-1]

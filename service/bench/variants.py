@@ -9,7 +9,7 @@ from typing import Literal
 
 from service.levels import FULL_SIZE
 from service.runtime.networks import RuntimeName, has_bf16
-from service.runtime.openvino_library import has_openvino
+from service.runtime.sessions import has_openvino
 from service.runtime.tiles import DEFAULT_TILE
 
 StageName = Literal["zeta", "delta", "psi", "rho", "sigma", "integration", "encoding"]

@@ -70,7 +70,7 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     from service.archive.pack import write_archive
     from service.options import TEXTURE_MAPS, Options
     from service.pipeline import make_avatar
-    from service.reflectance.make import make_reflectance
+    from service.reflectance.reflectance import make_reflectance
     from service.reflectance.subject import Subject
 
     there = set(model_table(run.engine.folder))

@@ -89,11 +89,10 @@ def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
     from service.anatomy.eyes.gaze import Gaze
     from service.anatomy.eyes.iris import Iris
-    from service.anatomy.hair.choose import Choice
-    from service.anatomy.hair.colour import HairColour
-    from service.anatomy.hair.find import Hair
-    from service.anatomy.hair.skull import Cut
+    from service.anatomy.hair.find_hair import Choice, Hair
+    from service.anatomy.hair.hair_colour import HairColour
     from service.anatomy.hair.tailored import Tailored
+    from service.anatomy.hair.wearables import Cut
     from service.archive.avatar import Similarity
     from service.face.face import Face
     from service.face.fit.result import Fit
@@ -102,11 +101,11 @@ def kinds() -> dict[str, type]:
     from service.face.reading.scores import Scores
     from service.face.region import Region
     from service.geometry.camera import Camera
-    from service.ledger import Applied
     from service.photo.photo import Photo
-    from service.reflectance.result import Wrinkle
-    from service.texture.detail.result import Detail, Octave
-    from service.texture.result import Texture
+    from service.reflectance.albedo.corrections import Applied
+    from service.reflectance.reflectance_maps import Wrinkle
+    from service.texture.photo_detail import Detail, Octave
+    from service.texture.texture_maps import Texture
 
     found = (
         Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Tailored,

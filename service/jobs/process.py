@@ -121,7 +121,7 @@ def _report_problem(reporter: Reporter, error: Exception) -> None:
 
     from service.errors import AvatarError, OutOfMemory
     from service.jobs.view import from_error
-    from service.runtime.memory import lacked_memory
+    from service.runtime.sessions import lacked_memory
 
     if isinstance(error, OutOfMemory) or lacked_memory(error):
         reporter.problem(from_error(OutOfMemory("the computation needs more memory than this server allows")))

@@ -175,7 +175,7 @@ log = logging.getLogger(__name__)
 
 
 class KeptStages:
-    """``service.stages.Stages`` for one job.
+    """``service.stage_cache.Stages`` for one job.
 
     A stage's file is named by a hash of everything that its result depends on: the program and its data, the photo, the
     options and the name of the stage. It begins with the hash of its content, so a torn or changed file is computed
@@ -212,7 +212,7 @@ class KeptStages:
         self._mapped = mapped
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
-        """As :meth:`service.stages.Stages.keep`; a stage that cannot be read is computed, one that
+        """As :meth:`service.stage_cache.Stages.keep`; a stage that cannot be read is computed, one that
         cannot be written is not kept; both are logged.
         """
         key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()

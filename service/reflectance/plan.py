@@ -51,7 +51,7 @@ class Plan:
 
     Attributes:
         stages: in the order in which they run.
-        keep_cliffs: whether displacement keeps depth discontinuities, ``service.reflectance.relief.cliffs``.
+        keep_cliffs: whether displacement keeps depth discontinuities, ``service.reflectance.relief.integration``.
     """
 
     stages: tuple[str, ...]

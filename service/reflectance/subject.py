@@ -1,4 +1,9 @@
-"""Input channels of the networks that describe the head: its geometry on the chart, and what each texel shows."""
+"""Input channels of the networks that describe the head: its geometry on the chart, and what each texel shows.
+
+How much brighter a surface becomes when its normal turns, in a known light.
+
+Normals of a map, from tangent space to head space.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +16,44 @@ import numpy.typing as npt
 from service.anatomy.brows import brow_plane
 from service.anatomy.eyes.lids import lid_skin
 from service.anatomy.lashes.line import lash_line
-from service.arrays import Float32
+from service.arrays import AnyFloat, Float32, Float64
 from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.reflectance.folds.creases import Creases
-from service.reflectance.relief.sensitivity import sensitivity
-from service.texture.result import Texture
-from service.texture.shape import depth_map, shape_normals
+from service.light.harmonics import gradient
+from service.light.skin_light import BAND_GAIN, LUMINANCE, sh_basis
+from service.reflectance.planes import interpolated
+from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
+from service.reflectance.relief.folds import Creases
+from service.texture.texture_maps import Texture, depth_map, shape_normals
+
+DARKEST = 0.2
+"""Least irradiance, over the mean of the seen skin, by which is divided: darker skin lies in cast shadows, whose light
+the harmonics do not know."""
+
+
+def sensitivity(chart: Chart, vertices: AnyFloat, light: AnyFloat, rotation: AnyFloat) -> Float32:
+    """(h, w, 2) float32, d log E / d (x, y) of the tangent-space normal, continued beyond the islands.
+
+    Args:
+        chart: of the head.
+        vertices: (V, 3) metres.
+        light: (9, 3) harmonics of radiance in the camera's frame (``service.face.fit.result.Fit.light``).
+        rotation: (3, 3) from the head's frame to the camera's.
+    """
+    frame, turn = chart.frame(vertices), np.asarray(rotation, np.float64).T
+
+    def seen(axis: Float32) -> Float64:
+        return np.asarray(axis.reshape(-1, 3)[chart.texels] @ turn, np.float64)
+
+    grey = np.asarray(light, np.float64) @ LUMINANCE
+    normal = seen(frame.normal)
+    shade = np.maximum(sh_basis(normal) @ grey, DARKEST)
+    slope = gradient(normal, grey * BAND_GAIN) / shade[:, None]
+    both = np.stack([(slope * seen(axis)).sum(1) for axis in (frame.tangent, frame.bitangent)], 1)
+    return chart.fill_outside(chart.spread(both.astype(np.float32)))
+
 
 GEOMETRY_SIZE = (768, 512)
 """Chart on which geometry is drawn once; larger maps interpolate it, as the meshes have no finer detail."""
@@ -85,7 +119,7 @@ class Subject:
         pupil_m: radius of the pupils, metres; None: the photo does not tell.
         roots: (h, w, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the albedo; None: all of it.
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
-            (``service.reflectance.relief.sensitivity``); None: the light is not known.
+            (``service.reflectance.subject``); None: the light is not known.
         creases: where the photo's expression folds the skin; None: nowhere.
     """
 
@@ -224,3 +258,33 @@ class Subject:
     def islands(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8 part of each texel, ``NO_PART`` outside; a texel that an outline crosses is inside."""
         return islands(self.head, size)
+
+
+_BAND = 256
+"""Rows of the full map at a time."""
+
+
+def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.int16]:
+    """(H, W, 3) int16 codes of unit normals in head space, from (H, W, 2) codes of x and y in tangent space.
+
+    The tangent frame is that of the mesh (``Chart.frame``), interpolated from the subject's coarse chart.
+    """
+    height, width = codes.shape[:2]
+    frame = subject.chart.frame(subject.vertices)
+    axes = [subject.chart.fill_outside(axis) for axis in (frame.tangent, frame.bitangent, frame.normal)]
+    result = np.zeros((height, width, 3), np.int16)
+    columns = np.arange(width)
+    for first in range(0, height, _BAND):
+        rows = np.arange(first, min(first + _BAND, height))
+        local = unpack_normals(codes[rows[0] : rows[-1] + 1])
+        turned = np.zeros_like(local)
+        for along, axis in enumerate(axes):
+            for component in range(3):
+                plane = interpolated(axis[..., component], (width, height), rows, columns)
+                turned[..., component] += local[..., along] * plane
+        # Interpolated axes are shorter than 1; where opposite ones cancel, the normal is set to forward, +Z.
+        length = np.sqrt(np.einsum("yxi,yxi->yx", turned, turned))[..., None]
+        forward = np.array([0, 0, 1], np.float32)
+        unit = np.where(length > 1e-3, turned / np.maximum(length, 1e-3), forward)
+        result[rows[0] : rows[-1] + 1] = np.rint(unit * NORMAL_ONE)
+    return result

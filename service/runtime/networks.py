@@ -5,27 +5,122 @@ it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone 
 ``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a measurement at
 every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
-A network is loaded when a stage begins, or before (``service.runtime.ahead``), and released when it ends, so the memory
-of a run is that of its largest stage.
+A network is loaded when a stage begins, or before (``service.runtime.networks``), and released when it ends, so the
+memory of a run is that of its largest stage.
+
+What a map network says about itself: the JSON under the key "description" of its ONNX file.
+
+Nothing else in the program knows which channels a network takes or how far it looks, so another network of the same
+role takes its place without a change of code.
+
+Networks loaded while something else is computed.
+
+OpenVINO compiles a network for a fifth of a second, on one core. Fit and texture use one core too; so the networks of
+the later stages are made ready beside them.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from service.arrays import Float32
 from service.errors import ModelFault, OutOfMemory, UsageError
-from service.runtime.describe import KEY, Description
-from service.runtime.memory import lacked_memory, release
-from service.runtime.openvino_library import has_openvino, openvino_library
-from service.runtime.sessions import MODELS, checked_bytes, native_session, require_finite
+from service.runtime.sessions import (
+    MODELS,
+    checked_bytes,
+    has_openvino,
+    lacked_memory,
+    native_session,
+    openvino_library,
+    release,
+    require_finite,
+)
+
+KEY = "description"
+
+
+@dataclass(frozen=True)
+class Description:
+    """One network that maps planes to planes: input "maps" (1, C, H, W), output "result" (1, K, scale H, scale W).
+
+    Attributes:
+        network: role, for example "rho".
+        channels: C names of the input planes in order.
+        outputs: K names of the output planes in order; or one name for any number of planes of a kind.
+        stride: H and W have to be multiples of it.
+        halo: input pixels at each side beyond which nothing matters, a multiple of ``stride``.
+        scale: output pixels per input pixel.
+        whole: (width, height) of an input that is never cut into tiles; None for tiles of any size.
+    """
+
+    network: str
+    channels: tuple[str, ...]
+    outputs: tuple[str, ...]
+    stride: int = 1
+    halo: int = 0
+    scale: int = 1
+    whole: tuple[int, int] | None = None
+
+    def planes(self, count: int) -> tuple[str, ...]:
+        """Names of ``count`` output planes: ``outputs``, or the one name numbered from 0 where there are several."""
+        if len(self.outputs) == 1 and count > 1:
+            return tuple(f"{self.outputs[0].removesuffix('s')}_{index}" for index in range(count))
+        return self.outputs
+
+    @classmethod
+    def parse(cls, text: str, name: str) -> Description:
+        """Read the JSON text of the file of model ``name``.
+
+        Raises:
+            ModelFault: it is no description; the message says what is wrong with it.
+        """
+        try:
+            content = json.loads(text)
+            whole = content.get("whole")
+            found = cls(
+                network=str(content["network"]),
+                channels=_names(content["channels"]),
+                outputs=_names(content["outputs"]),
+                stride=_count(content, "stride", 1),
+                halo=_count(content, "halo", 0),
+                scale=_count(content, "scale", 1),
+                whole=None if whole is None else (_positive(whole[0]), _positive(whole[1])),
+            )
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            raise ModelFault(f"model {name}: its description cannot be read ({error!r}): {text[:200]!r}") from error
+        if found.halo % found.stride:
+            raise ModelFault(f"model {name}: halo {found.halo} is not a multiple of its stride {found.stride}")
+        return found
+
+
+def _names(values: Any) -> tuple[str, ...]:
+    names = tuple(str(value) for value in values)
+    if isinstance(values, str) or not names:
+        raise ValueError(f"{values!r} has to be a list of names")
+    return names
+
+
+def _count(content: dict[str, Any], key: str, least: int) -> int:
+    value = content.get(key, least)
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{key} is {value!r}, it has to be a whole number of at least {least}")
+    return value
+
+
+def _positive(value: Any) -> int:
+    if not isinstance(value, int) or value < 1:
+        raise ValueError(f"{value!r} has to be a size in pixels")
+    return value
+
 
 RuntimeName = Literal["onnxruntime", "openvino"]
 Precision = Literal["fp32", "bf16"]
@@ -271,3 +366,35 @@ def _openvino(name: str, data: bytes, engine: Engine) -> Loaded:
         return np.array(next(iter(request.infer({INPUT: maps}).values())), np.float32)
 
     return _parse(name, text), compute
+
+
+class Ahead:
+    """Loads networks one after the other in a thread of its own; each is given away once."""
+
+    def __init__(self, names: Iterable[str], engine: Engine) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._loads: dict[str, Future[Loaded]] = {name: self._pool.submit(load, name, engine) for name in names}
+
+    def take(self, name: str) -> Loaded | None:
+        """A network, as soon as it is loaded; None where it was not asked for, or was taken before.
+
+        Raises:
+            AvatarError: as ``service.runtime.networks.load``.
+        """
+        found = self._loads.pop(name, None)
+        return None if found is None or found.cancel() else found.result()
+
+    def close(self) -> None:
+        """Forget what nobody took, and do not begin with what is not begun."""
+        self._loads.clear()
+        self._pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def loading_ahead(names: Iterable[str], engine: Engine) -> Iterator[Engine]:
+    """The engine, with networks ``names`` being loaded in their order for the length of a ``with`` block."""
+    ahead = Ahead(names, engine)
+    try:
+        yield replace(engine, ahead=ahead)
+    finally:
+        ahead.close()

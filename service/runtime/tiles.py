@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.errors import ModelFault
-from service.runtime.describe import Description
-from service.runtime.memory import prompt_release
-from service.runtime.networks import Network
+from service.runtime.networks import Description, Network
+from service.runtime.sessions import prompt_release
 
 Indices = npt.NDArray[np.int64]
 

@@ -12,9 +12,9 @@ import pytest
 
 from service import pipeline
 from service.archive.pack import archive_members
+from service.budget import OVER_BUDGET
 from service.errors import ModelFault
 from service.options import MAP_NAMES, Options
-from service.runtime.budget import OVER_BUDGET
 from service.runtime.networks import Engine
 from tests.end_to_end.command import ROOT
 from tests.end_to_end.conftest import Pixels, png
@@ -27,7 +27,7 @@ ASKED = Options(maps=MAP_NAMES, size=(192, 128), quality="high")
 def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The toy networks in place of the real ones."""
     folder = toy_folder(tmp_path)
-    for module in ("service.pipeline", "service.runtime.budget"):
+    for module in ("service.pipeline", "service.budget"):
         monkeypatch.setattr(f"{module}.choose_engine", lambda *_, **__: Engine(threads=1, folder=folder))
     return folder
 
@@ -84,7 +84,7 @@ def test_hard_textures_come_through(colour: str, toys: Path, portrait: Pixels, p
     """The texture stage's result replaced by an extreme one; every number of the result is finite and in range."""
     from dataclasses import replace
 
-    from service.reflectance.make import make_reflectance
+    from service.reflectance.reflectance import make_reflectance
     from service.reflectance.subject import Subject
 
     fill = {"black": 0, "white": 255, "flat": 97}

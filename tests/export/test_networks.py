@@ -17,8 +17,7 @@ from export.networks.convert import check, load_run, parts_of, rounded, to_onnx,
 from models.networks.configs import build  # noqa: E402
 from models.training.trainer import Run  # noqa: E402
 from service.errors import ModelFault  # noqa: E402
-from service.runtime.describe import KEY, Description  # noqa: E402
-from service.runtime.networks import Engine, open_network  # noqa: E402
+from service.runtime.networks import KEY, Description, Engine, open_network  # noqa: E402  # noqa: E402
 from service.runtime.sessions import fold  # noqa: E402
 
 pytestmark = pytest.mark.train

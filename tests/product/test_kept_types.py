@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import service.pipeline
-import service.reflectance.make
+import service.reflectance.reflectance
 from service.jobs.avatar_process import kinds
 
 
@@ -44,7 +44,9 @@ def dataclasses_in(annotation: Any, seen: set[type]) -> set[type]:
     return seen
 
 
-@pytest.mark.parametrize("module", [service.pipeline, service.reflectance.make], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [service.pipeline, service.reflectance.reflectance], ids=lambda module: module.__name__
+)
 def test_all_that_stages_hand_on_can_be_kept(module: ModuleType) -> None:
     handed_on: set[type] = set()
     for annotation in return_types(module):

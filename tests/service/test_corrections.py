@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from service.colour import linear_to_srgb
-from service.corrections import NAMES, REGISTRY
 from service.errors import UsageError
-from service.ledger import Applied, Correction, Ledger, changed_texels
 from service.options import Options
+from service.reflectance.albedo.corrections import Applied, Correction, Ledger, changed_texels
+from service.reflectance.albedo.diffuse_albedo import NAMES, REGISTRY
 
 ONE = Correction(name="one", mends="Something.", source="light")
 

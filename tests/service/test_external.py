@@ -24,7 +24,7 @@ from service.external import check_aspect, default_maps, make_external, vertices
 from service.head.files import save_head
 from service.options import Options
 from service.reflectance.plan import Plan
-from service.reflectance.result import Reflectance
+from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.subject import Subject
 from tests.toyhead import sphere_head
 

@@ -83,7 +83,7 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
     """Maps of the networks, reduced first, as they may have a hundred times the texels."""
     import cv2
 
-    from service.reflectance.result import MID, SCALE_MM, unpack_normals
+    from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
 
     made = avatar.reflectance
     if made is None:
@@ -109,7 +109,7 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 def confidence_colours(confidence: UInt8) -> Image:
     """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where the confidence is lower."""
-    from service.texture.result import MIRRORED, SEEN
+    from service.texture.texture_maps import MIRRORED, SEEN
 
     codes = np.arange(256)
     inpainted = np.array(INPAINTED_COLOUR, np.float64)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from service.anatomy.hair.make import to_albedo
+from service.anatomy.hair.worn import to_albedo
 from service.archive.avatar import Avatar
 from service.archive.preview.page import Image, backdrop, to_pixels
 from service.archive.preview.parts import Shown

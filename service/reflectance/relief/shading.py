@@ -6,7 +6,7 @@ s of the logarithm of the skin's brightness,
 
     s = g . n + p,    g = d log E / d n,    n' = n + r^2 g (s - g . n) / (r^2 |g|^2 + p^2)
 
-E is the irradiance of the fitted light (``service.reflectance.relief.sensitivity``) and p the standard deviation of the
+E is the irradiance of the fitted light (``service.reflectance.subject``) and p the standard deviation of the
 octave of log albedo: pigment is noise here. This is one update of Kalman's filter (1960); linear shape from shading
 (Pentland 1990) is its case without prior and pigment. Across the light nothing changes.
 """
@@ -18,12 +18,11 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, Codes
-from service.reflectance.normals import pack_normals
 from service.reflectance.planes import Planes
-from service.reflectance.result import NORMAL_ONE
+from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.subject import COVERED, GEOMETRY_SIZE
-from service.texture.detail.octaves import halo, joined, split
-from service.texture.detail.reading import stretched
+from service.reflectance.translate import pack_normals
+from service.texture.photo_sampling import halo, joined, split, stretched
 
 PIGMENT = (0.0193, 0.0211, 0.0235, 0.0243, 0.0289)
 """Standard deviation of log albedo, octave by octave from periods of 2 to 4 texels of ``FULL_WIDTH`` on; measured by
@@ -34,7 +33,7 @@ UNTOLD = 0.98
 """Share of that by which rho errs: sqrt(1 - c^2) with its correlation c of 0.2 (docs/training.md)."""
 FULL_WIDTH = 6144
 GAMMA = 2.2
-"""Of coded brightness, as in ``service.reflectance.fine_shade``."""
+"""Of coded brightness, as in ``service.reflectance.relief.normal_inputs``."""
 LEAST = 0.02
 """Coded brightness below which logarithms stop."""
 STRIP = 512
@@ -79,7 +78,7 @@ def with_shade(normals: npt.NDArray[np.int16], grey: Codes, slope: Float32, trus
         grey: (H, W) codes of skin without its smooth light.
         slope: (h, w, 2) g, of any size.
         trust: (h, w) in [0, 1] where ``grey`` is bare skin in the photo's light; smooth, of any size.
-        shares: what the photo tells of each octave of this map, finest first (``service.texture.detail.result``).
+        shares: what the photo tells of each octave of this map, finest first (``service.texture.photo_detail``).
     """
     height, width = normals.shape[:2]
     first = max(round(np.log2(FULL_WIDTH / width)), 0)

@@ -16,7 +16,7 @@ from benchmarks.corrections.kept import Kept
 from benchmarks.corrections.score import Score
 from benchmarks.corrections.table import own_cases, page, rule_rows, verdict
 from benchmarks.corrections.trial import ALL, Effect, Verdicts, tried
-from service.stages import Stages
+from service.stage_cache import Stages
 from tests.toyhead import sphere_head
 
 SIZE = (96, 64)

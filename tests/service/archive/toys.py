@@ -16,11 +16,11 @@ from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.options import MAP_NAMES
 from service.photo.photo import Photo
-from service.reflectance.normals import pack_normals
+from service.reflectance.reflectance_maps import Integration, Reflectance
 from service.reflectance.relief.displacement import encode
-from service.reflectance.result import Integration, Reflectance
-from service.reflectance.surface.make import surface_maps
-from service.texture.result import Texture
+from service.reflectance.surface_maps import surface_maps
+from service.reflectance.translate import pack_normals
+from service.texture.texture_maps import Texture
 from tests.toyhead import sphere_head
 
 REFLECTANCE_SIZE = (192, 128)

@@ -15,8 +15,8 @@ from service.bench import material, stages
 from service.bench.variants import reference
 from service.bench.whole import Whole, make
 from service.colour import Codes
-from service.reflectance.make import make_reflectance
 from service.reflectance.plan import Plan
+from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from tests.service.archive.toys import toy_avatar
@@ -64,7 +64,7 @@ def test_the_stage_takes_the_light_of_the_photo(
 ) -> None:
     """Light that is found on hair and made-up parts would be measured as if it were to be believed there."""
     # The stage is the network; what becomes of highlights afterwards is the whole's.
-    monkeypatch.setattr("service.reflectance.make.without_highlights", lambda albedo, *_: albedo)
+    monkeypatch.setattr("service.reflectance.reflectance.without_highlights", lambda albedo, *_: albedo)
     material.from_photo(b"", None, SIDE, tmp_path)
     stages.measure(replace(reference("delta"), width=WIDTH), engine, tmp_path, tmp_path / "delta.npy", 0)
     window = material.Material.load(tmp_path).window

@@ -20,9 +20,8 @@ from service.cli.bench import find_families
 from service.diagnosis import peak_rss_mb
 from service.errors import Crashed, UsageError
 from service.levels import FULL_SIZE
-from service.reflectance.normals import pack_normals
-from service.runtime.describe import Description
-from service.runtime.networks import Engine
+from service.reflectance.translate import pack_normals
+from service.runtime.networks import Description, Engine
 from tests.service.runtime.toynets import toy_net, write_models
 
 EVERYTHING = np.ones((8, 8), np.uint8)

@@ -132,7 +132,7 @@ def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
     from service.jobs.avatar_process import kinds, options_from
     from service.jobs.stage_files import KeptStages
     from service.pipeline import make_avatar
-    from service.stages import Unkept
+    from service.stage_cache import Unkept
 
     (tmp_path / "scratch").mkdir()
     made: list[str] = []

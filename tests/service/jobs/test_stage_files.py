@@ -75,7 +75,7 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
     from service.jobs.avatar_process import options_from
     from service.pipeline import SMALL_TILES, make_avatar
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
-    from service.stages import Stages, Unkept
+    from service.stage_cache import Stages, Unkept
 
     stages: Stages = KeptStages(Artifacts(f"file://{tmp_path}/store"), JOB, "basis", kinds(), tmp_path, mapped=True)
     options = options_from({"quality": "draft", "size": [576, 384]})

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from service.errors import ModelFault
-from service.reflectance.albedo_error import CLUES, LEAST, MOST, ErrorModel, clues, error_map, error_model
-from service.reflectance.completion import AlbedoPrior, albedo_prior
+from service.reflectance.albedo.albedo_error import CLUES, LEAST, MOST, ErrorModel, clues, error_map, error_model
+from service.reflectance.albedo.albedo_prior import AlbedoPrior, albedo_prior
 
 SHAPE = (24, 36)
 

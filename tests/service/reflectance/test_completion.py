@@ -13,9 +13,8 @@ from service.errors import ModelFault
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.reflectance.completion import FILE, AlbedoPrior, albedo_prior
-from service.reflectance.corrections.on_light import ChartLight
-from service.reflectance.corrections.unseen_light import as_seen_skin, continued
+from service.reflectance.albedo.albedo_prior import FILE, AlbedoPrior, albedo_prior
+from service.reflectance.albedo.light_corrections import ChartLight, as_seen_skin, continued
 
 H, W = 16, 24
 

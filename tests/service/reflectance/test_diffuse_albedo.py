@@ -6,8 +6,7 @@ import numpy as np
 
 from service.anatomy.eyes.colours import BRIGHTEST, SCLERA
 from service.colour import linear_to_srgb, srgb_to_linear
-from service.reflectance.chart_light import light_between_lids
-from service.reflectance.diffuse_albedo import without
+from service.reflectance.albedo.diffuse_albedo import light_between_lids, without
 
 
 def test_the_white_of_an_eye_is_white_in_any_light() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.reflectance.drawn import drawn_detail
+from service.reflectance.relief.normal_inputs import drawn_detail
 from service.reflectance.subject import GEOMETRY_SIZE
-from service.texture.detail.result import Octave
+from service.texture.photo_detail import Octave
 
 HALF = np.repeat(np.array([[1, 0]], np.float32), 288, 1)[[0] * 384]
 """A photo that shows the left half of a texture of 576 x 384."""

@@ -9,12 +9,12 @@ import numpy.typing as npt
 import pytest
 
 from service.colour import FULL_CODE, LUMA, linear_to_srgb
-from service.reflectance import make
-from service.reflectance.corrections.highlights import without_highlights
-from service.reflectance.fine_shade import LIGHT, READERS, shaded_grey
-from service.reflectance.make import make_reflectance
+from service.reflectance import reflectance as make
+from service.reflectance.albedo.highlights import without_highlights
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
+from service.reflectance.reflectance import make_reflectance
+from service.reflectance.relief.normal_inputs import LIGHT, READERS, shaded_grey
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 

@@ -12,8 +12,7 @@ from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.reflectance.chart_light import found_by
-from service.reflectance.diffuse_albedo import CONTEXT
+from service.reflectance.albedo.diffuse_albedo import CONTEXT, found_by
 from service.reflectance.planes import Planes
 from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, LIT, SHOWN, Subject
 from service.runtime.networks import Engine, open_network

@@ -14,11 +14,11 @@ import pytest
 from service.anatomy.eyes.colours import BRIGHTEST
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.errors import ModelFault, NumericFault
-from service.reflectance.make import make_reflectance
 from service.reflectance.plan import ROLES, STAGES, Plan
-from service.reflectance.result import MID, Reflectance, unpack_normals
-from service.reflectance.specular_albedo import ELSEWHERE
+from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
 from service.reflectance.subject import GEOMETRY, Subject
+from service.reflectance.translate import ELSEWHERE
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models
@@ -31,7 +31,7 @@ ALL = Plan.of(ROLES)
 def no_bf16_to_miss() -> Iterator[None]:
     """On a processor with bf16 and without OpenVINO every run says so."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("service.reflectance.make.lacks_openvino", lambda: False)
+        patch.setattr("service.reflectance.reflectance.lacks_openvino", lambda: False)
         yield
 
 
@@ -129,7 +129,7 @@ def test_parts_that_the_networks_have_not_seen(
         assert normals is not None and not normals[others].any()
     assert (made.displacement[others] == MID).all()
     for drawn in ("draw_eyes", "draw_teeth", "pad_parts"):
-        monkeypatch.setattr(f"service.reflectance.make.{drawn}", lambda albedo, *_: albedo)
+        monkeypatch.setattr(f"service.reflectance.reflectance.{drawn}", lambda albedo, *_: albedo)
     plain = make_reflectance(noise(), subject, Plan.of(["diffuse_albedo"], super_resolution=False), (96, 64), engine)
     assert plain.diffuse_albedo is not None
     there = (subject.islands((96, 64)) != 0) & (subject.islands((96, 64)) != 255)
@@ -184,7 +184,7 @@ def test_detail_is_made_up_as_strongly_as_asked(engine: Engine, subject: Subject
 
 def test_bf16_that_is_not_used_is_said(engine: Engine, subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """Users of a fast processor would never learn that a package is missing."""
-    monkeypatch.setattr("service.reflectance.make.lacks_openvino", lambda: True)
+    monkeypatch.setattr("service.reflectance.reflectance.lacks_openvino", lambda: True)
     plan = Plan.of(["diffuse_albedo"], super_resolution=False)
     assert "bf16-needs-openvino" in make_reflectance(noise(), subject, plan, (96, 64), engine).fallbacks
 

@@ -8,7 +8,7 @@ import numpy as np
 from service.anatomy.part_texels import PartTexels
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
-from service.reflectance.padding import pad_parts, pad_skin
+from service.reflectance.albedo.beside_skin import pad_parts, pad_skin
 from service.reflectance.subject import Subject
 
 HEAD = load_head()

@@ -5,8 +5,7 @@ import pytest
 
 from service.colour import LUMA, from_codes, to_codes
 from service.errors import ModelFault
-from service.reflectance.planes import Planes
-from service.reflectance.texels import interpolated
+from service.reflectance.planes import Planes, interpolated
 from service.runtime.tiles import reflected
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.reflectance.roots import darkened
+from service.reflectance.albedo.beside_skin import darkened
 
 
 def test_the_factor_is_on_linear_albedo() -> None:

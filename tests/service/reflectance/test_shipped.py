@@ -11,8 +11,7 @@ import pytest
 from service.bench.loss import degrees
 from service.reflectance.planes import Planes
 from service.runtime.networks import Engine, has_bf16, open_network
-from service.runtime.openvino_library import has_openvino
-from service.runtime.sessions import model_table
+from service.runtime.sessions import has_openvino, model_table
 from tests.service.runtime.test_tiles import tiled, untiled
 
 Float = npt.NDArray[np.float32]

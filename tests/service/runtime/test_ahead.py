@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from service.errors import ModelFault
-from service.runtime import ahead, networks
-from service.runtime.ahead import loading_ahead
-from service.runtime.networks import Engine, open_network
+from service.runtime import networks
+from service.runtime.networks import Engine, loading_ahead, open_network
 from tests.service.runtime.toynets import toy_net, write_models
 
 
@@ -31,7 +30,7 @@ def test_a_network_loaded_ahead_is_the_same_and_is_loaded_once(plain: Engine, mo
         loaded.append(name)
         return networks.load(name, engine)
 
-    monkeypatch.setattr(ahead, "load", spied)
+    monkeypatch.setattr(networks, "load", spied)
     with loading_ahead(("one", "two"), plain) as engine:
         assert engine == plain, "what runs does not depend on when it was loaded"
         for name in ("one", "one", "three"):

@@ -5,13 +5,13 @@ import sys
 
 import pytest
 
-from service.runtime import memory
-from service.runtime.memory import lacked_memory, prompt_release
+from service.runtime import sessions as memory
+from service.runtime.sessions import lacked_memory, prompt_release
 
 PROGRAM = """
 import contextlib, sys
 import numpy as np
-from service.runtime.memory import prompt_release, release
+from service.runtime.sessions import prompt_release, release
 
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * 4096
@@ -62,7 +62,7 @@ import resource, sys
 import cv2
 import numpy as np
 from service.errors import OutOfMemory
-from service.runtime.memory import lacked_memory
+from service.runtime.sessions import lacked_memory
 from service.runtime.networks import choose_engine, open_network
 
 def limit(room):

@@ -16,9 +16,8 @@ from onnx import TensorProto, helper
 
 from service.errors import ModelFault, NumericFault, UsageError
 from service.runtime import networks
-from service.runtime.describe import Description
-from service.runtime.networks import Engine, RuntimeName, choose_engine, describe, load, open_network
-from service.runtime.openvino_library import has_openvino
+from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe, load, open_network
+from service.runtime.sessions import has_openvino
 from tests.service.runtime.toynets import finish, toy_net, write_models
 
 RUNTIMES_HERE: tuple[RuntimeName, ...] = ("onnxruntime", "openvino") if has_openvino() else ("onnxruntime",)

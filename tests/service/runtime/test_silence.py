@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.runtime.openvino_library import has_openvino
+from service.runtime.sessions import has_openvino
 
 ROOT = Path(__file__).parents[3]
 
@@ -43,7 +43,7 @@ IMPORT = """
 import os, sys
 forks = []
 os.register_at_fork(before=lambda: forks.append(1))
-from service.runtime.openvino_library import openvino_library
+from service.runtime.sessions import openvino_library
 openvino_library().Core()
 print(len(forks), any(name.startswith("openvino_telemetry.") for name in sys.modules))
 """

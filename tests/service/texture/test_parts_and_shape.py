@@ -16,8 +16,8 @@ from service.anatomy.teeth.colours import TOOTH
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart
-from service.texture.parts import PartLight, believed_sclera
-from service.texture.shape import depth_map, shape_normals
+from service.texture.part_colours import PartLight, believed_sclera
+from service.texture.texture_maps import depth_map, shape_normals
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(24, 48)

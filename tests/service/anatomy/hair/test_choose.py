@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.hair.choose import BALD, CROPPED_MM, UNSEEN, choose
-from service.anatomy.hair.item import read_items
-from service.anatomy.hair.outline import thickness_mm
-from service.anatomy.hair.silhouette import Frame, agreement
-from service.anatomy.hair.skull import CLEARANCE_M, Cut, Skull, fits, hair_on
+from service.anatomy.hair.find_hair import BALD, CROPPED_MM, UNSEEN, choose
+from service.anatomy.hair.tailored import thickness_mm
+from service.anatomy.hair.wearables import CLEARANCE_M, Cut, Frame, Skull, agreement, fits, hair_on, read_items
 from service.archive.preview.render import turned_camera
 from service.arrays import Float32
 from service.head.files import load_head

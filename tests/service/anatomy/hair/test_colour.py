@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.hair.colour import CONTRAST, LEAST_PIXELS, as_melanin, guessed, measure
-from service.anatomy.hair.find import well_within
-from service.anatomy.hair.item import read_items
-from service.anatomy.hair.make import to_albedo
-from service.anatomy.hair.picture import DARKEST, hair_picture, lifted
+from service.anatomy.hair.find_hair import well_within
+from service.anatomy.hair.hair_colour import (
+    CONTRAST,
+    DARKEST,
+    LEAST_PIXELS,
+    as_melanin,
+    guessed,
+    hair_picture,
+    lifted,
+    measure,
+)
+from service.anatomy.hair.wearables import read_items
+from service.anatomy.hair.worn import to_albedo
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 
 BROWN = np.array([0.08, 0.045, 0.02])

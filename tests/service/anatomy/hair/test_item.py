@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.anatomy.hair.bust import bust_part, seam
-from service.anatomy.hair.item import read_items, write_items
 from service.anatomy.hair.names import STYLES
-from service.anatomy.hair.parts import lash_part, outwards
-from service.anatomy.hair.skull import Skull, hair_on
+from service.anatomy.hair.wearables import Skull, hair_on, read_items, write_items
+from service.anatomy.hair.worn import bust_part, lash_part, outwards, seam
 from service.arrays import Float32
 from service.errors import ModelFault
 from service.geometry.normals import area_normals, face_normals, normalise

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.hair.item import Item, read_items
-from service.anatomy.hair.silhouette import Frame, agreement
-from service.anatomy.hair.skull import CLEARANCE_M, EAR_M, Skull, hair_on
 from service.anatomy.hair.tailored import Tailored, tailored
+from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, Frame, Item, Skull, agreement, hair_on, read_items
 from service.archive.preview.render import turned_camera
 from service.arrays import Float32, Int32
 from service.head.files import load_head

@@ -23,7 +23,7 @@ from service.archive.preview.views import TEXTURED_YAWS, TILE
 from service.archive.surface import vertex_normals
 from service.colour import srgb_to_linear
 from service.geometry.camera import Camera
-from service.texture.result import MIRRORED, SEEN
+from service.texture.texture_maps import MIRRORED, SEEN
 from tests.service.archive.toys import toy_avatar, toy_head
 from tests.toyhead import CENTRE, RADIUS
 

@@ -8,7 +8,7 @@ import pytest
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.reflectance.corrections.highlights import highlights, skin_detail, without_highlights
+from service.reflectance.albedo.highlights import highlights, skin_detail, without_highlights
 
 SKINS = {"dark": [0.16, 0.08, 0.05], "brown": [0.34, 0.19, 0.12], "light": [0.56, 0.37, 0.27]}
 SCALE = 192 / 576

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.corrections.light_contrast import KEPT, less_contrast
+from service.reflectance.albedo.light_corrections import KEPT, less_contrast
 
 SHAPE = (192, 288)
 Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.colour import LUMA
-from service.reflectance.corrections.skin_hue import BEYOND, FEW, REDDEST, YELLOWEST, within_skin
+from service.reflectance.albedo.light_corrections import BEYOND, FEW, REDDEST, YELLOWEST, within_skin
 
 LIT = np.ones((12, 16), np.float32)
 DARK_LIGHT = np.full((3, 12, 16), -1.0, np.float32)

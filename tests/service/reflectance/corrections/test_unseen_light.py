@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.corrections.unseen_light import as_seen_skin, continued, seamless, with_shade_floor
+from service.reflectance.albedo.light_corrections import as_seen_skin, continued, seamless, with_shade_floor
 
 SHAPE = (96, 144)
 ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]

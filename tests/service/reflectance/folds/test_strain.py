@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.reflectance.folds.strain import Strain
+from service.reflectance.relief.folds import Strain
 
 
 def forms(du: tuple[float, float, float], dv: tuple[float, float, float]) -> np.ndarray:

@@ -14,9 +14,8 @@ import pytest
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.reflectance.folds.creases import GROUPS, Creases, group_of
-from service.reflectance.folds.unfold import WIDTH, unfolded, unfolded_albedo
-from service.reflectance.result import NORMAL_ONE
+from service.reflectance.reflectance_maps import NORMAL_ONE
+from service.reflectance.relief.folds import GROUPS, WIDTH, Creases, group_of, unfolded, unfolded_albedo
 from service.reflectance.subject import GEOMETRY_SIZE
 
 SIZE = (WIDTH, WIDTH * 2 // 3)

@@ -8,12 +8,11 @@ import pytest
 
 from service.levels import LEVELS
 from service.options import Options
-from service.reflectance.normals import pack_normals
-from service.reflectance.relief import cliffs
-from service.reflectance.relief.cliffs import cliff_part, integrate_robustly
+from service.reflectance.reflectance_maps import unpack_normals
+from service.reflectance.relief import integration as cliffs
 from service.reflectance.relief.displacement import MOST_MM, Steps, displacement
-from service.reflectance.relief.integrate import integrate
-from service.reflectance.result import unpack_normals
+from service.reflectance.relief.integration import cliff_part, integrate, integrate_robustly
+from service.reflectance.translate import pack_normals
 
 Float = npt.NDArray[np.float32]
 

@@ -8,7 +8,7 @@ import pytest
 
 from service.archive.images import decode_normals8, encode_normals8
 from service.geometry.chart import Chart
-from service.reflectance.normals import pack_normals
+from service.reflectance.reflectance_maps import MID, NORMAL_ONE, unpack_normals
 from service.reflectance.relief.displacement import (
     COARSEST_MM,
     MOST_MM,
@@ -20,7 +20,7 @@ from service.reflectance.relief.displacement import (
     pad_heights,
     slopes,
 )
-from service.reflectance.result import MID, NORMAL_ONE, unpack_normals
+from service.reflectance.translate import pack_normals
 from tests.toyhead import CENTRE, RADIUS, sphere_head
 
 Float = npt.NDArray[np.float32]
@@ -117,7 +117,7 @@ def test_one_percent_of_unusable_normals() -> None:
     s, t, usable = slopes(normals)
     assert np.isfinite(s).all() and np.isfinite(t).all()
     assert 0.008 < 1 - usable.mean() < 0.012
-    from service.reflectance.relief.integrate import integrate
+    from service.reflectance.relief.integration import integrate
 
     solved = integrate(s * MM, -t * MM, usable, tolerance=1e-3, most_steps=40)
     clean, _ = displacement(codes(along, across), steps(), ALL)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.reflectance.relief.integrate import Edges, integrate
+from service.reflectance.relief.integration import Edges, integrate
 
 Float = npt.NDArray[np.float32]
 

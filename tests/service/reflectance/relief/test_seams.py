@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from service.geometry.chart import Chart
-from service.reflectance.relief.displacement import Steps
-from service.reflectance.relief.seams import REACH_MM, Seams, join
+from service.reflectance.relief.displacement import REACH_MM, Seams, Steps, join
 from tests.toyhead import SKIN_U, sphere_head
 
 SIZE = (384, 256)

@@ -7,10 +7,10 @@ import pytest
 
 from service.geometry.chart import Chart
 from service.light.skin_light import LUMINANCE, sh_basis
+from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.relief import shading
-from service.reflectance.relief.sensitivity import sensitivity
 from service.reflectance.relief.shading import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade
-from service.reflectance.result import NORMAL_ONE
+from service.reflectance.subject import sensitivity
 from tests.toyhead import sphere_head
 
 WIDTH, HEIGHT = 6144, 256

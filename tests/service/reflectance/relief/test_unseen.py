@@ -8,7 +8,7 @@ import pytest
 
 from service.arrays import Float32
 from service.reflectance.planes import Planes
-from service.reflectance.relief.unseen import without_border
+from service.reflectance.relief.normal_inputs import without_border
 from service.reflectance.subject import GEOMETRY_SIZE, LIT
 
 SIZE = (1536, 1024)

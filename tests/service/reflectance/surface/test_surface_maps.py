@@ -13,10 +13,16 @@ from service.materials.of_head import SKIN, material_of
 from service.options import Options
 from service.reflectance.plan import Plan
 from service.reflectance.relief.displacement import encode
-from service.reflectance.surface.cavity import FLOOR, cavity
-from service.reflectance.surface.make import surface_maps
-from service.reflectance.surface.roughness import USUAL_OIL, oil_of, roughness
-from service.reflectance.surface.thickness import LARGEST_MM, thickness_mm
+from service.reflectance.surface_maps import (
+    FLOOR,
+    LARGEST_MM,
+    USUAL_OIL,
+    cavity,
+    oil_of,
+    roughness,
+    surface_maps,
+    thickness_mm,
+)
 from tests.toyhead import CENTRE, sphere_head
 
 

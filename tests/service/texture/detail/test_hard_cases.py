@@ -12,10 +12,10 @@ import pytest
 from service.arrays import Float32
 from service.geometry.camera import Camera
 from service.photo.photo import Photo
-from service.texture.detail.own import OwnDetail
-from service.texture.detail.reading import Reader
-from service.texture.make import make_texture
-from service.texture.result import Texture
+from service.texture.photo_detail import OwnDetail
+from service.texture.photo_sampling import Reader
+from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
 from tests.service.texture.detail.test_own import CHART, HEAD, SIZE, enlarged, seen_by, spots, truth
 from tests.service.texture.scenes import SKIN, bare, fitted, photograph, plain, turned
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.texture.detail.octaves import joined, split
+from service.texture.photo_sampling import joined, split
 
 RANDOM = np.random.default_rng(3)
 

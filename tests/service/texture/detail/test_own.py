@@ -11,13 +11,12 @@ import pytest
 from service.arrays import Float32
 from service.geometry.chart import Chart
 from service.photo.photo import Photo
-from service.texture.detail import own as module
-from service.texture.detail.own import OwnDetail, own_texture_of
-from service.texture.detail.reading import Reader
-from service.texture.detail.result import Detail
-from service.texture.detail.sharpness import LEAST_BLUR, Sharpness
-from service.texture.make import make_texture
-from service.texture.result import Texture
+from service.texture import photo_detail as module
+from service.texture.photo_detail import Detail, OwnDetail, own_texture_of
+from service.texture.photo_sampling import Reader
+from service.texture.sharpness import LEAST_BLUR, Sharpness
+from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
 from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
 from tests.toyhead import sphere_head
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.arrays import UInt8
-from service.texture.detail.sharpness import LEAST_BLUR, UNKNOWN_BLUR, Sharpness, measure
+from service.texture.sharpness import LEAST_BLUR, UNKNOWN_BLUR, Sharpness, measure
 
 
 def edges(blur: float, noise: float, seed: int = 0, side: int = 400) -> UInt8:

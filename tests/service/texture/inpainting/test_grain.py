@@ -6,7 +6,7 @@ import numpy as np
 
 from service.geometry.chart import Chart, mirrored
 from service.head.files import load_head
-from service.texture.inpainting.grain import grain
+from service.texture.inpainting import grain
 
 CHART = Chart.build(load_head(None), 576, 384)
 GRAIN = grain(CHART, 0)

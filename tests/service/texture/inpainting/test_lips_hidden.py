@@ -8,7 +8,7 @@ import pytest
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.texture.inpainting.inpaint import complete_skin
+from service.texture.inpainting import complete_skin
 from tests.toyhead import sphere_head
 
 HEAD = load_head()

@@ -8,9 +8,8 @@ from service.face.reading.reader import CELLS, PART_CELLS, Reading
 from service.face.region import Region
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.texture.make import make_texture
-from service.texture.segmentation.covered import covered, parts_at
-from service.texture.segmentation.zones import Zones
+from service.texture.segmentation import Zones, covered, parts_at
+from service.texture.texture import make_texture
 from service.texture.unwrap import unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, turned

@@ -1,0 +1,331 @@
+"""All that an avatar wears: hair, lashes, brows and bust, in its albedo.
+
+Hair, lashes, brows and bust of one head as meshes for files and pictures.
+
+The bust: shoulders that go on from the head's neck, in the neck's own colour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from service.anatomy.hair.find_hair import Hair
+from service.anatomy.hair.hair_colour import as_melanin, hair_picture
+from service.anatomy.hair.tailored import Tailored
+from service.anatomy.hair.wearables import Item, Items, Skull, fits, hair_on, mirrored, read_items
+from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8, UInt16
+from service.colour import bytes_to_linear, linear_to_srgb
+from service.face.fit.result import Fit
+from service.geometry.cutting import split
+from service.geometry.mesh_field import laplacian, smooth_fit
+from service.geometry.normals import area_normals, face_normals
+from service.geometry.raster import interpolate, rasterise
+from service.geometry.sampling import sample_chart
+from service.head.model import HeadModel
+from service.head.regions import vertex_mask
+from service.materials.material import Material, OwnMap
+from service.materials.of_head import SKIN
+from service.materials.part import MeshPart, targets_of
+
+LASHES = "lash/eyelashes02"
+"""Upper and lower lashes of every head: even, of middle length."""
+LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
+"""Diffuse albedo of lashes, linear RGB."""
+LASH_DENSITY = 0.5
+"""Factor on the asset's alpha, half of which is covered: 120 lashes of 0.07 mm, which taper, cover a quarter of a lid's
+30 mm (Thibaut et al. 2010). Denser ones shade the eye in path tracers."""
+
+BROW_LIFT_M = 0.0004
+"""Height of the brows' cards over where they were made: the skin of another head is curved differently."""
+HAIR_IOR = 1.55
+"""Of human hair (Marschner et al. 2003, table 1)."""
+ROUGHNESS = (0.36, 0.5)
+"""Of glossy and of dull hair, across strands."""
+CUTOFF = 0.35
+"""Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
+
+
+def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+    """The style as a mesh that stands still; None for a bald head.
+
+    Args:
+        hair: as :func:`service.anatomy.hair.find_hair.find_hair` gives it.
+        head: topology of the head.
+        fit: its vertices.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    if hair.choice.name is None:
+        return None
+    items, cut = read_items(), hair.choice.cut
+    item = items.items[hair.choice.name]
+    skull = Skull.of(head, fit.neutral)
+    made = hair.tailored
+    if made is None:
+        worn = mirrored(item, head) if cut.mirrored else item
+        made = Tailored(hair_on(item, items, skull, cut), worn.uv, worn.triangles, None, 0.0)
+    picture = OwnMap("hair", hair_picture(item, hair.colour, light))
+    # Highlights of glossy hair are narrower.
+    roughness = float(np.clip(ROUGHNESS[1] - 0.1 * (hair.colour.sheen - 1.0), *ROUGHNESS))
+    material = Material(
+        "hair", colour_map=picture, alpha="mask", cutoff=CUTOFF, double_sided=True, roughness=round(roughness, 3),
+        ior=HAIR_IOR,
+    )  # fmt: skip
+    faces = outwards(made.points, made.triangles, skull)
+    return MeshPart("hair", made.points, made.points, faces, made.uv, material)
+
+
+def outwards(points: Float32, triangles: Int32, skull: Skull) -> Int32:
+    """(T, 3) triangles of cards from the skin outwards, for viewers that blend them in the order of the file.
+
+    All face outwards: a normal on the other side of a face than its front would be turned round by path tracers.
+    """
+    middle = points[triangles].mean(1)
+    _, away, normal = skull.nearest(middle)
+    inward = (face_normals(points, triangles) * normal).sum(1) < 0
+    wound = np.where(inward[:, None], triangles[:, ::-1], triangles)
+    return np.ascontiguousarray(wound[np.argsort(away, kind="stable")], np.int32)
+
+
+def lash_part(head: HeadModel, fit: Fit) -> MeshPart | None:
+    """Upper and lower lashes, which follow the lids; None for a head that they were not made for."""
+    items = read_items()
+    if not fits(items, head):
+        return None
+    colour = np.rint(255 * linear_to_srgb(LASH)).astype(np.uint8)
+    alpha = np.rint(LASH_DENSITY * items.items[LASHES].picture[..., 0]).astype(np.uint8)
+    material = Material(
+        "lashes", colour_map=OwnMap("lashes", _in_colour(alpha, colour)), alpha="blend", double_sided=True,
+        roughness=0.6,
+    )  # fmt: skip
+    return following("lash_cards", items.items[LASHES], items, head, fit, material, ("lashes",))
+
+
+def _in_colour(alpha: UInt8, colour: UInt8) -> UInt8:
+    """(h, w, 4) one sRGB colour (3,) with an alpha (h, w)."""
+    flat = np.broadcast_to(colour, (*alpha.shape, 3))
+    return np.ascontiguousarray(np.concatenate([flat, alpha[..., None]], 2))
+
+
+def following(
+    name: str, item: Item, items: Items, head: HeadModel, fit: Fit, material: Material, replaces: tuple[str, ...] = (),
+    lift: AnyFloat | float = 0.0,
+) -> MeshPart:  # fmt: skip
+    """An item that follows identity and expression.
+
+    Args:
+        name: of the part.
+        item: what.
+        items: the file that it is from.
+        head: topology and units.
+        fit: vertices of the head.
+        material: its surface.
+        replaces: parts of the head in whose place it stands.
+        lift: (N, 3) metres that its vertices are moved by.
+    """
+    return MeshPart(
+        name,
+        np.asarray(item.worn(fit.vertices - items.fitted_head) + lift, np.float32),
+        np.asarray(item.worn(fit.neutral - items.fitted_head) + lift, np.float32),
+        item.triangles,
+        item.uv,
+        material,
+        targets=targets_of(head, item.moved),
+        replaces=replaces,
+    )
+
+
+def brow_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+    """Brows over those of the skin, in the shape that agrees best with the photo's; None where none was compared.
+
+    Args:
+        hair: with the brows' shape and colour.
+        head: topology and units.
+        fit: vertices of the head.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    items = read_items()
+    if hair.brow is None or hair.brow_colour is None or not fits(items, head):
+        return None
+    item = items.items[hair.brow]
+    coded = linear_to_srgb(np.clip(hair.brow_colour * light, 0, 0.6).astype(np.float32))
+    picture = _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
+    material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
+    normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
+    return following("brow_cards", item, items, head, fit, material, lift=BROW_LIFT_M * normals)
+
+
+BUST = "bust/body"
+SIDE = 256
+"""Texels along its texture, which holds a smooth colour only."""
+EXACT = 0.99
+"""Weight of one vertex of the head from which on a vertex of the bust is the same point."""
+BUST_ROUGHNESS = 0.55
+BLEND_M = 0.045
+"""Distance from the seam up to which the bust bends towards the neck's tangent planes."""
+SPLITS = 2
+NEIGHBOURS = 12
+"""Points of the seam whose tangent planes count for a vertex, by the inverse fourth power of their distance."""
+
+
+def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
+    """Neck and shoulders below the head; None for a head that they were not made for.
+
+    Args:
+        head: topology, chart and units.
+        fit: vertices of the head.
+        chart_colours: (h, w, 3) uint8 sRGB on the chart, albedo or texture.
+    """
+    items = read_items()
+    if not fits(items, head):
+        return None
+    item = items.items[BUST]
+    picture = OwnMap("bust", _picture(item, _colours(item, head, chart_colours)))
+    material = Material(
+        "bust", colour_map=picture, roughness=BUST_ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
+    )
+    return _tangent(following("bust", item, items, head, fit, material), item, head, fit)
+
+
+def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
+    """The bust leaving the neck in its tangent planes: shading goes on over the seam, of which each mesh has one side.
+
+    Its triangles are split first, else one step would take the whole turn.
+    """
+    at, of = seam(item)
+    if not len(at):
+        return part
+    names = list(part.targets)
+    moves = [part.targets[name] for name in names]
+    on_seam = np.zeros((len(part.neutral), 1))
+    on_seam[at] = 1.0
+    columns = np.concatenate([part.neutral, part.vertices, part.uv, *moves, on_seam], 1).astype(np.float64)
+    triangles = part.faces.astype(np.int64)
+    rim, normals = fit.neutral[of].astype(np.float64), area_normals(fit.neutral, head.triangles)[of].astype(np.float64)
+    tree = cKDTree(rim)
+    for _ in range(SPLITS):
+        columns, triangles = split(columns, triangles, np.ones(len(triangles), bool))
+    away, which = tree.query(columns[:, :3], min(NEIGHBOURS, len(rim)))
+    away, which = away.reshape(len(columns), -1), which.reshape(len(columns), -1)
+    share = 1 / (away + 1e-6) ** 4
+    share /= share.sum(1, keepdims=True)
+    height = np.einsum("nki,nki->nk", columns[:, None, :3] - rim[which], normals[which])
+    back = -np.einsum("nk,nk,nki->ni", share, height, normals[which])
+    fading = np.clip(1 - away[:, :1] / BLEND_M, 0, 1) ** 2
+    # On the seam the two meshes share straight edges.
+    columns[:, :6] += np.tile(fading * back * (columns[:, -1:] < 1), 2)
+    f = np.float32
+    return replace(
+        part,
+        neutral=columns[:, :3].astype(f),
+        vertices=columns[:, 3:6].astype(f),
+        uv=columns[:, 6:8].astype(f),
+        faces=triangles.astype(np.int32),
+        targets={name: columns[:, 8 + 3 * k : 11 + 3 * k].astype(f) for k, name in enumerate(names)},
+    )
+
+
+def seam(item: Item) -> tuple[Int64, Int64]:
+    """Vertices of the bust that are the head's own, and which those are."""
+    own = np.flatnonzero(item.share[:, 0] > EXACT)
+    return own, item.follow[own, 0].astype(np.int64)
+
+
+def _colours(item: Item, head: HeadModel, chart_colours: UInt8) -> Float32:
+    """(N, 3) linear RGB: the neck's at the seam, and from there on ever more its mean."""
+    on_chart = np.zeros(len(head.mean), np.int64)
+    on_chart[head.triangles] = head.triangle_uv
+    linear = bytes_to_linear(np.rint(sample_chart(chart_colours, head.uv[on_chart])).astype(np.uint8))
+    neck = vertex_mask(head, "neck") > 0.5
+    usual = np.median(linear[neck], 0) if neck.any() else np.median(linear, 0)
+    at, of = seam(item)
+    same = _welded(item)
+    count = int(same.max()) + 1
+    known, trust = np.zeros((count, 3)), np.zeros(count)
+    known[same[at]], trust[same[at]] = linear[of], 1.0
+    edges = laplacian(same[item.triangles], count)
+    return np.asarray(smooth_fit(edges, known, trust, 0.05, usual.astype(np.float64), 0.002)[same], np.float32)
+
+
+def _welded(item: Item) -> Int64:
+    """(N,) index of the point that each vertex is a copy of; copies differ in their place on the texture."""
+    rounded = np.round(item.rest * 1e5).astype(np.int64)
+    return np.asarray(np.unique(rounded, axis=0, return_inverse=True)[1].ravel(), np.int64)
+
+
+def _picture(item: Item, colours: Float32) -> UInt8:
+    """(SIDE, SIDE, 3) uint8 sRGB, extended beyond the islands."""
+    import cv2
+
+    at: Float64 = np.stack([item.uv[:, 0], 1 - item.uv[:, 1]], 1).astype(np.float64) * SIDE
+    drawn = rasterise(at, np.zeros(len(at)), item.triangles, SIDE, SIDE)
+    shown = np.flatnonzero(drawn.mask)
+    out = np.zeros((SIDE * SIDE, 3), np.float32)
+    corners = item.triangles[drawn.triangle.ravel()[shown]]
+    out[shown] = interpolate(colours, corners, drawn.barycentric.reshape(-1, 3)[shown])
+    beside = (~drawn.mask).astype(np.uint8)
+    _, label = cv2.distanceTransformWithLabels(beside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    source = np.zeros(int(label.max()) + 1, np.int64)
+    source[label.ravel()[shown]] = shown
+    return np.rint(255 * np.clip(linear_to_srgb(out[source[label.ravel()]]), 0, 1)).astype(np.uint8).reshape(
+        SIDE, SIDE, 3
+    )
+
+
+LIT = 200
+"""Code of the lit skin's map from which on a texel tells what the photo's light is."""
+LEAST_TEXELS = 100
+"""Fewest such texels."""
+RANGE = (0.2, 4.0)
+"""Smallest and largest ratio of albedo to the photo's colour in a channel."""
+
+
+def worn(
+    hair: Hair, head: HeadModel, fit: Fit, texture: UInt8, lit_skin: UInt8, albedo: UInt16 | None, *, brows: bool
+) -> tuple[MeshPart, ...]:
+    """Meshes beside the head's own.
+
+    Args:
+        hair: of the photo.
+        head: topology, chart and units.
+        fit: vertices of the head.
+        texture: (h, w, 3) uint8 sRGB on the chart, in the photo's light.
+        lit_skin: (h, w) uint8, 255 where the texture shows lit skin.
+        albedo: (H, W, 3) uint16 sRGB-coded; None: all colours stay in the photo's light, as the texture does.
+        brows: whether brows are cards too.
+    """
+    small = None if albedo is None else _small(albedo, texture.shape)
+    light = np.ones(3, np.float32)
+    if small is not None:
+        light = to_albedo(texture, small, lit_skin)
+        brow = None if hair.brow_colour is None else as_melanin(hair.brow_colour * light) / light
+        hair = replace(hair, colour=hair.colour.natural(light), brow_colour=brow)
+    parts = (
+        bust_part(head, fit, texture if small is None else small),
+        hair_part(hair, head, fit, light),
+        brow_part(hair, head, fit, light) if brows else None,
+        lash_part(head, fit),
+    )
+    return tuple(part for part in parts if part is not None)
+
+
+def to_albedo(texture: UInt8, albedo: UInt8, lit_skin: UInt8) -> Float32:
+    """(3,) median ratio of linear albedo to linear texture, both (h, w, 3) uint8, over lit skin (h, w); 1 without any.
+
+    The light on hair is that on the skin: the networks say what it is there.
+    """
+    chosen = lit_skin >= LIT
+    if int(chosen.sum()) < LEAST_TEXELS:
+        return np.ones(3, np.float32)
+    shown, own = (bytes_to_linear(image[chosen]) for image in (texture, albedo))
+    ratio = np.median(own / np.maximum(shown, np.float32(1e-3)), 0)
+    return np.asarray(np.clip(ratio, *RANGE), np.float32)
+
+
+def _small(albedo: UInt16, shape: tuple[int, ...]) -> UInt8:
+    import cv2
+
+    small = np.asarray(cv2.resize(albedo, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.float32)
+    return np.rint(small / 257).astype(np.uint8)

@@ -1,0 +1,177 @@
+"""``--budget``: the best quality level that this machine can do in so many seconds, from a measurement of a second."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from service.levels import LEVELS, TEXTURE_SIZE
+from service.options import Options
+from service.reflectance.plan import Plan
+from service.runtime.networks import Engine, choose_engine, open_network
+from service.runtime.tiles import DEFAULT_TILE
+from service.stage_cache import Stages, Unkept
+
+OVER_BUDGET = "over-budget"
+"""Warning: not even the fastest level was expected to fit."""
+
+SAMPLE = 256
+"""Inner side of the tile that is measured."""
+
+FIT_WORK = 90.0
+"""Everything before the networks, and meshes and previews after them, in units of :func:`_yardstick`."""
+
+FINE_MESH_WORK = 60.0
+
+TRANSFORMS, CLIFF_TRANSFORMS = 5, 5
+"""Cosine transforms of the map, there and back, that displacement takes as long as; what keeping cliffs adds."""
+
+SAFETY = 1.15
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What this machine does.
+
+    Attributes:
+        yardstick: seconds of a fixed piece of numpy work.
+        transform: seconds per megatexel of a cosine transform, there and back.
+        packing: seconds per megatexel of an 8-bit RGB PNG.
+        networks: seconds per megapixel of input, halos left out, of each network that runs in tiles; seconds of one run
+            of each that takes a whole map.
+        opening: seconds that loading each network takes, and its first run more than others.
+        halos: (halo, scale) of each network in tiles.
+        whole: names of networks that take whole maps.
+    """
+
+    yardstick: float
+    transform: float
+    packing: float
+    networks: Mapping[str, float]
+    opening: Mapping[str, float]
+    halos: Mapping[str, tuple[int, int]]
+    whole: frozenset[str]
+
+
+def within_budget(options: Options, stages: Stages = Unkept()) -> tuple[Options, tuple[str, ...]]:  # noqa: B008
+    """Options with the level that the budget allows, and warnings; unchanged without a budget.
+
+    Raises:
+        ModelFault: a network is missing or changed.
+        UsageError: the runtime that is asked for is not there.
+    """
+    if options.budget is None or not options.plan().stages:
+        return options, ()
+    chosen = stages.keep("level", lambda: _choose(options))
+    warnings = (OVER_BUDGET,) if chosen.startswith("!") else ()
+    return replace(options, quality=chosen.removeprefix("!"), budget=options.budget), warnings  # type: ignore[arg-type]
+
+
+def _choose(options: Options) -> str:
+    """Name of the level; with a mark of exclamation where even the fastest is expected to take longer."""
+    fits = [name for name, seconds in expected(options).items() if seconds <= float(options.budget or 0)]
+    return fits[-1] if fits else "!" + next(iter(LEVELS))
+
+
+def expected(options: Options) -> dict[str, float]:
+    """Seconds that each level should take on this machine for the maps of ``options``."""
+    asked = {name: replace(options, quality=name) for name in LEVELS}  # type: ignore[arg-type]
+    networks = tuple({network: None for each in asked.values() for network in each.plan().networks})
+    speeds: dict[Engine, Speed] = {}
+    result = {}
+    for name, each in asked.items():
+        engine = choose_engine(options.runtime, precision=each.level.precision)
+        if engine not in speeds:
+            speeds[engine] = measure(engine, networks)
+        result[name] = SAFETY * estimate(speeds[engine], each, each.plan())
+    return result
+
+
+def estimate(speed: Speed, options: Options, plan: Plan) -> float:
+    """Seconds for one avatar."""
+    width, height = options.map_size
+    texels = width * height / 1e6
+    seconds = FIT_WORK * speed.yardstick
+    for name in plan.networks:
+        seconds += speed.opening[name] + _network_seconds(speed, name, texels)
+    if "displacement" in plan.stages:
+        seconds += (TRANSFORMS + (CLIFF_TRANSFORMS if plan.keep_cliffs else 0)) * speed.transform * texels
+    deep = 3.0 if options.normal_bits == 16 else 1.0
+    for stage in plan.stages:
+        if stage != "super_resolution" and stage in options.maps:
+            seconds += speed.packing * texels * (deep if stage.endswith("normal") else 1.0)
+    if options.level.fine_mesh and "displacement" in options.maps:
+        seconds += FINE_MESH_WORK * speed.yardstick
+    return seconds
+
+
+def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
+    """Time one small tile of each network, and what else grows with the maps."""
+    from scipy.fft import dctn, idctn
+
+    from service.archive.png import Rows, encode
+
+    costs: dict[str, float] = {}
+    opening: dict[str, float] = {}
+    halos: dict[str, tuple[int, int]] = {}
+    whole = set()
+    for name in networks:
+        begin = time.perf_counter()
+        with open_network(name, engine) as network:
+            opened = time.perf_counter() - begin
+            what = network.description
+            small = name.startswith("zeta") or what.whole is not None
+            side = SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE
+            shape = (side, side) if what.whole is None else what.whole[::-1]
+            maps = np.zeros((len(what.channels), *shape), np.float32)
+            first, second = _twice(lambda: network.run(maps))  # noqa: B023 - called at once
+            seconds = min(first, second)
+            opening[name] = opened + first - seconds
+            if what.whole is not None:
+                whole.add(name)
+                costs[name] = seconds
+            else:
+                costs[name] = seconds / (shape[0] * shape[1] / 1e6)
+                halos[name] = (what.halo, what.scale)
+    noise = np.random.default_rng(0).integers(0, 256, (512, 768, 3), np.uint8)
+    plane = noise[..., 0].astype(np.float32)
+    area = plane.size / 1e6
+    return Speed(
+        yardstick=min(_twice(_yardstick)),
+        transform=min(_twice(lambda: idctn(dctn(plane, workers=2), workers=2))) / area,
+        packing=min(_twice(lambda: encode(Rows.of(noise), srgb=False))) / area,
+        networks=costs,
+        opening=opening,
+        halos=halos,
+        whole=frozenset(whole),
+    )
+
+
+def _network_seconds(speed: Speed, name: str, texels: float) -> float:
+    cost = speed.networks[name]
+    if name in speed.whole:
+        return cost
+    halo, scale = speed.halos[name]
+    area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name.startswith("zeta") else texels
+    side = DEFAULT_TILE / scale
+    return cost * area * ((side + 2 * halo) / side) ** 2
+
+
+def _twice(work: Callable[[], object]) -> tuple[float, float]:
+    seconds = []
+    for _ in range(2):
+        begin = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - begin)
+    return seconds[0], seconds[1]
+
+
+def _yardstick() -> float:
+    """Numpy work of the kind that fitting and unwrapping are made of: a few hundredths of a second."""
+    values = np.linspace(0.0, 1.0, 1_000_000)
+    for _ in range(5):
+        values = np.sqrt(values * values + 1.0) - np.sin(values)
+    return float(values[0])

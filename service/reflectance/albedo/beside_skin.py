@@ -1,0 +1,105 @@
+"""Padding of the albedo outside the islands of the chart.
+
+delta's result there is arbitrary, as it was never trained on these texels, and the networks that read the albedo would
+take the step at an island's border for a crease. So skin is padded from inside, as in the texture. So is what is drawn
+on eyes and teeth: a renderer that filters the map mixes in texels beside an island, and a pale line would divide the
+teeth.
+
+The shadow of hair's roots (``service.texture.texture``) on the diffuse albedo.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.part_texels import PartTexels
+from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
+from service.geometry.chart import NO_PART, nearest_inside
+from service.reflectance.planes import interpolated
+from service.reflectance.subject import Subject, margin
+
+STRIP = 256
+"""Rows of the full map at a time."""
+
+
+def pad_skin(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: texels outside all islands, where the nearest island is skin, take its colour.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is; the albedo stays as it is where that shows no skin.
+    """
+    import cv2
+
+    height, width = albedo.shape[:2]
+    chart, skin = subject.chart, subject.head.part_names.index("skin")
+    inside = cv2.erode((chart.part == skin).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    if not np.any(inside):
+        return albedo
+    small = np.asarray(cv2.resize(albedo, (chart.width, chart.height), interpolation=cv2.INTER_AREA), np.float32)
+    colour = small.reshape(-1, 3)[nearest_inside(np.asarray(inside)).ravel()].reshape(small.shape)
+    beside_skin = chart.part.ravel()[nearest_inside(chart.mask)] == skin
+    planes = np.concatenate([np.moveaxis(colour, 2, 0), beside_skin.reshape(1, *inside.shape).astype(np.float32)])
+    outside = subject.islands((width, height)) == NO_PART
+    columns = np.arange(width)
+    for top in range(0, height, STRIP):
+        rows = np.arange(top, min(top + STRIP, height))
+        chosen = outside[rows]
+        if not chosen.any():
+            continue
+        fill = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
+        chosen &= fill[..., 3] > 0.999
+        albedo[rows[0] : rows[-1] + 1][chosen] = np.rint(fill[..., :3][chosen]).astype(albedo.dtype)
+    return albedo
+
+
+def pad_parts(albedo: Codes, subject: Subject) -> Codes:
+    """The albedo, changed in place: texels beside the islands of eyes and teeth take the colour of the nearest inside.
+
+    Args:
+        albedo: (H, W, 3) codes.
+        subject: whose chart it is.
+    """
+    import cv2
+
+    height, width = albedo.shape[:2]
+    names, reach = subject.head.part_names, margin(width) + 1
+    islands = subject.islands((width, height))
+    for index, name in enumerate(names):
+        place = PartTexels.of(subject.head, name, (width, height)) if name.startswith(("eye", "teeth")) else None
+        if place is None:
+            continue
+        ends = zip(place.box, (height, width), strict=True)
+        box = tuple(slice(max(one.start - reach, 0), min(one.stop + reach, most)) for one, most in ends)
+        inside = np.zeros(albedo[box].shape[:2], np.uint8)
+        top, left = (one.start - wide.start for one, wide in zip(place.box, box, strict=True))
+        inside[top : top + place.inside.shape[0], left : left + place.inside.shape[1]] = place.inside
+        near = np.asarray(cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)) <= reach
+        beside = (inside == 0) & near & np.isin(islands[box], (NO_PART, index))
+        albedo[box][beside] = albedo[box].reshape(-1, 3)[nearest_inside(inside > 0)[beside]]
+    return albedo
+
+
+"""Rows of the full map at a time."""
+
+
+def darkened(albedo: Codes, left: npt.NDArray[np.uint8]) -> Codes:
+    """The albedo, changed in place.
+
+    Args:
+        albedo: (H, W, 3) sRGB codes.
+        left: (h, w, 3) uint8, linear, 255 = 1: the factor on linear albedo, interpolated.
+    """
+    height, width = albedo.shape[:2]
+    planes = np.ascontiguousarray(np.moveaxis(left, 2, 0), np.float32) / np.float32(255)
+    columns = np.arange(width)
+    for top in range(0, height, STRIP):
+        rows = np.arange(top, min(top + STRIP, height))
+        factor = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
+        chosen = factor.min(2) < 1 - 1e-3
+        if chosen.any():
+            strip = albedo[rows[0] : rows[-1] + 1]
+            linear = srgb_to_linear(strip[chosen] * np.float32(1 / FULL_CODE))
+            strip[chosen] = np.rint(linear_to_srgb(linear * factor[chosen]) * FULL_CODE).astype(albedo.dtype)
+    return albedo

@@ -1,0 +1,183 @@
+"""delta: texture without its light (AvatarMe, section 4.3).
+
+What light the photo was taken in is seen from the whole head, not from a tile. A small network therefore looks at the
+whole chart once and leaves its findings as coarse planes that every tile reads.
+
+What the context network tells of the light on a whole chart, corrected.
+
+All corrections in the order in which they run: rules that alter what a network or the photo gave.
+
+``avatarme make --without NAME,...`` switches them off; ``benchmarks.corrections`` takes each on trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.eyes.colours import BRIGHTEST
+from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.arrays import Float32
+from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.reflectance.albedo.albedo_error import clues, error_model
+from service.reflectance.albedo.corrections import Correction, Ledger
+from service.reflectance.albedo.highlights import HIGHLIGHTS
+from service.reflectance.albedo.light_corrections import (
+    LIGHT_CONTRAST,
+    SKIN_HUE,
+    UNSEEN_SKIN,
+    ChartLight,
+    LightCorrection,
+    corrected,
+)
+from service.reflectance.planes import Planes
+from service.reflectance.subject import EYES, INPAINTED, LIDS, LIT, SHOWN
+from service.reflectance.translate import MapInputs, translate
+from service.runtime.networks import Engine, Network, describe, open_network
+from service.runtime.tiles import run_whole
+
+TEXTURE = ("texture_r", "texture_g", "texture_b")
+
+ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
+"""Corrections of the light where the photo shows skin in it, in order."""
+
+EVERYWHERE: tuple[LightCorrection, ...] = (UNSEEN_SKIN,)
+"""Corrections of the light that is continued from there to the whole chart, in order."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the context network tells of a whole chart.
+
+    Attributes:
+        light: (C, h, w) log light on skin, gone on with into all that is not lit skin.
+        between: (3,) log light on eyes, teeth and tongue, should the texture not tell.
+        clues: (K, h, w) to how sure the albedo is, ``service.reflectance.albedo.albedo_error``.
+    """
+
+    light: Float32
+    between: Float32
+    clues: Float32
+
+
+def light_between_lids(light: Float32, lit: Float32) -> Float32:
+    """(3,) log light on eyes, teeth and tongue of a texture that does not tell: the face's less shade.
+
+    Args:
+        light: (3, h, w) log light of the skin.
+        lit: (h, w) in [0, 1], where it is to be believed; nowhere counts as everywhere.
+    """
+    weight = lit if float(lit.sum()) >= 1 else np.ones_like(lit)
+    mean = (light * weight).sum((1, 2)) / np.float32(weight.sum())
+    return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
+
+
+def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> Found:
+    """Ask the context network about the planes of a whole chart.
+
+    Planes of ``service.reflectance.subject.CLUES`` may be missing: then all skin is lit, none is
+    inpainted, and there are no lids.
+    """
+    ledger = ledger or Ledger()
+    what = network.description
+    size = what.whole or planes.size
+    light = run_whole(network, planes.shrunk(what.channels, size))
+
+    def clue(name: str, usual: float) -> Float32:
+        shown = planes.shrunk([name], size)[0] if name in planes.channels else np.full(light.shape[1:], usual)
+        return np.asarray(shown, np.float32)
+
+    lit, inside, lids = clue(LIT, 1.0), planes.shrunk(["mask"], size)[0], clue(LIDS, 0.0)
+    coded = np.moveaxis(planes.shrunk(TEXTURE, size), 0, 2).reshape(-1, 3) * np.float32(0.5) + np.float32(0.5)
+    linear = srgb_to_linear(coded)
+    white_seen = EYES[-1] not in planes.channels or bool(planes.shrunk(EYES[-1:], size).any())
+    # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
+    inpainted = clue(INPAINTED, 0.0) * (1 - lids)
+    shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
+    start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
+    on_skin = corrected(start, ON_LIT_SKIN, ledger)
+    whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
+    prior = start.prior
+    apart = None if prior is None else prior.apart(start.shown)
+    clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
+    return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)
+
+
+NAME, CONTEXT = "delta", "delta_context"
+PREFIX = "context_"
+PARTS = ("parts_r", "parts_g", "parts_b")
+"""Channels of the albedo of eyes, teeth and all else that is no skin, sRGB-coded in [-1, 1]."""
+
+
+@dataclass(frozen=True)
+class Delit:
+    """A texture without its light.
+
+    Attributes:
+        albedo: (H, W, 3) sRGB codes.
+        error: (h, w) float32 of ``service.reflectance.albedo.albedo_error``; None: the network reads no context.
+    """
+
+    albedo: Codes
+    error: Float32 | None
+
+
+def needs_context(engine: Engine) -> bool:
+    """Whether the network reads planes of the context network."""
+    return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
+
+
+def without(light: Float32, coded: Float32) -> Float32:
+    """(h, w, 3) texture in [-1, 1] without a (3,) log light, at most ``BRIGHTEST``."""
+    linear = srgb_to_linear(coded * np.float32(0.5) + np.float32(0.5)) * np.exp(-np.clip(light, -6, 6))
+    return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
+
+
+def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None) -> Delit:
+    """The albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
+
+    The network has seen skin only. What is no skin has the albedo of the planes ``PARTS``; without them the texture
+    loses the light of the face there, less what the lids shade.
+
+    Args:
+        texture: codes.
+        job: what the network is given.
+        ledger: which corrections run; it counts what they change.
+
+    Raises:
+        ModelFault: a network is missing, changed, or does not fit.
+    """
+    ledger = ledger or Ledger()
+    found: Found | None = None
+    if needs_context(job.engine):
+        with open_network(CONTEXT, job.engine) as network:
+            found = found_by(network, job.planes, ledger)
+            job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
+    result = np.zeros_like(texture)
+    parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None
+
+    def keep(place: tuple[slice, slice], values: npt.NDArray[np.float32], skin: npt.NDArray[np.float32]) -> None:
+        albedo = np.moveaxis(np.clip(values, -1, 1), 0, 2)
+        rows, columns = (np.arange(s.start, s.stop) for s in place)
+        if skin.min() < 1:
+            if parts is not None:
+                kept = np.moveaxis(parts(rows, columns), 0, 2)
+            else:
+                kept = from_codes(texture[place])
+                kept = kept if found is None else without(found.between, kept)
+            albedo = kept + skin[..., None] * (albedo - kept)
+        result[place] = to_codes(albedo)
+
+    translate(NAME, job, 3, keep)
+    return Delit(result, None if found is None else error_model().stated(found.clues))
+
+
+REGISTRY: tuple[Correction, ...] = (
+    *ON_LIT_SKIN,
+    *EVERYWHERE,
+    HIGHLIGHTS,
+)
+
+NAMES = tuple(one.name for one in REGISTRY)

@@ -1,0 +1,262 @@
+"""From texture and head to reflectance, stage by stage (AvatarMe, figure 3).
+
+::
+
+    T --zeta--> T^ --delta--> diffuse albedo --psi--> specular albedo
+          |
+          `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
+                                                       --sigma--> diffuse normals
+
+Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from service.anatomy.eyes.draw import draw_eyes
+from service.anatomy.teeth.draw import draw_teeth
+from service.arrays import UInt8
+from service.colour import Codes
+from service.geometry.chart import NO_PART
+from service.levels import TEXTURE_SIZE
+from service.reflectance.albedo.albedo_error import error_map
+from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
+from service.reflectance.albedo.corrections import Applied, Ledger
+from service.reflectance.albedo.diffuse_albedo import PARTS, diffuse_albedo
+from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
+from service.reflectance.plan import Plan
+from service.reflectance.planes import Planes
+from service.reflectance.reflectance_maps import Integration, Reflectance, Wrinkle
+from service.reflectance.relief.displacement import MOST_MM, Seams, Steps, displacement, encode, join, pad_heights
+from service.reflectance.relief.folds import unfolded, unfolded_albedo
+from service.reflectance.relief.normal_inputs import (
+    DRAWN_DETAIL,
+    READERS,
+    SHADED_GREY,
+    drawn_detail,
+    shaded_grey,
+    without_border,
+)
+from service.reflectance.relief.shading import bare, with_shade
+from service.reflectance.subject import CLUES, GEOMETRY, Subject
+from service.reflectance.super_resolution import Grain, enlarge, resample
+from service.reflectance.translate import DIFFUSE, SPECULAR, MapInputs, specular_albedo, tangent_normals
+from service.runtime.networks import Engine, lacks_openvino
+from service.runtime.tiles import DEFAULT_TILE
+from service.stage_cache import Stages, Unkept
+from service.texture.photo_detail import Detail, OwnDetail
+
+T = TypeVar("T")
+
+Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None, UInt8 | None]
+"""Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and the share of all the reflectance work that is done."""
+
+
+def make_reflectance(
+    texture: npt.NDArray[np.uint8],
+    subject: Subject,
+    plan: Plan,
+    size: tuple[int, int],
+    engine: Engine,
+    *,
+    seed: int = 0,
+    detail: float = 1.0,
+    without: Collection[str] = (),
+    own: OwnDetail | None = None,
+    tile: int = DEFAULT_TILE,
+    progress: Progress = lambda stage, done: None,
+    stages: Stages = Unkept(),  # noqa: B008 - holds nothing
+) -> Reflectance:
+    """Make the maps that a plan asks for.
+
+    Args:
+        texture: (h, w, 3) uint8 sRGB with the photo's light in it, filled outside the islands.
+        subject: the head that the texture lies on.
+        plan: the stages to run.
+        size: (width, height) of the maps.
+        engine: what the networks run on.
+        seed: of made-up detail.
+        detail: its strength in [0, 1]; 0 gives the likeliest maps, which have next to none.
+        without: names of corrections that do not run (``service.reflectance.albedo.diffuse_albedo``).
+        own: the photo's detail beyond the texture; None: there is no photo.
+        tile: inner side of tiles in texels; the result does not depend on it.
+        progress: told when a stage begins and after each tile.
+        stages: keeps the maps of finished stages.
+
+    Raises:
+        ModelFault: a network is missing, changed, or does not fit.
+        NumericFault: a network's output is not finite.
+    """
+    run = _Run(plan, stages, progress)
+    geometry = subject.geometry
+    source = texture.astype(np.uint16) * np.uint16(257)
+    if "super_resolution" in plan.stages:
+        small = Planes((texture.shape[1], texture.shape[0]))
+        small.add_codes("texture", source)
+        small.add_coarse(GEOMETRY, geometry)
+        source = run("super_resolution", lambda told: enlarge(small, Grain(seed, detail), engine, tile, told))
+        del small
+    planes = Planes(size)
+    planes.add_coarse(GEOMETRY, geometry)
+    planes.add_coarse(CLUES, subject.clues)
+    skin = subject.skin(size)
+    made = _Maps()
+    corrections: tuple[Applied, ...] = ()
+    found_detail: Detail | None = None
+
+    def job(told: Callable[[float], None]) -> MapInputs:
+        return MapInputs(planes, skin, engine, tile, told)
+
+    def smoothed(codes: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+        return (codes, ()) if subject.creases is None else unfolded(codes, subject.creases)
+
+    if "diffuse_albedo" in plan.stages:
+        full = resample(source, size)
+        del source
+        planes.add_codes("texture", full)
+        if subject.parts is not None:
+            planes.add_coarse(PARTS, np.moveaxis(subject.parts, 2, 0) * np.float32(2 / 255) - np.float32(1))
+
+        def unlit(told: Callable[[float], None]) -> Unlit:
+            ledger = Ledger(without)
+            enlarged = "super_resolution" in plan.stages
+            told_of = own.onto(full) if own is not None and enlarged else None
+            delit = diffuse_albedo(full, job(told), ledger)
+            plain = delit.albedo
+            unsure = None if delit.error is None else error_map(delit.error, skin, min(size, TEXTURE_SIZE))
+            grey = shaded_grey(planes, plain) if READERS & set(plan.stages) else None
+            if ledger.runs(HIGHLIGHTS):
+                plain = without_highlights(plain, full, skin, subject.lit, grey, ledger)
+            if grey is not None:
+                grey = without_border(grey, planes)
+            plain = pad_skin(plain if subject.roots is None else darkened(plain, subject.roots), subject)
+            plain = draw_eyes(plain, subject.head, detail, subject.iris, subject.pupil_m)
+            drawn = draw_teeth(plain, subject.head, detail)
+            return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
+
+        unlit_maps = run("diffuse_albedo", unlit)
+        made.diffuse_albedo, grey, corrections, found_detail, made.albedo_error = unlit_maps
+        planes.drop("texture")
+        del full
+        planes.add_codes("albedo", made.diffuse_albedo)
+        if grey is not None:
+            planes.add_grey(SHADED_GREY, grey)
+            seen, octaves = None if own is None else own.seen, () if found_detail is None else found_detail.octaves
+            drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
+            planes.add_coarse([DRAWN_DETAIL], drawn[None])
+    if "specular_albedo" in plan.stages:
+        made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
+    if "specular_normal" in plan.stages:
+
+        def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+            bent = tangent_normals(SPECULAR, job(told))
+            if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
+                shares = tuple(octave.share for octave in found_detail.octaves)
+                trust = bare(own.seen, planes)
+                bent = with_shade(bent, grey, subject.slope, trust, shares)
+            return smoothed(bent)
+
+        made.specular_normal, made.wrinkles = run("specular_normal", specular)
+    if "diffuse_normal" in plan.stages:
+        made.diffuse_normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told))))
+    if "displacement" in plan.stages and made.specular_normal is not None:
+        bumps = made.specular_normal
+        found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
+        made.displacement, made.integration = found[0], Integration(*found[1:])
+    if made.diffuse_albedo is not None and subject.creases is not None:
+        # Only now: the networks read relief from the dark lines of folds.
+        made.diffuse_albedo = unfolded_albedo(made.diffuse_albedo, subject.creases)
+    return Reflectance(
+        size=size,
+        diffuse_albedo=made.diffuse_albedo,
+        albedo_error=made.albedo_error,
+        specular_albedo=made.specular_albedo,
+        specular_normal=made.specular_normal,
+        diffuse_normal=made.diffuse_normal,
+        displacement=made.displacement,
+        runtime=engine.runtime,
+        precision=engine.precision,
+        tile=tile,
+        super_resolution="super_resolution" in plan.stages,
+        fallbacks=_fallbacks(plan, engine, subject, texture),
+        models=plan.networks,
+        engines=engine.told(plan.networks),
+        integration=made.integration,
+        wrinkles=made.wrinkles,
+        corrections=corrections,
+        detail=found_detail,
+        timings_s=run.timings,
+    )
+
+
+def _fallbacks(plan: Plan, engine: Engine, subject: Subject, texture: npt.NDArray[np.uint8]) -> tuple[str, ...]:
+    delighted = "diffuse_albedo" in plan.stages
+    told = {
+        "texture-resampled": "super_resolution" not in plan.stages,
+        "light-from-skin-alone": delighted and subject.eye_light is None,
+        "bf16-needs-openvino": engine.precision == "fp32" and lacks_openvino(),
+    }
+    return tuple(code for code, so in told.items() if so)
+
+
+class _Maps:
+    """What has been made so far."""
+
+    diffuse_albedo: Codes | None = None
+    albedo_error: UInt8 | None = None
+    specular_albedo: Codes | None = None
+    specular_normal: npt.NDArray[np.int16] | None = None
+    diffuse_normal: npt.NDArray[np.int16] | None = None
+    displacement: Codes | None = None
+    integration: Integration | None = None
+    wrinkles: tuple[Wrinkle, ...] = ()
+
+
+class _Run:
+    """Runs stages one after the other: times them, keeps their results, tells how far all of it is."""
+
+    def __init__(self, plan: Plan, stages: Stages, progress: Progress) -> None:
+        self.timings: dict[str, float] = {}
+        self._shares = plan.shares()
+        self._stages = stages
+        self._progress = progress
+        self._done = 0.0
+
+    def __call__(self, name: str, make: Callable[[Callable[[float], None]], T]) -> T:
+        share = self._shares[name]
+        self._progress(name, self._done)
+        begin = time.perf_counter()
+        result = self._stages.keep(name, lambda: make(lambda done: self._progress(name, self._done + share * done)))
+        self.timings[name] = time.perf_counter() - begin
+        self._done += share
+        return result
+
+
+def _displaced(
+    bumps: npt.NDArray[np.int16],
+    subject: Subject,
+    size: tuple[int, int],
+    skin: npt.NDArray[np.uint8],
+    keep_cliffs: bool,
+) -> tuple[Codes, int, float, float, float | None]:
+    """Displacement codes, and the numbers of :class:`Integration`."""
+    steps = Steps.of(subject.chart, subject.vertices)
+    part = subject.head.part_names.index("skin")
+    islands = subject.islands(size)
+    surface = (islands == part) & (skin > 0)
+    height, facts = displacement(bumps, steps, surface, keep_cliffs=keep_cliffs)
+    height *= skin * np.float32(1 / 255)
+    texel_mm = steps.texel_mm() * np.float32(steps.width / size[0])
+    height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
+    np.clip(height, -MOST_MM, MOST_MM, out=height)
+    pad_heights(height, surface, islands == NO_PART)
+    return encode(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction

@@ -1,0 +1,336 @@
+"""Where the photo's expression folds the skin, in which directions, and which units do it.
+
+Skin that an expression compresses gets folds that run across the compression (wrinkle maps of performance capture
+use the same measure: Oat 2007; Bickel et al. 2008). So the strain between the neutral and the fitted mesh tells what
+relief in the photo is the expression's and not the person's.
+
+How an expression stretches and compresses the skin: the finite strain of the surface on the chart.
+
+With J the Jacobian of a surface over the chart and the neutral tangent frame (t along u, b across it), the right
+Cauchy-Green tensor of the motion is C = J0^-T (J^T J) J0^-1; its eigenvalues are the squares of the principal
+stretches (Ogden, Non-Linear Elastic Deformations, 2.2).
+
+Maps without the folds of the photo's expression, and the folds as maps of their own.
+
+Of the relief only what is as coarse as a fold and slopes in the direction of the compression, by its structure tensor,
+is taken: pores are finer, shape is coarser, and lines that run along the compression are the person's. Where nothing is
+compressed no texel changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from service.arrays import AnyFloat, Float32, UInt8, UInt16
+from service.face.fit.result import Fit
+from service.geometry.chart import Chart
+from service.head.model import HeadModel
+from service.head.regions import vertex_mask
+from service.reflectance.planes import interpolated
+from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
+
+
+@dataclass(frozen=True)
+class Strain:
+    """Symmetric (h, w) float32 components of C in the neutral tangent frame: x along u, y up across it; 1, 0, 1 where
+    nothing moves or the chart has no area.
+    """
+
+    xx: Float32
+    xy: Float32
+    yy: Float32
+
+    @classmethod
+    def of(cls, neutral: Float32, moved: Float32) -> Strain:
+        """From first fundamental forms (h, w, 3) of the same chart, as ``Chart.metric`` gives them."""
+        e0, f0, g0 = np.moveaxis(neutral.astype(np.float64), 2, 0)
+        e, f, g = np.moveaxis(moved.astype(np.float64), 2, 0)
+        along = np.sqrt(np.maximum(e0, 0))
+        sound = along > 1e-6
+        a = np.where(sound, along, 1)
+        lean = np.where(sound, f0 / a, 0)
+        square = g0 - lean * lean
+        sound &= square > 1e-12
+        c = np.sqrt(np.where(sound, square, 1))
+        parts = (e / a**2, (f - e * lean / a) / (a * c), (g - 2 * lean * f / a + lean**2 * e / a**2) / c**2)
+        still = (1.0, 0.0, 1.0)
+        xx, xy, yy = (np.where(sound, part, rest).astype(np.float32) for part, rest in zip(parts, still, strict=True))
+        return cls(xx, xy, yy)
+
+    def smallest(self) -> tuple[Float32, Float32]:
+        """(h, w) smallest principal stretch, and (h, w, 2) float32 unit direction of it; x where all are alike."""
+        half, middle = (self.xx - self.yy) / 2, (self.xx + self.yy) / 2
+        radius = np.hypot(half, self.xy)
+        angle = np.where(radius > 1e-9, np.arctan2(self.xy, half) / 2 + np.pi / 2, 0.0)
+        stretch = np.sqrt(np.maximum(middle - radius, 0))
+        return stretch.astype(np.float32), np.stack([np.cos(angle), np.sin(angle)], -1).astype(np.float32)
+
+    def along(self, direction: Float32) -> Float32:
+        """(h, w) stretch of lines in directions (h, w, 2), unit vectors of the neutral frame."""
+        x, y = np.moveaxis(direction, 2, 0)
+        return np.asarray(np.sqrt(np.maximum(self.xx * x * x + 2 * self.xy * x * y + self.yy * y * y, 0)), np.float32)
+
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "brows": ("browDown", "browInnerUp", "browOuterUp"),
+    "eyes": ("eyeSquint", "eyeBlink", "eyeWide", "eyeLook"),
+    "smile": ("mouthSmile", "cheekSquint", "mouthDimple", "mouthStretch", "noseSneer", "mouthUpperUp", "cheekPuff"),
+    "mouth": ("mouth", "jaw", "tongueOut"),
+}
+"""Maps, and how the names of their units begin; a unit belongs to the first that fits."""
+
+COMPRESSED = (0.04, 0.12)
+"""Compression, 1 less the smallest principal stretch, up to which skin folds no more than at rest, and from which on
+its folds are the expression's."""
+
+LEAST_WEIGHT = 0.05
+"""Units that the photo shows less of fold nothing."""
+
+NEVER = (
+    "brow_left", "brow_right", "lips", "eyelid_left", "eyelid_right", "mouth_inner", "eye_socket", "scalp", "ear_left",
+    "ear_right", "neck",
+)  # fmt: skip
+"""Regions whose lines are there at rest too, or that no one sees."""
+
+REACH = 9
+"""Texels of the chart, 5 mm of the face, by which folds lie beside the compressed skin: the nasolabial fold runs
+between cheek and lip, and the mesh, which has no fold, compresses both."""
+
+DIRECTIONS = 4
+"""Among which compression is told."""
+
+ALIKE = (0.25, 0.6)
+"""Squares of the cosine between compression and slope, from none to all of which the slope is a fold's: 60 and 39
+degrees; a mesh of centimetres tells the direction no better."""
+
+SMOOTH = 2.5
+"""Standard deviation, in texels of the chart, by which strain is smoothed: it is constant on each polygon."""
+
+
+@dataclass(frozen=True)
+class Creases:
+    """Folds of an expression on a chart of (h, w) texels.
+
+    Attributes:
+        weights: (DIRECTIONS, h, w) float32 in [0, 1], how much of the relief that slopes in direction k pi / DIRECTIONS
+            of the tangent frame, +Y up, is the expression's.
+        group: (h, w) uint8, index into :data:`GROUPS` of the units that compress most there.
+        units: weights in the photo of the units of each group that folds anything.
+    """
+
+    weights: Float32
+    group: UInt8
+    units: Mapping[str, Mapping[str, float]]
+
+    @classmethod
+    def of(cls, chart: Chart, fit: Fit) -> Creases | None:
+        """The folds of a fit; None where its expression compresses no visible skin enough.
+
+        Args:
+            chart: of the fit's head.
+            fit: of the photo.
+        """
+        head = chart.head
+        shown = {
+            name: float(value)
+            for name, value in zip(head.expression_names, fit.expression, strict=True)
+            if abs(value) >= LEAST_WEIGHT
+        }
+        if not shown:
+            return None
+        neutral = _smoothed(chart, fit.neutral)
+        stretch, across = Strain.of(neutral, _smoothed(chart, fit.vertices)).smallest()
+        low, high = COMPRESSED
+        ramp = np.clip((1 - stretch - low) / (high - low), 0, 1)
+        weights = _spread(np.asarray(ramp * ramp * (3 - 2 * ramp) * _foldable(chart), np.float32), across)
+        weights *= _foldable(chart)
+        if not weights.any():
+            return None
+        parts = {name: {unit: shown[unit] for unit in shown if group_of(unit) == name} for name in GROUPS}
+        shares = np.stack([_compression(chart, head, fit.neutral, neutral, across, units) for units in parts.values()])
+        group = np.asarray(shares.argmax(0), np.uint8)
+        there = set(np.unique(group[weights.max(0) > 0]).tolist())
+        units = {name: parts[name] for index, name in enumerate(GROUPS) if index in there}
+        return cls(weights, group, units)
+
+
+def group_of(unit: str) -> str:
+    """Name of the group of a unit; units that belong to none, as of imported heads, are the mouth's."""
+    return next((name for name, starts in GROUPS.items() if unit.startswith(starts)), "mouth")
+
+
+def _compression(
+    chart: Chart, head: HeadModel, rest: AnyFloat, neutral: Float32, across: Float32, units: Mapping[str, float]
+) -> Float32:
+    """(h, w) compression across the folds by some units alone."""
+    if not units:
+        return np.full(across.shape[:2], -np.inf, np.float32)
+    indices = [head.expression_names.index(unit) for unit in units]
+    moved = rest + np.einsum("k,kvc->vc", np.array(list(units.values())), head.expression[indices].astype(np.float64))
+    return np.asarray(1 - Strain.of(neutral, _smoothed(chart, moved)).along(across), np.float32)
+
+
+def _spread(weight: Float32, across: Float32) -> Float32:
+    """(DIRECTIONS, h, w) the largest weight, of compression in about each direction, within ``REACH``."""
+    import cv2
+
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH + 1, 2 * REACH + 1))
+    found = []
+    for k in range(DIRECTIONS):
+        angle = k * np.pi / DIRECTIONS
+        cosine = across[..., 0] * np.float32(np.cos(angle)) + across[..., 1] * np.float32(np.sin(angle))
+        alike = np.clip((cosine**2 - ALIKE[0]) / (ALIKE[1] - ALIKE[0]), 0, 1)
+        found.append(cv2.GaussianBlur(cv2.dilate(weight * alike, disc), (0, 0), SMOOTH))
+    return np.asarray(found, np.float32)
+
+
+def _smoothed(chart: Chart, vertices: AnyFloat) -> Float32:
+    import cv2
+
+    return np.asarray(cv2.GaussianBlur(chart.fill_outside(chart.metric(vertices)), (0, 0), SMOOTH), np.float32)
+
+
+def _foldable(chart: Chart) -> Float32:
+    """(h, w) in [0, 1]: visible skin of the face."""
+    import cv2
+
+    skin = np.asarray(chart.part == chart.head.part_names.index("skin"), np.float32)
+    never = np.clip(2 * chart.interpolate(vertex_mask(chart.head, *NEVER))[..., 0], 0, 1)
+    return np.asarray(cv2.GaussianBlur(skin * (1 - never), (0, 0), SMOOTH) * skin, np.float32)
+
+
+WIDTH = 1536
+"""Of the maps on which folds are found, texels: 3.75 to a mm of the face. Wrinkle maps are as large, but have no more
+than half the sides of the other maps."""
+
+FINEST, COARSEST = 1.0, 20.0
+"""Standard deviations in those texels, 0.25 mm and 5 mm, of the Gaussians between which relief is a fold's."""
+
+LINE = (0.15, 0.45)
+"""Coherence of the structure tensor, from none to all of which relief is a line: pores and moles have no direction."""
+
+AROUND = 4.0
+"""Standard deviation in texels, 1 mm, of the Gaussian of the structure tensor."""
+
+LEAST_SLOPE = 1e-3
+"""A wrinkle map that is nowhere steeper is none."""
+
+
+def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
+    """Normals (H, W, 2) int16 without the folds of an expression, and the folds.
+
+    Args:
+        codes: x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
+        creases: where they are.
+    """
+    import cv2
+
+    size = _small(codes.shape)
+    small = np.stack([cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in np.moveaxis(codes, 2, 0)], -1)
+    x, y, z = np.moveaxis(unpack_normals(small.astype(np.float32)), 2, 0)
+    slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
+    fold = _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
+    group = cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST)
+    wrinkles = []
+    for name, units in creases.units.items():
+        own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
+        if np.abs(own).max() > LEAST_SLOPE:
+            half = _small((codes.shape[0] // 2, codes.shape[1] // 2))
+            own = np.asarray(cv2.resize(own, half, interpolation=cv2.INTER_AREA), np.float32)
+            wrinkles.append(Wrinkle(name, units, _codes(own)))
+    return _without(codes, fold), tuple(wrinkles)
+
+
+def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
+    """sRGB-coded albedo (H, W, 3) uint16 without the dark lines of an expression's folds.
+
+    Each channel gets what it lacks to its surroundings. A gain would turn what is nearly black, as a cast shadow that
+    lies along a fold, into its own hue: bright red.
+    """
+    import cv2
+
+    size = _small(albedo.shape)
+    small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
+    line = _band(np.log(np.maximum(small.mean(2), 1.0)))
+    right, down = cv2.Sobel(line, cv2.CV_32F, 1, 0), cv2.Sobel(line, cv2.CV_32F, 0, 1)
+    share = _share(creases, np.asarray(right, np.float32), -np.asarray(down, np.float32))
+    lacks = [np.asarray(share * np.maximum(-_band(small[..., k]), 0), np.float32) for k in range(3)]
+    out = albedo.copy()
+    for rows, columns in _box(np.maximum.reduce(lacks) > 1, size, albedo.shape):
+        part = np.dstack([_enlarged(one, albedo.shape, rows, columns) for one in lacks])
+        out[rows, columns] = np.minimum(np.rint(albedo[rows, columns] + np.maximum(part, 0)), 65535)
+    return out
+
+
+def _small(shape: tuple[int, ...]) -> tuple[int, int]:
+    """(width, height) of the maps on which folds are found."""
+    width = min(shape[1], WIDTH)
+    return width, max(width * shape[0] // shape[1], 1)
+
+
+def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
+    """(h, w) in [0, 1], how much of relief with slopes (h, w) to the right and up is the expression's.
+
+    The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
+    its eigenvalues over their sum (Bigun and Granlund 1987).
+    """
+    import cv2
+
+    xx, yy, xy = (np.asarray(cv2.GaussianBlur(one, (0, 0), AROUND)) for one in (x * x, y * y, x * y))
+    coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
+    line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
+    # Tent functions of the direction, with a period of pi.
+    place = np.arctan2(2 * xy, xx - yy) / 2 * (DIRECTIONS / np.pi) % DIRECTIONS
+    total = np.zeros_like(x)
+    for k, weight in enumerate(creases.weights):
+        apart = np.abs(place - k)
+        tent = np.maximum(1 - np.minimum(apart, DIRECTIONS - apart), 0)
+        if weight.any():
+            total += np.asarray(tent * cv2.resize(weight, (x.shape[1], x.shape[0])), np.float32)
+    return np.asarray(total * line, np.float32)
+
+
+def _band(plane: Float32) -> Float32:
+    import cv2
+
+    plane = np.asarray(plane, np.float32)
+    return np.asarray(cv2.GaussianBlur(plane, (0, 0), FINEST) - cv2.GaussianBlur(plane, (0, 0), COARSEST), np.float32)
+
+
+def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
+    """(h, w, 2) int16 normals of slopes (h, w, 2)."""
+    length = np.sqrt(1 + np.einsum("hwi,hwi->hw", slopes, slopes))[..., None]
+    return np.asarray(np.rint(-slopes / length * NORMAL_ONE), np.int16)
+
+
+def _without(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
+    """Normals less slopes (h, w, 2); texels without any stay as they are."""
+    out = codes.copy()
+    size = (fold.shape[1], fold.shape[0])
+    for rows, columns in _box(np.abs(fold).max(2) > 0, size, codes.shape):
+        own = codes[rows, columns]
+        x, y, z = np.moveaxis(unpack_normals(own), 2, 0)
+        less = np.stack([_enlarged(fold[..., k], codes.shape, rows, columns) for k in (0, 1)], -1)
+        steep = -np.stack([x, y], -1) / np.maximum(z, 0.05)[..., None] - less
+        out[rows, columns] = np.where((less != 0).any(-1, keepdims=True), _codes(steep), own)
+    return out
+
+
+def _box(mask: npt.NDArray[np.bool_], size: tuple[int, int], shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    """Rows and columns of the full map that texels of a small one (h, w) are on, with a margin, in bands."""
+    if not mask.any():
+        return []
+    tall, wide = shape[0] / size[1], shape[1] / size[0]
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    top, bottom = max(int((rows[0] - 1) * tall), 0), min(int(np.ceil((rows[-1] + 2) * tall)), shape[0])
+    left, right = max(int((columns[0] - 1) * wide), 0), min(int(np.ceil((columns[-1] + 2) * wide)), shape[1])
+    return [(slice(at, min(at + 256, bottom)), slice(left, right)) for at in range(top, bottom, 256)]
+
+
+def _enlarged(plane: Float32, shape: tuple[int, ...], rows: slice, columns: slice) -> Float32:
+    """Values of a small plane at texels of the full map."""
+    return interpolated(plane, (shape[1], shape[0]), np.r_[rows], np.r_[columns])

@@ -1,0 +1,242 @@
+"""Maps of the surface that need no network: roughness, cavity and thickness.
+
+Cavity: how much of the sky the relief leaves open, in pores, folds and wrinkles.
+
+Roughness of one GGX lobe that stands for both of the skin's: by region, and by how oily the skin is.
+
+Regions have the factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt.
+
+Thickness of the flesh under the skin: how far it is to the other side of an ear, a nostril, a lid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from service.arrays import AnyFloat, Float32, UInt8, UInt16
+from service.geometry.chart import Chart
+from service.geometry.normals import vertex_normals
+from service.head.model import HeadModel
+from service.head.regions import part_vertices, vertex_mask
+from service.materials.of_head import SKIN, material_of
+from service.reflectance.reflectance_maps import SCALE_MM, Reflectance
+from service.reflectance.subject import GEOMETRY_SIZE
+
+FINE = (0.25, 0.03)
+COARSE = (0.8, 0.06)
+"""Standard deviation of the blur whose depth counts, and the depth that hides a sky, both in mm: the light stage's
+(``models/lightstage/skin/gloss.py``)."""
+
+WIDEST = 16.0
+"""Largest standard deviation in texels; a head smaller than a thumb would ask for more."""
+
+STRENGTH = 1.5
+FLOOR = 0.35
+"""Even the deepest pore sees this share."""
+
+
+def cavity(displacement: UInt16, texel_mm: float, size: tuple[int, int]) -> Float32:
+    """(h, w) float32 in [``FLOOR``, 1] of a displacement map (H, W).
+
+    The depth below the mean of the surroundings at two scales, through exp(-depth).
+
+    Args:
+        displacement: codes of heights, ``SCALE_MM`` apart.
+        texel_mm: size of a texel of the result on the face, mm.
+        size: (width, height) of the result.
+    """
+    import cv2
+
+    height = np.asarray(cv2.resize(displacement, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(SCALE_MM)
+    depth = np.zeros_like(height)
+    for sigma_mm, hidden_mm in (FINE, COARSE):
+        sigma = min(max(sigma_mm / max(texel_mm, 1e-6), 0.3), WIDEST)
+        mean = np.asarray(cv2.GaussianBlur(height, (0, 0), sigma), np.float32)
+        depth += np.maximum(mean - height, 0) / np.float32(hidden_mm)
+    return np.asarray(FLOOR + (1 - FLOOR) * np.exp(-STRENGTH * depth), np.float32)
+
+
+FOREHEAD, NOSE, CHEEK, NECK, LIPS = -0.1, -0.17, 0.1, 0.05, -0.25
+"""What each region adds to the factor of GGX alpha; that of the nose for oily skin, dry skin has half of it."""
+
+USUAL_OIL = 0.5
+OILY_RATIO = 0.3
+"""How much more specular nose and forehead are than the cheeks on oily skin; half of it is usual."""
+
+LEAST_TEXELS = 30
+"""Fewest texels of a region for its mean to count."""
+
+
+def oil_of(chart: Chart, specular: UInt16 | None) -> float:
+    """How oily the skin is, 0 to 1: by how much the T of forehead and nose is more specular than the cheeks.
+
+    Args:
+        chart: at the size of ``specular``.
+        specular: (h, w) codes of specular albedo; without it, or where a region is too small, ``USUAL_OIL``.
+    """
+    if specular is None:
+        return USUAL_OIL
+    values = specular.reshape(-1)[chart.texels].astype(np.float64)
+    zone, cheek = (chart.inside(vertex_mask(chart.head, *names))[:, 0] > 0.7 for names in (_T_ZONE, _CHEEKS))
+    if min(zone.sum(), cheek.sum()) < LEAST_TEXELS or values[cheek].mean() <= 0:
+        return USUAL_OIL
+    # The median, as hair over the forehead is dull.
+    ratio = np.median(values[zone]) / max(float(np.median(values[cheek])), 1.0)
+    return float(np.clip((ratio - 1) / OILY_RATIO, 0, 1))
+
+
+_T_ZONE = ("forehead", "nose")
+_CHEEKS = ("cheek_left", "cheek_right")
+
+
+def roughness(chart: Chart, oil: float) -> Float32:
+    """(h, w) float32 square root of GGX alpha in [0, 1] on all islands, padded outside.
+
+    Args:
+        chart: of the head.
+        oil: as :func:`oil_of`.
+    """
+    head = chart.head
+    shares = {
+        "forehead": FOREHEAD, "nose": NOSE * (0.5 + 0.5 * oil), "neck": NECK, "lips": LIPS,
+    }  # fmt: skip
+    factor = 1 + sum(share * vertex_mask(head, name) for name, share in shares.items())
+    factor = factor + CHEEK * vertex_mask(head, *_CHEEKS)
+    alpha = SKIN.roughness**2 * factor
+    drawn = chart.inside(np.sqrt(alpha))
+    for index, name in enumerate(head.part_names):
+        material = material_of(name)
+        if not material.detailed:
+            drawn[chart.inner_part == index] = material.roughness
+    return np.asarray(chart.fill_outside(chart.spread(drawn)), np.float32)[..., 0]
+
+
+LARGEST_MM = 25.5
+"""Thickness from which on it is called thick: hardly any light comes through."""
+
+LEAST_COSINE = 0.3
+"""Least cosine between the inward normal and the way to a point that bounds the ball. A neighbour on the same smooth
+side has a smaller one, and only says how the surface is curved there, with the error of its normal."""
+
+_BLOCK = 512
+"""Vertices that are compared with all others at once."""
+
+
+def thickness_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
+    """(V,) float32 diameter in mm of the largest ball under each vertex of the skin, at most ``LARGEST_MM``.
+
+    Other parts than the skin have ``LARGEST_MM``.
+
+    The ball touches the surface at p with inward normal m, and holds no other vertex: of all q, its radius is the least
+    |q - p|^2 / (2 m.(q - p)) (the shrinking ball of Ma, Bae and Choi 2012, solved over all points at once).
+
+    Args:
+        head: topology; the skin is its first part.
+        vertices: (V, 3) metres.
+    """
+    result = np.full(len(vertices), LARGEST_MM, np.float32)
+    own = part_vertices(head, head.part_names[0]) if head.part_names else np.zeros(0, np.int32)
+    if not len(own):
+        return result
+    points = np.asarray(vertices, np.float64)[own] * 1e3
+    inward = -vertex_normals(vertices, head.triangles)[own]
+    centred = (points - points.mean(0)).astype(np.float32)
+    m = inward.astype(np.float32)
+    square = np.einsum("ni,ni->n", centred, centred)
+    for first in range(0, len(own), _BLOCK):
+        p, direction = centred[first : first + _BLOCK], m[first : first + _BLOCK]
+        distance2 = np.maximum(square[first : first + _BLOCK, None] + square - 2 * p @ centred.T, 0)
+        along = direction @ centred.T - np.einsum("ni,ni->n", direction, p)[:, None]
+        facing = along > LEAST_COSINE * np.sqrt(distance2)
+        facing &= distance2 > 1e-4  # not the vertex itself
+        diameter = np.where(facing, distance2 / np.where(facing, along, 1), LARGEST_MM)
+        result[own[first : first + _BLOCK]] = np.minimum(diameter.min(1), LARGEST_MM)
+    return result
+
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+LARGEST = (1152, 768)
+"""Largest size of these maps: a texel is a third of a millimetre on the face, and they show little that is finer. Of
+smaller ones they have half the sides."""
+
+CODES_PER_MM = 10
+"""Of thickness."""
+
+
+@dataclass(frozen=True)
+class SurfaceMaps:
+    """Maps on the head's chart, (h, w) uint8, padded outside the islands; None: not requested, or not to be had.
+
+    Attributes:
+        roughness: 255 = 1, square root of GGX alpha.
+        cavity: 255 = 1, share of the sky that the relief leaves open.
+        thickness: ``CODES_PER_MM``; 255 is thick.
+    """
+
+    roughness: UInt8 | None = None
+    cavity: UInt8 | None = None
+    thickness: UInt8 | None = None
+
+
+def surface_maps(
+    head: HeadModel,
+    vertices: AnyFloat,
+    made: Reflectance | None,
+    roles: Collection[str],
+    size: tuple[int, int],
+) -> SurfaceMaps | None:
+    """The maps among ``roles``; None where none of them is.
+
+    Args:
+        head: topology, chart and regions.
+        vertices: (V, 3) metres.
+        made: specular albedo says how oily the skin is, displacement where its cavities are.
+        roles: maps that were requested.
+        size: (width, height) of the other maps.
+    """
+    wanted = set(roles) & {one.name for one in fields(SurfaceMaps)}
+    if not wanted:
+        return None
+    size = min((max(size[0] // 2, 1), max(size[1] // 2, 1)), LARGEST)
+    chart = Chart.build(head, *min(size, GEOMETRY_SIZE))
+    specular = None if made is None else made.specular_albedo
+    relief = None if made is None else made.displacement
+    oil = oil_of(chart, None if specular is None else _resized(specular, (chart.width, chart.height)))
+    thick = chart.fill_outside(chart.interpolate(thickness_mm(head, vertices)))[..., 0]
+    open_sky = None if relief is None else cavity(relief, _texel_mm(head, vertices, size[0]), size)
+    return SurfaceMaps(
+        roughness=_codes(_resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,
+        cavity=_codes(open_sky, 255) if "cavity" in wanted and open_sky is not None else None,
+        thickness=_codes(_resized(thick, size), CODES_PER_MM) if "thickness" in wanted else None,
+    )
+
+
+def _texel_mm(head: HeadModel, vertices: AnyFloat, width: int) -> float:
+    """Median size of a texel of the face, mm: edges of the mesh over those of the chart, which is ``width`` wide."""
+    face = head.region("face") if "face" in head.region_names else np.ones(len(head.mean), np.float32)
+    chosen = (face[head.triangles] > 0.5).all(1) & (head.triangle_part == 0)
+    if not chosen.any():
+        chosen = head.triangle_part == 0
+    corners = np.asarray(vertices, np.float64)[head.triangles[chosen]]
+    places = head.uv.astype(np.float64)[head.triangle_uv[chosen]] * (width, width * 2 / 3)
+    length, texels = (np.linalg.norm(one[:, 1] - one[:, 0], axis=1) for one in (corners, places))
+    return float(np.median(length * 1e3 / np.maximum(texels, 1e-9))) if len(length) else 1.0
+
+
+def _resized(image: npt.NDArray[Scalar], size: tuple[int, int]) -> npt.NDArray[Scalar]:
+    import cv2
+
+    smaller = image.shape[1] > size[0]
+    pixels: Any = image
+    made = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+    return np.asarray(made, image.dtype)
+
+
+def _codes(values: Float32 | None, scale: float) -> UInt8 | None:
+    return None if values is None else np.rint(np.clip(values * scale, 0, 255)).astype(np.uint8)

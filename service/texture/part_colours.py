@@ -1,0 +1,225 @@
+"""Eyes, teeth, tongue and lashes: albedo measured in the photo, and their colour in the photo's light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.anatomy.eyes import colours as eye
+from service.anatomy.eyes.measure import EyeTone, measure_eyes
+from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.hair.worn import LASH
+from service.anatomy.mouth.paint import paint_lining, paint_tongue
+from service.anatomy.teeth.colours import TOOTH
+from service.anatomy.teeth.paint import Teeth, no_bluer
+from service.arrays import Bool, Float32, Int64
+from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.face.fit.result import Fit
+from service.face.reading.parts import IRIS, MOUTH, SCLERA
+from service.geometry.chart import Chart, nearest_inside
+from service.photo.photo import Photo
+from service.texture.inpainting import opacity
+from service.texture.segmentation import Zones
+from service.texture.texture_maps import SEEN
+from service.texture.unwrap import Unwrapped
+
+DARKEST = 1e-3
+"""Smallest linear value of the sclera, as albedos are divided by its light."""
+
+BETWEEN_LIDS = 0.7
+"""Factor on sRGB values by which the lids shade the conjunctiva between them and the eyeball."""
+
+COLOURFUL = 0.06
+"""Range of the skin's sRGB channels from which on a photo counts as coloured; in a grey one all parts are grey."""
+
+KNOWN = 0.05
+"""Share of a texel that has to be another part than skin for it to have an albedo."""
+
+
+@dataclass(frozen=True)
+class PartLight:
+    """Light of the photo on eyes, teeth and tongue.
+
+    Attributes:
+        white: (3,) float32 linear RGB, positive, that a white diffuse surface would have in it.
+        colourfulness: of the photo, in [0, 1]; 0 for a grey one.
+    """
+
+    white: Float32
+    colourfulness: float
+
+    @classmethod
+    def of(cls, sclera: Float32 | None, skin: Float32 | None, face: Float32) -> PartLight:
+        """From the sclera where it was seen, else from the brightest texels of the face.
+
+        Args:
+            sclera: (3,) sRGB as the photo shows it, or None.
+            skin: (3,) sRGB median of the skin, or None.
+            face: (N, 3) sRGB texels of the face; N may be 0.
+        """
+        if sclera is None:
+            bright = np.percentile(luma(face), 95) / 0.8 if len(face) else 1.0
+            sclera = linear_to_srgb(eye.SCLERA) * np.float32(np.clip(bright, 0.35, 1.15))
+        colourful = 1.0 if skin is None else float(np.clip((skin.max() - skin.min()) / COLOURFUL, 0.0, 1.0))
+        white = np.maximum(srgb_to_linear(sclera), np.float32(DARKEST)) / eye.SCLERA
+        grey = luma(white)
+        return cls(np.asarray(grey + np.float32(colourful) * (white - grey), np.float32), colourful)
+
+    def of_photo(self, albedo: Float32) -> Float32:
+        """(..., 3) sRGB-coded albedo, as desaturated as the photo."""
+        grey = luma(albedo)[..., None]
+        return np.asarray(grey + np.float32(self.colourfulness) * (albedo - grey), np.float32)
+
+    def on(self, albedo: Float32) -> Float32:
+        """(..., 3) sRGB colour of an sRGB-coded albedo (..., 3) in this light."""
+        return linear_to_srgb(srgb_to_linear(albedo) * self.white)
+
+    def off(self, colour: Float32) -> Float32:
+        """(..., 3) sRGB-coded albedo, at most ``BRIGHTEST``, of an sRGB colour in this light; the inverse of
+        :meth:`on`.
+        """
+        return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(eye.BRIGHTEST)))
+
+
+def believed_sclera(fit: Fit, tone: EyeTone) -> Float32 | None:
+    """(3,) sRGB of the sclera, or None where it told no light: then it is lids and lashes in part.
+
+    Measured against those, dark eyes in the shade of lids would be pale ones.
+    """
+    return None if fit.eye_light is None else tone.sclera
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Skin and all other parts, at the inner texels (N,).
+
+    Attributes:
+        colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
+        code: (N,) confidence, see ``service.texture.texture_maps``.
+        albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
+        iris: (3,) linear albedo of the irises, the default where none was seen.
+    """
+
+    colour: Float32
+    code: Float32
+    albedo: Float32
+    iris: Float32
+
+
+def paint_parts(
+    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, face: Bool, shown: Float32,
+    colour: Float32, code: Float32, skin: Float32,
+) -> Parts:  # fmt: skip
+    """Paint eyes, teeth, tongue, lashes, sockets and the lining of the mouth over the skin.
+
+    Args:
+        photo: that was fitted.
+        chart: of the head.
+        fit: with gaze, cheek and teeth.
+        unwrapped: the photo on the chart.
+        zones: of the same texels.
+        face: (N,) bool, texels of the face's lit skin.
+        shown: (N, 13) parts that the photo shows at them.
+        colour: (N, 3) sRGB of the completed skin.
+        code: (N,) confidence of that skin.
+        skin: (3,) sRGB of the person's skin.
+    """
+    irises = () if fit.gaze is None else fit.gaze.irises
+    tone = measure_eyes(photo.pixels, irises)
+    seen = opacity(unwrapped.weight)
+    light = PartLight.of(believed_sclera(fit, tone), skin, unwrapped.colour[face])
+    iris = eye.IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
+    work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
+
+    socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
+    work.over_skin(socket, linear_to_srgb(eye.SOCKET), np.float32(BETWEEN_LIDS))
+    mouth = zones.mouth * zones.skin
+    work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
+    # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
+    eyes_seen = seen * shown[:, [SCLERA, IRIS]].sum(1) * np.float32(fit.gaze is None or tone.iris is not None)
+    for index, name in enumerate(chart.head.part_names):
+        texels = np.flatnonzero(chart.inner_part == index)
+        if name == "skin" or name.startswith("teeth") or not len(texels):
+            continue
+        if name.startswith("eye"):
+            ball, points = on_eyeball(chart, index)
+            pupil = ball.pupil_deg(None if fit.gaze is None else fit.gaze.pupil_m)
+            painted = _eye(ball.limbus_deg, pupil, sight_angle(ball, points), iris)
+            shaded = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
+            work.part(texels, painted, shaded, eyes_seen[texels], unwrapped.colour)
+        else:
+            painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASH)[None]
+            work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
+    teeth = Teeth(chart)
+    if len(teeth.own):
+        _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, MOUTH])
+    return Parts(work.colour, work.code, work.everywhere(), iris)
+
+
+def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
+    """(n, 3) sRGB-coded albedo of an eye at angles (n,) from its line of sight; all angles in degrees."""
+    sclera, coded, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.likely_iris(iris), eye.SOCKET))
+    return paint_eye(angle, limbus, pupil, sclera, coded, socket)
+
+
+def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32) -> None:
+    """Teeth in the measured colour, blended with the photo where it shows teeth."""
+    light, shown = work.light, unwrapped.colour[teeth.own]
+    tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
+    share = seen[teeth.own] * teeth.shows(shown, light.on(tooth))
+    painted = teeth.paint(tooth)
+    painted += share[:, None] * (light.off(shown) - painted)
+    work.part(teeth.own, no_bluer(painted), None, np.zeros_like(share), unwrapped.colour)
+    work.code[teeth.own] = _code(share)
+
+
+@dataclass
+class _Work:
+    """What has been painted so far, at the inner texels."""
+
+    chart: Chart
+    light: PartLight
+    colour: Float32
+    code: Float32
+    albedo: Float32
+    known: Float32
+
+    def over_skin(self, share: Float32, albedo: Float32, lit: np.float32) -> None:
+        """Blend an sRGB-coded albedo over the skin by a share (N,); ``lit`` is a factor on sRGB values of the
+        texture.
+        """
+        albedo = self.light.of_photo(albedo)
+        self.colour += share[:, None] * (self.light.on(albedo) * lit - self.colour)
+        self.albedo += share[:, None] * (albedo - self.albedo)
+        self.known = np.maximum(self.known, share)
+
+    def part(self, texels: Int64, albedo: Float32, shown: Float32 | None, share: Float32, photo: Float32) -> None:
+        """Write the texels of a part.
+
+        Args:
+            texels: (n,) indices among the inner texels.
+            albedo: (n, 3) or (1, 3), sRGB-coded.
+            shown: (n, 3) sRGB of that albedo in the photo's light; None: computed.
+            share: (n,) opacity of the photo in the texture.
+            photo: (N, 3) sRGB at all inner texels.
+        """
+        albedo = self.light.of_photo(albedo)
+        painted = self.light.on(albedo) if shown is None else shown
+        self.albedo[texels], self.known[texels] = albedo, 1
+        self.colour[texels] = painted + share[:, None] * (photo[texels] - painted)
+        self.code[texels] = _code(share)
+
+    def everywhere(self) -> Float32:
+        """(H, W, 3) albedo of the parts; on skin and outside the islands that of the nearest texel that has one."""
+        chart = self.chart
+        known = chart.spread(self.known[:, None])[..., 0] > KNOWN
+        # In a texel that is partly skin, the albedo is that of the part alone.
+        whole = self.albedo / np.maximum(self.known, np.float32(KNOWN))[:, None]
+        planes = chart.spread(np.clip(whole, 0, 1).astype(np.float32))
+        return planes.reshape(-1, 3)[nearest_inside(known)] if known.any() else planes
+
+
+def _code(share: Float32) -> Float32:
+    """(n,) confidence code of texels with a share (n,) of the photo."""
+    return np.asarray(np.where(share > 0.05, np.rint(SEEN + (255 - SEEN) * share), 0), np.float32)

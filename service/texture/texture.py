@@ -1,0 +1,207 @@
+"""The texture stage: one fitted photo becomes the maps of a whole head.
+
+The shadow of hair's roots on bald skin, where the photo shows hair or the head would have it.
+
+It is pigment between pores and no relief: it darkens the albedo when that is made, and the networks of normals never
+see it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from service.anatomy.hair.find_hair import Hair
+from service.arrays import AnyFloat, Bool, Float32, Float64
+from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
+from service.errors import NumericFault
+from service.face.fit.result import Fit
+from service.face.reading.parts import HAIR, SKIN
+from service.face.reading.reader import Reading
+from service.geometry.chart import Chart, chart_points
+from service.geometry.mesh_field import laplacian, smooth_fit, splat
+from service.geometry.normals import face_normals
+from service.geometry.raster import signed_area
+from service.head.model import HeadModel
+from service.head.regions import vertex_mask
+from service.photo.photo import Photo
+from service.texture.inpainting import Completed, complete_skin, grain
+from service.texture.part_colours import paint_parts
+from service.texture.segmentation import Zones, covered, grown, opened, parts_at, parts_of_face, segment, worn_before
+from service.texture.texture_maps import MIRRORED, SEEN, Texture, depth_map, shape_normals
+from service.texture.unwrap import Unwrapped, unwrap
+
+OPACITY = 0.5
+"""Of the shadow where hair grows densely: skin between roots shows as much again."""
+DARKER = 0.8
+"""Colour of roots over the mean of the hair's strands: no light gets between them."""
+SMOOTHNESS = 0.5
+PRIOR_TRUST = 0.01
+"""Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
+GRAIN = 0.08
+"""Standard deviation of the opacity over its mean, about: roots are points."""
+
+
+def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zones, hair: Hair) -> Float32:
+    """(N,) float32 opacity in [0, 1] of the shadow at the inner texels.
+
+    Args:
+        chart: of the head; all is 0 without a region "scalp".
+        parts: (N, 13) as ``service.texture.segmentation.parts_at`` gives them; None: nothing was read.
+        weight: (N,) of the photo at the texels, before anything was found to hide them.
+        zones: of the same texels.
+        hair: says whether the unseen scalp has hair.
+    """
+    head = chart.head
+    count = len(head.mean)
+    prior = vertex_mask(head, "scalp")[:, None].astype(np.float64)
+    if parts is None:
+        density = prior
+    else:
+        both = parts[:, HAIR] + parts[:, SKIN]
+        value = (parts[:, HAIR] / np.maximum(both, 1e-6))[:, None]
+        known, trust = splat(chart.corners, chart.weights, value, weight * both * zones.scalp * zones.skin, count)
+        edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count)
+        density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
+    grown = chart.inside(density.astype(np.float32))[:, 0] * _soft(zones.scalp) * zones.skin
+    points = np.clip(1 + GRAIN * grain(chart, 1)[:, 0], 0, 2)
+    return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
+
+
+def darkening(colour: Float32, shadow: Float32, hair: Hair) -> Float32:
+    """(N, 3) float32 in [0, 1], linear: what the shadow leaves of the light from sRGB skin (N, 3)."""
+    root = np.clip(hair.colour.usual * hair.colour.root * np.float32(DARKER), 0, 1)
+    skin = srgb_to_linear(colour)
+    left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
+    return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
+
+
+def _soft(scalp: Float32) -> Float32:
+    t = np.clip((scalp - 0.15) / 0.7, 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
+
+
+DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)
+"""Skin colour for a photo that shows no skin, sRGB."""
+
+LEAST_SCALP_TEXELS = 60
+"""Fewest texels of the scalp from which its colour is measured."""
+
+LITTLE_SEEN = 0.25
+"""Visible fraction of the face below which a warning is given."""
+
+NOT_SEGMENTED = "not-segmented"
+"""Warning: no part was read off the photo, so that nothing beside the face is taken from it."""
+
+
+def make_texture(
+    photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
+    hair: Hair | None = None,
+) -> Texture:  # fmt: skip
+    """Unwrap the photo on the fitted head and inpaint the rest.
+
+    Args:
+        photo: the upright photo that was fitted.
+        head: the model that ``chart`` was built from.
+        fit: camera and vertices.
+        chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
+        reading: says what the photo shows of the head; without one its face is taken from the photo and nothing else,
+            and the warning is ``not-segmented``.
+        hair: of the photo. Where it is worn as a mesh the skin beneath is bald, with the shadow of the roots; without
+            it the photo's hair stays on the scalp, as on a shaved head.
+
+    Raises:
+        NumericFault: vertices, camera or a map are not finite.
+    """
+    _require_finite(fit)
+    unwrapped = unwrap(photo, fit, chart)
+    zones = Zones.of(chart)
+    weight, bald = unwrapped.weight, hair is not None and hair.bald_beneath
+    part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
+    hidden = covered(part, zones, bald=bald)
+    hidden = np.maximum(grown(chart, hidden) if bald else hidden, opened(part, zones))
+    bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
+    unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
+    found = segment(chart, unwrapped, part, zones)
+    scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
+    on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
+    fallback = DEFAULT_SKIN if found.colour is None else found.colour
+    completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
+    roots = None
+    if hair is not None and bald:
+        shadow = root_shadow(chart, None if reading is None else part, weight, zones, hair)
+        roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
+    person = fallback if fit.cheek is None else fit.cheek
+    sure = _confidence(completed)
+    parts = paint_parts(photo, chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
+
+    exact, tangent = shape_normals(chart, fit.vertices)
+    texture = chart.fill_outside(chart.spread(parts.colour))
+    depth = depth_map(chart, fit.vertices)
+    for name, values in (("texture", texture), ("normals", exact), ("tangent normals", tangent), ("depth", depth)):
+        if not np.isfinite(values).all():
+            raise NumericFault(f"the {name} map has {int((~np.isfinite(values)).sum())} values that are not finite")
+    fraction = visible_fraction(chart, fit, unwrapped, zones)
+    code = chart.fill_outside(chart.spread(parts.code[:, None])[..., 0]).astype(np.uint8)
+    maps = chart.spread(np.stack([completed.seen, completed.from_mirror, found.lit], 1))
+    direct, reflected, lit_map = np.moveaxis(maps, 2, 0)
+    shown = np.rint(255 * np.clip(direct * lit_map + reflected * lit_map[:, ::-1], 0, 1))
+    shown = chart.fill_outside(shown).astype(np.uint8)
+    doubts = {"little-seen": fraction < LITTLE_SEEN, NOT_SEGMENTED: reading is None}
+    warnings = tuple(name for name, true in doubts.items() if true)
+    warnings += () if reading is None else worn_before(part, weight, zones)
+    return Texture(
+        to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
+        to_bytes(parts.albedo), parts.iris, roots,
+    )  # fmt: skip
+
+
+def _require_finite(fit: Fit) -> None:
+    """Raise NumericFault where a number of the fit is not finite."""
+    camera = fit.camera
+    numbers = {
+        "vertices": fit.vertices,
+        "focal length": np.array([camera.focal_px]),
+        "rotation": camera.rotation,
+        "translation": camera.translation,
+        "principal point": camera.principal_point,
+    }
+    for name, values in numbers.items():
+        if not np.isfinite(values).all():
+            raise NumericFault(f"the fit's {name} has {int((~np.isfinite(values)).sum())} values that are not finite")
+
+
+def _scalp_colour(unwrapped: Unwrapped, scalp: Float32, skin: Bool) -> Float32 | None:
+    """(3,) sRGB median of the scalp, well behind the hairline where the photo shows that; None where it shows no
+    scalp.
+    """
+    for inside in (0.95, 0.7):
+        chosen = (scalp > inside) & skin & (unwrapped.weight > 0.08)
+        if chosen.sum() >= LEAST_SCALP_TEXELS:
+            return linear_to_srgb(np.median(srgb_to_linear(unwrapped.colour[chosen]), 0))
+    return None
+
+
+def _confidence(completed: Completed) -> Float32:
+    """(N,) confidence code of each texel, see ``service.texture.texture_maps``."""
+    seen = np.rint(SEEN + (255 - SEEN) * completed.seen)
+    reflected = np.rint(MIRRORED + (SEEN - 1 - MIRRORED) * completed.from_mirror)
+    inpainted = 1 - completed.seen - completed.from_mirror
+    code = np.where(completed.from_mirror > np.maximum(inpainted, completed.seen), reflected, 0)
+    return np.asarray(np.where(completed.seen >= np.maximum(completed.from_mirror, inpainted), seen, code), np.float32)
+
+
+def visible_fraction(chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones) -> float:
+    """Share of the face region's area, in [0, 1], that faces the camera and is not occluded."""
+    area = chart.gather(triangle_area(chart, fit.vertices)).ravel()[chart.texels] * zones.face * zones.skin
+    total = float(area.sum())
+    return float(area[unwrapped.visible].sum() / total) if total > 0 else 0.0
+
+
+def triangle_area(chart: Chart, vertices: AnyFloat) -> Float64:
+    """(T,) square metres of surface per texel of the chart; 0 for triangles without area on the chart."""
+    space = face_normals(vertices, chart.head.triangles)
+    texels = np.abs(signed_area(chart_points(chart.head, chart.width, chart.height), chart.head.triangle_uv))
+    area = np.sqrt((space * space).sum(1))
+    return np.asarray(np.divide(area, texels, out=np.zeros_like(area), where=texels > 1e-9))
