@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from benchmarks.render import mitsuba
 from service.anatomy.insets.eyes import IRIS_SHARE
-from service.archive.preview.parts import part_triangles
+from service.archive.preview.quick import part_triangles
 from service.archive.reading import StoredMap, open_avatar
 from service.archive.surface import part_normals
 from service.archive.unpack import unpack_map

@@ -21,14 +21,14 @@ from benchmarks.pictures import Difference, draw, table
 from service.archive.reading import open_avatar
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
-from service.light.graphs import Graphs
+from service.light.formulas import Graphs
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.light.shading import develop
-from service.render.light import Detail
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.surface import LOBES, ROLES, Surface, build_surface
 from service.render.view import Samples
+from service.render.visibility import Detail
 
 Float = npt.NDArray[np.float64]
 CHART = (768, 512)

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from service.archive.avatar import Similarity
-from service.archive.preview.parts import Shown
-from service.archive.preview.render import render, turned_camera
+from service.archive.preview.quick import Shown, render, turned_camera
 from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.basis import at_barycentric

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from service.light.reflection import prefiltered
+from service.light.environment import prefiltered
 
 Inputs = dict[str, Tensor]
 Size = tuple[int, int]

@@ -11,8 +11,7 @@ from models.lightstage.light.prior import sample_scene
 from models.lightstage.skin.streams import Stream
 from models.people.draw import Mesh, lamp_matrix
 from models.people.shaders import MOST_LAMPS
-from service.light.environment import illumination
-from service.light.sphere import flux_by_direction, spread_directions
+from service.light.environment import flux_by_direction, illumination, spread_directions
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]

@@ -34,7 +34,7 @@ from service.jobs.kinds import EXPORT, KINDS, RENDER, Kind
 from service.jobs.store import Row
 from service.jobs.view import FINAL, job_json
 from service.kits.tools import TOOLS, known
-from service.render.wire import parse
+from service.render.request import parse_request
 
 MAX_BODY = 1 << 20
 
@@ -189,7 +189,7 @@ async def render_avatar(request: Request, tenant: Asking, context: Here) -> Resp
     its job where that takes too long, or at once with ``Prefer: respond-async``.
     """
     avatar, values = await asked(request, context, RENDER)
-    parse(values)
+    parse_request(values)
     wait = context.settings.render_wait_seconds
     row = await made(request, context, tenant, RENDER, avatar, values, wait)
     if isinstance(row, Response):

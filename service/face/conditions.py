@@ -7,7 +7,7 @@ import numpy as np
 
 from service.arrays import Float64, UInt8
 from service.colour import bytes_to_linear
-from service.light.skin_light import LUMINANCE
+from service.light.harmonics import LUMINANCE
 
 Pixels = UInt8
 

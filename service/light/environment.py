@@ -1,4 +1,9 @@
-"""Radiance of a scene's environment: shipped images, analytic skies, and suns extracted as point lights."""
+"""Light from all directions: shipped images, analytic skies, suns taken out as lamps, and their rough reflections.
+
+Directions are in head space: +X the subject's left, +Y up, +Z out of the face. A latitude-longitude image has +Y at its
+top and the direction +Z, from where light falls on the face, at its middle column; a column further right is nearer to
++X.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,67 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Float64
+from service.arrays import AnyFloat, Float32, Float64
 from service.errors import ModelFault, UsageError
 from service.light.scene import Environment, PointLight, Scene
-from service.light.sphere import pixel_directions, pixel_of, pixel_solid_angles
+
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+"""Radians between successive points of a Fibonacci spiral."""
+
+
+@functools.lru_cache(maxsize=8)
+def pixel_directions(height: int, width: int) -> Float64:
+    """(height, width, 3) unit directions of the pixel centres."""
+    theta = (np.arange(height) + 0.5) / height * np.pi
+    phi = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
+    sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
+    flat = np.ones_like(phi)[None]
+    return np.stack([sine * np.sin(phi), cosine * flat, sine * np.cos(phi)], -1)
+
+
+@functools.lru_cache(maxsize=8)
+def pixel_solid_angles(height: int, width: int) -> Float64:
+    """(height, width) steradians, exact, sum 4 pi."""
+    edges = np.cos(np.arange(height + 1) / height * np.pi)
+    return np.broadcast_to(((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None], (height, width))
+
+
+def pixel_of(directions: Float64, height: int, width: int) -> Float64:
+    """(..., 2) row and column, pixel centres at whole numbers, of unit directions (..., 3)."""
+    d = np.asarray(directions, np.float64)
+    theta = np.arccos(np.clip(d[..., 1], -1.0, 1.0))
+    phi = np.arctan2(d[..., 0], d[..., 2])
+    return np.stack([theta / np.pi * height - 0.5, (phi / (2.0 * np.pi) + 0.5) * width - 0.5], -1)
+
+
+@functools.lru_cache(maxsize=8)
+def spread_directions(count: int) -> Float64:
+    """(count, 3) unit directions, evenly spread (Fibonacci spiral about the vertical); each stands for 4 pi / count."""
+    y = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    radius = np.sqrt(1.0 - y * y)
+    angle = np.arange(count) * GOLDEN_ANGLE
+    return np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], 1)
+
+
+@functools.lru_cache(maxsize=4)
+def _sharing(count: int, height: int, width: int) -> Float32:
+    """(count, height * width) solid angle of each pixel, distributed over the nearest directions."""
+    pixels = pixel_directions(height, width).reshape(-1, 3)
+    sharpness = count / 3.0  # a Gaussian about as wide as the directions are apart
+    weight = np.exp(sharpness * (spread_directions(count) @ pixels.T - 1.0))
+    weight /= weight.sum(0)
+    return (weight * pixel_solid_angles(height, width).ravel()).astype(np.float32)
+
+
+def flux_by_direction(radiance: AnyFloat, count: int) -> Float64:
+    """(count, 3) radiance times solid angle of each of ``count`` spread directions, of the same sum as the image's.
+
+    A pixel is distributed over several directions with smooth weights, so that the shadow of a small bright spot does
+    not jump from one direction to the next.
+    """
+    height, width = radiance.shape[:2]
+    return np.asarray(_sharing(count, height, width) @ np.asarray(radiance, np.float64).reshape(-1, 3))
+
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "environments" / "environments.npz"
 HEIGHT, WIDTH = 64, 128
@@ -157,3 +219,34 @@ def lookup(image: Float64, directions: Float64) -> Float64:
     top = image[r0, c0] * (1 - fc) + image[r0, c1] * fc
     low = image[r1, c0] * (1 - fc) + image[r1, c1] * fc
     return np.asarray(top * (1 - fr) + low * fr)
+
+
+LEVEL_ALPHAS = (0.08, 0.16, 0.27, 0.42, 0.64, 1.0)
+"""GGX alpha of each level; smoother surfaces use the first."""
+
+LEVEL_SIZE = (32, 64)
+"""Rows and columns of each level."""
+
+
+@functools.lru_cache(maxsize=len(LEVEL_ALPHAS))
+def _kernel(alpha: float) -> Float32:
+    """(out pixels, in pixels) weights of radiance for each mirror direction, viewed along the normal (Karis 2013)."""
+    seen = pixel_directions(*LEVEL_SIZE).reshape(-1, 3).astype(np.float32)
+    cosine = np.clip(seen @ seen.T, -1.0, 1.0)  # of twice the angle between normal and half vector
+    n_h2 = 0.5 * (1.0 + cosine)
+    d = 1.0 - n_h2 * (1.0 - alpha * alpha)
+    weight = np.maximum(cosine, 0.0) / (d * d) * pixel_solid_angles(*LEVEL_SIZE).ravel().astype(np.float32)
+    return np.asarray(weight / weight.sum(1, keepdims=True), np.float32)
+
+
+def prefiltered(sky: AnyFloat) -> Float32:
+    """(6, 3, 32, 64) float32 linear radiance for each of ``LEVEL_ALPHAS`` and each mirror direction; about 0.1 s.
+
+    Args:
+        sky: (H, W, 3) linear radiance, sides multiples of 32 and 64.
+    """
+    rows, columns = sky.shape[0] // LEVEL_SIZE[0], sky.shape[1] // LEVEL_SIZE[1]
+    blocks = np.asarray(sky, np.float32).reshape(LEVEL_SIZE[0], rows, LEVEL_SIZE[1], columns, 3)
+    small = blocks.mean((1, 3)).reshape(-1, 3)
+    levels = [(_kernel(alpha) @ small).reshape(*LEVEL_SIZE, 3).transpose(2, 0, 1) for alpha in LEVEL_ALPHAS]
+    return np.ascontiguousarray(np.stack(levels), np.float32)

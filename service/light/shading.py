@@ -14,13 +14,11 @@ import numpy as np
 
 from service.arrays import Float32, Float64
 from service.colour import LUMA
-from service.light.environment import Illumination
-from service.light.gloss import F0_SCALE, mirror_openness, mirror_weights
-from service.light.graphs import Graphs, lamp_numbers
+from service.light.environment import Illumination, flux_by_direction, spread_directions
+from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_openness, mirror_weights
 from service.light.harmonics import irradiance, project
+from service.light.samples import AZIMUTHS, SurfaceSamples
 from service.light.scene import PointLight, Response, Scene, Triple
-from service.light.sphere import flux_by_direction, spread_directions
-from service.light.surface import AZIMUTHS, SurfaceSamples
 
 Item = tuple[str, int | None]
 """An effect and its light. Four items are assumptions about a light instead of effects, see ``Shading.arriving``."""

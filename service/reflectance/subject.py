@@ -21,8 +21,7 @@ from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.light.harmonics import gradient
-from service.light.skin_light import BAND_GAIN, LUMINANCE, sh_basis
+from service.light.harmonics import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases

@@ -20,7 +20,7 @@ def run(task: Task, reporter: Reporter) -> None:
     """Write the PNG to ``task.output`` and report ``done`` with the facts.
 
     Args:
-        task: its options are ``archive``, the artifact's name, and ``request``, see :func:`service.render.wire.parse`.
+        task: its options are ``archive``, the artifact's name, and ``request``, as ``parse_request`` wants it.
         reporter: for the answer.
 
     Raises:
@@ -28,10 +28,10 @@ def run(task: Task, reporter: Reporter) -> None:
     """
     from service.jobs.artifacts import Artifacts
     from service.render.render import render_archive
-    from service.render.wire import parse
+    from service.render.request import parse_request
 
     with Artifacts(task.artifacts).open(str(task.options["archive"])) as stream:
-        picture = render_archive(stream, parse(task.options["request"]))
+        picture = render_archive(stream, parse_request(task.options["request"]))
     Path(task.output).write_bytes(picture.png)
     reporter.done(picture.facts())
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.preview.parts import painted, part_triangles
+from service.archive.preview.quick import painted, part_triangles
 from service.archive.reading import StoredPart
 from service.archive.surface import part_normals
 from service.archive.unpack import unpack_texture
@@ -25,9 +25,7 @@ from service.geometry.raster import Fragments, fragments, interpolate, rasterise
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.nodes import Nodes
-from service.render.part_light import PartLight
-from service.render.recess import RECESSES, Recess, recess_of, skin_around
+from service.render.recess import RECESSES, Nodes, PartLight, Recess, recess_of, skin_around
 
 NO_SHADOWS = "part-shadows-not-simulated"
 """Fallback: hair and other parts throw no shadows in the picture."""

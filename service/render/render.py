@@ -16,30 +16,145 @@ from typing import IO, Any
 import numpy as np
 
 from service.archive.fine import subdivided
+from service.archive.images import encode_png
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
-from service.arrays import AnyFloat, Float32
+from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.colour import linear_to_srgb, to_bytes
 from service.errors import NumericFault
 from service.geometry.camera import Camera
+from service.geometry.normals import normalise
 from service.geometry.subdivide import Subdivision
 from service.head.files import triangle_fields
 from service.head.model import HeadModel
-from service.light.environment import illumination
+from service.light.environment import Illumination, illumination, lookup
 from service.light.environment import radiance as environment_radiance
-from service.light.graphs import Graphs
+from service.light.formulas import Graphs
 from service.light.plan import Plan, plan
-from service.light.scene import Scene, Triple
+from service.light.samples import AZIMUTHS, Index, LitChart, SurfaceSamples, survey
+from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
+from service.light.shading import Shading, develop
 from service.materials.of_head import material_of
 from service.materials.part import MeshPart, framed
-from service.render.light import Detail, Visibility
-from service.render.part_light import PartLight
 from service.render.parts import NO_SHADOWS, mesh_part, parts_layer
-from service.render.picture import behind, coded, resolved
-from service.render.planning import exposed, samples_of
+from service.render.recess import PartLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, Shader
 from service.render.surface import LARGEST, ROLES, Surface, build_surface
 from service.render.view import Samples, camera_at, pixel_on_chart, viewpoint_of
+from service.render.visibility import Detail, Visibility
+
+COUNT = 384
+"""Samples of the skin."""
+_GOLDEN = 0.6180339887498949
+"""Golden ratio less 1: its multiples modulo 1 are spread evenly."""
+
+
+def samples_of(surface: Surface, visibility: Visibility, seen: Samples) -> SurfaceSamples:
+    """Samples of the visible skin, with the density of the picture's pixels."""
+    s = surface
+    height, width = s.specular.shape
+    chart = LitChart(
+        position_m=s.position_m,
+        normal=s.normal,
+        tangent=s.tangent,
+        bitangent=s.bitangent,
+        diffuse_normal=s.diffuse_normal,
+        specular_normal=s.specular_normal,
+        albedo=s.albedo,
+        specular=s.specular,
+        alpha=s.alpha,
+        share=s.share,
+        texels_per_mm=s.texels_per_mm,
+        skin=s.skin,
+        weight=_weight(seen, height, width) * s.skin,
+    )
+    offsets = np.asarray(np.arange(COUNT) * _GOLDEN % 1.0, np.float64)
+
+    def visible(at: Index) -> Float64:
+        sky = visibility.sky()
+        rows, columns = (at // width) * sky.shape[1] // height, (at % width) * sky.shape[2] // width
+        return sky[:, rows, columns].T / 255.0
+
+    flat = np.zeros((COUNT, AZIMUTHS))
+    return survey(chart, offsets, visible, lambda at: flat)
+
+
+def _weight(seen: Samples, height: int, width: int) -> Float64:
+    """(H, W) number of the picture's samples nearest to each texel."""
+    column = np.clip((seen.uv[:, 0] * width).astype(np.int64), 0, width - 1)
+    row = np.clip(((1 - seen.uv[:, 1]) * height).astype(np.int64), 0, height - 1)
+    return np.bincount(row * width + column, minlength=height * width).reshape(height, width).astype(np.float64)
+
+
+def exposed(scene: Scene, surface: SurfaceSamples, light: Illumination) -> Scene:
+    """The scene with an exposure that maps the 90th percentile of the samples' luminance to the target.
+
+    A scene that has an exposure is returned unchanged.
+    """
+    if scene.response.exposure is not None:
+        return scene
+    return exposed_for(scene, float(np.quantile(Shading(scene, surface, light).luminance(), BRIGHT)))
+
+
+_BAND = 64
+"""Rows of the background computed at once."""
+
+
+def resolved(
+    radiance: Float32, index: Int64, shape: tuple[int, int], supersampling: int, before: Float32 | None = None
+) -> tuple[Float32, Float32]:
+    """Mean of the samples of each pixel (box filter).
+
+    Args:
+        radiance: (N, 3) of the samples on the head.
+        index: (N,) flat positions of these samples.
+        shape: rows and columns of samples.
+        supersampling: samples per pixel and axis.
+        before: (rows * columns, 4) radiance times coverage, and coverage, of what stands before the head in each
+            sample; None: nothing.
+
+    Returns:
+        (h, w, 3) linear radiance times coverage, and (h, w) coverage of the pixel in [0, 1].
+    """
+    samples = np.zeros((shape[0] * shape[1], 4), np.float32)
+    samples[index, :3], samples[index, 3] = radiance, 1.0
+    if before is not None:
+        samples *= 1 - before[:, 3:]
+        samples += before
+    split = (shape[0] // supersampling, supersampling, shape[1] // supersampling, supersampling, 4)
+    mean = samples.reshape(split).mean((1, 3))
+    return mean[..., :3], mean[..., 3]
+
+
+def behind(camera: Camera, environment: AnyFloat) -> Float32:
+    """(h, w, 3) linear radiance of a latitude-longitude image in the direction of each pixel."""
+    result = np.zeros((camera.height, camera.width, 3), np.float32)
+    x = (np.arange(camera.width) + 0.5 - camera.principal_point[0]) / camera.focal_px
+    for first in range(0, camera.height, _BAND):
+        rows = np.arange(first, min(first + _BAND, camera.height))
+        y = (rows + 0.5 - camera.principal_point[1]) / camera.focal_px
+        plane = np.stack([*np.broadcast_arrays(x[None, :], y[:, None]), np.ones((len(rows), len(x)))], -1)
+        result[rows[0] : rows[-1] + 1] = lookup(np.asarray(environment, np.float64), normalise(plane @ camera.rotation))
+    return result
+
+
+def coded(light: Float32, covered: Float32, response: Response, background: Float32 | None, *, alpha: bool) -> bytes:
+    """PNG bytes, 8-bit sRGB.
+
+    Args:
+        light: (h, w, 3) linear, as from :func:`resolved`.
+        covered: (h, w) in [0, 1].
+        response: tone curve, with a number for its exposure.
+        background: (h, w, 3) linear radiance behind the head; None for none.
+        alpha: add ``covered`` as alpha channel; colours are then not premultiplied.
+    """
+    if alpha:
+        whole = light / np.maximum(covered, np.float32(1e-6))[..., None]
+        colour = to_bytes(develop(whole.astype(np.float64), response) * (covered > 0)[..., None])
+        return encode_png(np.dstack([colour, to_bytes(covered)]), srgb=True)
+    behind_it = 0.0 if background is None else (1 - covered)[..., None] * background
+    return encode_png(to_bytes(develop((light + behind_it).astype(np.float64), response)), srgb=True)
+
 
 MOST_POLYGONS = 20_000
 """Largest mesh that is subdivided before rendering; an archive's has about 4,500 polygons."""

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Float32
-from service.light.environment import Illumination
-from service.light.gloss import F0_SCALE
-from service.light.graphs import Graphs, lamp_numbers
+from service.light.environment import Illumination, prefiltered
+from service.light.formulas import F0_SCALE, Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
 from service.light.plan import Plan
-from service.light.reflection import prefiltered
 from service.light.scene import PointLight, Triple
-from service.render.light import Visibility
 from service.render.surface import Surface
 from service.render.view import Samples
+from service.render.visibility import Visibility
 
 SCATTER_MM = 8.2
 """Three standard deviations of the widest Gaussian of the diffusion profile (red, variance 7.41 mm^2)."""

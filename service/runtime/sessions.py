@@ -216,7 +216,7 @@ def native_session(
     """Session of onnxruntime for checked bytes, without a memory arena (it would keep the largest input for ever).
 
     With ``in_order`` nodes run in the order of the file. The runtime's own order begins at the outputs, which in a long
-    sum keeps every term alive: five times the memory for light that is scattered (``service.light.graphs``).
+    sum keeps every term alive: five times the memory for light that is scattered (``service.light.formulas``).
 
     Raises:
         ModelFault: the runtime cannot load the graph.

@@ -23,12 +23,11 @@ from models.lightstage.light.response import developed
 from models.lightstage.light.sampling import dot, unit
 from models.lightstage.skin.window import ChartWindow
 from service.errors import UsageError
-from service.light.environment import Illumination, illumination
-from service.light.gloss import SMALLEST_ALPHA
+from service.light.environment import Illumination, flux_by_direction, illumination
+from service.light.formulas import SMALLEST_ALPHA
 from service.light.harmonics import COSINE_LOBE, project
 from service.light.plan import Plan
 from service.light.scene import PointLight, Scene
-from service.light.sphere import flux_by_direction
 
 _NEAREST_M = 1e-3
 

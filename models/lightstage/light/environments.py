@@ -22,8 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.errors import UnreadableInput, UsageError
-from service.light.environment import FILE, HEIGHT, WIDTH
-from service.light.sphere import pixel_solid_angles
+from service.light.environment import FILE, HEIGHT, WIDTH, pixel_solid_angles
 
 _DATA = re.compile(r"base64,([A-Za-z0-9+/=]+)")
 

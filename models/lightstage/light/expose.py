@@ -10,9 +10,8 @@ from models.lightstage.light.maps import LitMaps
 from models.lightstage.light.sampling import enlarged
 from models.lightstage.skin.window import ChartWindow
 from service.colour import LUMA
-from service.light.exposure import BRIGHT, exposed_for, level_of
 from service.light.plan import Plan
-from service.light.scene import Scene
+from service.light.scene import BRIGHT, Scene, exposed_for, level_of
 
 __all__ = ["expose", "level_of"]
 

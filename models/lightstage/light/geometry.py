@@ -16,9 +16,9 @@ from models.lightstage.skin.window import ChartWindow
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
-from service.light.lamps import disc_of
+from service.light.environment import spread_directions
+from service.light.formulas import disc_of
 from service.light.scene import PointLight
-from service.light.sphere import spread_directions
 
 _CASTERS = ("skin", "eye_left", "eye_right")
 _CASTERS_MM = (0.9, 1.8)

@@ -15,7 +15,7 @@ from models.lightstage.light.lobes import Gloss, directional_albedo
 from models.lightstage.light.reflection import Mirror
 from models.lightstage.light.sampling import dot
 from models.lightstage.light.visibility import Points
-from service.light.gloss import F0_SCALE, SMALLEST_ALPHA
+from service.light.formulas import F0_SCALE, SMALLEST_ALPHA
 
 DENSEST = 12.0
 """Texels per mm up to which scattering keeps its width; wider maps than a render needs."""
@@ -94,7 +94,7 @@ class Reflection(nn.Module):
     def forward(
         self, levels: Tensor, view: Tensor, normal: Tensor, part: Tensor, alpha: Tensor, openness: Tensor
     ) -> Tensor:
-        """(3, h, w) radiance; levels are ``service.light.reflection.prefiltered``, part (h, w) is that of ``Kept``."""
+        """(3, h, w) radiance; levels are ``service.light.environment.prefiltered``, part (h, w) is that of ``Kept``."""
         return mirrored(Mirror(levels), view, normal, part, alpha.clamp(SMALLEST_ALPHA, 1.0), openness)
 
 

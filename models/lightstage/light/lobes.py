@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from service.light.gloss import ALPHAS, COSINES, F0_SCALE, SMALLEST_ALPHA, albedo_table
+from service.light.formulas import ALPHAS, COSINES, F0_SCALE, SMALLEST_ALPHA, albedo_table
 
 
 @dataclass(frozen=True)

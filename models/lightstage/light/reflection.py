@@ -1,4 +1,4 @@
-"""The surroundings in the mirror of a rough surface, read at texels; ``service.light.reflection`` prefilters them."""
+"""The surroundings in the mirror of a rough surface, read at texels; ``service.light.environment`` prefilters them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from service.light.reflection import ALPHAS, prefiltered
+from service.light.environment import LEVEL_ALPHAS, prefiltered
 
-__all__ = ["ALPHAS", "Mirror", "mirror_of"]
+__all__ = ["LEVEL_ALPHAS", "Mirror", "mirror_of"]
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """(6, 3, 32, 64) radiance for each of ``ALPHAS`` and each mirror direction; ``exact`` where nothing is blurred."""
+    """(6, 3, 32, 64) radiance for each alpha and mirror direction; ``exact`` where nothing is blurred."""
 
     levels: Tensor
 
@@ -32,8 +32,8 @@ class Mirror:
         height, width = self.levels.shape[2:]
         row = (torch.acos(direction[1].clamp(-1.0, 1.0)) / math.pi * height - 0.5).clamp(0.0, height - 1.0)
         column = (torch.atan2(direction[0], direction[2]) / (2.0 * math.pi) + 0.5) * width - 0.5
-        knots = torch.tensor(ALPHAS, device=alpha.device).log()
-        x = alpha.float().clamp(ALPHAS[0], ALPHAS[-1]).log()
+        knots = torch.tensor(LEVEL_ALPHAS, device=alpha.device).log()
+        x = alpha.float().clamp(LEVEL_ALPHAS[0], LEVEL_ALPHAS[-1]).log()
         level = (x[..., None] > knots[1:-1]).sum(-1)
         share = (x - knots[level]) / (knots[level + 1] - knots[level])
         r0 = row.floor().clamp(max=height - 2)

@@ -21,10 +21,9 @@ from service.geometry.normals import normalise, vertex_normals
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.light.environment import Illumination
-from service.light.lamps import disc_of
+from service.light.environment import Illumination, flux_by_direction, spread_directions
+from service.light.formulas import disc_of
 from service.light.scene import PointLight
-from service.light.sphere import flux_by_direction, spread_directions
 
 Array = npt.NDArray[np.float64]
 

@@ -17,9 +17,8 @@ from models.lightstage.light.relief import STEPS_MM
 from models.lightstage.light.sampling import enlarged, read_at
 from models.lightstage.skin.streams import Stream
 from models.lightstage.skin.window import ChartWindow
-from service.light.surface import AZIMUTHS, SurfaceSamples
-from service.light.survey import Index, LitChart
-from service.light.survey import survey as sampled
+from service.light.samples import AZIMUTHS, Index, LitChart, SurfaceSamples
+from service.light.samples import survey as sampled
 
 Array = npt.NDArray[np.float64]
 

@@ -20,7 +20,7 @@ class Fit:
         vertices: (V, 3) float32 metres, head space, the photo's expression.
         neutral: (V, 3) float32 metres, head space, no expression.
         light: (9, 3) float64 spherical-harmonic radiance, linear RGB, camera frame: ``sh_basis(n) @ light`` of
-            ``service.light.skin_light`` is irradiance over pi, scaled so that the seen skin has a mean luminance of
+            ``service.light.harmonics`` is irradiance over pi, scaled so that the seen skin has a mean luminance of
             one. None if the fit stopped at the landmarks, or, with the warning ``no-light``, if too little lit skin is
             seen.
         landmark_rms_px: root mean square distance of trusted landmarks, photo pixels.

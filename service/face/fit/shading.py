@@ -20,8 +20,7 @@ from service.face.fit.softened import Softened
 from service.face.fit.state import POSE, State, project
 from service.geometry.normals import cross, vertex_normals
 from service.head.model import HeadModel
-from service.light.harmonics import gradient
-from service.light.skin_light import BAND_GAIN, LUMINANCE, estimate_light, sh_basis
+from service.light.harmonics import BAND_GAIN, LUMINANCE, estimate_light, gradient, sh_basis
 from service.robust import geman_mcclure
 
 SIGMA = 0.10

@@ -266,8 +266,7 @@ def test_a_full_disk_leaves_no_half_archive(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_the_sheet_grows_by_the_maps_that_there_are() -> None:
-    from service.archive.preview.sheet import sheet
-    from service.archive.preview.views import TILE
+    from service.archive.preview.sheet import TILE, sheet
 
     plain, full = sheet(toy_avatar()), sheet(avatar())
     assert full.shape[0] > plain.shape[0] + TILE[1] + 500 and full.shape[1] == plain.shape[1]

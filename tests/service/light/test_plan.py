@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from service.errors import UsageError
+from service.light.environment import spread_directions
 from service.light.plan import EFFECTS, Plan, plan, report
+from service.light.samples import AZIMUTHS, PLACES, RING_MM, SurfaceSamples
 from service.light.scene import Environment, PointLight, Response, Scene
-from service.light.sphere import spread_directions
-from service.light.surface import AZIMUTHS, PLACES, RING_MM, SurfaceSamples
 
 GREY = (0.5, 0.5, 0.5)
 EVEN = Environment(zenith=GREY, horizon=GREY, ground=GREY)

@@ -7,8 +7,14 @@ import pytest
 
 from service.errors import UsageError
 from service.light import environment, harmonics
+from service.light.environment import (
+    flux_by_direction,
+    pixel_directions,
+    pixel_of,
+    pixel_solid_angles,
+    spread_directions,
+)
 from service.light.scene import Environment, PointLight, Response, Scene, Softbox
-from service.light.sphere import flux_by_direction, pixel_directions, pixel_of, pixel_solid_angles, spread_directions
 
 SCENE = Scene(
     Environment(name="studio", rotation_deg=30.0, softboxes=(Softbox((0, 1, 1), (2, 2, 2)),)),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from service.light.skin_light import estimate_light, sh_basis
+from service.light.harmonics import estimate_light, sh_basis
 
 RNG = np.random.default_rng(5)
 

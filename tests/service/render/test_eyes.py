@@ -9,10 +9,9 @@ import numpy.typing as npt
 
 from service.geometry.chart import Chart
 from service.head.files import load_head
-from service.light.graphs import Graphs
+from service.light.formulas import Graphs
 from service.light.scene import PointLight
-from service.render.eyes import Eyes
-from service.render.light import Detail, Visibility
+from service.render.visibility import Detail, Eyes, Visibility
 
 HEAD = load_head(None)
 SIZE = (768, 512)

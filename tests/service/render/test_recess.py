@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from service.light.environment import illumination
-from service.light.graphs import Graphs
+from service.light.formulas import Graphs
 from service.light.plan import Plan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.nodes import Nodes
-from service.render.recess import Arriving, Recess, recess_of, skin_around
+from service.render.recess import Arriving, Nodes, Recess, recess_of, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene

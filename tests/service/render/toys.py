@@ -9,9 +9,9 @@ import numpy as np
 from service.archive.images import encode_normals8, encode_png
 from service.archive.reading import StoredMap
 from service.light.scene import Environment, PointLight, Response, Scene
-from service.render.light import Detail
 from service.render.render import Picture, render_head
 from service.render.request import RenderRequest
+from service.render.visibility import Detail
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(16, 24)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from service.light.environment import pixel_directions
 from service.light.harmonics import basis
-from service.light.sphere import pixel_directions
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 

@@ -26,8 +26,7 @@ from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from service.errors import UsageError  # noqa: E402
-from service.light import estimate  # noqa: E402
-from service.light.plan import Plan, plan  # noqa: E402
+from service.light.plan import Plan, develop, estimate, plan  # noqa: E402
 from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -294,7 +293,7 @@ def test_the_response_is_monotone_and_the_same_in_both_places() -> None:
     light = torch.linspace(0, 4, 999).expand(3, 999)
     made = developed(light, response)
     assert made.diff().min() >= 0.0
-    np.testing.assert_allclose(made.numpy().T, estimate.develop(light.numpy().T.astype(float), response), atol=1e-5)
+    np.testing.assert_allclose(made.numpy().T, develop(light.numpy().T.astype(float), response), atol=1e-5)
 
 
 def test_the_planner_shades_as_the_camera_does() -> None:
@@ -302,7 +301,7 @@ def test_the_planner_shades_as_the_camera_does() -> None:
     scene = Scene(EVEN, (PointLight((0.2, 0.3, 1.5), (2.0,) * 3),), VIEW)
     scene = expose(skin(), geometry(), scene, WHOLE)
     samples = survey(skin(), geometry(), WHOLE, count=256)
-    made = estimate.estimate(scene, samples).shading.picture(set()).mean()
+    made = estimate(scene, samples).shading.picture(set()).mean()
     image = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
     face = geometry().face[0] > 0.5
     assert float(image[:, face].mean()) == pytest.approx(float(made), abs=0.03)
@@ -318,7 +317,7 @@ def test_the_planner_shades_each_point_as_the_camera_does() -> None:
         dataclasses.replace(skin(), diffuse_albedo=torch.cat([places / 128, 0 * places[:1]])), geometry(), WHOLE
     )
     row, column = (np.rint(where.albedo[0, :, i] * 128).astype(int) for i in (0, 1))
-    shaded = estimate.estimate(scene, survey(skin(), geometry(), WHOLE)).shading
+    shaded = estimate(scene, survey(skin(), geometry(), WHOLE)).shading
     for effect in (None, "reflection", "fresnel", "specular", "second_lobe"):
         light = 0 if effect == "specular" else None
         chosen = everything.without(effect, light) if effect else everything

@@ -11,9 +11,13 @@ torch = pytest.importorskip("torch")
 
 from models.lightstage.light.sclera import Whites  # noqa: E402
 from service.head.files import load_head  # noqa: E402
-from service.light.environment import HEIGHT, WIDTH, Illumination  # noqa: E402
+from service.light.environment import (  # noqa: E402
+    HEIGHT,
+    WIDTH,
+    Illumination,
+    pixel_directions,
+)
 from service.light.scene import PointLight  # noqa: E402
-from service.light.sphere import pixel_directions  # noqa: E402
 
 pytestmark = pytest.mark.train
 

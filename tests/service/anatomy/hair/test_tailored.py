@@ -7,7 +7,7 @@ import pytest
 
 from service.anatomy.hair.tailored import Tailored, tailored
 from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, Frame, Item, Skull, agreement, hair_on, read_items
-from service.archive.preview.render import turned_camera
+from service.archive.preview.quick import turned_camera
 from service.arrays import Float32, Int32
 from service.head.files import load_head
 from service.head.regions import vertex_mask

@@ -10,16 +10,16 @@ import pytest
 
 from service.archive.preview import page
 from service.archive.preview.overlay import PANEL, crop_box, fitted_landmarks, overlay
-from service.archive.preview.render import render, turned_camera
-from service.archive.preview.shading import Lamps, side_lamp
+from service.archive.preview.quick import Lamps, render, side_lamp, turned_camera
 from service.archive.preview.sheet import (
     INPAINTED_COLOUR,
     MIRRORED_COLOUR,
     SEEN_COLOUR,
+    TEXTURED_YAWS,
+    TILE,
     confidence_colours,
     sheet,
 )
-from service.archive.preview.views import TEXTURED_YAWS, TILE
 from service.archive.surface import vertex_normals
 from service.colour import srgb_to_linear
 from service.geometry.camera import Camera

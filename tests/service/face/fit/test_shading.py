@@ -4,8 +4,7 @@ import numpy as np
 
 from service.face.fit.shading import normal_derivative
 from service.geometry.normals import normalise
-from service.light.harmonics import gradient
-from service.light.skin_light import BAND_GAIN, sh_basis
+from service.light.harmonics import BAND_GAIN, gradient, sh_basis
 
 RNG = np.random.default_rng(9)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.geometry.chart import Chart
-from service.light.skin_light import LUMINANCE, sh_basis
+from service.light.harmonics import LUMINANCE, sh_basis
 from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.relief import shading
 from service.reflectance.relief.shading import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade

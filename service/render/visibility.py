@@ -1,4 +1,4 @@
-"""Visibility of sky and lamps from the surface of a head: ambient occlusion and cast shadows."""
+"""Visibility of sky and lamps from the surface of a head: depth maps, ambient occlusion and cast shadows."""
 
 from __future__ import annotations
 
@@ -7,18 +7,120 @@ from functools import cached_property
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt8
 from service.geometry.chart import Chart
 from service.geometry.points import surface_points
 from service.head.model import HeadModel
-from service.light.graphs import Graphs
-from service.light.lamps import disc_of
+from service.light.environment import flux_by_direction, spread_directions
+from service.light.formulas import Graphs, disc_of
 from service.light.scene import PointLight
-from service.light.sphere import flux_by_direction, spread_directions
-from service.render.eyes import Eyes, resized
-from service.render.occlusion import lamp_seen, sky_seen, summed
+
+
+def sky_seen(graphs: Graphs, count: int, points: Float32, occluders: Float32, spacing: float) -> UInt8:
+    """(count, N) visibility of spread directions from points (6, N), 255 = fully visible; 0 below their horizon.
+
+    Args:
+        graphs: the formulas.
+        count: of directions (``spread_directions``).
+        points: position in mm and unit normal.
+        occluders: (3, M) mm.
+        spacing: of the occluders, mm.
+    """
+    seen = np.zeros((count, points.shape[1]), np.uint8)
+    for k, direction in enumerate(spread_directions(count)):
+        if not (direction @ points[3:] > 0).any():
+            continue
+        lit = graphs.lit("lit_from_direction", occluders, spacing, points, direction.astype(np.float32))
+        seen[k] = np.rint(lit * 255.0)
+    return seen
+
+
+def lamp_seen(graphs: Graphs, places: AnyFloat, points: Float32, occluders: Float32, spacing: float) -> Float32:
+    """(N,) mean share in [0, 1] of the light from places (K, 3) mm that reaches points; others as of `sky_seen`."""
+    total = np.zeros(points.shape[1], np.float32)
+    for at in places:
+        total += graphs.lit("lit_from_point", occluders, spacing, points, at.astype(np.float32))
+    return total / np.float32(len(places))
+
+
+def summed(seen: UInt8, each: Float64) -> Float32:
+    """(N, C) sums over directions of visibility codes (D, N) times (D, C)."""
+    total = np.zeros((seen.shape[1], each.shape[1]), np.float32)
+    for first in range(0, len(seen), 64):
+        part = seen[first : first + 64].astype(np.float32) * np.float32(1 / 255)
+        total += part.T @ each[first : first + 64].astype(np.float32)
+    return total
+
 
 Size = tuple[int, int]
+
+REACH_MM = 40.0
+"""Distance from an eye's centre up to which geometry casts shadows on it; brows, nose and lids lie within."""
+
+
+@dataclass(frozen=True)
+class Eyes:
+    """Eyes and the geometry around them.
+
+    Attributes:
+        chart: on which they are lit.
+        index: (n,) of their texels among the chart's inner ``texels``.
+        occluders: (3, M) mm.
+        spacing_mm: of the occluders.
+    """
+
+    chart: Chart
+    index: Int64
+    occluders: Float32
+    spacing_mm: float
+
+    @classmethod
+    def of(
+        cls,
+        chart: Chart,
+        vertices: AnyFloat,
+        casts: Bool,
+        spacing: float,
+    ) -> Eyes | None:
+        """The eyes of a head; None where it has none, or the chart is so coarse that they have no texel.
+
+        Args:
+            chart: of the head, on which they are to be lit.
+            vertices: (V, 3) metres.
+            casts: (T,) triangles that cast shadows.
+            spacing: of the points that cast shadows, mm.
+        """
+        head = chart.head
+        parts = [index for index, name in enumerate(head.part_names) if name.startswith("eye")]
+        index = np.flatnonzero(np.isin(chart.inner_part, parts))
+        if not len(index):
+            return None
+        millimetres = np.asarray(vertices, np.float64) * 1000.0
+        near = np.zeros(len(millimetres), bool)
+        for part in parts:
+            eye = millimetres[np.unique(head.triangles[head.triangle_part == part])]
+            if len(eye):
+                near |= np.linalg.norm(millimetres - eye.mean(0), axis=1) < REACH_MM
+        cloud = surface_points(millimetres, head.triangles[casts & near[head.triangles].any(1)], spacing)
+        return cls(chart, index, np.ascontiguousarray(cloud.T), spacing)
+
+    def over(self, image: Float32, values: Float32) -> Float32:
+        """(H, W, C) image of the whole chart with its eyes replaced by values (n, C)."""
+        stacked = np.zeros((len(self.chart.texels), values.shape[1] + 1), np.float32)
+        stacked[self.index] = np.c_[values, np.ones(len(self.index), np.float32)]
+        there = resized(self.chart.spread(stacked), (image.shape[1], image.shape[0]))
+        share = there[..., -1:]
+        return np.where(share > 0.5, there[..., :-1] / np.maximum(share, 0.5), image).astype(np.float32)
+
+
+def resized(image: Float32, size: Size) -> Float32:
+    """(H, W, C) bilinear values of an image (h, w, C), of any number of channels, at ``size`` (width, height)."""
+    import cv2
+
+    return np.stack(
+        [np.asarray(cv2.resize(plane, size)) for plane in np.ascontiguousarray(np.moveaxis(image, 2, 0))], -1
+    )
+
 
 _CASTERS = ("skin", "eye")
 """First words of the names of parts that cast shadows."""
