@@ -26,11 +26,10 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from benchmarks.corrections.__main__ import CACHE
+from benchmarks.corrections.__main__ import CACHE, known_mean
 from benchmarks.corrections.photos import Photo, photos
-from benchmarks.corrections.rules import SIZE
 from benchmarks.corrections.score import Judge, Score
-from benchmarks.corrections.table import known_mean
+from benchmarks.corrections.trial import SIZE
 from benchmarks.metrics import at_chart
 from benchmarks.shoot import data_folder
 from models.networks.context import HEIGHT, WIDTH

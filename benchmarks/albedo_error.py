@@ -26,8 +26,8 @@ from scipy.stats import spearmanr
 from benchmarks.albedo import PHOTOS, OnDisk, made
 from benchmarks.corrections.__main__ import CACHE
 from benchmarks.corrections.photos import photos
-from benchmarks.corrections.rules import SIZE
 from benchmarks.corrections.score import Judge
+from benchmarks.corrections.trial import SIZE
 from benchmarks.metrics import at_chart
 from benchmarks.shoot import data_folder
 from models.tables import tell

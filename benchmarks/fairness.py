@@ -20,8 +20,7 @@ import typer
 
 from benchmarks.albedo import Found, OnDisk, judged, made, regions_of, typology_angle
 from benchmarks.corrections.__main__ import CACHE
-from benchmarks.corrections.camera import Camera, develop, encoded
-from benchmarks.corrections.photos import SEEDS, SIZE, Photo, kept_exposure
+from benchmarks.corrections.photos import SEEDS, SIZE, Lens, Photo, develop, encoded, kept_exposure
 from benchmarks.corrections.score import Judge
 from benchmarks.corrections.sitters import Sitter, Studio
 from benchmarks.heads import TexturedHead
@@ -72,7 +71,7 @@ def of_class(head: TexturedHead, name: str, angle: float) -> TexturedHead:
 
 def photo_of(head: TexturedHead, light: str, cache: Path) -> Photo:
     """The photo of a head in a light; rendered where it is not kept."""
-    shot, camera = Shot(8.0, light, 1.2, 18.0, SIZE, seed=SEEDS[0]), Camera()
+    shot, camera = Shot(8.0, light, 1.2, 18.0, SIZE, seed=SEEDS[0]), Lens()
     truth = kept_exposure(cache / f"tones_{head.name}_{light}.npz", head, shot)
     pixels = develop(truth.radiance, truth.skin, camera)
     return Photo(f"{head.name}_{light}", (), encoded(pixels, camera), truth, head, shot)

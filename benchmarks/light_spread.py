@@ -2,7 +2,7 @@
 
 DIR holds ``ict_facekit_head.npz``, ``ffhq_uv_head/``, ``hifi3d_uv/`` and ``lee_perry_smith/``, which no training has
 seen. Heads are of four kinds: those with a carried skin, the scan, and held-out subjects of the light stage
-(``benchmarks.subjects``), and three further real skins. Mitsuba takes a photo of each head in each light; the program
+(``benchmarks.heads``), and three further real skins. Mitsuba takes a photo of each head in each light; the program
 makes a diffuse albedo of each photo. Two questions:
 
 - How far is it from the true albedo? PSNR of sRGB-coded skin over the pixels of the photo where both heads show the

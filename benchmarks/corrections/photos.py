@@ -10,12 +10,74 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.corrections import worn
-from benchmarks.corrections.camera import Camera, develop, encoded
-from benchmarks.corrections.hair import BLACK, DARK_BROWN
-from benchmarks.corrections.sitters import SHUT, SMILE, Sitter, Studio
+from benchmarks.corrections.sitters import BLACK, DARK_BROWN, SHUT, SMILE, Sitter, Studio, cap, glasses
 from benchmarks.heads import TexturedHead
 from benchmarks.render import Exposure, Look, Shot, expose
+from service.colour import LUMA, linear_to_srgb
+
+Float = npt.NDArray[np.float32]
+
+FACE_LEVEL, FACE_SHARE = 0.55, 0.9
+"""Linear luminance that automatic exposure gives to this quantile of the face: sRGB 0.77."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """One camera's ways.
+
+    Attributes:
+        stops: exposure beside the automatic one, in powers of two.
+        balance: gain of each linear channel before it clips: below 1 in blue is warm light that was left warm.
+        bend: exponent of each coded channel: above 1 its shades are darker; all alike is contrast, apart is a hue that
+            follows the light, as films and filters have.
+        contrast: strength in [0, 1] of an S-shaped curve on all coded channels.
+        ceiling: coded value at which each channel is cut off and stretched to 1 (a blown channel).
+        size: pixels of the square photo; None: as rendered.
+        noise: standard deviation of the sensor's noise, codes of 255.
+        jpeg: quality of JPEG, 0 to 100; None: PNG.
+    """
+
+    stops: float = 0.0
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    bend: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    contrast: float = 0.0
+    ceiling: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    size: int | None = None
+    noise: float = 0.0
+    jpeg: int | None = None
+
+
+def automatic(radiance: Float, face: npt.NDArray[np.bool_]) -> float:
+    """Gain that a camera which meters the face would take."""
+    return FACE_LEVEL / float(np.quantile(radiance[face] @ LUMA, FACE_SHARE))
+
+
+def develop(radiance: Float, face: npt.NDArray[np.bool_], camera: Lens, seed: int = 0) -> npt.NDArray[np.uint8]:
+    """(h, w, 3) uint8 sRGB photo of linear radiance (H, W, 3) with a face somewhere."""
+    import cv2
+
+    gain = automatic(radiance, face) * 2**camera.stops * np.array(camera.balance)
+    linear = radiance * gain.astype(np.float32)
+    if camera.size is not None:
+        small = cv2.resize(linear, (camera.size, camera.size), interpolation=cv2.INTER_AREA)
+        linear = np.asarray(small, np.float32)
+    coded = linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))
+    coded = np.minimum(coded / np.array(camera.ceiling, np.float32), 1) ** np.array(camera.bend, np.float32)
+    coded = coded + np.float32(camera.contrast) * (coded * coded * (3 - 2 * coded) - coded)
+    noise = np.random.default_rng(seed).normal(0, camera.noise, coded.shape) if camera.noise else 0.0
+    return np.asarray(np.clip(np.rint(coded * 255 + noise), 0, 255), np.uint8)
+
+
+def encoded(pixels: npt.NDArray[np.uint8], camera: Lens) -> bytes:
+    """The file that the camera writes."""
+    import cv2
+
+    ending, settings = (".png", []) if camera.jpeg is None else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, camera.jpeg])
+    done, data = cv2.imencode(ending, pixels[..., ::-1], settings)
+    if not done:
+        raise RuntimeError(f"a photo of {pixels.shape} could not be encoded as {ending}")
+    return data.tobytes()
+
 
 GROUPS = (
     "soft", "hard", "graded", "clipped", "warm", "overexposed", "underexposed", "beard", "brows", "oily", "smile",
@@ -26,13 +88,13 @@ GROUPS = (
 SIZE = 640
 SEEDS = (1, 7, 8, 10, 22, 27, 29, 39, 40)
 """Of ``benchmarks.render.environment``, whose skies are nearly white."""
-DIM = Camera(stops=-1.0)
+DIM = Lens(stops=-1.0)
 """Exposed for a scene, not for the dark face in it."""
 WARM = (1.25, 0.80, 0.30)
-FILM = Camera(bend=(0.85, 1.0, 1.22), contrast=0.7)
+FILM = Lens(bend=(0.85, 1.0, 1.22), contrast=0.7)
 """Shades redder and yellower than lights."""
-TEAL = Camera(stops=-0.5, bend=(1.30, 1.0, 0.92), contrast=0.5)
-SMALL = Camera(size=224, noise=3.0, jpeg=45)
+TEAL = Lens(stops=-0.5, bend=(1.30, 1.0, 0.92), contrast=0.5)
+SMALL = Lens(size=224, noise=3.0, jpeg=45)
 OILY = Look(roughness=0.22, specular=0.9)
 SOFT, HARD = ("soft",), ("hard",)
 
@@ -60,16 +122,16 @@ class Sitting:
     look: Look = Look()  # noqa: RUF009 - frozen
     glasses: bool = False
     cap: bool = False
-    camera: Camera = Camera()  # noqa: RUF009 - frozen
+    camera: Lens = Lens()
 
     @property
     def shot(self) -> Shot:
-        """Camera and light."""
+        """Lens and light."""
         return Shot(self.yaw, self.light, 1.2, 18.0, SIZE, seed=SEEDS[sum(self.name.encode()) % len(SEEDS)])
 
     def dressed(self, head: TexturedHead) -> Look:
         """Skin, and what is worn on this head."""
-        things = (worn.glasses(head) if self.glasses else ()) + (worn.cap(head) if self.cap else ())
+        things = (glasses(head) if self.glasses else ()) + (cap(head) if self.cap else ())
         return replace(self.look, worn=things)
 
 
@@ -96,18 +158,18 @@ SITTINGS = (
     Sitting("cap_overhead", Sitter(123, "hifi3d 3"), "overhead", 8, (*HARD, "cap"), cap=True),
 )
 
-DEVELOPED: tuple[tuple[str, str, Camera, tuple[str, ...]], ...] = (
+DEVELOPED: tuple[tuple[str, str, Lens, tuple[str, ...]], ...] = (
     ("ffhq_soft", "film", FILM, ("graded",)),
     ("hifi2_left", "film", FILM, ("graded",)),
     ("dark_right", "teal", TEAL, ("graded",)),
-    ("hifi3_overhead", "blown", Camera(stops=0.5, ceiling=(0.78, 0.78, 0.78)), ("clipped",)),
-    ("ffhq_left", "red blown", Camera(balance=(1.5, 1.0, 0.85)), ("clipped",)),
-    ("hifi1_soft", "warm", Camera(balance=WARM), ("warm",)),
-    ("hifi3_overhead", "warm", Camera(balance=(1.25, 0.74, 0.16), contrast=0.6), ("warm", "clipped")),
-    ("ffhq_soft", "over", Camera(stops=1.0), ("overexposed",)),
-    ("scan_right", "over", Camera(stops=0.8), ("overexposed",)),
-    ("hifi1_soft", "under", Camera(stops=-2.2, noise=1.5), ("underexposed",)),
-    ("dark_soft", "under", Camera(stops=-2.8, noise=1.5), ("underexposed",)),
+    ("hifi3_overhead", "blown", Lens(stops=0.5, ceiling=(0.78, 0.78, 0.78)), ("clipped",)),
+    ("ffhq_left", "red blown", Lens(balance=(1.5, 1.0, 0.85)), ("clipped",)),
+    ("hifi1_soft", "warm", Lens(balance=WARM), ("warm",)),
+    ("hifi3_overhead", "warm", Lens(balance=(1.25, 0.74, 0.16), contrast=0.6), ("warm", "clipped")),
+    ("ffhq_soft", "over", Lens(stops=1.0), ("overexposed",)),
+    ("scan_right", "over", Lens(stops=0.8), ("overexposed",)),
+    ("hifi1_soft", "under", Lens(stops=-2.2, noise=1.5), ("underexposed",)),
+    ("dark_soft", "under", Lens(stops=-2.8, noise=1.5), ("underexposed",)),
     ("oily_left", "small", SMALL, ("small",)),
     ("smile_soft", "small", SMALL, ("small",)),
 )
@@ -159,7 +221,7 @@ def photos(data: Path, out: Path, wanted: Collection[str]) -> Iterator[Photo]:
             yield Photo(name, groups, encoded(pixels, camera), truth, head, sitting.shot)
 
 
-def _taken_of(sitting: Sitting) -> Iterator[tuple[str, Camera, tuple[str, ...]]]:
+def _taken_of(sitting: Sitting) -> Iterator[tuple[str, Lens, tuple[str, ...]]]:
     """Name, camera and groups of each photo of a sitting."""
     yield sitting.name, sitting.camera, sitting.groups
     for who, ending, camera, more in DEVELOPED:

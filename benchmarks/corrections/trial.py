@@ -1,24 +1,122 @@
-"""One photo with all rules, without each, and without any: what each changed, gained and took."""
+"""One photo with all rules of the product, without each, and without any: what each changed, gained and took."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.corrections.kept import Kept
-from benchmarks.corrections.rules import FIRST_STAGE, RELIEF, Rule, Rules
 from benchmarks.corrections.score import Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
 from service.geometry.chart import islands
+from service.options import Options
+from service.pipeline import make_avatar
 from service.reflectance.reflectance_maps import NORMAL_ONE
+from service.stage_cache import Stages
 from service.texture.texture_maps import SEEN
+
+SIZE = (768, 512)
+"""Maps of the trial: a rule decides on the light of 192 x 128 cells or on textures of 576 x 384, whatever the map."""
+FIRST_STAGE = {"texture": "texture", "light": "diffuse_albedo", "albedo": "diffuse_albedo", "relief": "diffuse_albedo"}
+"""By what a rule alters, the first stage of the pipeline that has to be made anew without it."""
+RELIEF = "relief"
+
+
+class Rule(Protocol):
+    """One correction; ``service.corrections.Correction``."""
+
+    @property
+    def name(self) -> str:
+        """As ``--without`` takes it."""
+
+    @property
+    def mends(self) -> str:
+        """A sentence."""
+
+    @property
+    def source(self) -> str:
+        """What it alters, out of ``FIRST_STAGE``."""
+
+    @property
+    def cases(self) -> Sequence[str]:
+        """Groups of ``benchmarks.corrections.photos.GROUPS`` on which it has to gain; none means all photos."""
+
+
+class Rules(Protocol):
+    """All rules, and the product with a switch for each."""
+
+    @property
+    def registry(self) -> Sequence[Rule]:
+        """In the order in which they run."""
+
+    def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Avatar:
+        """The avatar of a photo with the rules of these names turned off. Raises as ``make_avatar``.
+
+        It has the diffuse albedo, and with ``relief`` the specular normals.
+        """
+
+    def changed(self, avatar: Avatar) -> dict[str, int]:
+        """Texels that each rule which ran changed by more than 1/255; rules may be missing."""
+
+
+@dataclass(frozen=True)
+class Product:
+    """The rules of the program, turned off as a caller would."""
+
+    @property
+    def registry(self) -> Sequence[Rule]:
+        """The program's."""
+        from service.reflectance.albedo.diffuse_albedo import REGISTRY
+
+        return tuple(REGISTRY)
+
+    def make(self, data: bytes, without: Sequence[str], stages: Stages, relief: bool = False) -> Avatar:
+        """By ``make_avatar``."""
+        maps = ("diffuse_albedo", "specular_normal") if relief else ("diffuse_albedo",)
+        switches: dict[str, Any] = {"without": tuple(without)} if without else {}
+        options = Options(maps=maps, quality="draft", size=SIZE, face="largest", **switches)
+        return make_avatar(data, options, stages=stages)
+
+    def changed(self, avatar: Avatar) -> dict[str, int]:
+        """As the manifest has it."""
+        told = getattr(avatar.reflectance, "corrections", ())
+        return {one.name: int(one.changed) for one in told}
+
+
+T = TypeVar("T")
+
+
+class Kept:
+    """Keeps what stages gave, and forgets what comes after a rule; ``service.stage_cache.Stages``."""
+
+    def __init__(self) -> None:
+        self._results: dict[str, Any] = {}
+
+    def keep(self, name: str, make: Callable[[], T]) -> T:
+        """The result of stage ``name``, made at most once."""
+        if name not in self._results:
+            self._results[name] = make()
+        result: T = self._results[name]
+        return result
+
+    def copy(self) -> Kept:
+        """Another that has the same results."""
+        other = Kept()
+        other._results.update(self._results)
+        return other
+
+    def forget(self, first: str) -> None:
+        """Forget stage ``first`` and all that ran after it; nothing where it has not run."""
+        names = list(self._results)
+        for name in names[names.index(first) :] if first in names else []:
+            del self._results[name]
+
 
 Codes = npt.NDArray[np.uint16]
 Map = npt.NDArray[np.float32]

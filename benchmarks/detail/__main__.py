@@ -1,7 +1,7 @@
 """What a sharp photo shows of the skin, and what of it is in the maps: ``python -m benchmarks.detail --data DIR``.
 
 DIR holds ``lee_perry_smith/``, ``hifi3d_uv/``, ``ict_facekit_head.npz`` and ``ffhq_uv_head/``, which no training has
-seen. Mitsuba takes sharp photos of heads whose colour and relief are known (``benchmarks.detail.sitters``); a camera
+seen. Mitsuba takes sharp photos of heads whose colour and relief are known (``benchmarks.detail.shoot``); a camera
 adds blur, noise and JPEG; ``make_avatar`` makes the maps. On the skin that a photo shows, bands of 0.6-1.2, 1.2-2.5 and
 2.5-6 mm of the logarithm of coded luma are compared with the true albedo's, in the photo's frame: correlation /
 strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the albedo that zeta alone
@@ -25,10 +25,8 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from benchmarks.detail.alone import Kept, without_own
-from benchmarks.detail.measure import BANDS_MM, Agreement, compare
-from benchmarks.detail.shoot import Taken, shot, taken
-from benchmarks.detail.sitters import NAMES, sitter
+from benchmarks.detail.measure import BANDS_MM, Agreement, Kept, compare, without_own
+from benchmarks.detail.shoot import NAMES, Taken, shot, sitter, taken
 from models.tables import tell
 from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
