@@ -223,10 +223,6 @@ def _end_with_parent(parent: int) -> None:
         os._exit(1)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 LOADING_TIMEOUT = 300.0
 
 _LOAD = """
@@ -269,3 +265,7 @@ def faults(settings: Settings) -> list[str]:
     if process.returncode or not lines:
         return [f"loading the networks ended with status {process.returncode}"]
     return [str(fault) for fault in json.loads(lines[-1])]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
