@@ -20,9 +20,8 @@ import numpy.typing as npt
 from benchmarks.render import mitsuba
 from service.anatomy.insets.eyes import IRIS_SHARE
 from service.archive.preview.quick import part_triangles
-from service.archive.reading import StoredMap, open_avatar
-from service.archive.surface import part_normals
-from service.archive.unpack import unpack_map
+from service.archive.reading import StoredMap, open_avatar, unpack_map
+from service.archive.surfaces import part_normals
 from service.arrays import AnyFloat
 from service.colour import LUMA, bytes_to_linear
 from service.geometry.camera import Camera

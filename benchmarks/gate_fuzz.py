@@ -25,7 +25,7 @@ import numpy as np
 from PIL import Image
 
 from service.errors import CorruptImage, UnreadableInput
-from service.photo import codec
+from service.photo import decoder
 from service.photo.gate import open_container, read_photo
 from service.photo.limits import Limits, check_size
 
@@ -82,13 +82,13 @@ def mend_png(data: bytearray) -> None:
 def decode_here(data: bytes) -> str:
     """Everything that the gate does, but with the decoder in this process."""
     container = open_container(data, LIMITS)
-    open_image = codec.prepare(container.codec, colour=True, exif=True)
+    open_image = decoder.prepare(container.codec, colour=True, exif=True)
     bounds = LIMITS.max_side, LIMITS.max_pixels
     try:
-        decoded = codec.decode(
+        decoded = decoder.decode(
             open_image, container.payload, container.icc, container.gamma, container.exif, *bounds
         )
-    except codec.DecoderFault as fault:
+    except decoder.DecoderFault as fault:
         raise CorruptImage("decoder") from fault
     check_size(*decoded.image.size, LIMITS)
     if decoded.image.mode != "RGB" or sorted(decoded.image.size) != sorted(container.size or ()):

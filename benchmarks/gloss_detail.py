@@ -16,7 +16,7 @@ import typer
 from models.lightstage.measures import gloss_bands
 from models.lightstage.stage import Stage
 from models.lightstage.statistics import FULL_PPM
-from service.archive.unpack import unpack_map
+from service.archive.reading import unpack_map
 from service.arrays import Float64
 from service.errors import BadArchive
 from service.levels import FULL_SIZE

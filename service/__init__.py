@@ -4,3 +4,7 @@ Never imports torch.
 """
 
 __version__ = "0.1.0"
+
+PROGRAM = "avatarme"
+GENERATOR = f"{PROGRAM} {__version__}"
+"""Name and version as written into files."""

@@ -112,7 +112,7 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     """Time one small tile of each network, and what else grows with the maps."""
     from scipy.fft import dctn, idctn
 
-    from service.archive.png import Rows, encode
+    from service.archive.images import Rows, encode_png_rows
 
     costs: dict[str, float] = {}
     opening: dict[str, float] = {}
@@ -142,7 +142,7 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
     return Speed(
         yardstick=min(_twice(_yardstick)),
         transform=min(_twice(lambda: idctn(dctn(plane, workers=2), workers=2))) / area,
-        packing=min(_twice(lambda: encode(Rows.of(noise), srgb=False))) / area,
+        packing=min(_twice(lambda: encode_png_rows(Rows.of(noise), srgb=False))) / area,
         networks=costs,
         opening=opening,
         halos=halos,

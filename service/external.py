@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from service.archive.avatar import Avatar, Given
-from service.archive.cards import model_cards
+from service.archive.licences import model_cards
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb

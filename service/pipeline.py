@@ -25,7 +25,7 @@ from service.anatomy.hair.worn import worn
 from service.anatomy.insets.eyes import eye_parts
 from service.anatomy.insets.mouth import mouth_parts
 from service.archive.avatar import Avatar, Similarity
-from service.archive.cards import model_cards
+from service.archive.licences import model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.choice import choose_face

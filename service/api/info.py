@@ -64,13 +64,18 @@ def readyz(context: Here) -> Response:
 )
 def models() -> Response:
     """The networks and the head model."""
-    from service.archive.cards import ROLES
+    from service.archive.licences import NETWORK_ROLES
     from service.head.files import DEFAULT_HEAD
     from service.jobs.artifacts import sha256_of
     from service.runtime.sessions import model_table
 
     items = [
-        {"name": name, "sha256": entry["sha256"], "licence": entry["licence"], "role": ROLES.get(name, "not used yet")}
+        {
+            "name": name,
+            "sha256": entry["sha256"],
+            "licence": entry["licence"],
+            "role": NETWORK_ROLES.get(name, "not used yet"),
+        }
         for name, entry in model_table().items()
     ]
     with DEFAULT_HEAD.open("rb") as stream:

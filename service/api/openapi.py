@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.api.parameters import adapter
 from service.api.problem_responses import MEDIA_TYPE
 from service.jobs.admission import PRIORITIES
-from service.kits.tools import TOOLS
+from service.kits.export import TOOLS
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 

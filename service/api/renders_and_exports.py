@@ -20,6 +20,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
+from service import GENERATOR
 from service.api.accepting import bounds_of, erase, no_room
 from service.api.context import Asking, Context, Here
 from service.api.downloads import Extent, answer_with, finished
@@ -27,13 +28,12 @@ from service.api.keys import Tenant
 from service.api.openapi import ExportJob, RenderJob
 from service.api.parameters import parse_object
 from service.api.problem_responses import ProblemError
-from service.archive.version import GENERATOR
 from service.errors import TooManyBytes, UsageError
 from service.jobs.admission import KeyInUse, NewJob, NoRoom
 from service.jobs.kinds import EXPORT, KINDS, RENDER, Kind
 from service.jobs.store import Row
 from service.jobs.view import FINAL, job_json
-from service.kits.tools import TOOLS, known
+from service.kits.export import TOOLS, known_tool
 from service.render.request import parse_request
 
 MAX_BODY = 1 << 20
@@ -256,7 +256,7 @@ async def export_avatar(request: Request, tenant: Asking, context: Here) -> Resp
         raise UsageError(f"there is no field {unknown[0][:40]!r}; there are avatar and for", field=unknown[0][:40])
     if "for" not in values:
         raise UsageError(f"for is missing; it is one of {', '.join(TOOLS)}", field="for")
-    row = await made(request, context, tenant, EXPORT, avatar, {"for": known(values["for"])}, 0.0)
+    row = await made(request, context, tenant, EXPORT, avatar, {"for": known_tool(values["for"])}, 0.0)
     if isinstance(row, Response):
         return row
     place = f"/v1/{EXPORT.place}/{row['id']}"

@@ -6,18 +6,16 @@ import hashlib
 import struct
 from collections.abc import Mapping
 
-from service import __version__
+from service import PROGRAM, __version__
 from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
 from service.archive.container import in_order
 from service.archive.glb import weights_by_name
-from service.archive.map_files import MapFiles
-from service.archive.maps import MAPS, MapSpec, wrinkle_of
+from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.meshes import drawn_parts, map_files
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
-from service.archive.version import PROGRAM
 from service.geometry.camera import Camera
 from service.materials.material import Material
 from service.reflectance.reflectance_maps import MID, SCALE_MM

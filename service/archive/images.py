@@ -1,12 +1,103 @@
-"""Maps and previews as PNG and JPEG bytes, reproducible."""
+"""Maps and previews as PNG, JPEG and OpenEXR bytes: the same pixels give the same bytes.
+
+Large maps are written as PNG in strips: coded, filtered and compressed a few rows at a time, without a second copy.
+Each row is filtered by the difference to the pixel on its left ("Sub") and compressed with run lengths and Huffman
+codes alone (zlib's ``Z_RLE``). For maps of skin that takes half the time of OpenCV's encoder at its fastest level, a
+third with 16 bits, and gives files that are a tenth smaller, as longer matches hardly occur in noise.
+
+Values of an EXR are linear by definition, so that readers that take any other texture for sRGB, as Blender does with
+all maps of an MTL file, take these as they are. Half floats, ZIP compression (OpenEXR file layout, version 2).
+"""
 
 from __future__ import annotations
 
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
-from service.archive.png import SRGB_PERCEPTUAL, chunk
 from service.arrays import AnyFloat, Float32, UInt8, UInt16
 from service.errors import NumericFault
+
+Codes = UInt8 | UInt16
+
+STRIP_ROWS = 64
+"""Rows of a strip."""
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
+_SUB = 1
+SRGB_PERCEPTUAL = 0
+"""Rendering intent of the sRGB chunk."""
+_ZLIB_MEMORY = 9
+"""zlib's memory level, the highest."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """An image that is read in strips.
+
+    Attributes:
+        shape: (H, W) or (H, W, C) with 1, 3 or 4 channels: grey, RGB, RGBA.
+        bits: per sample, 8 or 16.
+        read: first and last row + 1 -> (h, W) or (h, W, C) uint8 or uint16.
+    """
+
+    shape: tuple[int, ...]
+    bits: int
+    read: Callable[[int, int], Codes]
+
+    @classmethod
+    def of(cls, image: Codes) -> Rows:
+        """The rows of an array."""
+        return cls(image.shape, 8 * image.dtype.itemsize, lambda first, last: image[first:last])
+
+
+def encode_png_rows(rows: Rows, *, srgb: bool) -> bytes:
+    """PNG bytes, with an sRGB chunk for sRGB colours; data maps get none, so that no reader converts them.
+
+    Raises:
+        ValueError: a shape or depth that PNG does not support.
+    """
+    return b"".join(_chunks(rows, srgb=srgb))
+
+
+def _chunks(rows: Rows, *, srgb: bool) -> Iterator[bytes]:
+    height, width, channels = (*rows.shape, 1)[:3]
+    if channels not in _COLOUR_TYPES or rows.bits not in (8, 16) or not height * width:
+        raise ValueError(f"PNG has no images of shape {rows.shape} with {rows.bits} bits")
+    yield SIGNATURE
+    yield png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, rows.bits, _COLOUR_TYPES[channels], 0, 0, 0))
+    if srgb:
+        yield png_chunk(b"sRGB", bytes([SRGB_PERCEPTUAL]))
+    packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, _ZLIB_MEMORY, zlib.Z_RLE)
+    for first in range(0, height, STRIP_ROWS):
+        packed = packer.compress(_filtered(rows.read(first, min(first + STRIP_ROWS, height)), channels).data)
+        if packed:
+            yield png_chunk(b"IDAT", packed)
+    yield png_chunk(b"IDAT", packer.flush())
+    yield png_chunk(b"IEND", b"")
+
+
+def _filtered(strip: Codes, channels: int) -> UInt8:
+    """(h, 1 + bytes of a row) uint8: the filter type, then each byte minus that of the pixel before."""
+    plain: Any = strip if strip.dtype.itemsize == 1 else strip.astype(">u2")
+    samples = np.ascontiguousarray(plain).reshape(len(strip), -1).view(np.uint8)
+    pixel = channels * strip.dtype.itemsize
+    result = np.zeros((len(strip), samples.shape[1] + 1), np.uint8)
+    result[:, 0] = _SUB
+    result[:, 1 : 1 + pixel] = samples[:, :pixel]
+    np.subtract(samples[:, pixel:], samples[:, :-pixel], out=result[:, 1 + pixel :])
+    return result
+
+
+def png_chunk(kind: bytes, body: bytes) -> bytes:
+    """Length, kind, body and check sum."""
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(body, zlib.crc32(kind)))
+
 
 NORMAL_ZERO = 128
 NORMAL_SCALE = 127
@@ -75,7 +166,7 @@ def encode_png(image: UInt8 | UInt16, *, srgb: bool, level: int = 3) -> bytes:
     data = buffer.tobytes()
     if not srgb:
         return data
-    return data[:_AFTER_IHDR] + chunk(b"sRGB", bytes([SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
+    return data[:_AFTER_IHDR] + png_chunk(b"sRGB", bytes([SRGB_PERCEPTUAL])) + data[_AFTER_IHDR:]
 
 
 def encode_jpeg(image: UInt8, quality: int = 90) -> bytes:
@@ -90,3 +181,61 @@ def encode_jpeg(image: UInt8, quality: int = 90) -> bytes:
     if not done:
         raise NumericFault(f"the JPEG encoder refused an image of shape {image.shape} and type {image.dtype}")
     return buffer.tobytes()
+
+
+_EXR_MAGIC, _EXR_VERSION = 20000630, 2
+_HALF, _ZIP, _EXR_ROWS = 1, 3, 16
+
+
+def exr_bytes(image: Float32) -> bytes:
+    """An image (h, w) grey or (h, w, 3) RGB, linear, as EXR; the same image gives the same bytes.
+
+    Raises:
+        ValueError: another shape.
+    """
+    if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise ValueError(f"an image of shape {image.shape}; (h, w) or (h, w, 3) is right")
+    height, width = image.shape[:2]
+    half = image.astype("<f2")
+    # Channels are in the order of their names, each row of one after the other.
+    planes = half[:, None, :] if image.ndim == 2 else half[..., ::-1].transpose(0, 2, 1)
+    header = _exr_header("Y" if image.ndim == 2 else "BGR", width, height)
+    chunks = []
+    for first in range(0, height, _EXR_ROWS):
+        raw = np.ascontiguousarray(planes[first : first + _EXR_ROWS]).tobytes()
+        packed = zlib.compress(_predicted(np.frombuffer(raw, np.uint8)), 4)
+        data = packed if len(packed) < len(raw) else raw
+        chunks.append(struct.pack("<ii", first, len(data)) + data)
+    offsets, at = [], len(header) + 8 * len(chunks)
+    for chunk in chunks:
+        offsets.append(at)
+        at += len(chunk)
+    return b"".join([header, struct.pack(f"<{len(offsets)}Q", *offsets), *chunks])
+
+
+def _predicted(raw: UInt8) -> bytes:
+    """Even bytes before odd ones, each as the difference to the one before plus 128."""
+    parted = np.concatenate([raw[0::2], raw[1::2]])
+    difference = parted.copy()
+    difference[1:] = parted[1:] - parted[:-1] + np.uint8(128)
+    return difference.tobytes()
+
+
+def _exr_header(channels: str, width: int, height: int) -> bytes:
+    listed = b"".join(name.encode() + b"\0" + struct.pack("<iB3xii", _HALF, 0, 1, 1) for name in channels) + b"\0"
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    fields = [
+        ("channels", "chlist", listed),
+        ("compression", "compression", bytes([_ZIP])),
+        ("dataWindow", "box2i", box),
+        ("displayWindow", "box2i", box),
+        ("lineOrder", "lineOrder", b"\0"),
+        ("pixelAspectRatio", "float", struct.pack("<f", 1.0)),
+        ("screenWindowCenter", "v2f", struct.pack("<2f", 0.0, 0.0)),
+        ("screenWindowWidth", "float", struct.pack("<f", 1.0)),
+    ]
+    body = b"".join(
+        name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
+        for name, kind, data in fields
+    )
+    return struct.pack("<ii", _EXR_MAGIC, _EXR_VERSION) + body + b"\0"

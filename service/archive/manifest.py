@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Interval, Len, MinLen
@@ -455,3 +457,32 @@ def _not_finite(value: object, path: str = "$") -> str:
         broken = isinstance(value, float) and value - value != 0
         return path if broken else ""
     return next((found for name, item in items if (found := _not_finite(item, name))), "")
+
+
+PUBLISHED = (
+    Path(__file__).parents[2] / "docs" / "manifest.schema.json",
+    Path(__file__).parents[1] / "data" / "manifest.schema.json",
+)
+"""For readers of the repository, and shipped with the package."""
+
+
+def stale() -> list[Path]:
+    """Published files that differ from the classes."""
+    text = schema_text()
+    return [path for path in PUBLISHED if not path.exists() or path.read_text(encoding="utf-8") != text]
+
+
+def main(arguments: list[str]) -> int:
+    """Exit status: 1 when ``--check`` finds a file out of date."""
+    old = stale()
+    if "--check" in arguments:
+        sys.stderr.writelines(f"{path} is out of date: run python -m service.archive.manifest\n" for path in old)
+        return int(bool(old))
+    for path in old:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(schema_text(), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from service import GENERATOR
 from service.archive.avatar import Avatar
-from service.archive.fine import fine_obj_bytes
 from service.archive.glb import glb_bytes, weights_by_name
 from service.archive.images import encode_png
 from service.archive.licences import COPYRIGHT
-from service.archive.map_files import MapFiles
-from service.archive.maps import MAPS, fine_mesh_wanted, in_object_space, map_wanted
-from service.archive.mtl import data_maps, mtl_bytes
-from service.archive.mtlx import mtlx_bytes
-from service.archive.obj import obj_bytes, parts_obj_bytes
-from service.archive.pictures import chart_pictures, chart_values
+from service.archive.maps import (
+    MAPS,
+    MapFiles,
+    chart_pictures,
+    chart_values,
+    fine_mesh_wanted,
+    in_object_space,
+    map_wanted,
+)
+from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.skeleton import joint_weights, skeleton
+from service.archive.surfaces import displaced, subdivided_head
 from service.archive.usd import usda_bytes
-from service.archive.version import GENERATOR
+from service.archive.usd_materials import mtlx_bytes
 from service.materials.of_head import head_parts, material_of
 from service.materials.part import MeshPart, check_parts
 
@@ -52,7 +57,9 @@ def meshes(avatar: Avatar) -> dict[str, bytes]:
         ),
     }
     if made is not None and made.displacement is not None and fine_mesh_wanted(avatar):
-        files["mesh/head_fine.obj"] = fine_obj_bytes(head, fit.vertices, made.displacement, title)
+        fine, smooth = subdivided_head(head, fit.vertices)
+        embossed = displaced(fine, smooth, made.displacement)
+        files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
     return files | data_maps(materials, maps, chart_values(avatar)) | _textures(avatar)
 
 

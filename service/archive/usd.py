@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from service.archive.map_files import MapFiles
+from service.archive.maps import MapFiles
 from service.archive.skeleton import JOINTS, PARENTS, Skeleton
-from service.archive.surface import part_normals
+from service.archive.surfaces import part_normals
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import fixed_tuples, integers, numbers
 from service.arrays import Float32, Float64, Int64

@@ -46,10 +46,10 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     from service.archive.pack import write_archive
     from service.errors import UnreadableInput
     from service.options import Options
-    from service.photo.source import read_photo
+    from service.photo.limits import read_photo_file
     from service.pipeline import make_avatar
 
-    data = read_photo(task.photo)
+    data = read_photo_file(task.photo)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise UnreadableInput(f"{task.photo} was changed while the batch ran")
     asked = {name: tuple(value) if isinstance(value, list) else value for name, value in task.options.items()}

@@ -197,8 +197,7 @@ def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
 
 
 def _encoding(variant: Variant, material: Material) -> _Workload:
-    from service.archive import png
-    from service.archive.images import encode_png, quantise_normals, to_8_bits
+    from service.archive.images import Rows, encode_png, encode_png_rows, quantise_normals, to_8_bits
     from service.reflectance.reflectance_maps import unpack_normals
 
     kind, bits, level = coding(variant.knob)
@@ -213,7 +212,7 @@ def _encoding(variant: Variant, material: Material) -> _Workload:
 
     def work() -> bytes:
         if level is None:
-            return png.encode(png.Rows((*codes.shape[:2], 3), bits, read), srgb=kind != "normals")
+            return encode_png_rows(Rows((*codes.shape[:2], 3), bits, read), srgb=kind != "normals")
         return encode_png(read(0, len(codes)), srgb=kind != "normals", level=level)
 
     return _Workload(work, FULL_SIZE[0] * FULL_SIZE[1] / (codes.shape[0] * codes.shape[1]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from service.archive.container import replace_file
 from service.errors import OutputFault, TooManyBytes, UsageError
-from service.photo.source import PIPE, called, read_bounded
+from service.photo.limits import PIPE, called, read_bounded
 
 
 def check_paths(output: str, inputs: Mapping[str, str], *, what: str, example: str, as_json: bool) -> None:

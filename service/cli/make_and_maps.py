@@ -14,7 +14,7 @@ import typer
 
 from service.cli.files import check_paths, head_file, progress_bar, read_file
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
-from service.photo.source import PIPE, read_photo
+from service.photo.limits import PIPE, read_photo_file
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
@@ -74,7 +74,7 @@ def make(photo: str, output: str | None, options: Options, *, head: str | None =
     begin = time.perf_counter()
     target = destination(photo, output, as_json=as_json)
     model = head_file(head)
-    data = read_photo(photo)
+    data = read_photo_file(photo)
     with progress_bar() as progress:
         # After the cheap checks, as importing the numeric libraries takes a large part of a second.
         from service.archive.pack import write_archive

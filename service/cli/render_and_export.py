@@ -14,7 +14,7 @@ import typer
 from service.cli.files import check_paths, progress_bar, read_file, write_bytes
 from service.errors import UsageError
 from service.light.scene import Scene
-from service.photo.source import PIPE
+from service.photo.limits import PIPE
 
 if TYPE_CHECKING:
     from service.render.request import RenderRequest
@@ -97,14 +97,14 @@ def export(archive: str, tool: str, output: str | None, *, as_json: bool) -> Non
 
     Args:
         archive: path.
-        tool: one of ``service.kits.tools.TOOLS``.
+        tool: one of ``service.kits.export.TOOLS``.
         output: folder; None for one beside the archive, named after both.
         as_json: print facts as one JSON object instead.
 
     Raises:
-        AvatarError: as ``service.kits.make.export_kit``.
+        AvatarError: as ``service.kits.export.export_kit``.
     """
-    from service.kits.make import export_kit
+    from service.kits.export import export_kit
 
     begin = time.perf_counter()
     source = Path(archive)

@@ -75,7 +75,7 @@ def basis(task: Task) -> str:
     """What the results of stages depend on, and how they are written: program, data files, photo, options."""
     import json
 
-    from service.archive.version import GENERATOR
+    from service import GENERATOR
     from service.diagnosis import DATA, SUMS
     from service.jobs.settings import PIPELINE_VERSION
     from service.jobs.stage_files import FORMAT

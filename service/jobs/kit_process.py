@@ -12,7 +12,7 @@ from service.jobs.process import Program, Reporter, Task, serve_one
 
 def load() -> Program:
     """Import what makes kits."""
-    import service.kits.make  # noqa: F401
+    import service.kits.export  # noqa: F401
 
     return run
 
@@ -22,15 +22,15 @@ def run(task: Task, reporter: Reporter) -> None:
 
     Args:
         task: its options are ``archive``, the artifact's name, and ``request``, whose ``for`` is one of
-            ``service.kits.tools.TOOLS``.
+            ``service.kits.export.TOOLS``.
         reporter: for the answer.
 
     Raises:
-        AvatarError: as ``service.kits.make.export_kit``.
+        AvatarError: as ``service.kits.export.export_kit``.
     """
     from service.archive.container import write_folder
     from service.jobs.artifacts import Artifacts
-    from service.kits.make import export_kit
+    from service.kits.export import export_kit
 
     scratch = Path(task.scratch)
     archive = scratch / "archive.zip"

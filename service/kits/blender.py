@@ -11,8 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from service.errors import OutputFault
-from service.kits.light import environment
-from service.kits.unpacked import Source, write
+from service.kits.source import ArchiveSource, environment, write
 
 SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_scene.txt"
 """The script; not named .py, as it runs in Blender and not here."""
@@ -23,7 +22,7 @@ VARIABLE = "AVATARME_BLENDER"
 BUILD_SECONDS = 600
 
 
-def write_kit(source: Source, folder: Path) -> list[Path]:
+def write_blender_kit(source: ArchiveSource, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
     written = source.unpack(folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
     light = environment(source)

@@ -1,6 +1,6 @@
 """Levels of detail: the parts with more and with fewer triangles, each with its texture coordinates and blendshapes.
 
-Of finer ones the skin is subdivided first (Catmull and Clark 1978). Coarser ones keep a subset of the vertices
+Of finer ones the skin is subdivided_part first (Catmull and Clark 1978). Coarser ones keep a subset of the vertices
 (``service.geometry.collapse``), so that texture coordinates, joints and blendshapes stay what they were; the shape is
 kept at rest and in the poses of ``JUDGED``.
 """
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.archive.pieces import Piece
+from service.archive.surfaces import Piece
 from service.arrays import Float32, Int64
 from service.geometry.collapse import collapsed
 from service.geometry.subdivide import Subdivision
@@ -34,7 +34,7 @@ JUDGED: tuple[tuple[str, ...], ...] = (
 def levels_of_detail(parts: Sequence[MeshPart]) -> list[list[MeshPart]]:
     """Parts at each of ``LEVELS``."""
     coarse_count = sum(triangles(part) for part in parts if part.material.alpha == "opaque")
-    finer = [subdivided(part) if part.material.displacement_map is not None else part for part in parts]
+    finer = [subdivided_part(part) if part.material.displacement_map is not None else part for part in parts]
     made: list[list[MeshPart]] = []
     for source, levels in (
         (finer, [wanted for wanted in LEVELS if wanted > coarse_count]),
@@ -54,7 +54,7 @@ def triangles(part: MeshPart) -> int:
     return len(polygons) + int((polygons[:, 3] >= 0).sum())
 
 
-def subdivided(part: MeshPart) -> MeshPart:
+def subdivided_part(part: MeshPart) -> MeshPart:
     """A part after one smooth step of subdivision."""
     step = Subdivision.of(part.polygons, len(part.neutral))
     chart = Subdivision.of(part.polygons_uv, len(part.uv))

@@ -12,19 +12,16 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from typing import BinaryIO
 
 import numpy as np
 
 from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
-from service.photo.container import MAX_EXIF_BYTES, Codec, Container
+from service.photo.container import MAX_EXIF_BYTES, Codec, Container, is_heic_sequence, sniff
 from service.photo.jpeg import luma_steps, walk_jpeg
 from service.photo.limits import Limits, check_bytes, check_size
-from service.photo.no_colour import lacks_colour
-from service.photo.photo import Photo
+from service.photo.photo import Photo, lacks_colour
 from service.photo.png import walk_png
 from service.photo.sandbox import run_decoder
-from service.photo.sniff import is_heic_sequence, sniff
 from service.photo.webp import walk_webp
 from service.photo.wire import Note, Reply, Request, Status
 
@@ -34,17 +31,6 @@ _NOTES = {
     Note.EXTRA_IMAGES: "extra-images-ignored",
     Note.FOCAL_IGNORED: "focal-ignored",
 }
-
-
-def read_stream(stream: BinaryIO, limits: Limits = Limits()) -> bytes:  # noqa: B008 - frozen
-    """Read a file or a pipe, but no more than one byte over the limit.
-
-    Raises:
-        TooManyBytes: there is more than ``limits.max_bytes``.
-    """
-    data = stream.read(limits.max_bytes + 1)
-    check_bytes(len(data), limits)
-    return data
 
 
 def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 - frozen

@@ -22,7 +22,7 @@ from service.photo.container import Codec
 from service.photo.limits import Limits
 from service.photo.wire import READY, REPLY_SIZE, Reply, Request, Status
 
-_BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.child import main; sys.exit(main())"
+_BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder import main; sys.exit(main())"
 _PIECE = 1 << 20
 _KEPT_ENVIRONMENT = ("SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 

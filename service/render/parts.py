@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.archive.preview.quick import painted, part_triangles
-from service.archive.reading import StoredPart
-from service.archive.surface import part_normals
-from service.archive.unpack import unpack_texture
+from service.archive.reading import StoredPart, unpack_texture
+from service.archive.surfaces import part_normals
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.errors import BadArchive, NumericFault

@@ -15,9 +15,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from service.archive.fine import subdivided
 from service.archive.images import encode_png
 from service.archive.reading import AvatarFile, StoredMap, open_avatar
+from service.archive.surfaces import subdivided_head
 from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.colour import linear_to_srgb, to_bytes
 from service.errors import NumericFault
@@ -259,7 +259,7 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     """
     if len(head.polygons) > MOST_POLYGONS:
         return head, vertices
-    fine, smooth = subdivided(head, vertices, 1)
+    fine, smooth = subdivided_head(head, vertices, 1)
     skin = [i for i, name in enumerate(head.part_names) if material_of(name).detailed]
     there = np.zeros(len(smooth), bool)
     there[fine.triangles[np.isin(fine.triangle_part, skin)]] = True

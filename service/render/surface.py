@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.reading import StoredMap
-from service.archive.unpack import unpack_map
+from service.archive.reading import StoredMap, unpack_map
 from service.arrays import AnyFloat, Bool, Float32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive

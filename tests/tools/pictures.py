@@ -23,7 +23,7 @@ from PIL import Image
 
 from service.archive.preview.page import GREY, blank, write
 from service.kits.blender import blender
-from service.kits.make import export_kit
+from service.kits.export import export_kit
 from tests.tools.mitsuba_look import bounds, draw, shown
 from tests.tools.surfaces import FORMATS, surfaces
 from tests.tools.three_look import THREE, look

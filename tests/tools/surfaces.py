@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.archive.surface import vertex_normals
+from service.archive.surfaces import vertex_normals
 from tests.tools.exr import read as read_exr
 
 Float = npt.NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
 from service.archive.preview.quick import render
-from service.archive.surface import vertex_normals
+from service.archive.surfaces import vertex_normals
 from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera

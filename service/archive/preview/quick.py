@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.archive.surface import part_normals
+from service.archive.surfaces import part_normals
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera

@@ -14,7 +14,7 @@ from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
 from service.archive.preview.quick import Shown, render, side_lamp, turned_camera
-from service.archive.surface import vertex_normals
+from service.archive.surfaces import vertex_normals
 from service.arrays import Float32, UInt8, UInt16
 from service.materials.part import framed
 

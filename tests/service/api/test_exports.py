@@ -21,8 +21,7 @@ from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
 from service.jobs.settings import Settings
 from service.jobs.workflow import Runner
-from service.kits.make import export_kit
-from service.kits.tools import TOOLS
+from service.kits.export import TOOLS, export_kit
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
 from tests.service.archive.toys import whole_avatar
 from tests.support.server import Server, post, small_photo, wait_for

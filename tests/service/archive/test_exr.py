@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.archive.exr import exr_bytes
+from service.archive.images import exr_bytes
 from tests.tools.exr import read
 
 

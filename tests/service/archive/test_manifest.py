@@ -12,7 +12,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from service.archive import schema
+from service.archive import manifest as schema
 from service.archive.describe import describe
 from service.archive.manifest import from_json, json_schema, to_json
 from service.archive.pack import archive_members
@@ -48,7 +48,7 @@ def test_everything_promised_is_there(written: dict[str, Any]) -> None:
 
 
 def test_the_published_schema_is_current() -> None:
-    assert not schema.stale(), "run python -m service.archive.schema"
+    assert not schema.stale(), "run python -m service.archive.manifest"
 
 
 def test_the_command_notices_an_old_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,12 +18,10 @@ import pytest
 import trimesh
 
 from service.archive.avatar import Avatar
-from service.archive.glb import glb_bytes
-from service.archive.gltf_materials import Picture
+from service.archive.glb import Picture, glb_bytes
 from service.archive.images import encode_png
-from service.archive.map_files import MapFiles
-from service.archive.mtl import mtl_bytes
-from service.archive.obj import obj_bytes
+from service.archive.maps import MapFiles
+from service.archive.obj import mtl_bytes, obj_bytes
 from service.archive.pack import archive_members
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head

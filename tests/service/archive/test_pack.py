@@ -17,8 +17,8 @@ import pytest
 from service.archive.container import MEMBER_NAMES
 from service.archive.images import decode_normals8
 from service.archive.licences import licences_text
+from service.archive.maps import GLB_TEXTURE_PX, glb_texture
 from service.archive.pack import archive_members, write_archive
-from service.archive.pictures import GLB_TEXTURE_PX, glb_texture
 from service.errors import NumericFault
 from tests.service.archive.toys import toy_avatar, toy_texture
 

@@ -16,10 +16,10 @@ import trimesh
 
 from service.archive.avatar import Avatar
 from service.archive.container import MEMBER_NAMES, write_file
-from service.archive.fine import displaced, heights_at, subdivided
 from service.archive.manifest import from_json
 from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members, write_archive
+from service.archive.surfaces import displaced, heights_at, subdivided_head
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
 from service.options import MAP_NAMES
@@ -207,7 +207,7 @@ def test_the_fine_mesh_comes_with_high_quality(members: dict[str, bytes], fine_m
 
 def test_embossing_moves_along_the_normal_by_millimetres() -> None:
     head = toy_head()
-    fine, points = subdivided(head, head.mean, steps=2)
+    fine, points = subdivided_head(head, head.mean, steps=2)
     raised = displaced(fine, points, np.full((64, 96), MID + round(0.5 / SCALE_MM), np.uint16))
     skin = np.unique(fine.triangles[fine.triangle_part == 0])
     np.testing.assert_allclose(np.linalg.norm((raised - points)[skin], axis=1), 0.5e-3, rtol=1e-3)
@@ -217,12 +217,12 @@ def test_embossing_moves_along_the_normal_by_millimetres() -> None:
 def test_no_triangle_is_turned_over_however_wild_the_relief() -> None:
     """Noise of a millimetre at every texel on triangles of the same size: unguarded, many turn over."""
     head = toy_head()
-    fine, points = subdivided(head, head.mean * np.float32(0.05), steps=2)
+    fine, points = subdivided_head(head, head.mean * np.float32(0.05), steps=2)
     wild = np.random.default_rng(0).choice([MID - 20000, MID + 20000], (512, 768)).astype(np.uint16)
     before = face_normals(points, fine.triangles)
     after = face_normals(displaced(fine, points, wild), fine.triangles)
     assert (np.einsum("ti,ti->t", before, after) >= 0).all()
-    from service.archive.surface import vertex_normals
+    from service.archive.surfaces import vertex_normals
 
     plain = points + 1e-3 * heights_at(fine, wild)[:, None] * vertex_normals(points, fine.triangles)
     assert (np.einsum("ti,ti->t", before, face_normals(plain, fine.triangles)) < 0).any(), "the test is too easy"
@@ -231,7 +231,7 @@ def test_no_triangle_is_turned_over_however_wild_the_relief() -> None:
 def test_heights_are_read_at_the_right_place() -> None:
     """A map that grows along u and v gives each vertex its own chart coordinate."""
     head = toy_head()
-    fine, _ = subdivided(head, head.mean, steps=1)
+    fine, _ = subdivided_head(head, head.mean, steps=1)
     row, column = np.mgrid[:64, :96]
     ramp = np.rint(1000 * (column + 0.5) / 96 + 20000 * (1 - (row + 0.5) / 64)).astype(np.uint16)
     found = heights_at(fine, ramp) / SCALE_MM + MID

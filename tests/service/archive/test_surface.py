@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.archive.surface import part_normals, vertex_normals
+from service.archive.surfaces import part_normals, vertex_normals
 from service.materials.material import Material
 from service.materials.part import MeshPart
 from tests.service.archive.toys import toy_part

@@ -18,7 +18,7 @@ import pytest
 
 from service.archive.pack import write_archive
 from service.kits.blender import blender
-from service.kits.make import export_kit
+from service.kits.export import export_kit
 from tests.service.archive.toys import whole_avatar
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"

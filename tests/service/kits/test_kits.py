@@ -19,11 +19,9 @@ from service.archive.pack import write_archive
 from service.cli.app import app
 from service.errors import BadArchive, UsageError
 from service.kits import blender
-from service.kits.lod import levels_of_detail, reduced, subdivided, triangles
-from service.kits.make import export_kit
-from service.kits.materials import materials_of
-from service.kits.read_usd import read_parts
-from service.kits.unpacked import Source
+from service.kits.export import export_kit
+from service.kits.lod import levels_of_detail, reduced, subdivided_part, triangles
+from service.kits.source import ArchiveSource, materials_of, read_parts
 from service.materials.material import OwnMap
 from service.materials.of_head import head_parts
 from service.materials.part import MeshPart
@@ -54,7 +52,7 @@ def test_the_manifest_says_materials_parts_and_joints(archive: Path) -> None:
 
 
 def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
-    source = Source.open(archive)
+    source = ArchiveSource.open(archive)
     materials = materials_of(source)
     read = read_parts(source.read("mesh/head.usda"), source.manifest, materials)
     wanted = drawn_parts(whole_avatar())
@@ -79,7 +77,7 @@ def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
 
 
 def test_a_cut_usd_is_refused(archive: Path) -> None:
-    source = Source.open(archive)
+    source = ArchiveSource.open(archive)
     data = source.read("mesh/head.usda")
     with pytest.raises(BadArchive, match=r"head\.usda"):
         read_parts(data[: len(data) // 2], source.manifest, materials_of(source))
@@ -88,9 +86,9 @@ def test_a_cut_usd_is_refused(archive: Path) -> None:
 def test_subdivision_moves_blendshapes_along() -> None:
     avatar = whole_avatar()
     skin = head_parts(avatar.head, avatar.fit.neutral, avatar.fit.neutral)[0]
-    fine = subdivided(skin)
+    fine = subdivided_part(skin)
     assert 3.5 < triangles(fine) / triangles(skin) < 4.5
-    moved = subdivided(_with(skin, skin.neutral + skin.targets["jawOpen"]))
+    moved = subdivided_part(_with(skin, skin.neutral + skin.targets["jawOpen"]))
     np.testing.assert_allclose(moved.neutral, fine.neutral + fine.targets["jawOpen"], atol=1e-7)
 
 

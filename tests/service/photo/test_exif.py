@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.photo.container import MAX_EXIF_BYTES
-from service.photo.exif import ExifFacts, read_exif
+from service.photo.conversions import ExifFacts, read_exif
 from tests.service.photo import badimages as bad
 
 

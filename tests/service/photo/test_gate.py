@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import inspect
-import io
 import time
 
 import numpy as np
@@ -25,7 +24,7 @@ from service.errors import (
     UnsupportedFormat,
 )
 from service.photo import gate
-from service.photo.gate import read_photo, read_stream
+from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.photo import Photo
 from tests.service.photo import badimages as bad
@@ -99,14 +98,6 @@ def test_names_and_content_types_cannot_even_be_passed() -> None:
 def test_too_many_bytes() -> None:
     with pytest.raises(TooManyBytes, match="1001 bytes; at most 1000"):
         read_photo(bytes(1001), Limits(max_bytes=1000))
-
-
-def test_a_stream_is_read_no_further_than_the_limit() -> None:
-    stream = io.BytesIO(bytes(10_000))
-    with pytest.raises(TooManyBytes):
-        read_stream(stream, Limits(max_bytes=1000))
-    assert stream.tell() == 1001
-    assert read_stream(io.BytesIO(b"abc"), Limits(max_bytes=3)) == b"abc"
 
 
 # Row 15

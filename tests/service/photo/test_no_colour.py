@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.photo.no_colour import lacks_colour
+from service.photo.photo import lacks_colour
 from tests.service.photo import badimages as bad
 
 PICTURE = bad.picture(400, 300)

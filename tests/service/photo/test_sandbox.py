@@ -17,7 +17,7 @@ import pytest
 from PIL import Image, ImageCms, ImageFile, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
 from service.errors import AvatarError, CorruptImage, TooComplex
-from service.photo import codec, sandbox
+from service.photo import decoder, sandbox
 from service.photo.container import Codec
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
@@ -51,7 +51,7 @@ def decode_measured(order: Request) -> Spent:
     """
     boot = (
         "import sys; status = open('/proc/self/status'); sys.path[:0] = sys.argv[1:]\n"
-        "from service.photo.child import main; code = main(); status.seek(0); sys.stderr.write(status.read())\n"
+        "from service.photo.decoder import main; code = main(); status.seek(0); sys.stderr.write(status.read())\n"
         "sys.exit(code)"
     )
     command = [boot if part == sandbox._BOOT else part for part in sandbox.decoder_command(order.codec)]
@@ -163,8 +163,8 @@ def test_decoder_can_neither_open_nor_start_anything(tmp_path: Path) -> None:
     """What a photo that takes over a native decoder could do: the same process, after it has locked itself."""
     script = f"""
         import os, socket, subprocess
-        from service.photo import child
-        child._give_up_files()
+        from service.photo import decoder
+        decoder._give_up_files()
         def refused(action):
             try:
                 action()
@@ -186,15 +186,15 @@ def test_decoder_has_locked_itself_when_it_looks_at_the_photo(monkeypatch: pytes
     """Stands for a taken-over decoder inside the real process: opening a file must fail there."""
     body = """
         import sys; sys.path[:0] = sys.argv[1:]
-        from service.photo import child, codec
+        from service.photo import decoder
         def taken_over(*_):
             try:
                 open('/etc/passwd')
             except OSError:
-                raise codec.DecoderFault
+                raise decoder.DecoderFault
             raise SystemExit(9)
-        codec.decode = taken_over
-        sys.exit(child.main())
+        decoder.decode = taken_over
+        sys.exit(decoder.main())
     """
     monkeypatch.setattr(sandbox, "_BOOT", textwrap.dedent(body))
     with pytest.raises(CorruptImage, match="pixels could not be decoded"):
@@ -213,10 +213,9 @@ def test_decoder_gets_no_environment_of_ours(monkeypatch: pytest.MonkeyPatch) ->
 def test_decoder_loads_nothing_heavy() -> None:
     script = """
         import sys
-        import service.photo.child
-        from service.photo import codec
+        from service.photo import decoder
         for kind in (1, 2, 3):
-            codec.prepare(kind, colour=True, exif=True)
+            decoder.prepare(kind, colour=True, exif=True)
         heavy = {"numpy", "cv2", "scipy", "onnxruntime", "torch", "service.photo.gate"} & set(sys.modules)
         assert not heavy, heavy
     """
@@ -325,7 +324,7 @@ def test_every_error_that_pillow_defines_is_translated() -> None:
         if isinstance(thing, type) and issubclass(thing, Exception) and thing.__module__.startswith("PIL")
     }
     assert {Image.DecompressionBombError, Image.DecompressionBombWarning} <= faults
-    assert all(issubclass(fault, codec._DECODER_FAULTS) for fault in faults)
+    assert all(issubclass(fault, decoder._DECODER_FAULTS) for fault in faults)
     assert issubclass(ImageCms.PyCMSError, Exception)
 
 

@@ -12,13 +12,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from service.archive import reading, unpack
+from service.archive import reading
 from service.archive.avatar import Avatar
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
 from service.archive.read_obj import read_obj
-from service.archive.reading import open_avatar
-from service.archive.unpack import unpack_map
+from service.archive.reading import open_avatar, unpack_map
 from service.errors import BadArchive, BadMesh, UsageError
 from service.head.model import HeadModel
 from tests.service.archive.toys import toy_avatar
@@ -146,7 +145,7 @@ def test_maps_that_cannot_be_read_are_refused_by_name(image: bytes, words: str) 
 
 
 def test_a_huge_map_is_refused_before_it_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unpack, "LIMITS", replace(unpack.LIMITS, max_pixels=1000))
+    monkeypatch.setattr(reading, "LIMITS", replace(reading.LIMITS, max_pixels=1000))
     with pytest.raises(BadArchive, match="1000"):
         unpack_map(encode_png(np.zeros((64, 96), np.uint8), srgb=False), "texture")
 

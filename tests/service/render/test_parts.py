@@ -12,8 +12,7 @@ import pytest
 
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
-from service.archive.reading import open_avatar
-from service.archive.unpack import unpack_texture
+from service.archive.reading import open_avatar, unpack_texture
 from service.errors import BadArchive
 from service.head.files import triangle_fields
 from service.head.model import HeadModel

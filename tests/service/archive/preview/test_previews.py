@@ -20,7 +20,7 @@ from service.archive.preview.sheet import (
     confidence_colours,
     sheet,
 )
-from service.archive.surface import vertex_normals
+from service.archive.surfaces import vertex_normals
 from service.colour import srgb_to_linear
 from service.geometry.camera import Camera
 from service.texture.texture_maps import MIRRORED, SEEN

@@ -7,9 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import OutputFault, UsageError
-from service.kits import blender, engines
-from service.kits.tools import known
-from service.kits.unpacked import Source
+
+TOOLS = ("blender", "unreal", "unity", "maya")
+
+
+def known_tool(tool: object) -> str:
+    """The name of a tool.
+
+    Raises:
+        UsageError: there is no kit for it.
+    """
+    if not isinstance(tool, str) or tool not in TOOLS:
+        raise UsageError(f"for is {tool!r:.60}; there are {', '.join(TOOLS)}", field="for")
+    return tool
 
 
 @dataclass(frozen=True)
@@ -44,14 +54,17 @@ def export_kit(archive: Path, tool: str, folder: Path) -> Kit:
         BadArchive: the archive cannot be used.
         OutputFault: a file could not be written, or Blender could not build the scene.
     """
-    known(tool)
-    source = Source.open(archive)
+    from service.kits import blender, engines
+    from service.kits.source import ArchiveSource
+
+    known_tool(tool)
+    source = ArchiveSource.open(archive)
     if folder.exists() and not folder.is_dir():
         raise OutputFault(f"cannot write {folder}: it is no folder", path=str(folder))
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "kit.json").is_file():
         raise UsageError(f"the folder {folder} holds other files; name a new one with -o", field="output")
     if tool != "blender":
-        return Kit(folder, tuple(engines.write_kit(source, folder, tool)), None)
-    files = blender.write_kit(source, folder)
+        return Kit(folder, tuple(engines.write_engine_kit(source, folder, tool)), None)
+    files = blender.write_blender_kit(source, folder)
     scene = blender.build_scene(folder)
     return Kit(folder, (*files, *([scene] if scene else [])), scene)

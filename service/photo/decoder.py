@@ -6,18 +6,21 @@ be reached, and no helper program (Pillow runs Ghostscript for PostScript).
 
 from __future__ import annotations
 
+import math
+import signal
 import struct
+import sys
 import warnings
 import zlib
 from collections.abc import Callable
 from importlib import import_module
 from io import BytesIO
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from PIL import Image, ImageFile
 
 from service.photo.container import MAX_EXIF_BYTES, Codec
-from service.photo.wire import Note
+from service.photo.wire import READY, Note, Reply, Request, Status
 
 BACKGROUND = 128
 """Grey that shows through transparent pixels; sRGB value."""
@@ -76,9 +79,9 @@ def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
     The process gives up its right to open files before it looks at a photo, so nothing can be imported later.
     """
     if colour or codec == Codec.HEIC:
-        import_module("service.photo.colour_profile")
+        import_module("service.photo.conversions")
     if exif or codec == Codec.HEIC:
-        import_module("service.photo.exif")
+        import_module("service.photo.conversions")
     if codec == Codec.JPEG:
         from PIL.JpegImagePlugin import JpegImageFile
 
@@ -86,7 +89,7 @@ def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
     if codec == Codec.PNG:
         from PIL.PngImagePlugin import PngImageFile
 
-        import_module("service.photo.png16")
+        import_module("service.photo.conversions")
         return lambda data: PngImageFile(BytesIO(data))
     if codec == Codec.WEBP:
         from PIL.WebPImagePlugin import WebPImageFile
@@ -150,7 +153,7 @@ def _by_exif(image: Image.Image, stored: bytes, found: bytes) -> tuple[Image.Ima
     """The image upright, its focal length and a note where that is of another frame."""
     if not stored and not found:
         return image, 0.0, Note(0)
-    from service.photo.exif import read_exif
+    from service.photo.conversions import read_exif
 
     facts = read_exif(stored or found.removeprefix(b"Exif\0\0")[:MAX_EXIF_BYTES])
     if stored and facts.orientation in _TURNS:
@@ -182,7 +185,7 @@ def _load(open_image: Opener, payload: bytes, max_side: int, max_pixels: int) ->
 def _load_pixels(image: ImageFile.ImageFile, payload: bytes) -> Image.Image:
     depth = payload[24] if image.format == "PNG" else 8
     if depth == 16:
-        from service.photo.png16 import decode_png16
+        from service.photo.conversions import decode_png16
 
         return decode_png16(image, payload)
     image.load()
@@ -210,14 +213,100 @@ def _split_alpha(image: Image.Image) -> tuple[Image.Image, Image.Image | None]:
 def _to_srgb(image: Image.Image, icc: bytes, gamma: float) -> tuple[Image.Image, Note]:
     note = Note(0)
     if icc:
-        from service.photo.colour_profile import profile_to_srgb
+        from service.photo.conversions import profile_to_srgb
 
         converted = profile_to_srgb(image, icc)
         if converted is not None:
             return converted, note
         note = Note.ICC_IGNORED
     elif gamma:
-        from service.photo.colour_profile import gamma_to_srgb
+        from service.photo.conversions import gamma_to_srgb
 
         image = gamma_to_srgb(image, gamma)
     return (image if image.mode == "RGB" else image.convert("RGB")), note
+
+
+_STRIP_ROWS = 256
+
+
+def main() -> int:
+    """Decode one photo; returns the exit status of the process."""
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    request = Request.parse(sys.stdin.buffer.read())
+    _limit_spending(request)
+    open_image = prepare(request.codec, colour=bool(request.icc or request.gamma), exif=bool(request.exif))
+    _give_up_files()
+    answer(request, open_image, sys.stdout.buffer)
+    return 0
+
+
+def answer(request: Request, open_image: Opener, out: BinaryIO) -> None:
+    """Decode and write the reply, with the pixels in row order, 3 bytes each."""
+    try:
+        decoded = decode(
+            open_image,
+            request.payload,
+            request.icc,
+            request.gamma,
+            request.exif,
+            request.max_side,
+            request.max_pixels,
+            request.alpha,
+        )
+    except BadSize as fault:
+        out.write(Reply(Status.BAD_SIZE, width=fault.args[0], height=fault.args[1]).pack())
+    except Animated as fault:
+        out.write(Reply(Status.ANIMATED, width=fault.args[0]).pack())
+    except DecoderFault:
+        out.write(Reply(Status.CORRUPT).pack())
+    except MemoryError:
+        out.write(Reply(Status.TOO_COMPLEX).pack())
+    else:
+        _write_pixels(decoded, out)
+    out.flush()
+
+
+def _write_pixels(decoded: Decoded, out: BinaryIO) -> None:
+    image = decoded.image
+    out.write(Reply(Status.DONE, decoded.notes, image.width, image.height, decoded.focal_35mm).pack())
+    for top in range(0, image.height, _STRIP_ROWS):
+        bottom = min(top + _STRIP_ROWS, image.height)
+        out.write(image.crop((0, top, image.width, bottom)).tobytes())
+
+
+def _limit_spending(request: Request) -> None:
+    """Memory, processor time and an own alarm clock, in case that nobody is left to kill this process."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    signal.alarm(math.ceil(request.wall_seconds) + 1)
+    _lower(resource.RLIMIT_CPU, request.cpu_seconds)
+    _lower(resource.RLIMIT_CORE, 0)
+    if sys.platform == "linux":
+        _lower(resource.RLIMIT_AS, request.memory_bytes)
+
+
+def _give_up_files() -> None:
+    """No new descriptor, no byte written to a file, no program loaded."""
+    if sys.platform != "linux":
+        return
+    import resource
+
+    # A descriptor limit below the next free number refuses open, socket and pipe, and with them the loader of any
+    # program that would be started.
+    _lower(resource.RLIMIT_NOFILE, 0)
+    _lower(resource.RLIMIT_FSIZE, 0)
+    _lower(resource.RLIMIT_NPROC, 0)
+
+
+if sys.platform != "win32":
+
+    def _lower(kind: int, value: int) -> None:
+        import resource
+
+        hard = resource.getrlimit(kind)[1]
+        if hard != resource.RLIM_INFINITY:
+            value = min(value, hard)
+        resource.setrlimit(kind, (value, value))

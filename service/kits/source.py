@@ -1,0 +1,290 @@
+"""What a kit takes from an archive: files, materials, meshes with their blendshapes, and the photo's light."""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.archive.container import unknown_names
+from service.archive.images import exr_bytes
+from service.archive.reading import LIMITS, unpack_map
+from service.archive.usd import REST
+from service.arrays import Float32, Float64, Int32, UInt8
+from service.colour import bytes_to_linear
+from service.errors import BadArchive, NumericFault, OutputFault, UnreadableInput, UsageError
+from service.light.harmonics import basis
+from service.materials.material import ChartMap, Map, Material, OwnMap
+from service.materials.part import MeshPart
+from service.photo.gate import decoding_request, open_container
+from service.photo.sandbox import run_decoder
+from service.photo.wire import Status
+
+MOST_BYTES = 2 << 30
+"""Unpacked size of an archive that is accepted."""
+
+
+@dataclass(frozen=True)
+class ArchiveSource:
+    """An archive whose names and manifest were checked.
+
+    Attributes:
+        path: of the archive.
+        names: of its members.
+        manifest: as stored.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    manifest: dict[str, Any]
+
+    @classmethod
+    def open(cls, path: Path) -> ArchiveSource:
+        """Check an archive.
+
+        Raises:
+            UsageError: there is no such file.
+            BadArchive: not an archive of this program, or of a version without materials and joints.
+        """
+        if not path.is_file():
+            raise UsageError(f"there is no archive {path}; make one with avatarme make PHOTO")
+        try:
+            with zipfile.ZipFile(path) as archive:
+                entries = archive.infolist()
+                names = tuple(entry.filename for entry in entries)
+                odd = unknown_names(names)
+                if odd or len(set(names)) != len(names):
+                    raise BadArchive(f"the zip contains {(odd or ['a name twice'])[0][:60]!r}; it is not of avatarme")
+                if sum(entry.file_size for entry in entries) > MOST_BYTES:
+                    raise BadArchive(f"the archive unpacks to more than {MOST_BYTES} bytes, which is the most accepted")
+                manifest = json.loads(archive.read("manifest.json"))
+        except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, NotImplementedError, OSError) as error:
+            raise BadArchive(f"the archive cannot be read: {error}") from error
+        needed = ("materials", "joints", "parts", "head")
+        if not isinstance(manifest, dict) or any(name not in manifest for name in needed):
+            raise BadArchive("the manifest has no materials and joints: made by an older version; make it anew")
+        return cls(path, names, manifest)
+
+    def read(self, name: str) -> bytes:
+        """Content of a member; BadArchive where it is not there or damaged."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return archive.read(name)
+        except (zipfile.BadZipFile, zlib.error, KeyError, OSError) as error:
+            raise BadArchive(f"{name} of the archive cannot be read: {error}") from error
+
+    def unpack(self, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
+        """Write the members under some prefixes into a folder, under their names.
+
+        Raises:
+            BadArchive: a member is damaged.
+            OutputFault: a file could not be written.
+        """
+        written = []
+        for name in self.names:
+            if name.startswith(prefixes):
+                target = folder / name
+                write(target, self.read(name))
+                written.append(target)
+        return written
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file, and the folders that it needs; OutputFault where that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    except OSError as error:
+        raise OutputFault(f"cannot write {path}: {error.strerror or error}", path=str(path)) from error
+
+
+_OWN = "maps/parts/"
+MOST_PIXELS = 4096 * 4096
+"""Largest texture of a part's own."""
+
+
+def materials_of(source: ArchiveSource) -> dict[str, Material]:
+    """Materials by name; textures of parts' own are decoded.
+
+    Raises:
+        BadArchive: the manifest's materials are not as they should be, or a texture cannot be read.
+    """
+    known: dict[str, Map] = {}
+    try:
+        return {one["name"]: _material(one, source, known) for one in source.manifest["materials"]}
+    except (KeyError, TypeError, ValueError, NumericFault) as error:
+        raise BadArchive(f"the manifest's materials cannot be used: {error}") from error
+
+
+def _material(one: dict[str, Any], source: ArchiveSource, known: dict[str, Map]) -> Material:
+    maps: dict[str, Map] = {}
+    for slot, path in one["maps"].items():
+        if path not in known:
+            stem = path.rpartition("/")[2].removesuffix(".png")
+            known[path] = OwnMap(stem, _pixels(source.read(path), path)) if path.startswith(_OWN) else ChartMap(stem)
+        maps[f"{slot}_map"] = known[path]
+    red, green, blue = one["colour"]
+    near, middle, far = one["subsurface_mm"]
+    return Material(
+        name=one["name"], colour=(red, green, blue), opacity=one["opacity"], alpha=one["alpha"], cutoff=one["cutoff"],
+        double_sided=one["double_sided"], roughness=one["roughness"], ior=one["ior"], specular=one["specular"],
+        subsurface_mm=(near, middle, far), transmission=one["transmission"], **maps,
+    )  # fmt: skip
+
+
+def _pixels(png: bytes, path: str) -> UInt8:
+    """Codes of a texture with its alpha. The gate checks that it can be decoded; it drops alpha, which OpenCV keeps."""
+    import cv2
+
+    try:
+        container = open_container(png, LIMITS)
+        reply, _ = run_decoder(decoding_request(container._replace(icc=b"", gamma=0.0, exif=b""), LIMITS), LIMITS)
+    except UnreadableInput as error:
+        raise BadArchive(f"{path} of the archive cannot be read: {error.message}") from error
+    if reply.status != Status.DONE or reply.width * reply.height > MOST_PIXELS:
+        raise BadArchive(f"{path} of the archive cannot be read")
+    codes = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    if codes is None or codes.dtype != np.uint8:
+        raise BadArchive(f"{path} of the archive is no 8-bit PNG")
+    if codes.ndim == 2:
+        return np.asarray(codes, np.uint8)
+    way = cv2.COLOR_BGR2RGB if codes.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
+    return np.asarray(cv2.cvtColor(codes, way), np.uint8)
+
+
+MOST_USD_BYTES = 256 << 20
+
+_MESH = re.compile(r'^    def Mesh "(\w+)"', re.M)
+_SHAPE = re.compile(r'^        def BlendShape "(\w+)"', re.M)
+
+
+def read_parts(data: bytes, manifest: Mapping[str, Any], materials: Mapping[str, Material]) -> list[MeshPart]:
+    """Parts in their neutral pose; ``vertices`` is neutral too.
+
+    Args:
+        data: the file.
+        manifest: says which material and which bone each part has.
+        materials: by name.
+
+    Raises:
+        BadArchive: the file is not as the archive's.
+    """
+    if len(data) > MOST_USD_BYTES:
+        raise BadArchive(f"mesh/head.usda has {len(data)} bytes; at most {MOST_USD_BYTES} are accepted")
+    try:
+        text = data.decode("ascii")
+        known = {part["name"]: part for part in manifest["parts"]}
+        starts = [*_MESH.finditer(text)]
+        ends = [*(one.start() for one in starts[1:]), len(text)]
+        blocks = [(one[1], text[one.start() : end]) for one, end in zip(starts, ends, strict=True)]
+        return [_part(name, block, known[name], materials) for name, block in blocks]
+    except (UnicodeDecodeError, KeyError, ValueError, IndexError, TypeError, NumericFault) as error:
+        raise BadArchive(f"mesh/head.usda of the archive cannot be read: {error}") from error
+
+
+def _part(name: str, block: str, facts: Mapping[str, Any], materials: Mapping[str, Material]) -> MeshPart:
+    shapes = [*_SHAPE.finditer(block)]
+    own = block[: shapes[0].start()] if shapes else block
+    points = _rows(own, "point3f[] points", 3)
+    counts = _whole(own, "int[] faceVertexCounts")
+    corners, uv = _whole(own, "int[] faceVertexIndices"), _rows(own, "texCoord2f[] primvars:st", 2)
+    places = _whole(own, "int[] primvars:st:indices") if "primvars:st:indices" in own else corners
+    targets = {}
+    ends = [*(shape.start() for shape in shapes), len(block)][1:]  # none for a part that no unit moves
+    for one, end in zip(shapes, ends, strict=True):
+        text = block[one.start() : end]
+        moved = np.zeros_like(points)
+        moved[_whole(text, "int[] pointIndices")] = _rows(text, "vector3f[] offsets", 3)
+        if one[1] != REST:
+            targets[one[1]] = moved
+    return MeshPart(
+        name=name,
+        vertices=points,
+        neutral=points,
+        faces=_polygons(counts, corners),
+        uv=uv,
+        uv_faces=_polygons(counts, places),
+        material=materials[facts["material"]],
+        targets=targets,
+        bone=facts["bone"],
+    )
+
+
+def _polygons(counts: Int32, flat: Int32) -> Int32:
+    polygons = np.full((len(counts), 4), -1, np.int32)
+    polygons[np.arange(4) < counts[:, None]] = flat
+    return polygons
+
+
+def _values(text: str, key: str) -> str:
+    start = text.index(f"{key} = [") + len(key) + 4
+    return text[start : text.index("]", start)]
+
+
+def _rows(text: str, key: str, width: int) -> Float32:
+    flat = _values(text, key).replace("(", "").replace(")", "")
+    return np.array(flat.split(",") if flat else [], np.float64).reshape(-1, width).astype(np.float32)
+
+
+def _whole(text: str, key: str) -> Int32:
+    flat = _values(text, key)
+    return np.array(flat.split(",") if flat else [], np.int32)
+
+
+SIZE = (128, 64)
+"""Width and height of the environment: nine harmonics have nothing finer."""
+
+LEAST_SKIN = 50
+"""Fewest texels of lit skin from which its albedo is estimated."""
+
+
+def environment(source: ArchiveSource) -> bytes | None:
+    """EXR of the radiance around the head, equirectangular, Z up as in Blender; None where the photo gave no light.
+
+    Column 0 is -X; the middle looks along +X, and -Y, where the face looks in a Z-up world, is at three quarters.
+    """
+    fit, camera = source.manifest.get("fit"), source.manifest.get("camera")
+    light = fit.get("light") if isinstance(fit, dict) else None
+    if not isinstance(light, dict) or not isinstance(camera, dict):
+        return None
+    coefficients = np.array(light["coefficients"], np.float64) / _skin(source)
+    width, height = SIZE
+    longitude = np.pi * (1 - 2 * (np.arange(width) + 0.5) / width)
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    around, up = np.meshgrid(longitude, latitude)
+    z_up = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
+    head = np.stack([z_up[..., 0], z_up[..., 2], -z_up[..., 1]], -1)
+    seen = head @ np.array(camera["rotation"], np.float64).T
+    radiance = np.einsum("...k,kc->...c", basis(seen), coefficients)
+    return exr_bytes(np.maximum(radiance, 0).astype(np.float32))
+
+
+def _skin(source: ArchiveSource) -> Float64:
+    """(3,) albedo that the light of the manifest, which has the skin's colour in it, has to be divided by.
+
+    The light is scaled so that skin of luminance 1 is seen; the photo's is the albedo's colour in it.
+    """
+    needed = ("maps/diffuse_albedo.png", "maps/texture.png", "maps/confidence.png")
+    if any(name not in source.names for name in needed):
+        return np.ones(3)
+    albedo, texture, confidence = (_small(source.read(name)) for name in needed)
+    lit = confidence[..., 0] >= 0.6
+    if lit.sum() < LEAST_SKIN:
+        return np.ones(3)
+    shown, own = (bytes_to_linear(np.rint(one * 255).astype(np.uint8))[lit].mean(0) for one in (texture, albedo))
+    luminance = float(shown @ np.array([0.2126, 0.7152, 0.0722]))
+    return np.asarray(np.maximum(own, 0.01) / max(luminance, 0.01), np.float64)
+
+
+def _small(png: bytes) -> Float32:
+    import cv2
+
+    small = np.asarray(cv2.resize(unpack_map(png, "map"), (192, 128), interpolation=cv2.INTER_AREA), np.float32)
+    return small * np.float32(1 / 255)
