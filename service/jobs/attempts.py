@@ -53,7 +53,7 @@ def derived_facts(file: Path, said: dict[str, Any]) -> dict[str, Any]:
     with file.open("rb") as stream:
         digest = sha256_of(stream)
     size = file.stat().st_size
-    return {"sha256": digest, "bytes": size, "warnings": [], "timings": {}, "peak_rss_mb": None, "derived_facts": said}
+    return {"sha256": digest, "bytes": size, "warnings": [], "timings": {}, "peak_rss_mb": None, "facts": said}
 
 
 def too_slow(kind: Kind, seconds: float) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def too_slow(kind: Kind, seconds: float) -> dict[str, Any]:
 
 def source_gone() -> dict[str, Any]:
     """The problem of something whose avatar was erased while it waited."""
-    return problem("source_gone", 410, "the avatar has expired or was erased")
+    return problem("gone", 410, "the avatar has expired or was erased")
 
 
 LOOK = 0.4

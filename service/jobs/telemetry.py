@@ -22,18 +22,18 @@ log = logging.getLogger(__name__)
 
 def log_accepted(row: Row) -> None:
     """A job was stored and waits."""
-    _log_line("log_accepted", row, priority=row["priority"], turn=row["turn"], bytes=row["photo_bytes"])
+    _log_line("accepted", row, priority=row["priority"], turn=row["turn"], bytes=row["photo_bytes"])
 
 
 def log_started(row: Row) -> None:
     """A worker took a job up, for the first time or again."""
-    _log_line("log_started", row, waited_s=round((row["started_at"] or now()) - row["created_at"], 3))
+    _log_line("started", row, waited_s=round((row["started_at"] or now()) - row["created_at"], 3))
 
 
 def log_stage(row: Row, name: str) -> None:
-    """A job has come to its next log_stage."""
+    """A job has come to its next stage."""
     began = row["started_at"] or row["created_at"]
-    _log_line("log_stage", row, log_stage=name, after_s=round(now() - began, 3))
+    _log_line("stage", row, stage=name, after_s=round(now() - began, 3))
 
 
 def log_ended(row: Row) -> None:
@@ -47,7 +47,7 @@ def log_ended(row: Row) -> None:
         "stages_s": json.loads(row["timings"]), "peak_rss_mb": row["peak_rss_mb"], "crashes": row["crashes"],
     }  # fmt: skip
     level = logging.ERROR if int(problem.get("status", 0)) >= 500 else logging.INFO
-    _log_line("log_ended", row, level, **facts)
+    _log_line("ended", row, level, **facts)
 
 
 def _log_line(event: str, row: Row, level: int = logging.INFO, **facts: Any) -> None:
