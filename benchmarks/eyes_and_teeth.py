@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.render import mitsuba
-from service.anatomy.insets.eyes import IRIS_SHARE
+from service.anatomy.eye_meshes import IRIS_SHARE
 from service.archive.preview.quick import part_triangles
 from service.archive.reading import StoredMap, open_avatar, unpack_map
 from service.archive.surfaces import part_normals

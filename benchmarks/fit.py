@@ -26,7 +26,7 @@ from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
 from service.face.face import Face
 from service.face.finder import FaceFinder
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import ReaderNetwork, Reading

@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes.eyeball import inter_ocular_m
-from service.anatomy.eyes.gaze import RIMS
-from service.anatomy.mouth.lips import MOUTH_RIM
-from service.anatomy.opening_edges import lid_edges, lip_edges
+from service.face.features.eyes import RIMS
+from service.face.features.mouth import MOUTH_RIM
 from service.face.finder import FaceFinder
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.result import Fit
 from service.face.reading.read import Readers, read_face
+from service.head.eyeball import inter_ocular_m
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.head.regions import lid_edges, lip_edges
 from service.photo.gate import read_photo
 
 SIZE, MOST_YAW, HELD_OUT = 640, 35.0, 2048

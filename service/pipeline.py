@@ -20,18 +20,17 @@ from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
+from service.anatomy.eye_meshes import eye_parts
 from service.anatomy.hair.find_hair import find_hair
 from service.anatomy.hair.worn import worn
-from service.anatomy.insets.eyes import eye_parts
-from service.anatomy.insets.mouth import mouth_parts
+from service.anatomy.mouth_meshes import mouth_parts
 from service.archive.avatar import Avatar, Similarity
 from service.archive.licences import model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
-from service.face.choice import choose_face
-from service.face.face import Face
+from service.face.face import Face, choose_face
 from service.face.finder import FaceFinder
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers, read_face

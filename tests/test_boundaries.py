@@ -19,9 +19,9 @@ ORDER = {
     "service": (
         # What everything stands on.
         "errors", "arrays", "robust", "checks", "stage_cache", "levels", "colour", "diagnosis", "photo", "head",
-        "geometry", "materials", "anatomy", "runtime",
+        "geometry", "materials", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "anatomy.hair", "anatomy.insets", "texture", "reflectance", "archive",
+        "light", "face", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
         "kits", "options", "budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
         "client", "batch", "cli", "__main__",

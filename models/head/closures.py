@@ -20,7 +20,7 @@ from models.head.lining import clear_of_teeth
 from models.head.lips import TONGUE_JAW, find_lips, seal
 from models.head.settle import part_members
 from models.head.tongue import over_the_teeth
-from service.anatomy.insets.inset import read_insets
+from service.anatomy.mouth_meshes import read_insets
 from service.errors import ModelFault
 from service.head.model import HeadModel
 

@@ -22,8 +22,8 @@ from models.people.calibrate import LOWER_INNER, UPPER_INNER, Surface
 from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.basis import LandmarkModel
-from service.face.fit.fit import prior_for
-from service.face.fit.landmarks import fit_landmarks
+from service.face.fit.fit_face import prior_for
+from service.face.fit.landmark_fit import fit_landmarks
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import project
 from service.face.reading.scores import Landmarker, Scores, read_scores

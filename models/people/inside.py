@@ -20,7 +20,7 @@ from models.head.crop import PART_GROUPS
 from models.head.eyes import affine_weights
 from models.head.source import BaseMesh, find_data, read_base
 from models.people.mhclo import read_binding, read_shape
-from service.anatomy.insets.inset import FILE, Inset, write_insets
+from service.anatomy.mouth_meshes import FILE, Inset, write_insets
 from service.geometry.subdivide import Subdivision
 from service.head.files import load_head
 from service.head.model import HeadModel

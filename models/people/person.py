@@ -11,10 +11,10 @@ import numpy.typing as npt
 from models.lightstage.skin.streams import Stream
 from models.people.expression import draw_expression
 from models.people.skins import COUNT
-from service.anatomy.opening_edges import OpeningEdges, lid_edges
-from service.face.fit.beyond import FIELDS, places
+from service.face.fit.basis import FIELDS, places
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.head.regions import OpeningEdges, lid_edges
 
 Float = npt.NDArray[np.float32]
 

@@ -34,13 +34,13 @@ from models.people.shards import decode, load
 from models.training.moving_average import follow
 from models.training.reader import shards
 from models.training.restore import weights_of
-from service.anatomy.opening_edges import OpeningEdges, lid_edges, lip_edges
 from service.errors import ModelFault
 from service.face.reading import openings
 from service.face.reading.openings import KINDS, Kind
 from service.face.reading.parts import MOUTH
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.head.regions import OpeningEdges, lid_edges, lip_edges
 from service.runtime.sessions import MODELS
 
 RATE, BATCH = 2e-3, 64

@@ -21,7 +21,7 @@ from models.people.develop import decoded
 from models.people.shards import load
 from service.errors import ModelFault
 from service.face.reading import parts as labels
-from service.geometry.rotation import ahead
+from service.geometry.camera import ahead
 
 Cells = dict[str, npt.NDArray[Any]]
 

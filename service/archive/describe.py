@@ -7,7 +7,6 @@ import struct
 from collections.abc import Mapping
 
 from service import PROGRAM, __version__
-from service.anatomy.eyes.gaze import Gaze
 from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
@@ -16,6 +15,7 @@ from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.meshes import drawn_parts, map_files
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
+from service.face.features.eyes import Gaze
 from service.geometry.camera import Camera
 from service.materials.material import Material
 from service.reflectance.reflectance_maps import MID, SCALE_MM

@@ -12,13 +12,12 @@ import numpy as np
 
 from service.arrays import Float64, UInt8
 from service.errors import NumericFault
-from service.face import conditions
 from service.face.detector import Detection
 from service.face.face import LANDMARK_COUNT, Face
+from service.face.finder import photo_warnings
 from service.face.fit.basis import LandmarkModel, at_barycentric
 from service.face.fit.dense import Correspondences, correspondences
-from service.face.fit.initial import WeakPose, weak_pose
-from service.face.fit.state import State
+from service.face.fit.state import State, WeakPose, weak_pose
 from service.face.reading.reader import ReaderNetwork, crop_of
 from service.face.region import Region
 from service.head.model import HeadModel
@@ -77,7 +76,7 @@ def faces_by_reading(pixels: UInt8, doubted: list[Detection], head: HeadModel, n
             continue
         seen = look(pixels, detection.region(CROP), head, model, network)
         if seen is not None and seen.cells >= FEWEST_CELLS and seen.share >= AGREEMENT:
-            warnings = ("landmarks-read", *conditions.warnings(pixels, seen.landmarks))
+            warnings = ("landmarks-read", *photo_warnings(pixels, seen.landmarks))
             return [Face(detection.box, detection.score, detection.keypoints, seen.landmarks, 0.0, warnings)]
     return []
 

@@ -1,10 +1,12 @@
-"""Vertices of a head by name: soft masks of regions, and parts; imported heads have fewer of them."""
+"""Vertices of a head by name: soft masks of regions, parts, and rows along the edges of lids and lips."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from service.arrays import Float32, Int32
+from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
 from service.head.model import HeadModel
 
 
@@ -19,3 +21,82 @@ def part_vertices(head: HeadModel, name: str) -> Int32:
     if name not in head.part_names:
         return np.zeros(0, np.int32)
     return np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
+
+
+ROWS = 5
+"""Rows across the thickness of a lid or a lip."""
+
+JAW_SHARE = 0.25
+"""A vertex of the lips is of the lower lip if ``jawOpen`` lowers it by over this share of its largest drop."""
+
+
+@dataclass(frozen=True)
+class OpeningEdges:
+    """Rows of vertex indices along both edges of an opening, from inside outwards.
+
+    Lids and lips are thick: which row of an edge bounds the opening depends on the direction of view.
+    """
+
+    upper: tuple[Int64, ...]
+    lower: tuple[Int64, ...]
+
+    def height(self, vertices: AnyFloat) -> float:
+        """Of the opening in its middle, along y, in the unit of vertices (V, 3); negative where the edges overlap."""
+        x = vertices[np.concatenate(self.upper + self.lower), 0]
+        middle = 0.5 * (float(x.min()) + float(x.max()))
+        upper, lower = ([_at(vertices[row], middle) for row in rows] for rows in (self.upper, self.lower))
+        return min(upper) - max(lower)
+
+
+def _at(row: AnyFloat, x: float) -> float:
+    """Y of a row (N, 3) at x."""
+    line = row[np.argsort(row[:, 0])]
+    return float(np.interp(x, line[:, 0], line[:, 1]))
+
+
+def lid_edges(head: HeadModel, side: str) -> OpeningEdges | None:
+    """Edges of the left or right eye's lids; None where the head names no lids or sockets, or a lid has no edge."""
+    needed = ("eye_socket", f"eyelid_upper_{side}", f"eyelid_lower_{side}")
+    if any(name not in head.region_names for name in needed):
+        return None
+    socket, upper, lower = (head.region(name) > 0.5 for name in needed)
+    return _edges(head, socket, upper, lower)
+
+
+def lip_edges(head: HeadModel) -> OpeningEdges | None:
+    """Edges of the lips; None where the head names no lips or lining, or cannot open its jaw."""
+    if "lips" not in head.region_names or "mouth_inner" not in head.region_names:
+        return None
+    if "jawOpen" not in head.expression_names:
+        return None
+    drop = -head.expression[head.expression_names.index("jawOpen")][:, 1]
+    lower, lips = drop > JAW_SHARE * float(drop.max()), head.region("lips") > 0.25
+    return _edges(head, head.region("mouth_inner") > 0.5, lips & ~lower, lips & lower)
+
+
+def _edges(head: HeadModel, inside: Bool, upper: Bool, lower: Bool) -> OpeningEdges | None:
+    """From (V,) masks of the vertices inside the opening and on either edge; None where an edge has no row."""
+    corners = head.triangles[head.triangle_part == head.part_names.index("skin")]
+    found = OpeningEdges(_rows(corners, inside, upper), _rows(corners, inside, lower))
+    return found if found.upper and found.lower else None
+
+
+def _rows(corners: Int32, inside: Bool, allowed: Bool) -> tuple[Int64, ...]:
+    """Up to ``ROWS`` rows of allowed vertices, each adjacent to the one before, the first adjacent to the inside.
+
+    Args:
+        corners: (T, 3) vertices of the skin's triangles.
+        inside: (V,) vertices inside the opening.
+        allowed: (V,) vertices of this edge.
+    """
+    rows: list[Int64] = []
+    taken = inside.copy()
+    while len(rows) < ROWS:
+        reached = np.unique(corners[taken[corners].any(1)])
+        row = reached[allowed[reached] & ~taken[reached]].astype(np.int64)
+        if not len(row):
+            break
+        rows.append(row)
+        # All that was reached is taken, also beyond the corner, where it belongs to the other edge.
+        taken[reached] = True
+    return tuple(rows)

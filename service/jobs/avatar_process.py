@@ -87,14 +87,14 @@ def basis(task: Task) -> str:
 
 def kinds() -> dict[str, type]:
     """Dataclasses that stages of the pipeline hand on."""
-    from service.anatomy.eyes.gaze import Gaze
-    from service.anatomy.eyes.iris import Iris
     from service.anatomy.hair.find_hair import Choice, Hair
     from service.anatomy.hair.hair_colour import HairColour
     from service.anatomy.hair.tailored import Tailored
     from service.anatomy.hair.wearables import Cut
     from service.archive.avatar import Similarity
     from service.face.face import Face
+    from service.face.features.eyes import Gaze
+    from service.face.features.iris import Iris
     from service.face.fit.result import Fit
     from service.face.reading.openings import Opening
     from service.face.reading.reader import Reading

@@ -13,9 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.brows import brow_plane
-from service.anatomy.eyes.lids import lid_skin
-from service.anatomy.lashes.line import lash_line
+from service.anatomy.chart_planes import brow_plane, lash_line, lid_skin
 from service.arrays import AnyFloat, Float32, Float64
 from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands

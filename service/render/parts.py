@@ -19,8 +19,7 @@ from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.errors import BadArchive, NumericFault
 from service.geometry.camera import Camera
-from service.geometry.layers import composite, transmittances
-from service.geometry.raster import Fragments, fragments, interpolate, rasterise
+from service.geometry.raster import Fragments, composite, fragments, interpolate, rasterise, transmittances
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart

@@ -16,7 +16,7 @@ import numpy as np
 from service.archive.preview.quick import part_triangles
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Int64
 from service.geometry.normals import normalise
-from service.geometry.points import surface_points, thinned
+from service.geometry.sampling import surface_points, thinned
 from service.head.model import HeadModel
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
 from service.light.formulas import F0_SCALE, Graphs, disc_of, lamp_numbers, mirror_weights

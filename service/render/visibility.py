@@ -9,7 +9,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt8
 from service.geometry.chart import Chart
-from service.geometry.points import surface_points
+from service.geometry.sampling import surface_points
 from service.head.model import HeadModel
 from service.light.environment import flux_by_direction, spread_directions
 from service.light.formulas import Graphs, disc_of

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.eyes import colours as eye
-from service.anatomy.eyes.measure import EyeTone, measure_eyes
-from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.eyes import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.hair.worn import LASH
-from service.anatomy.mouth.paint import paint_lining, paint_tongue
-from service.anatomy.teeth.colours import TOOTH
-from service.anatomy.teeth.paint import Teeth, no_bluer
+from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.face.features.eye_colours import IRIS, SCLERA, EyeTone, likely_iris, measure_eyes
+from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
-from service.face.reading.parts import IRIS, MOUTH, SCLERA
+from service.face.reading import parts as labels
 from service.geometry.chart import Chart, nearest_inside
 from service.photo.photo import Photo
 from service.texture.inpainting import opacity
@@ -60,9 +58,9 @@ class PartLight:
         """
         if sclera is None:
             bright = np.percentile(luma(face), 95) / 0.8 if len(face) else 1.0
-            sclera = linear_to_srgb(eye.SCLERA) * np.float32(np.clip(bright, 0.35, 1.15))
+            sclera = linear_to_srgb(SCLERA) * np.float32(np.clip(bright, 0.35, 1.15))
         colourful = 1.0 if skin is None else float(np.clip((skin.max() - skin.min()) / COLOURFUL, 0.0, 1.0))
-        white = np.maximum(srgb_to_linear(sclera), np.float32(DARKEST)) / eye.SCLERA
+        white = np.maximum(srgb_to_linear(sclera), np.float32(DARKEST)) / SCLERA
         grey = luma(white)
         return cls(np.asarray(grey + np.float32(colourful) * (white - grey), np.float32), colourful)
 
@@ -79,7 +77,7 @@ class PartLight:
         """(..., 3) sRGB-coded albedo, at most ``BRIGHTEST``, of an sRGB colour in this light; the inverse of
         :meth:`on`.
         """
-        return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(eye.BRIGHTEST)))
+        return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(BRIGHTEST)))
 
 
 def believed_sclera(fit: Fit, tone: EyeTone) -> Float32 | None:
@@ -129,15 +127,16 @@ def paint_parts(
     tone = measure_eyes(photo.pixels, irises)
     seen = opacity(unwrapped.weight)
     light = PartLight.of(believed_sclera(fit, tone), skin, unwrapped.colour[face])
-    iris = eye.IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
+    iris = IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
-    work.over_skin(socket, linear_to_srgb(eye.SOCKET), np.float32(BETWEEN_LIDS))
+    work.over_skin(socket, linear_to_srgb(SOCKET), np.float32(BETWEEN_LIDS))
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
     # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
-    eyes_seen = seen * shown[:, [SCLERA, IRIS]].sum(1) * np.float32(fit.gaze is None or tone.iris is not None)
+    told = np.float32(fit.gaze is None or tone.iris is not None)
+    eyes_seen = seen * shown[:, [labels.SCLERA, labels.IRIS]].sum(1) * told
     for index, name in enumerate(chart.head.part_names):
         texels = np.flatnonzero(chart.inner_part == index)
         if name == "skin" or name.startswith("teeth") or not len(texels):
@@ -153,13 +152,13 @@ def paint_parts(
             work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
     teeth = Teeth(chart)
     if len(teeth.own):
-        _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, MOUTH])
+        _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, labels.MOUTH])
     return Parts(work.colour, work.code, work.everywhere(), iris)
 
 
 def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
     """(n, 3) sRGB-coded albedo of an eye at angles (n,) from its line of sight; all angles in degrees."""
-    sclera, coded, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.likely_iris(iris), eye.SOCKET))
+    sclera, coded, socket = (linear_to_srgb(c) for c in (SCLERA, likely_iris(iris), SOCKET))
     return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 

@@ -31,8 +31,7 @@ from service.face.reading.parts import (
     SCLERA,
     SKIN,
 )
-from service.face.reading.reader import Reading
-from service.face.reading.sampled import parts_at_pixels
+from service.face.reading.reader import Reading, parts_at_pixels
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
 from service.texture.inpainting import opacity

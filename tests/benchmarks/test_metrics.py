@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.metrics import aligned_distance, face_region, similarity
-from service.geometry.rotation import exp_rotation
+from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(4)
 

@@ -14,7 +14,7 @@ from models.lightstage.light.sampling import enlarged, reduced, unit
 from models.lightstage.light.visibility import Points, lit_from_direction, lit_from_point
 from models.lightstage.skin.window import ChartWindow
 from service.geometry.chart import Chart
-from service.geometry.points import surface_points
+from service.geometry.sampling import surface_points
 from service.head.model import HeadModel
 from service.light.environment import spread_directions
 from service.light.formulas import disc_of

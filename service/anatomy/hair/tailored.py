@@ -16,7 +16,7 @@ import numpy as np
 
 from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, REACH_M, Frame, Item, Skull
 from service.arrays import Bool, Float32, Float64, Int32, Int64
-from service.geometry.cutting import clipped, split
+from service.geometry.subdivide import clipped, split
 
 RAYS = 72
 """Directions in the picture in which outlines are compared."""

@@ -19,11 +19,11 @@ from service.anatomy.hair.wearables import Item, Items, Skull, fits, hair_on, mi
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8, UInt16
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.result import Fit
-from service.geometry.cutting import split
 from service.geometry.mesh_field import laplacian, smooth_fit
 from service.geometry.normals import area_normals, face_normals
 from service.geometry.raster import interpolate, rasterise
 from service.geometry.sampling import sample_chart
+from service.geometry.subdivide import split
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.materials.material import Material, OwnMap

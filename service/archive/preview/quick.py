@@ -11,9 +11,8 @@ from service.archive.surfaces import part_normals
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int32, UInt8
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
-from service.geometry.layers import composite
 from service.geometry.normals import normalise
-from service.geometry.raster import fragments, interpolate, rasterise
+from service.geometry.raster import composite, fragments, interpolate, rasterise
 from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
 from service.light.scene import Triple

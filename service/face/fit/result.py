@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from service.anatomy.eyes.gaze import Gaze
 from service.arrays import Float32, Float64
+from service.face.features.eyes import Gaze
 from service.geometry.camera import Camera
 
 
@@ -29,7 +29,7 @@ class Fit:
             are set straight ahead for want of a visible iris.
         gaze: where the eyes look, already part of ``expression``; None for a head without eyeballs.
         eye_light: (3,) linear RGB radiance in the photo of a white diffuse surface in place of the sclera, estimated
-            from sclera and teeth (``service.light.white_reference``); None if neither can be measured.
+            from sclera and teeth (``service.face.features.white_reference``); None if neither can be measured.
         cheek: (3,) float32 sRGB of the cheeks; None if the photo shows neither.
         tooth: (3,) float32 sRGB of the teeth between the lips; None if none are seen.
     """

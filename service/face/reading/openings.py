@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.eyes.gaze import RIMS
-from service.anatomy.mouth.lips import MOUTH_RIM
 from service.arrays import Bool, Float64, UInt8
 from service.errors import NumericFault
+from service.face.features.eyes import RIMS
+from service.face.features.mouth import MOUTH_RIM
 from service.face.region import Region
 from service.runtime.sessions import Session, load_session
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.part_texels import PartTexels
+from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
 from service.reflectance.planes import interpolated

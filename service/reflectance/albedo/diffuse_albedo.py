@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes.colours import BRIGHTEST
-from service.anatomy.eyes.sclera import BETWEEN_LIDS
+from service.anatomy.eyes import BRIGHTEST
 from service.arrays import Float32
 from service.colour import Codes, from_codes, linear_to_srgb, srgb_to_linear, to_codes
+from service.face.features.white_reference import BETWEEN_LIDS
 from service.reflectance.albedo.albedo_error import clues, error_model
 from service.reflectance.albedo.corrections import Correction, Ledger
 from service.reflectance.albedo.highlights import HIGHLIGHTS

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from service.errors import FaceCutOff, NoFace
-from service.face.choice import choose_face
-from service.face.face import Face
+from service.face.face import Face, choose_face
 from service.face.finder import FaceFinder, passes, tiles
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular, rms

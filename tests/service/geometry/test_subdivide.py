@@ -1,10 +1,12 @@
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from service.arrays import Float64, Int64
 from service.geometry.normals import face_normals
-from service.geometry.subdivide import Subdivision
+from service.geometry.subdivide import Subdivision, clipped, split
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 CUBE_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -59,3 +61,22 @@ def test_points_on_an_open_border_are_told() -> None:
     step = Subdivision.of(CUBE_FACES[1:], 8)  # without its side at x = -1
     assert np.array_equal(step.open_points(), step.linear(CUBE)[:, 0] == -1)
     assert not Subdivision.of(CUBE_FACES, 8).open_points().any()
+
+
+def area(points: Float64, triangles: Int64) -> float:
+    first, second, third = (points[corner] for corner in triangles.T)
+    return 0.5 * float(np.abs(np.cross(second - first, third - first)[:, 2]).sum())
+
+
+def test_a_triangle_is_cut_along_the_line_and_split_in_four() -> None:
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    both = np.array([[0, 1, 2], [1, 3, 2]])
+    for x in (0.25, 0.6):
+        points, triangles = clipped(corners, both, x - corners[:, 0])
+        assert area(points, triangles) == pytest.approx(x)
+        assert points[:, 0].max() == pytest.approx(x)
+    points, triangles = split(corners, both, np.array([True, False]))
+    assert len(triangles) == 5 and area(points, triangles) == pytest.approx(1.0)
+    assert (triangles[-1] == both[1]).all(), "order stays"
+    nothing, none = clipped(corners, both, -np.ones(4))
+    assert len(none) == 0 and len(nothing) == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from service.anatomy.part_texels import PartTexels
+from service.anatomy.canvas import PartTexels
 from service.geometry.chart import NO_PART
 from service.head.files import load_head
 from service.reflectance.albedo.beside_skin import pad_parts, pad_skin

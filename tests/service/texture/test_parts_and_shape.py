@@ -8,12 +8,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from service.anatomy.eyes import colours as eye
-from service.anatomy.eyes.measure import EyeTone
-from service.anatomy.eyes.paint import lid_shade, on_eyeball, paint_eye, sight_angle
-from service.anatomy.mouth.colours import TONGUE
-from service.anatomy.teeth.colours import TOOTH
+from service.anatomy.eyes import SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.mouth import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
+from service.face.features.eye_colours import IRIS, SCLERA, EyeTone
+from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.texture.part_colours import PartLight, believed_sclera
@@ -28,7 +27,7 @@ def test_eye_is_painted_from_pupil_to_sclera() -> None:
     ball, points = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
     angle, limbus, pupil = sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg()
     assert limbus == pytest.approx(np.degrees(np.arcsin(0.00585 / 0.012)), abs=0.5)
-    sclera, iris, socket = (linear_to_srgb(c) for c in (eye.SCLERA, eye.IRIS, eye.SOCKET))
+    sclera, iris, socket = (linear_to_srgb(c) for c in (SCLERA, IRIS, SOCKET))
     colour = paint_eye(angle, limbus, pupil, sclera, iris, socket)
     assert np.isfinite(colour).all()
     assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
@@ -46,7 +45,7 @@ def test_lids_shade_the_eye_from_above() -> None:
 def test_light_of_the_parts_is_that_of_the_sclera() -> None:
     """Light is laid on and taken off once; black parts and black light stay finite."""
     nothing = np.zeros((0, 3), np.float32)
-    tooth, sclera = linear_to_srgb(TOOTH), linear_to_srgb(eye.SCLERA)
+    tooth, sclera = linear_to_srgb(TOOTH), linear_to_srgb(SCLERA)
     light = PartLight.of(sclera * np.float32(0.5), None, nothing)
     assert np.allclose(light.on(sclera), sclera * 0.5, atol=1e-3)
     assert np.allclose(light.off(light.on(tooth)), tooth, atol=1e-3)

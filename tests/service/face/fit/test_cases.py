@@ -11,7 +11,7 @@ import pytest
 from benchmarks.states import openings_mm
 from service.face.face import Face
 from service.face.finder import FaceFinder
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.result import Fit
 from service.face.profile import faces_by_reading
 from service.face.reading.parts import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN

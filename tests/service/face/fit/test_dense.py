@@ -6,25 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.opening_edges import lid_edges
 from service.arrays import Float64
 from service.face.face import Face
-from service.face.fit.basis import LandmarkModel
-from service.face.fit.beyond import RIGID, extended, modes
+from service.face.fit.basis import RIGID, LandmarkModel, extended, modes
 from service.face.fit.dense import DenseTerms, correspondences
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import POSE, State
 from service.face.reading.openings import EYE, STATIONS, Opening
 from service.face.reading.parts import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
 from service.face.reading.scores import Scores
-from service.geometry.camera import Camera
+from service.geometry.camera import Camera, ahead, exp_rotation
 from service.geometry.normals import area_normals
 from service.geometry.raster import rasterise
-from service.geometry.rotation import ahead, exp_rotation
 from service.head.files import load_head
 from service.head.model import HeadModel
+from service.head.regions import lid_edges
 from service.photo.photo import Photo
 
 SIZE, FOCAL = 512, 1100.0

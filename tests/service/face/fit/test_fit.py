@@ -9,12 +9,11 @@ from service.colour import linear_to_srgb, to_bytes
 from service.errors import FitFailed, UsageError
 from service.face.face import Face
 from service.face.fit.basis import LandmarkModel
-from service.face.fit.fit import fit_face
+from service.face.fit.fit_face import fit_face
 from service.face.fit.settings import FitSettings
-from service.geometry.camera import Camera
+from service.geometry.camera import Camera, exp_rotation
 from service.geometry.normals import vertex_normals
 from service.geometry.raster import rasterise
-from service.geometry.rotation import exp_rotation
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from service.face.fit.solver import DepthTerm, PointTerm, Prior, Term, energy, linearise
 from service.face.fit.state import POSE, State
-from service.face.fit.terms import DepthTerm, PointTerm, Prior, Term, energy, linearise
-from service.geometry.rotation import exp_rotation
+from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5
 RNG = np.random.default_rng(7)

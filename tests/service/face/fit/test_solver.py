@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from service.face.fit.initial import weak_pose
-from service.face.fit.solver import Damping, minimise, solve_step
-from service.face.fit.state import POSE, State
-from service.face.fit.terms import PointTerm, Prior
-from service.geometry.rotation import exp_rotation
+from service.face.fit.solver import Damping, PointTerm, Prior, minimise, solve_step
+from service.face.fit.state import POSE, State, weak_pose
+from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.normal(size=(40, 3)) * 0.05

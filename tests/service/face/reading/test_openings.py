@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from service.anatomy.eyes.gaze import RIMS
-from service.anatomy.mouth.lips import MOUTH_RIM
 from service.errors import NumericFault
+from service.face.features.eyes import RIMS
+from service.face.features.mouth import MOUTH_RIM
 from service.face.reading.openings import (
     EYE,
     KINDS,

@@ -10,8 +10,7 @@ import pytest
 from service.errors import NumericFault
 from service.face.reading.parts import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
 from service.face.reading.person import LEAST_RATE, SIDE, PersonNetwork, error_rates, weigh, with_person
-from service.face.reading.reader import CELLS, PART_CELLS, Reading
-from service.face.reading.sampled import parts_at_pixels
+from service.face.reading.reader import CELLS, PART_CELLS, Reading, parts_at_pixels
 from service.face.region import Region
 
 PIXELS = np.zeros((400, 400, 3), np.uint8)

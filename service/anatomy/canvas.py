@@ -1,0 +1,128 @@
+"""What parts are painted on: one part's texels of the head's chart, or a picture of a mesh's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64, UInt8
+from service.colour import linear_to_srgb
+from service.geometry.chart import chart_points
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
+
+
+@dataclass(frozen=True)
+class PartTexels:
+    """One part's island on a map.
+
+    Attributes:
+        box: its bounding box, slices of the map's rows and columns.
+        inside: (h, w) bool, texels of the box that belong to it.
+        points: (N, 3) float64 metres on the mean head, of the texels inside.
+        vertices: (M, 3) float64 metres, the part's vertices on the mean head.
+    """
+
+    box: tuple[slice, slice]
+    inside: Bool
+    points: Float64
+    vertices: Float64
+
+    @classmethod
+    def of(cls, head: HeadModel, name: str, size: tuple[int, int]) -> PartTexels | None:
+        """On a map of a size (width, height); None where the head has no such part or the map no texel of it."""
+        if name not in head.part_names:
+            return None
+        own = head.triangle_part == head.part_names.index(name)
+        corners, at = head.triangles[own], chart_points(head, *size)[head.triangle_uv[own]]
+        if not len(corners):
+            return None
+        low = np.maximum(np.floor(at.min((0, 1))).astype(int), 0)
+        high = np.minimum(np.ceil(at.max((0, 1))).astype(int) + 1, size)
+        if (high <= low).any():
+            return None
+        flat = at.reshape(-1, 2) - low
+        raster = rasterise(flat, np.zeros(len(flat)), np.arange(len(flat)).reshape(-1, 3), *map(int, high - low))
+        inside = raster.mask
+        if not inside.any():
+            return None
+        hit = head.mean[corners[raster.triangle[inside]]].astype(np.float64)
+        points = np.einsum("nk,nki->ni", raster.barycentric[inside].astype(np.float64), hit)
+        box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
+        return cls(box, inside, points, head.mean[np.unique(corners)].astype(np.float64))
+
+
+class Canvas:
+    """A square picture; texels that no face covers take the colour of the nearest one that is covered."""
+
+    def __init__(self, size: int) -> None:
+        """Empty.
+
+        Args:
+            size: of a side, texels.
+        """
+        self.size = size
+        self.colour: Float32 = np.zeros((size * size, 3), np.float32)
+        self.covered = np.zeros(size * size, bool)
+
+    def texels(self, uv: AnyFloat, uv_faces: AnyInt, faces: AnyInt, values: AnyFloat) -> tuple[Int64, Float64]:
+        """(n,) texels that faces cover, row by row, and (n, C) the values (N, C) of their vertices there.
+
+        Args:
+            uv: (U, 2) origin bottom left.
+            uv_faces: (F, 3) or (F, 4) indices into uv.
+            faces: the same into values.
+            values: (N, C).
+        """
+        places, corners = _triangles(uv_faces), _triangles(faces)
+        flat = np.stack([uv[:, 0] * self.size, (1 - uv[:, 1]) * self.size], 1).astype(np.float64)
+        raster = rasterise(flat, np.zeros(len(flat)), places, self.size, self.size)
+        at = np.flatnonzero(raster.mask)
+        triangle, weights = raster.triangle.ravel()[at], raster.barycentric.reshape(-1, 3)[at]
+        found = np.einsum("nk,nkc->nc", weights.astype(np.float64), np.asarray(values)[corners[triangle]])
+        return at.astype(np.int64), found
+
+    def put(self, at: Int64, colour: AnyFloat) -> None:
+        """Paint texels (n,) with linear colours (n, 3)."""
+        self.colour[at] = colour
+        self.covered[at] = True
+
+    def picture(self) -> UInt8:
+        """(size, size, 3) uint8 sRGB, row 0 at v = 1."""
+        import cv2
+
+        shape = (self.size, self.size)
+        empty = (~self.covered).reshape(shape).astype(np.uint8)
+        image = self.colour.reshape(*shape, 3)
+        if self.covered.any() and empty.any():
+            _, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+            seeds = np.zeros(int(label.max()) + 1, np.int64)
+            seeds[label.ravel()[self.covered]] = np.flatnonzero(self.covered)
+            image = self.colour[seeds[label]]
+        coded = linear_to_srgb(np.clip(image, 0, 1).astype(np.float32))
+        return np.asarray(np.rint(255 * coded), np.uint8)
+
+
+def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
+    """(N,) smooth noise about 0 with a standard deviation near 0.5, of points (N, 3): waves of random directions.
+
+    Args:
+        places: in mm.
+        scales: wave numbers in radians per mm.
+        seed: of directions and phases.
+    """
+    random, total, at = np.random.default_rng(seed), np.zeros(len(places), np.float32), np.asarray(places, np.float32)
+    waves = 6
+    for scale in scales:
+        axes, phase = random.normal(0, scale, (waves, 3)), random.uniform(0, 2 * np.pi, waves)
+        total += np.cos(at @ axes.T.astype(np.float32) + phase.astype(np.float32)).sum(1)
+    return np.asarray(total / np.float32(np.sqrt(2.0 * waves * len(scales))))
+
+
+def _triangles(faces: AnyInt) -> AnyInt:
+    if faces.shape[1] == 3:
+        return np.asarray(faces, np.int32)
+    quads = faces[:, 3] >= 0
+    return np.concatenate([faces[:, [0, 1, 2]], faces[quads][:, [0, 2, 3]]]).astype(np.int32)

@@ -1,0 +1,288 @@
+"""Where the photo shows the irises between the lids, and how wide the pupils are.
+
+The landmark network gives the rim of the lids only. Inside it the iris is the disc of known size (11.7 mm in every
+adult) that is darkest against its surroundings in the red channel, where blue irises are as dark as brown ones and lids
+as bright as sclera.
+
+The pupil is the circle across which luminance rises most: the integro-differential operator of Daugman (1993, "High
+confidence visual recognition of persons by a test of statistical independence"), with the median round the circle in
+place of the mean, as lamps that the cornea mirrors cover less than half of it. A brown iris in dim light is as dark as
+its pupil, and blur fills small pupils with iris: then nothing is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Bool, Float32, Float64, UInt8
+from service.colour import bytes_to_linear, luma
+from service.face.features.rims import filled
+from service.head.eyeball import IRIS_RADIUS_M
+
+MARGIN = 0.12
+"""Distance in iris radii that pixels keep from the rim of the lids, which shade the eye."""
+
+RADIUS_PX = 12
+"""Radius of the iris in the resampled patch in which it is sought, pixels."""
+
+HALF = 4 * RADIUS_PX
+"""Half the side of that patch, pixels."""
+
+LEAST_IRIS_PX = 2.0
+"""Radius in photo pixels below which an iris cannot be told from lashes."""
+
+CONTRAST_RING = (1.1, 1.6)
+"""Inner and outer radius of the ring that the disc is compared with, in iris radii."""
+
+LEAST_DISC, LEAST_RING = 0.35, 0.06
+"""Share of the disc and of the ring that has to lie between the lids."""
+
+LEAST_CONTRAST = 0.22
+"""Smallest difference between ring and disc, as a share of the range of red between the lids."""
+
+CENTRE_COST = (0.02, 0.60)
+"""Cost, in contrast, of lying one radius off the usual place, growing with the square: along the line through the
+corners, from the middle of the opening, and across it, from ``ABOVE_LOWER``. Across it is larger: lids hide and shade
+the iris above and below, so its height is known less well, and they move with it."""
+
+ABOVE_LOWER, OPENED, RAISED = 0.9, 1.7, 0.4
+"""Usual height of the iris above the lower lid, in radii: 5 to 5.5 mm (margin reflex distance 2) of 5.85; height of an
+open eye, likewise; and how much of what an eye lacks of it the lower lid has come up, as it does in a smile. The upper
+lid rests on the iris, now more, now less: sought in the middle of the opening, irises were found too low, and people
+who look into the camera looked at its feet."""
+
+EXPECTED_COST = 0.1
+"""Cost, in contrast, of lying one radius off the expected place, growing with the square."""
+
+
+@dataclass(frozen=True)
+class Iris:
+    """An iris in the photo.
+
+    Attributes:
+        centre: (2,) photo pixels.
+        radius: photo pixels.
+        rim: (16, 2) photo pixels round the opening between the lids, in order.
+        contrast: how much darker it is than its surroundings, in [0, 1].
+    """
+
+    centre: Float64
+    radius: float
+    rim: Float64
+    contrast: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the search found in one eye.
+
+    Attributes:
+        contrast: (n, n) float32 in [-1, 1] of an iris centred at each pixel of a patch about the opening; -1 where too
+            little of it would lie between the lids.
+        merit: (n, n) float32 contrast less the cost of lying off the usual place; minus infinity outside the opening.
+        middle: (2,) photo pixels of the patch's centre.
+        radius: of the iris, photo pixels.
+        rim: (16, 2) photo pixels.
+    """
+
+    contrast: Float32
+    merit: Float32
+    middle: Float64
+    radius: float
+    rim: Float64
+
+    def to_patch(self, pixels: Float64) -> Float64:
+        """(N, 2) columns and rows in the patch of photo pixels (N, 2)."""
+        return np.asarray((pixels - self.middle) * (RADIUS_PX / self.radius) + HALF)
+
+    def best(self, near: Float64 | None = None, within: float = np.inf) -> Iris | None:
+        """The iris of the largest merit, or None where its contrast is not above ``LEAST_CONTRAST``.
+
+        Args:
+            near: (2,) photo pixel where it is expected; distance from it costs merit. None: anywhere.
+            within: largest distance from ``near``, in iris radii.
+        """
+        merit = self.merit
+        if near is not None:
+            y, x = np.indices(merit.shape, np.float32)
+            away = np.hypot(*(np.stack([x, y], 2) - self.to_patch(near[None])[0]).transpose(2, 0, 1)) / RADIUS_PX
+            merit = np.where(away <= within, merit - np.float32(EXPECTED_COST) * away.astype(np.float32) ** 2, -np.inf)
+        row, column = np.unravel_index(int(np.argmax(merit)), merit.shape)
+        found = float(self.contrast[row, column])
+        if not (np.isfinite(merit[row, column]) and found > LEAST_CONTRAST):
+            return None
+        centre = self.middle + (np.array([column, row]) - HALF) * (self.radius / RADIUS_PX)
+        return Iris(centre, self.radius, self.rim, min(found, 1.0))
+
+    def spread(self, within: float) -> Float32:
+        """(n, n) >= 0: largest merit within so many iris radii of each pixel, less the cost of the distance."""
+        from scipy.ndimage import grey_dilation
+
+        reach = int(within * RADIUS_PX)
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / RADIUS_PX
+        away = np.hypot(x, y)
+        cost = np.where(away <= within, -EXPECTED_COST * away**2, -9.0)
+        return np.asarray(grey_dilation(np.maximum(self.merit, 0), structure=cost, mode="constant"), np.float32)
+
+
+def search(pixels: UInt8, rim: Float64, radius_px: float) -> Search | None:
+    """Look for an iris of known size inside the lids.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        rim: (N, 2) pixels round the opening between the lids, in order, from one corner, the lower lid first.
+        radius_px: of the iris, photo pixels.
+
+    Returns:
+        None where the iris would be too small, or the eye is closed, lies at the photo's border or has no contrast.
+    """
+    import cv2
+
+    if not np.isfinite(rim).all() or not radius_px >= LEAST_IRIS_PX:
+        return None
+    scale = RADIUS_PX / radius_px
+    middle = 0.5 * (rim.min(0) + rim.max(0))
+    reach = (HALF + 1) / scale + 2
+    if (middle < reach).any() or (middle > np.array(pixels.shape[1::-1]) - reach).any():
+        return None
+    corner = np.floor(middle - reach).astype(int)
+    end = np.ceil(middle + reach).astype(int)
+    near = cv2.GaussianBlur(pixels[corner[1] : end[1], corner[0] : end[0]], (0, 0), max(0.15 * radius_px, 0.3))
+    # Pixel centres lie at halves in photo coordinates, at integers in OpenCV's and in the patch.
+    at = middle - corner - 0.5
+    matrix = np.array([[scale, 0, HALF - scale * at[0]], [0, scale, HALF - scale * at[1]]])
+    size = (2 * HALF + 1, 2 * HALF + 1)
+    patch = cv2.warpAffine(near, matrix, size)
+    inside = filled((rim - middle) * scale + HALF, size[::-1]) > 0
+    if inside.sum() < RADIUS_PX**2:
+        return None
+    red = patch[..., 0].astype(np.float32)
+    low, high = np.percentile(red[inside], [3, 90])
+    if high - low < 8:
+        return None
+    value = np.clip((red - low) / (high - low), 0.0, 1.0)
+    score = _contrast(value, inside.astype(np.float32))
+    return Search(score, _merit(score, inside, (rim - middle) * scale), middle, float(radius_px), rim)
+
+
+def _merit(score: Float32, inside: Bool, rim: Float64) -> Float32:
+    """(n, n) contrast less ``CENTRE_COST``; ``rim`` (N, 2) in pixels of the patch, from its centre."""
+    half = len(rim) // 2
+    across = rim[half] - rim[0]
+    along = across / max(float(np.linalg.norm(across)), 1e-9)
+    down = np.array([-along[1], along[0]])
+    down *= np.sign(float((rim[1:half].mean(0) - rim[half + 1 :].mean(0)) @ down)) or 1.0
+    lowest, highest = float((rim[1:half] @ down).max()), float((rim[half + 1 :] @ down).min())
+    lacking = max(OPENED - (lowest - highest) / RADIUS_PX, 0.0)
+    y, x = np.indices(score.shape, np.float32) - np.float32(HALF)
+    aside = (x * along[0] + y * along[1]) / RADIUS_PX
+    above = (lowest - (x * down[0] + y * down[1])) / RADIUS_PX
+    off = CENTRE_COST[0] * aside**2 + CENTRE_COST[1] * (above - ABOVE_LOWER + RAISED * lacking) ** 2
+    return np.where(inside, score - off, -np.inf).astype(np.float32)
+
+
+def _contrast(value: Float32, inside: Float32) -> Float32:
+    """Mean of the ring less mean of the disc about each pixel, over pixels inside; -1 where there are too few."""
+    import cv2
+
+    reach = int(np.ceil(CONTRAST_RING[1] * RADIUS_PX))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    distance = np.hypot(x, y) / RADIUS_PX
+    means, enough = [], np.ones(value.shape, bool)
+    ring = (distance >= CONTRAST_RING[0]) & (distance <= CONTRAST_RING[1])
+    for kernel, least in ((distance <= 0.95, LEAST_DISC), (ring, LEAST_RING)):
+        k = kernel.astype(np.float32)
+        count = cv2.filter2D(inside, cv2.CV_32F, k, borderType=cv2.BORDER_CONSTANT)
+        total = cv2.filter2D(value * inside, cv2.CV_32F, k, borderType=cv2.BORDER_CONSTANT)
+        means.append(total / np.maximum(count, 1.0))
+        enough &= count >= least * k.sum()
+    return np.where(enough, means[1] - means[0], np.float32(-1)).astype(np.float32)
+
+
+RESOLVED_IRIS_PX = 10.0
+"""Radius of an iris in pixels from which on its pupil is looked for."""
+SHARES = (0.18, 0.6)
+"""Smallest and largest radius of a pupil, in iris radii, 2.1 to 7 mm wide; the largest rise at one of the two is of
+something else."""
+STEP, AZIMUTHS = 0.02, 48
+"""Step between radii, in iris radii, and number of samples round a circle."""
+APART, BAND = 0.04, 0.14
+"""The luminance on either side of a circle is the mean from the first to the second distance from it."""
+OFFSETS = (-0.12, -0.06, 0.0, 0.06, 0.12)
+"""Places of the pupil's centre that are tried, across and down, in iris radii: it lies a little off the iris's."""
+LEAST_SEEN = 0.4
+"""Share of a circle that has to lie between the lids."""
+DARKEST = 0.002
+"""Linear luminance below which differences are noise."""
+FLOOR = 0.25
+"""What is added to luminances, as a share of their median, before those on the two sides of circles are divided: by
+ratios alone a blurred edge lies within the pupil, by differences a faint one is lost beside brightness."""
+LEAST_RISE = 0.5
+"""Smallest difference of the logarithm of luminance on the two sides of a pupil's edge."""
+MOST_APART = 0.12
+"""Largest difference between a person's two pupils, in iris radii; more, and at least one of them is a mistake."""
+
+
+def pupil_radius(pixels: UInt8, irises: Sequence[Iris]) -> float | None:
+    """Radius of the pupils in metres, the mean of both eyes; None where they do not both tell, and alike.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        irises: those that were found in it.
+    """
+    found = [share for iris in irises if (share := _share(pixels, iris)) is not None]
+    if len(found) < 2 or max(found) - min(found) > MOST_APART:
+        return None
+    return IRIS_RADIUS_M * float(np.mean(found))
+
+
+def _share(pixels: UInt8, iris: Iris) -> float | None:
+    """Radius of one pupil in iris radii."""
+    if not iris.radius >= RESOLVED_IRIS_PX or not np.isfinite(iris.rim).all():
+        return None
+    radii = np.arange(SHARES[0] - BAND, SHARES[1] + BAND + 0.5 * STEP, STEP)
+    dy, dx = (part.ravel() for part in np.meshgrid(OFFSETS, OFFSETS, indexing="ij"))
+    profile = _profiles(pixels, iris, np.stack([dx, dy], 1), radii)
+    first, last = (int(np.rint(width / STEP)) for width in (APART, BAND))
+    count = last - first + 1
+    means = np.stack([profile[:, k : k + count].mean(1) for k in range(len(radii) - count + 1)], 1)
+    within, beyond = means[:, : -last - first], means[:, last + first :]
+    floor = max(FLOOR * float(np.nanmedian(profile)), DARKEST) if np.isfinite(profile).any() else 1.0
+    rise = np.nan_to_num(np.log((beyond + floor) / (within + floor)), nan=-np.inf)
+    best = np.unravel_index(int(np.argmax(rise)), rise.shape)
+    contrast = np.log((beyond[best] + DARKEST) / (within[best] + DARKEST))
+    if best[1] in (0, rise.shape[1] - 1) or not contrast >= LEAST_RISE:
+        return None
+    return float(SHARES[0] + STEP * int(best[1]))
+
+
+def _profiles(pixels: UInt8, iris: Iris, offsets: Float64, radii: Float64) -> Float64:
+    """(O, R) median of linear luminance on circles about centres (O, 2), in iris radii; nan where unseen."""
+    import cv2
+
+    reach = int(np.ceil((radii.max() + max(OFFSETS)) * iris.radius)) + 3
+    corner = np.floor(iris.centre).astype(int) - reach
+    size = 2 * reach + 1
+    patch = np.zeros((size, size, 3), np.uint8)
+    low, high = np.maximum(corner, 0), np.minimum(corner + size, pixels.shape[1::-1])
+    if (high <= low).any():
+        return np.full((len(offsets), len(radii)), np.nan)
+    rows, columns = (slice(low[k] - corner[k], high[k] - corner[k]) for k in (1, 0))
+    patch[rows, columns] = pixels[low[1] : high[1], low[0] : high[0]]
+    inside = np.zeros((size, size), np.uint8)
+    inside[rows, columns] = filled(iris.rim - corner - 0.5, (size, size))[rows, columns]
+    deep = cv2.distanceTransform(inside, cv2.DIST_L2, 3)
+    levels = np.ascontiguousarray(luma(bytes_to_linear(patch)))
+    angle = np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS)
+    ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    at = iris.centre + iris.radius * (offsets[:, None, None] + radii[:, None, None] * ring)  # (O, R, A, 2)
+    x, y = (np.asarray((at[..., k] - corner[k] - 0.5).reshape(-1, AZIMUTHS), np.float32) for k in (0, 1))
+    read, depth = (np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR)) for image in (levels, np.asarray(deep)))
+    seen = depth > MARGIN * iris.radius
+    enough = seen.mean(1) >= LEAST_SEEN
+    middle = np.full(len(read), np.nan)
+    middle[enough] = np.nanmedian(np.where(seen[enough], read[enough], np.nan), axis=1)
+    return middle.reshape(len(offsets), len(radii))

@@ -1,0 +1,141 @@
+"""Stage A of the fit: pose, distance, identity and expression from landmarks.
+
+A maximum a posteriori estimate by damped least squares with iteratively re-weighted residuals: Geman-McClure weights
+whose scale is annealed, so that outliers (hidden cheeks, hair, hands) lose their weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Bool, Float64
+from service.face.fit.basis import LandmarkBasis, LandmarkModel
+from service.face.fit.settings import FitSettings
+from service.face.fit.solver import Damping, DepthTerm, PointTerm, Prior, Term, minimise
+from service.face.fit.state import POSE, State, project, weak_pose
+from service.robust import geman_mcclure
+
+DISTANCE_M = (0.15, 20.0)
+"""Bounds of the camera's distance, metres; they also stop a focal length that diverges."""
+IDENTITY_BOX = 4.0
+"""Bound of the magnitude of identity coefficients, standard deviations."""
+DETECTOR_SIGMA_M = 0.0016
+"""Scatter of a landmark on real photos in addition to that on rendered heads, metres on the face."""
+EFFECTIVE_SHARE = 0.5
+"""Effective over actual number of landmarks: errors of neighbours are correlated."""
+ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
+"""Geman-McClure scale in standard deviations of each round; the first round moves the pose alone."""
+GRAZING = 0.1
+"""Half width of the ramp from hidden (0) to visible (1), in the cosine between normal and viewing direction."""
+DEPTH_SIGMA_M = 0.03
+"""Scatter of the landmark network's relative depth, metres."""
+
+
+@dataclass(frozen=True)
+class LandmarkFit:
+    """Result of the landmark stage.
+
+    Attributes:
+        state: pose and coefficients.
+        basis: landmark basis at the final yaw.
+        weight: (L,) in [0, 1] of each landmark: visibility times robust weight; 0 where it is not finite.
+        terms: of the final energy, to which the next stage adds its own.
+    """
+
+    state: State
+    basis: LandmarkBasis
+    weight: Float64
+    terms: tuple[Term, ...]
+
+
+def facing(normals: Float64, positions: Float64, rotation: Float64) -> Float64:
+    """(N,) in [0, 1]: 1 where a surface faces the camera, 0 where it is turned away.
+
+    Args:
+        normals: (N, 3) unit, head space.
+        positions: (N, 3) camera space.
+        rotation: (3, 3) head to camera.
+    """
+    view = positions / np.maximum(np.linalg.norm(positions, axis=1, keepdims=True), 1e-9)
+    cosine = -((normals @ rotation.T) * view).sum(1)
+    return np.asarray(np.clip((cosine + GRAZING) / (2 * GRAZING), 0.0, 1.0))
+
+
+def start_state(model: LandmarkModel, pixels: Float64, trust: Float64, log_distance: float) -> State:
+    """Initial pose on the average head, solved twice, since its yaw selects the contour landmarks."""
+    yaw = 0.0
+    for _ in range(2):
+        basis = model.at_yaw(yaw)
+        pose = weak_pose(basis.mean, pixels, trust / basis.sigma**2)
+        scale = max(pose.scale, 1e-3)
+        state = State(
+            pose.rotation, pose.offset / scale, float(np.log(scale)), log_distance, np.zeros(model.shape_count)
+        )
+        yaw = state.yaw_deg
+    return state
+
+
+def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
+    """(n,) lower and upper bounds of the unknowns."""
+    upper = np.full(POSE + model.shape_count, np.inf)
+    lower = -upper
+    lower[6], upper[6] = np.log(DISTANCE_M)
+    split = POSE + model.identity_count
+    lower[POSE:split], upper[POSE:split] = -IDENTITY_BOX, IDENTITY_BOX
+    lower[split:], upper[split:] = 0.0, 1.0
+    return lower, upper
+
+
+def weigh(
+    state: State, basis: LandmarkBasis, pixels: Float64, depth: Float64, trust: Float64, c: float
+) -> tuple[Float64, tuple[Term, Term]]:
+    """(L,) weights of the landmarks at a state, and the landmark terms with these weights."""
+    points = basis.points(state.coefficients)
+    projection = project(state, points)
+    residual = np.linalg.norm(projection.uv - pixels, axis=1)
+    sigma = state.scale * np.hypot(basis.sigma, DETECTOR_SIGMA_M)
+    # Where all landmarks are off by more than expected (blur, sketches), the scale of the weights follows.
+    typical = float(np.median(residual[trust > 0])) if (trust > 0).any() else 0.0
+    robust = geman_mcclure(residual, c * np.maximum(np.maximum(sigma, 0.5 * typical), 1e-12))
+    weight = trust * robust * facing(basis.normals, projection.position, state.rotation)
+    precision = EFFECTIVE_SHARE * weight / np.maximum(sigma, 1e-9) ** 2
+    depth_precision = EFFECTIVE_SHARE * weight / max(state.scale * DEPTH_SIGMA_M, 1e-9) ** 2
+    flat = PointTerm(basis.mean, basis.modes, pixels, precision)
+    return weight, (flat, DepthTerm(basis.mean, basis.modes, depth, depth_precision))
+
+
+def fit_landmarks(
+    model: LandmarkModel, landmarks: Float64, middle: Float64, prior: Prior, settings: FitSettings
+) -> LandmarkFit:
+    """Fit the head to landmarks.
+
+    Args:
+        model: landmark bases of the head.
+        landmarks: (L, 3) photo pixels, z in the same unit away from the camera; rows that are not finite are ignored.
+        middle: (2,) principal point in pixels.
+        prior: on distance, focal length and shape.
+        settings: number of iterations.
+
+    Returns:
+        A finite fit.
+    """
+    good: Bool = np.asarray(np.isfinite(landmarks).all(1))
+    trust: Float64 = good.astype(np.float64)
+    known = np.where(good[:, None], landmarks, 0.0)
+    pixels, depth = known[:, :2] - middle, known[:, 2]
+    state = start_state(model, pixels, trust, prior.log_distance)
+    lower, upper = bounds(model)
+    damping = Damping()
+    share = -(-settings.iterations // (len(ANNEAL) - 1))
+    for round_, c in enumerate(ANNEAL):
+        active = np.ones(len(lower), bool)
+        active[POSE:] = round_ > 0
+        terms = (*weigh(state, model.at_yaw(state.yaw_deg), pixels, depth, trust, c)[1], prior)
+        state = minimise(
+            state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
+        )
+    basis = model.at_yaw(state.yaw_deg)
+    weight, final = weigh(state, basis, pixels, depth, trust, ANNEAL[-1])
+    return LandmarkFit(state, basis, weight, (*final, prior))

@@ -1,0 +1,163 @@
+"""Teeth, gums, tongue and eyes as meshes: of a person's size, in the photo's colours, and carried by the head."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.anatomy.canvas import Canvas, PartTexels, grain
+from service.anatomy.eye_meshes import SEGMENTS, cornea, eye_parts, eye_picture, globe
+from service.anatomy.mouth_meshes import mouth_parts, read_insets, teeth_picture, tooth_colour, write_insets
+from service.colour import bytes_to_linear, linear_to_srgb, luma
+from service.errors import ModelFault
+from service.face.features.eyes import Gaze
+from service.face.features.teeth import TOOTH
+from service.head.eyeball import Eyeball
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.head.regions import part_vertices
+from service.materials.of_head import head_parts
+from service.materials.part import MeshPart, check_parts
+
+
+@dataclass(frozen=True)
+class Worn:
+    """What the meshes need of a fit."""
+
+    vertices: npt.NDArray[np.float32]
+    neutral: npt.NDArray[np.float32]
+    gaze: Gaze | None = None
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+@pytest.fixture(scope="module")
+def parts(head: HeadModel) -> dict[str, MeshPart]:
+    identity = np.random.default_rng(2).normal(size=len(head.identity))
+    jaw = np.array([name == "jawOpen" for name in head.expression_names], float)
+    fit = Worn(head.shape(identity, jaw), head.shape(identity))
+    made = (*mouth_parts(head, fit, None), *eye_parts(head, fit, None))  # type: ignore[arg-type]
+    return {part.name: part for part in made}
+
+
+def test_names_are_unambiguous_and_stand_in_for_the_heads_own(head: HeadModel, parts: dict[str, MeshPart]) -> None:
+    check_parts(list(parts.values()), head.part_names)
+    replaced = {name for part in parts.values() for name in part.replaces}
+    assert replaced == {"teeth_upper", "teeth_lower", "tongue", "eye_left", "eye_right"}
+    assert all(part.name.split("_")[0] in ("eye", "teeth", "tongue") for part in parts.values())
+
+
+def test_units_move_a_mesh_as_they_move_what_it_stands_for(head: HeadModel, parts: dict[str, MeshPart]) -> None:
+    jaw = head.expression_names.index("jawOpen")
+    for name, own in (("teeth_lower_gums", "teeth_lower"), ("tongue_body", "tongue")):
+        drop = parts[name].targets["jawOpen"][:, 1].mean()
+        assert drop == pytest.approx(head.expression[jaw, part_vertices(head, own), 1].mean(), rel=0.35)
+        np.testing.assert_allclose(
+            parts[name].vertices, parts[name].neutral + parts[name].targets["jawOpen"], atol=3e-5
+        )
+    assert "jawOpen" not in parts["teeth_upper_gums"].targets
+    assert "tongueOut" in parts["tongue_body"].targets
+    assert "eyeLookOutLeft" in parts["eye_left_ball"].targets
+    assert "eyeLookOutRight" not in parts["eye_left_ball"].targets
+    assert "eyeBlinkLeft" in parts["eye_left_tears"].targets
+
+
+def test_all_meshes_are_sound(parts: dict[str, MeshPart]) -> None:
+    for part in parts.values():
+        quads = part.polygons
+        triangles = np.concatenate([quads[:, :3], quads[quads[:, 3] >= 0][:, [0, 2, 3]]])
+        a, b, c = (part.neutral[triangles[:, k]].astype(float) for k in range(3))
+        assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 0, part.name
+        assert part.uv.min() >= 0 and part.uv.max() <= 1, part.name
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_iris_is_set_back_behind_a_cornea_that_bulges(head: HeadModel, side: str) -> None:
+    ball = Eyeball.of(head.mean[part_vertices(head, f"eye_{side}")].astype(np.float64))
+    points, faces, _ = globe(ball)
+    wide, _, _ = globe(ball, 0.003)
+    assert np.hypot(*(wide - ball.centre)[1 + SEGMENTS : 1 + 2 * SEGMENTS, :2].T) == pytest.approx(0.003)
+    dome, _ = cornea(ball)
+    assert np.ptp(points[:, 0]) == pytest.approx(0.024, abs=0.0006)
+    apex = dome[:, 2].max() - ball.centre[2]
+    iris = points[0, 2] - ball.centre[2]
+    assert apex - ball.radius == pytest.approx(0.0011, abs=0.0005)
+    assert 0.002 < apex - iris < 0.005
+    # Seen from outside every face of the ball in front of the equator winds counter-clockwise.
+    quads = faces[faces[:, 3] >= 0]
+    a, b, c = (points[quads[:, k]] for k in range(3))
+    front = a[:, 2] > ball.centre[2] + 0.002
+    assert (np.cross(b - a, c - a)[front, 2] > -1e-12).all()  # the pupil's edge is a wall
+
+
+def test_the_eyes_picture_has_the_photos_iris(head: HeadModel) -> None:
+    blue = np.array([0.06, 0.10, 0.16], np.float32)
+    picture = bytes_to_linear(eye_picture(head, blue))
+    size = picture.shape[0]
+    y, x = np.mgrid[0:size, 0:size] + 0.5
+    r = np.hypot(x - size / 2, y - size / 2) / (size / 2)
+    iris = np.median(picture[(r > 0.3) & (r < 0.45)], 0)
+    assert iris[2] > iris[1] > iris[0]
+    assert luma(picture[r < 0.1]).max() < 0.3 * float(luma(iris[None])[0])
+    sclera = np.median(picture[(r > 0.62) & (r < 0.7)], 0)
+    assert luma(sclera[None])[0] > 2 * luma(iris[None])[0]
+    assert np.array_equal(eye_picture(head, blue), eye_picture(head, blue))
+
+
+def test_teeth_have_the_photos_colour_and_gums_are_red(head: HeadModel) -> None:
+    rows = [mesh for mesh in read_insets().meshes if mesh.name.startswith("teeth")]
+    parts = np.full((384, 576, 3), 90, np.uint8)
+    place = PartTexels.of(head, "teeth_upper", (576, 384))
+    assert place is not None
+    yellow = np.array([0.60, 0.50, 0.36], np.float32)
+    parts[place.box][place.inside] = np.rint(255 * linear_to_srgb(yellow))
+    found = tooth_colour(head, parts)
+    np.testing.assert_allclose(found, yellow, rtol=0.05)
+    picture = bytes_to_linear(teeth_picture(rows, found)).reshape(-1, 3)
+    redness = picture[:, 0] / np.maximum(picture[:, 1], 1e-3)
+    crown = picture[(redness < 1.5) & (luma(picture) > 0.35)]
+    assert len(crown) > 0.05 * len(picture)
+    np.testing.assert_allclose(np.median(crown, 0) / np.median(crown, 0)[0], yellow / yellow[0], rtol=0.15)
+    assert (redness > 2.2).mean() > 0.1
+
+
+def test_another_head_keeps_its_own_teeth(head: HeadModel) -> None:
+    fit = Worn(head.mean, head.mean)
+    assert mouth_parts(replace(head, mean=head.mean[:-1]), fit, None) == ()  # type: ignore[arg-type]
+    assert eye_parts(replace(head, part_names=("skin", *"abcdef")), fit, None) == ()  # type: ignore[arg-type]
+    black = np.zeros((2, 3, 3), np.uint8)
+    np.testing.assert_array_equal(tooth_colour(replace(head, part_names=("skin", *"abcdef")), black), TOOTH)
+    assert {part.name for part in head_parts(head, head.mean, head.mean)} >= {"teeth_upper", "tongue"}
+
+
+def test_the_file_is_read_as_written_and_faults_are_named(tmp_path: Path) -> None:
+    insets = read_insets()
+    path = tmp_path / "mouth.npz"
+    write_insets(insets.meshes, insets.fitted_head, path)
+    first = path.read_bytes()
+    write_insets(insets.meshes, insets.fitted_head, path)
+    assert path.read_bytes() == first
+    again = read_insets(path)
+    np.testing.assert_array_equal(again.meshes[0].rest, insets.meshes[0].rest)
+    with pytest.raises(ModelFault, match="missing"):
+        read_insets(tmp_path / "none.npz")
+    (tmp_path / "bad.npz").write_bytes(b"no zip")
+    with pytest.raises(ModelFault, match="cannot be read"):
+        read_insets(tmp_path / "bad.npz")
+
+
+def test_an_empty_canvas_is_black_and_a_painted_one_is_extended() -> None:
+    canvas = Canvas(8)
+    assert not canvas.picture().any()
+    canvas.put(np.array([9]), np.array([[0.5, 0.2, 0.1]]))
+    picture = canvas.picture()
+    assert (picture == picture[1, 1]).all()
+    assert picture[0, 0, 0] > picture[0, 0, 2] > 0
+    assert np.abs(grain(np.zeros((3, 3)), (1.0,), 1)).max() < 3.0

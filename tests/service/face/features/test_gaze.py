@@ -1,0 +1,207 @@
+"""The iris between the lids, the direction it means, and the eyes that are turned to it."""
+
+from __future__ import annotations
+
+import io
+
+import cv2
+import numpy as np
+import pytest
+
+from service.face.features.eyes import RIMS, Gaze, find_gaze, with_gaze
+from service.face.features.iris import HALF, RADIUS_PX, Iris, _merit, search
+from service.geometry.camera import Camera, exp_rotation
+from service.head.eyeball import SIDES, eyeball
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.jobs.avatar_process import kinds
+from service.jobs.stage_files import pack, unpack
+
+TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
+
+AHEAD = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+def find_iris(image: np.ndarray, rim: np.ndarray, radius: float) -> Iris | None:
+    """The iris of one eye by itself."""
+    found = search(image, rim, radius)
+    return None if found is None else found.best()
+
+
+def almond(middle: np.ndarray, radius: float) -> np.ndarray:
+    """(16, 2) rim of an open eye: 28 mm by 11 mm where the iris has 11.7."""
+    return np.asarray(middle + radius * np.stack([2.4 * np.cos(TURN), 0.95 * np.sin(TURN)], 1))
+
+
+def draw(image: np.ndarray, rim: np.ndarray, centre: np.ndarray, radius: float, iris: tuple[int, int, int]) -> None:
+    """Sclera, iris, pupil and a mirrored lamp, all cut off by the lids."""
+    eye = np.full_like(image, (205, 196, 190))
+    for size, colour in ((1.0, iris), (0.35, (10, 8, 8))):
+        at = tuple(np.rint((centre - 0.5) * 16).astype(int).tolist())
+        cv2.circle(eye, at, round(size * radius * 16), colour, -1, cv2.LINE_AA, 4)
+    if radius > 5:
+        lamp = tuple(np.rint(centre + 0.2 * radius).astype(int).tolist())
+        cv2.circle(eye, lamp, round(0.15 * radius), (255, 255, 255), -1)
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    image[mask > 0] = eye[mask > 0]
+
+
+@pytest.mark.parametrize("radius", [3.0, 9.0, 40.0])
+@pytest.mark.parametrize("iris", [(70, 45, 30), (95, 125, 160)])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.8, 0.1), (-1.1, -0.2)])
+def test_iris_is_found_where_it_is(radius: float, iris: tuple[int, int, int], offset: tuple[float, float]) -> None:
+    """Small and large, brown and blue: half a pixel wrong in the patch's matrix would show at radius 3."""
+    image = np.full((400, 600, 3), (190, 140, 120), np.uint8)
+    middle = np.array([301.3, 198.6])
+    rim = almond(middle, radius)
+    centre = middle + radius * np.array(offset)
+    draw(image, rim, centre, radius, iris)
+    found = find_iris(image, rim, radius)
+    assert found is not None
+    assert np.abs(found.centre - centre)[0] < 0.12 * radius + 0.15
+    assert np.abs(found.centre - centre)[1] < 0.2 * radius + 0.15
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+@pytest.mark.parametrize(("upper", "lower", "height"), [(0.85, 0.9, 0.9), (0.4, 0.9, 0.74), (0.4, 0.6, 0.62)])
+def test_without_contrast_an_iris_lies_where_lids_leave_it(
+    upper: float, lower: float, height: float, tilt: float
+) -> None:
+    """Nine tenths of a radius above the lower lid, less where that has come up; not in the middle of the opening."""
+    rim = RADIUS_PX * np.stack([2.4 * np.cos(TURN), np.where(np.sin(TURN) > 0, lower, upper) * np.sin(TURN)], 1)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    n = 2 * HALF + 1
+    merit = _merit(np.zeros((n, n), np.float32), np.ones((n, n), bool), rim @ turn.T)
+    row, column = np.unravel_index(int(merit.argmax()), merit.shape)
+    x, y = turn.T @ (np.array([column, row]) - HALF) / RADIUS_PX
+    assert x == pytest.approx(0.0, abs=0.1)
+    assert lower - y == pytest.approx(height, abs=0.08)
+
+
+def test_nothing_is_found_where_there_is_nothing() -> None:
+    """Blank skin has no range of values to divide by; the others have no pixels to read."""
+    blank = np.full((100, 100, 3), 140, np.uint8)
+    rim = almond(np.array([50.0, 50.0]), 8.0)
+    assert find_iris(blank, rim, 8.0) is None
+    noisy = np.random.default_rng(0).normal(140, 6, blank.shape).clip(0, 255).astype(np.uint8)
+    assert find_iris(noisy, rim, 8.0) is None
+    drawn = blank.copy()
+    draw(drawn, rim, np.array([50.0, 50.0]), 8.0, (60, 40, 30))
+    for bad in (rim + 60, rim - 60, rim + 1e9, np.full_like(rim, np.nan)):
+        assert find_iris(drawn, bad, 8.0) is None
+    for radius in (0.0, -1.0, 1.0, np.nan):
+        assert find_iris(drawn, rim, radius) is None
+    closed = rim * [1, 0.0] + [0, 50]
+    assert find_iris(drawn, closed, 8.0) is None
+
+
+def scene(
+    head: HeadModel, gaze: Gaze, yaw: float, hide: tuple[str, ...] = (), roll: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, Camera]:
+    """Photo, landmarks and camera of a head that looks somewhere; hidden eyes are skin."""
+    tilt = exp_rotation(np.radians([0.0, 0.0, roll]))
+    rotation = tilt @ np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.radians([0.0, yaw, 0.0]))
+    camera = Camera(800, 600, 1500.0, np.array([400.0, 300.0]), rotation, np.array([0.0, 0.0, 1.0]))
+    image = np.full((600, 800, 3), (190, 140, 120), np.uint8)
+    landmarks = np.full((468, 3), 300.0)
+    turned = np.radians([gaze.yaw_deg, gaze.pitch_deg])
+    ray = np.array([np.sin(turned[0]) * np.cos(turned[1]), np.sin(turned[1]), np.cos(turned[0]) * np.cos(turned[1])])
+    for side in SIDES:
+        ball = eyeball(head, head.mean, side)
+        assert ball is not None
+        ahead, pole = camera.project(np.stack([ball.centre + ball.radius * AHEAD, ball.centre + ball.radius * ray]))
+        rim = (almond(ahead, 8.8) - ahead) @ tilt[:2, :2].T + ahead
+        landmarks[list(RIMS[side]), :2] = rim
+        if side not in hide:
+            draw(image, rim, pole, 8.8, (70, 50, 35))
+    return image, landmarks, camera
+
+
+@pytest.mark.parametrize("yaw", [0.0, 25.0])
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (15.0, 4.0), (-12.0, -8.0)])
+def test_gaze_comes_back(head: HeadModel, yaw: float, angles: tuple[float, float]) -> None:
+    image, landmarks, camera = scene(head, Gaze(*angles), yaw)
+    found = find_gaze(image, landmarks, head, head.mean, camera)
+    assert found is not None and len(found.irises) == 2
+    assert abs(found.yaw_deg - angles[0]) < 3
+    assert abs(found.pitch_deg - angles[1]) < 5
+
+
+@pytest.mark.parametrize("roll", [-50.0, 35.0])
+def test_a_tilted_head_looks_where_it_looks(head: HeadModel, roll: float) -> None:
+    """Lids hide the iris above and below on the head, not in the photo."""
+    image, landmarks, camera = scene(head, Gaze(14.0, -4.0), 0.0, roll=roll)
+    found = find_gaze(image, landmarks, head, head.mean, camera)
+    assert found is not None and len(found.irises) == 2
+    assert abs(found.yaw_deg - 14.0) < 3
+    assert abs(found.pitch_deg + 4.0) < 5
+
+
+def test_one_eye_tells_the_iris_of_the_other_from_shade(head: HeadModel) -> None:
+    """A dark corner of one eye has more contrast than its own pale iris; alone it would be taken for it."""
+    image, landmarks, camera = scene(head, Gaze(-6.0, 0.0), 0.0)
+    rim = landmarks[list(RIMS["left"]), :2]
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    pale = np.rint(150 + 0.6 * (image.astype(np.float64) - 150)).astype(np.uint8)
+    image[mask > 0] = pale[mask > 0]
+    corner = (int(rim[:, 0].max()) - 8, int(rim[:, 1].mean()))
+    shade = np.zeros_like(mask)
+    cv2.circle(shade, corner, 9, 1, -1)
+    image[(mask > 0) & (shade > 0)] = (25, 20, 18)
+    alone = find_iris(image, rim, 8.8)
+    assert alone is not None and np.linalg.norm(alone.centre - corner) < 6
+    found = find_gaze(image, landmarks, head, head.mean, camera)
+    assert found is not None
+    assert abs(found.yaw_deg + 6) < 5
+    assert all(np.linalg.norm(iris.centre - corner) > 8 for iris in found.irises)
+
+
+def test_one_eye_is_enough_and_none_is_said(head: HeadModel) -> None:
+    image, landmarks, camera = scene(head, Gaze(10.0, 0.0), 0.0, hide=("right",))
+    one = find_gaze(image, landmarks, head, head.mean, camera)
+    assert one is not None and len(one.irises) == 1 and abs(one.yaw_deg - 10) < 3
+    image, landmarks, camera = scene(head, Gaze(10.0, 0.0), 0.0, hide=SIDES)
+    assert find_gaze(image, landmarks, head, head.mean, camera) == Gaze(0.0, 0.0)
+    landmarks[:] = np.nan
+    assert find_gaze(image, landmarks, head, head.mean, camera) == Gaze(0.0, 0.0)
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (12.0, 5.0), (-15.0, -10.0)])
+def test_eyes_are_turned_and_lids_stay(head: HeadModel, angles: tuple[float, float]) -> None:
+    """The units of the gaze pull the lids along; the photo has already said where those are."""
+    before = np.zeros(len(head.expression_names))
+    for name, value in (("eyeBlinkLeft", 0.3), ("eyeBlinkRight", 0.3), ("eyeLookUpLeft", 0.2), ("jawOpen", 0.4)):
+        before[head.expression_names.index(name)] = value
+    after = with_gaze(head, head.mean, before, Gaze(*angles))
+    assert ((after >= 0) & (after <= 1)).all()
+    assert after[head.expression_names.index("jawOpen")] == before[head.expression_names.index("jawOpen")]
+    was, now = head.shape(np.zeros(0), before), head.shape(np.zeros(0), after)
+    for side in SIDES:
+        own = np.unique(head.triangles[head.triangle_part == head.part_names.index(f"eye_{side}")])
+        pole = own[np.argmax(head.mean[own, 2])]
+        ball = eyeball(head, head.mean, side)
+        assert ball is not None
+        x, y, z = now[pole] - ball.centre
+        assert abs(np.degrees(np.arctan2(x, z)) - angles[0]) < 2.5
+        assert abs(np.degrees(np.arctan2(y, np.hypot(x, z))) - angles[1]) < 2.5
+        lids = head.region(f"eyelid_{side}") > 0.5
+        assert np.sqrt(((was - now)[lids] ** 2).sum(1).mean()) < 1e-3
+
+
+def test_a_gaze_survives_a_killed_server(head: HeadModel) -> None:
+    """Kept stages are packed by a list of known dataclasses; one that is not on it could not go on."""
+    image, landmarks, camera = scene(head, Gaze(5.0, 0.0), 0.0)
+    gaze = find_gaze(image, landmarks, head, head.mean, camera)
+    kept = io.BytesIO()
+    pack(gaze, kinds(), kept)
+    kept.seek(0)
+    again: Gaze = unpack(kept, kinds())
+    assert gaze is not None and len(again.irises) == 2
+    assert np.array_equal(again.irises[0].rim, gaze.irises[0].rim) and again.yaw_deg == gaze.yaw_deg

@@ -1,0 +1,106 @@
+"""Upper teeth end where the photo shows their edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from service.face.features.teeth import MOST_DROP_M, ROW, teeth_drop
+from service.geometry.camera import Camera
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.head.regions import part_vertices
+
+FOCAL = 2400.0
+VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
+SKIN, TOOTH, LIP, DARK = (200, 150, 130), (225, 215, 200), (150, 80, 80), (30, 15, 15)
+FLESH = np.array(SKIN, np.float32) / np.float32(255)
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+def edge_px(head: HeadModel) -> float:
+    """Pixel row of the biting edge of the head's upper incisors."""
+    teeth = head.mean[part_vertices(head, ROW)]
+    return float(VIEW.project(teeth[np.abs(teeth[:, 0]) < 0.01])[:, 1].max())
+
+
+def rim(top: float, bottom: float) -> np.ndarray:
+    """(20, 2) of an opening with straight edges: right corner, upper lip, left corner, lower lip back."""
+    x = np.linspace(430, 570, 11)
+    upper, lower = (np.full(9, y) for y in (top, bottom))
+    corners = [[x[0], (top + bottom) / 2], [x[-1], (top + bottom) / 2]]
+    back = np.stack([x[1:-1][::-1], lower], 1)
+    return np.concatenate([corners[:1], np.stack([x[1:-1], upper], 1), corners[1:], back])
+
+
+def mouth(top: float, bottom: float, *rows: tuple[float, float]) -> np.ndarray:
+    """(1000, 1000, 3) uint8: a dark opening with rows of teeth between pixel rows."""
+    photo = np.full((1000, 1000, 3), SKIN, np.uint8)
+    cv2.rectangle(photo, (425, int(top) - 12), (575, int(bottom) + 12), LIP, -1)
+    cv2.rectangle(photo, (430, int(top)), (570, int(bottom)), DARK, -1)
+    for begin, end in rows:
+        cv2.rectangle(photo, (430, int(begin)), (570, int(end)), TOOTH, -1)
+    return photo
+
+
+@pytest.mark.parametrize("lower_mm", [0.0, 1.0, 3.0])
+def test_the_row_goes_down_to_where_teeth_end(head: HeadModel, lower_mm: float) -> None:
+    """A black band between teeth and lower lip is no smile."""
+    edge = edge_px(head)
+    top, bottom = edge - 14, edge + 22
+    photo = mouth(top, bottom, (top, edge + lower_mm * FOCAL / 1e3))
+    drop = teeth_drop(photo, head.mean[part_vertices(head, ROW)], VIEW, rim(top, bottom), FLESH)
+    assert drop * 1e3 == pytest.approx(lower_mm, abs=0.4)
+
+
+def test_the_lower_row_is_not_taken_for_the_upper_ones_end(head: HeadModel) -> None:
+    edge = edge_px(head)
+    top, bottom = edge - 14, edge + 40
+    photo = mouth(top, bottom, (top, edge + 2), (edge + 10, bottom))
+    teeth = head.mean[part_vertices(head, ROW)]
+    assert teeth_drop(photo, teeth, VIEW, rim(top, bottom), FLESH) * 1e3 < 1.3
+    touching = mouth(top, bottom, (top, bottom))
+    assert teeth_drop(touching, teeth, VIEW, rim(top, bottom), FLESH) == 0.0, "two rows in one"
+
+
+def test_it_never_goes_up_and_not_through_the_lip(head: HeadModel) -> None:
+    """Teeth that the photo cuts off are hidden by a lip or dark, not short."""
+    edge, teeth = edge_px(head), head.mean[part_vertices(head, ROW)]
+    short = mouth(edge - 20, edge + 10, (edge - 20, edge - 8))
+    assert teeth_drop(short, teeth, VIEW, rim(edge - 20, edge + 10), FLESH) == 0.0
+    long = mouth(edge - 6, edge + 30, (edge - 6, edge + 18))
+    assert teeth_drop(long, teeth, VIEW, rim(edge - 6, edge + 30), FLESH) == pytest.approx(MOST_DROP_M)
+
+
+@pytest.mark.parametrize(
+    "case", ["no teeth", "closed", "nan", "far outside", "from behind", "side view", "black photo"]
+)
+def test_what_cannot_be_read_changes_nothing(head: HeadModel, case: str) -> None:
+    """Lengths of nothing, points behind the camera, colours without light."""
+    edge, teeth, camera, skin = edge_px(head), head.mean[part_vertices(head, ROW)], VIEW, FLESH
+    points, photo = rim(edge - 14, edge + 22), mouth(edge - 14, edge + 22, (edge - 14, edge + 8))
+    if case == "no teeth":
+        toothless = replace(head, part_names=tuple(f"other_{k}" for k, _ in enumerate(head.part_names)))
+        teeth = head.mean[part_vertices(toothless, ROW)]
+        assert not len(teeth)
+    elif case == "closed":
+        points = rim(edge, edge)
+    elif case == "nan":
+        points = np.full((20, 2), np.nan)
+    elif case == "far outside":
+        points = points + 1e7
+    elif case == "from behind":
+        camera = replace(VIEW, rotation=np.diag([-1.0, -1.0, 1.0]))
+    elif case == "side view":
+        camera = replace(VIEW, rotation=np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]))
+    else:
+        photo, skin = np.zeros_like(photo), np.zeros(3, np.float32)
+    with np.errstate(all="raise", under="ignore"):
+        assert teeth_drop(photo, teeth, camera, points, skin) == 0.0

@@ -1,0 +1,136 @@
+"""Lids are brought to the rims of the photo's eyes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.face.features.eyes import LASH_ROOTS, RIMS, lids_on_rims
+from service.geometry.camera import Camera, exp_rotation
+from service.head.eyeball import SIDES
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.head.regions import ROWS, lid_edges
+from tests.toyhead import sphere_head
+
+FOCAL = 2400.0
+UPPER, LOWER = slice(9, 16), slice(1, 8)
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+def camera(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Camera:
+    y, p, r = np.radians([yaw_deg, pitch_deg, roll_deg])
+    rotation = np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.array([p, y, r]))
+    return Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), rotation, np.array([0.0, 0.0, 1.0]))
+
+
+def units(head: HeadModel, **values: float) -> np.ndarray:
+    out = np.zeros(len(head.expression))
+    for name, value in values.items():
+        for side in SIDES:
+            out[head.expression_names.index(f"{name}{side.capitalize()}")] = value
+    return out
+
+
+def opening(head: HeadModel, vertices: np.ndarray, view: Camera, side: str, place: np.ndarray) -> np.ndarray:
+    """(2, n) pixel rows of upper and lower edge at pixel columns, of an upright head seen from the front."""
+    edges = lid_edges(head, side)
+    assert edges is not None
+    found = []
+    for lid, lowest in ((edges.upper, True), (edges.lower, False)):
+        rows = []
+        for own in lid:
+            pixel = view.project(vertices[own])
+            order = np.argsort(pixel[:, 0])
+            rows.append(np.interp(place, pixel[order, 0], pixel[order, 1]))
+        found.append(np.max(rows, 0) if lowest else np.min(rows, 0))
+    return np.stack(found)
+
+
+def shown(head: HeadModel, vertices: np.ndarray, view: Camera) -> np.ndarray:
+    """(468, 2) landmarks of which the eyes' rims are true, read off the mesh, and the others somewhere."""
+    landmarks = np.full((468, 2), 500.0)
+    for side in SIDES:
+        edges = lid_edges(head, side)
+        assert edges is not None
+        pixel = view.project(vertices[np.concatenate([*edges.upper, *edges.lower])])
+        corners = pixel[[pixel[:, 0].argmax(), pixel[:, 0].argmin()]]
+        outer, inner = corners if side == "left" else corners[::-1]
+        place = outer[0] + (inner[0] - outer[0]) * np.linspace(0, 1, 9)[1:-1]
+        upper, lower = opening(head, vertices, view, side, place)
+        rim = np.zeros((16, 2))
+        rim[0], rim[8] = outer, inner
+        rim[LOWER] = np.stack([place, lower], 1)
+        rim[UPPER] = np.stack([place, upper - LASH_ROOTS * np.linalg.norm(inner - outer)], 1)[::-1]
+        landmarks[list(RIMS[side])] = rim
+    return landmarks
+
+
+@pytest.mark.parametrize("truth", [{}, {"eyeWide": 0.9}, {"eyeBlink": 0.35}, {"eyeSquint": 0.7}, {"eyeBlink": 0.9}])
+@pytest.mark.parametrize("start", [{}, {"eyeBlink": 0.3, "eyeWide": 0.1}])
+def test_lids_end_where_the_rim_is(head: HeadModel, truth: dict[str, float], start: dict[str, float]) -> None:
+    """Whatever the landmark fit had made of them. A wrong sign or a row behind the lid leaves millimetres."""
+    view, true = camera(), units(head, **truth)
+    found = lids_on_rims(head, head.mean, units(head, **start), view, shown(head, head.shape(np.zeros(0), true), view))
+    assert (found >= 0).all() and (found <= 1).all()
+    for side in SIDES:
+        middle = view.project(head.mean[head.region(f"eyelid_{side}") > 0.5])[:, 0].mean()
+        place = middle + np.linspace(-14, 14, 9)
+        theirs, ours = (opening(head, head.shape(np.zeros(0), e), view, side, place) for e in (true, found))
+        assert np.abs(theirs - ours).mean() / FOCAL < 0.0006
+
+
+def test_both_sides_and_all_views_agree(head: HeadModel) -> None:
+    """The rim is read in a frame of its own, so that turned and tilted heads open their eyes as wide."""
+    true = units(head, eyeWide=0.8)
+    wide = [head.expression_names.index(f"eyeWide{side}") for side in ("Left", "Right")]
+    upright = camera()
+    rim = shown(head, head.shape(np.zeros(0), true), upright)
+    for view in (upright, camera(roll_deg=30), camera(yaw_deg=20), camera(pitch_deg=12)):
+        found = lids_on_rims(head, head.mean, np.zeros(len(true)), view, _seen_from(head, rim, upright, view))
+        assert found[wide] == pytest.approx([0.8, 0.8], abs=0.3)
+
+
+def _seen_from(head: HeadModel, rim: np.ndarray, upright: Camera, view: Camera) -> np.ndarray:
+    """Landmarks of one view in another, as if each lay as deep as its eye's lids."""
+    out = rim.copy()
+    for side in SIDES:
+        own = list(RIMS[side])
+        depth = upright.to_camera(head.mean[head.region(f"eyelid_{side}") > 0.9])[:, 2].mean()
+        ray = np.c_[(rim[own] - upright.principal_point) / upright.focal_px, np.ones(len(own))] * depth
+        in_head = (ray - upright.translation) @ upright.rotation
+        out[own] = view.project(in_head)
+    return out
+
+
+def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
+    """A division by the length of a rim that is a point, logarithms of nothing, and heads seen from behind."""
+    before = units(head, eyeBlink=0.2)
+    good = shown(head, head.mean, camera())
+    point, missing = good.copy(), good.copy()
+    point[:] = 500.0
+    missing[:] = np.nan
+    for landmarks, view in ((point, camera()), (missing, camera()), (good, camera(yaw_deg=80)), (good, camera(180))):
+        assert np.array_equal(lids_on_rims(head, head.mean, before, view, landmarks), before)
+    wild = good.copy()
+    wild[:, 1] *= 1e6
+    found = lids_on_rims(head, head.mean, before, camera(), wild)
+    assert np.isfinite(found).all() and (found >= 0).all() and (found <= 1).all()
+    toy = sphere_head(24, 48)
+    none = np.zeros(len(toy.expression))
+    assert np.array_equal(lids_on_rims(toy, toy.mean, none, camera(), good), none)
+    assert lid_edges(toy, "left") is None
+
+
+def test_rows_of_a_lid_go_outwards_and_do_not_meet(head: HeadModel) -> None:
+    edges = lid_edges(head, "left")
+    assert edges is not None and len(edges.upper) == len(edges.lower) == ROWS
+    rows = [*edges.upper, *edges.lower]
+    assert len(np.unique(np.concatenate(rows))) == sum(map(len, rows))
+    # Over the thickness of the lid forwards, then up on its front.
+    depth = [head.mean[row, 2].mean() for row in edges.upper]
+    assert np.all(np.diff(depth[:4]) > 0)

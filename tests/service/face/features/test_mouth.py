@@ -1,0 +1,121 @@
+"""Lips are brought to the rim of the photo's mouth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.face.features.mouth import UNITS, lips_on_rim
+from service.geometry.camera import Camera
+from service.head.files import load_head
+from service.head.model import HeadModel
+from service.head.regions import lip_edges
+from tests.toyhead import sphere_head
+
+FOCAL = 2400.0
+VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
+PLACES = np.linspace(-0.017, 0.017, 9) * FOCAL + 500.0
+UPPER, LOWER = slice(1, 10), slice(11, 20)
+
+
+@pytest.fixture(scope="module")
+def head() -> HeadModel:
+    return load_head()
+
+
+def units(head: HeadModel, **values: float) -> np.ndarray:
+    out = np.zeros(len(head.expression))
+    for name, value in values.items():
+        for unit in {name, f"{name}Left", f"{name}Right"} & set(head.expression_names):
+            out[head.expression_names.index(unit)] = value
+    return out
+
+
+def opening(head: HeadModel, expression: np.ndarray) -> np.ndarray:
+    """(2, 9) pixel rows of the upper and the lower lip's edge at ``PLACES``, seen from the front."""
+    edges = lip_edges(head)
+    assert edges is not None
+    vertices, found = head.shape(np.zeros(0), expression), []
+    for lip, bound in ((edges.upper, np.max), (edges.lower, np.min)):
+        rows = [VIEW.project(vertices[own]) for own in lip]
+        found.append(bound([np.interp(PLACES, *row[np.argsort(row[:, 0])].T) for row in rows], 0))
+    return np.stack(found)
+
+
+def rim(head: HeadModel, expression: np.ndarray, apart_px: float = 0.0) -> np.ndarray:
+    """(20, 2) of the landmark network, whose lips are a little apart when they are closed."""
+    upper, lower = opening(head, expression)
+    points = np.zeros((20, 2))
+    points[0], points[10] = (PLACES[0] - 12, (upper[0] + lower[0]) / 2), (PLACES[-1] + 12, (upper[-1] + lower[-1]) / 2)
+    points[UPPER] = np.stack([PLACES, upper - apart_px / 2], 1)
+    points[LOWER] = np.stack([PLACES, np.maximum(lower, upper) + apart_px / 2], 1)[::-1]
+    return points
+
+
+def gap_mm(head: HeadModel, expression: np.ndarray) -> float:
+    upper, lower = opening(head, expression)
+    return float((lower - upper)[2:-2].mean()) * 1e3 / FOCAL
+
+
+@pytest.mark.parametrize("apart_mm", [2.5, 3.5])
+@pytest.mark.parametrize(
+    "wrong", [{"mouthUpperUp": 0.25}, {"mouthLowerDown": 0.3}, {"mouthUpperUp": 0.3, "mouthSmile": 0.3}]
+)
+def test_a_closed_mouth_is_closed(head: HeadModel, wrong: dict[str, float], apart_mm: float) -> None:
+    """A millimetre of teeth shows between lips that the photo shows closed, however far apart the network has them."""
+    before = units(head, **wrong)
+    assert gap_mm(head, before) > 0.5
+    after = lips_on_rim(head, head.mean, before, VIEW, rim(head, np.zeros(len(before)), apart_mm), teeth_seen=False)
+    assert gap_mm(head, after) < 0.35
+    others = [k for k, name in enumerate(head.expression_names) if name not in UNITS]
+    assert np.array_equal(after[others], before[others])
+    assert (after >= 0).all() and (after <= 1).all()
+
+
+def test_an_open_mouth_stays_open_and_is_brought_to_its_height(head: HeadModel) -> None:
+    """Whether teeth are seen in it or not, if it is wide; closed by mistake it would swallow them."""
+    true = units(head, jawOpen=0.25, mouthUpperUp=0.4)
+    start = units(head, jawOpen=0.25)
+    for teeth in (True, False):
+        after = lips_on_rim(head, head.mean, start, VIEW, rim(head, true, 2.0), teeth_seen=teeth)
+        assert gap_mm(head, after) == pytest.approx(gap_mm(head, true), abs=1.0)
+        assert abs(gap_mm(head, after) - gap_mm(head, true)) < 0.6 * abs(gap_mm(head, start) - gap_mm(head, true))
+
+
+def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
+    """A mouth without a width, landmarks that are not numbers, a head without lips or seen from behind."""
+    before = units(head, mouthUpperUp=0.3)
+    good = rim(head, before)
+    behind = Camera(1000, 1000, FOCAL, VIEW.principal_point, np.diag([1.0, 1.0, 1.0]), VIEW.translation)
+    for points, view in ((np.full((20, 2), 500.0), VIEW), (np.full((20, 2), np.nan), VIEW), (good, behind)):
+        assert np.array_equal(lips_on_rim(head, head.mean, before, view, points, teeth_seen=False), before)
+    toy = sphere_head(24, 48)
+    none = np.zeros(len(toy.expression))
+    assert np.array_equal(lips_on_rim(toy, toy.mean, none, VIEW, good, teeth_seen=True), none)
+    assert lip_edges(toy) is None
+    wild = lips_on_rim(head, head.mean, before, VIEW, good * [[1.0, 1e6]], teeth_seen=True)
+    assert np.isfinite(wild).all() and (wild >= 0).all() and (wild <= 1).all()
+
+
+@pytest.mark.parametrize("jaw", [0.0, 0.3])
+def test_a_shut_mouth_seals(head: HeadModel, jaw: float) -> None:
+    """Units that press or roll the lips cannot seal them: a line of teeth was left between shut lips."""
+    before = units(head, mouthUpperUp=0.2, mouthLowerDown=0.2, jawOpen=jaw)
+    shut = rim(head, units(head))
+    found = lips_on_rim(head, head.mean, before, VIEW, shut, teeth_seen=True, exact=True)
+    upper, lower = opening(head, found)
+    assert (lower - upper).max() < 0.2e-3 * FOCAL
+
+
+@pytest.mark.parametrize("jaw", [0.5, 0.8])
+def test_the_jaw_opens_a_mouth_whose_edges_were_read(head: HeadModel, jaw: float) -> None:
+    """Lips alone open a mouth by some millimetres; a fit whose jaw lags behind left shouts half shut."""
+    true = units(head, jawOpen=jaw)
+    start = units(head, jawOpen=0.4 * jaw)
+    wide = gap_mm(head, true)
+    exact, loose = (
+        gap_mm(head, lips_on_rim(head, head.mean, start, VIEW, rim(head, true), teeth_seen=True, exact=given))
+        for given in (True, False)
+    )
+    assert exact == pytest.approx(wide, abs=1.5)
+    assert loose < wide - 2.5

@@ -1,0 +1,146 @@
+"""The light that the whites of the eyes show."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from service.colour import linear_to_srgb, to_bytes
+from service.face.features.eye_colours import SCLERA
+from service.face.features.eyes import Gaze
+from service.face.features.iris import Iris
+from service.face.features.white_reference import (
+    BEST_LIT,
+    BETWEEN_LIDS,
+    BRIGHTEST_TOLD,
+    FAIREST,
+    MOST_RAISED,
+    sclera_light,
+)
+
+SKIN = np.array([0.12, 0.055, 0.035])
+MEAN = BETWEEN_LIDS / BEST_LIT
+"""Light on the whole of the white over that on its best lit part, which is what is seen here."""
+TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
+
+
+def photo_of(light: np.ndarray, radius: float, *, iris_at: float = 0.0, glint: bool = False) -> tuple[np.ndarray, Gaze]:
+    """A face of dark skin with one open eye, whose white lies in a light of linear RGB."""
+    middle = np.array([160.4, 119.7])
+    rim = middle + radius * np.stack([2.4 * np.cos(TURN), 0.95 * np.sin(TURN)], 1)
+    image, eye = (np.empty((240, 320, 3), np.uint8) for _ in range(2))
+    image[:] = to_bytes(linear_to_srgb(SKIN * light))
+    eye[:] = to_bytes(linear_to_srgb(SCLERA * light))
+    centre = middle + np.array([iris_at * radius, 0.0])
+    at = tuple(np.rint((centre - 0.5) * 16).astype(int).tolist())
+    cv2.circle(eye, at, round(radius * 16), (52, 34, 26), -1, cv2.LINE_AA, 4)
+    if glint:
+        cv2.circle(
+            eye, tuple(np.rint(middle + np.array([1.6 * radius, 0.0])).astype(int).tolist()), 2, (255, 255, 255), -1
+        )
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint((rim - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    image[mask > 0] = eye[mask > 0]
+    return cv2.GaussianBlur(image, (0, 0), 0.6), Gaze(0.0, 0.0, (Iris(centre, radius, rim, 0.8),))
+
+
+@pytest.mark.parametrize("light", [(0.9, 0.8, 0.7), (0.05, 0.06, 0.09), (0.4, 0.3, 0.1)])
+@pytest.mark.parametrize("radius", [6.0, 20.0])
+@pytest.mark.parametrize("iris_at", [0.0, 0.8])
+def test_light_of_the_white_is_measured(light: tuple[float, ...], radius: float, iris_at: float) -> None:
+    """Bright, dim and coloured; were iris, lashes or lids counted, dim would be what is only dark."""
+    pixels, gaze = photo_of(np.array(light), radius, iris_at=iris_at)
+    found = sclera_light(pixels, gaze.irises[0])
+    assert found is not None
+    assert np.abs(np.log(found / (np.array(light) * MEAN))).max() < 0.15
+
+
+def test_a_glint_does_not_count() -> None:
+    """It is the lamp's reflection, not the white."""
+    pixels, gaze = photo_of(np.array([0.3, 0.3, 0.3]), 12.0, glint=True)
+    found = sclera_light(pixels, gaze.irises[0])
+    assert found is not None and np.abs(np.log(found / (0.3 * MEAN))).max() < 0.15
+
+
+@pytest.mark.parametrize("shaded", [0.25, 0.45])
+def test_an_overexposed_white_tells_the_least_that_does_that(shaded: float) -> None:
+    """A photo metered on dark skin: by what is not overexposed, the part in the lids' shade, light would be dim."""
+    light = np.array([4.0, 3.6, 3.0])
+    pixels, gaze = photo_of(light, 14.0)
+    shade, _ = photo_of(0.2 * light, 14.0)
+    rim = gaze.irises[0].rim
+    upper = int(rim[:, 1].min() + shaded * np.ptp(rim[:, 1]))
+    pixels[:upper] = shade[:upper]
+    found = sclera_light(pixels, gaze.irises[0])
+    assert found is not None and found.mean() == pytest.approx(BRIGHTEST_TOLD, rel=0.02)
+    assert np.abs(np.log(found / light) - np.log(found / light).mean()).max() < 0.1, "in the hue of what is not"
+
+
+def test_skin_is_not_taken_for_the_white() -> None:
+    """Lids that are nearly closed, with the rim found too wide: fair skin would be made of dark."""
+    light = np.array([0.9, 0.5, 0.2])
+    pixels, gaze = photo_of(light, 12.0)
+    pixels[:] = to_bytes(linear_to_srgb(SKIN * light))
+    assert sclera_light(pixels, gaze.irises[0]) is None
+
+
+def test_nothing_seen_is_none() -> None:
+    """An eye of few pixels, a black and an overexposed photo, an eye beyond the border."""
+    pixels, gaze = photo_of(np.array([0.5, 0.5, 0.5]), 12.0)
+    small, tiny = photo_of(np.array([0.5, 0.5, 0.5]), 1.5)
+    assert sclera_light(small, tiny.irises[0]) is None
+    for value in (0, 255):
+        assert sclera_light(np.full_like(pixels, value), gaze.irises[0]) is None
+    iris = gaze.irises[0]
+    away = Iris(iris.centre + 900.0, iris.radius, iris.rim + 900.0, iris.contrast)
+    assert sclera_light(pixels, away) is None
+
+
+@pytest.mark.parametrize("skin", [[0.12, 0.055, 0.035], [0.62, 0.45, 0.36]])
+def test_a_white_in_deep_shade_counts_as_brighter(skin: list[float]) -> None:
+    """Lashes and the lid's shadow over the white: the skin below would come out paler than skin can be."""
+    light = np.array([0.6, 0.5, 0.4])
+    deep = BEST_LIT * max(skin) / FAIREST
+    for share in (0.67, deep / 1.3, deep / (1.3 * MOST_RAISED)):
+        pixels, gaze = photo_of(light * share, 14.0)
+        rim = gaze.irises[0].rim
+        below = np.zeros(pixels.shape[:2], np.uint8)
+        cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
+        pixels[below > 0] = to_bytes(linear_to_srgb(np.array(skin) * light))
+        found = sclera_light(pixels, gaze.irises[0])
+        if share == 0.67:
+            assert found is not None and np.abs(np.log(found / (light * share * MEAN))).max() < 0.15
+        elif share == deep / 1.3:
+            assert found is not None
+            implied = np.array(skin) * light / (found / BETWEEN_LIDS)
+            assert 0.97 * FAIREST < implied.max() < 1.03 * FAIREST and (found > 1.1 * light * share * MEAN).all()
+        else:
+            assert found is None, "lashes and shadow, not a white"
+
+
+def test_lashes_and_lids_within_the_rim_do_not_count() -> None:
+    """Rims are found to some pixels: with half of what lies inside them dark or red, the white is what is left."""
+    light = np.array([0.6, 0.5, 0.4])
+    pixels, gaze = photo_of(light, 14.0)
+    rim = gaze.irises[0].rim
+    top, bottom = rim[:, 1].min(), rim[:, 1].max()
+    pixels[int(top) - 2 : int(top + 0.35 * (bottom - top))] = (30, 18, 14)
+    pixels[int(bottom - 0.2 * (bottom - top)) : int(bottom) + 3] = to_bytes(linear_to_srgb(SKIN * light))
+    found = sclera_light(pixels, gaze.irises[0])
+    assert found is not None and np.abs(np.log(found / (light * MEAN))).max() < 0.2
+
+
+@pytest.mark.parametrize(("lit", "seen"), [(1.0, True), (1.9, False)])
+def test_a_white_in_other_light_than_the_skin_below(lit: float, seen: bool) -> None:
+    """Warm light on the eye, cooler light below: hardly less red than the skin, but brighter, is white nevertheless."""
+    warm, fair_in_cool = np.array([0.75, 0.55, 0.45]), np.array([0.40, 0.215, 0.179])
+    pixels, gaze = photo_of(warm, 14.0)
+    rim = gaze.irises[0].rim
+    below = np.zeros(pixels.shape[:2], np.uint8)
+    cv2.fillPoly(below, [np.rint(rim + np.array([0, 1.2 * np.ptp(rim[:, 1])])).astype(np.int32)], 1)
+    pixels[below > 0] = to_bytes(linear_to_srgb(fair_in_cool * lit))
+    found = sclera_light(pixels, gaze.irises[0])
+    assert (found is not None) == seen
+    if found is not None:
+        assert np.abs(np.log(found / (warm * MEAN))).max() < 0.15

@@ -1,0 +1,64 @@
+"""The light that teeth show, and what is no tooth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.colour import linear_to_srgb, to_bytes
+from service.face.features.teeth import TOOTH, measure_teeth, teeth_light
+
+RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
+SKINS = {"dark": [0.12, 0.055, 0.035], "brown": [0.30, 0.17, 0.11], "light": [0.55, 0.36, 0.27]}
+LIGHTS = [(0.9, 0.85, 0.8), (0.3, 0.2, 0.1), (0.25, 0.3, 0.45)]
+
+
+def mouth(inside: np.ndarray, light: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lips in a light with something between them, and the colour of the skin in that light."""
+
+    def shown(albedo: np.ndarray) -> np.ndarray:
+        return to_bytes(linear_to_srgb(albedo * light))
+
+    image = np.empty((64, 128, 3), np.uint8)
+    image[:] = shown(skin * [1.0, 0.55, 0.6])
+    image[22:38, 30:90] = shown(inside)
+    return image, shown(skin) / 255
+
+
+def light_between(pixels: np.ndarray, rim: np.ndarray, skin: np.ndarray) -> np.ndarray | None:
+    """As the fit goes about it."""
+    tooth = measure_teeth(pixels, rim, skin)
+    return None if tooth is None else teeth_light(tooth, skin)
+
+
+@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize("light", LIGHTS)
+def test_light_of_the_teeth_is_measured(light: tuple[float, ...], skin: str) -> None:
+    """Whatever the skin and the colour of the light: else brown skin in daylight were fair skin in lamp light."""
+    pixels, usual = mouth(TOOTH, np.array(light), np.array(SKINS[skin]))
+    found = light_between(pixels, RIM, usual)
+    assert found is not None and np.abs(np.log(found / light)).max() < 0.06
+
+
+@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize("light", LIGHTS)
+def test_lips_tongue_and_gums_are_no_teeth(light: tuple[float, ...], skin: str) -> None:
+    """They are as red as the skin or redder; taken for white they would make the light red and the skin pale."""
+    for inside in (SKINS[skin], [0.35, 0.12, 0.11], [0.12, 0.04, 0.04], [0.45, 0.22, 0.2]):
+        pixels, usual = mouth(np.array(inside), np.array(light), np.array(SKINS[skin]))
+        assert light_between(pixels, RIM, usual) is None
+
+
+@pytest.mark.parametrize("rim", [RIM + 500, np.full_like(RIM, np.nan), np.repeat(RIM[:1], 8, 0)])
+def test_no_mouth_no_light(rim: np.ndarray) -> None:
+    """A mouth beyond the border, lost, or shut."""
+    pixels, usual = mouth(TOOTH, np.ones(3) * 0.5, np.array(SKINS["light"]))
+    assert light_between(pixels, rim, usual) is None
+
+
+def test_black_and_overexposed_photos_tell_nothing() -> None:
+    """Ratios of nothing, and white that is only the end of the scale."""
+    for value in (0, 255):
+        pixels = np.full((64, 128, 3), value, np.uint8)
+        for skin in (np.zeros(3), np.ones(3), np.array([0.7, 0.5, 0.4])):
+            assert light_between(pixels, RIM, skin) is None
