@@ -208,6 +208,8 @@ class GltfMaterials:
             written["alphaCutoff"] = material.cutoff
         if material.double_sided:
             written["doubleSided"] = True
+        if any(isinstance(one, ChartMap) for one in material.maps):
+            written["extras"] = {"chart": True}  # its texture coordinates are those of maps/, for readers that swap them
         extensions = self._extended(material)
         if extensions:
             written["extensions"] = extensions

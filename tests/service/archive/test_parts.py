@@ -65,6 +65,8 @@ def test_glb_has_it_with_alpha_and_targets(members: dict[str, bytes], tmp_path: 
     triangles = glb.accessor(primitive["indices"]).reshape(-1, 3)
     np.testing.assert_allclose(base[triangles][0], part.neutral[[0, 1, 2]], atol=1e-7)
     np.testing.assert_allclose(jaw, np.tile(part.targets["jawOpen"][0], (len(base), 1)), atol=1e-7)
+    on_chart = {one["name"] for one in glb.json["materials"] if one.get("extras") == {"chart": True}}
+    assert on_chart == {"skin", "eye", "teeth", "tongue"} & {one["name"] for one in glb.json["materials"]}
     material = glb.json["materials"][primitive["material"]]
     assert (material["alphaMode"], material["alphaCutoff"], material["doubleSided"]) == ("MASK", 0.4, True)
     assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.3
