@@ -209,7 +209,7 @@ class GltfMaterials:
         if material.double_sided:
             written["doubleSided"] = True
         if any(isinstance(one, ChartMap) for one in material.maps):
-            written["extras"] = {"chart": True}  # its texture coordinates are those of maps/, for readers that swap them
+            written["extras"] = {"chart": True}  # texture coordinates are those of maps/
         extensions = self._extended(material)
         if extensions:
             written["extensions"] = extensions
