@@ -25,11 +25,11 @@ def run(task: Task, reporter: Reporter) -> None:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
+    from service import pipeline
     from service.archive.pack import write_archive
     from service.errors import CorruptImage
     from service.jobs.artifacts import Artifacts, sha256_of
-    from service.jobs.stage_files import KeptStages
-    from service.pipeline import make_avatar
+    from service.jobs.stage_files import KeptStages, kept_types
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 
     data = Path(task.photo).read_bytes()
@@ -39,13 +39,13 @@ def run(task: Task, reporter: Reporter) -> None:
         Artifacts(task.artifacts),
         task.job,
         basis(task),
-        kinds(),
+        kept_types(pipeline),
         Path(task.scratch),
         finished=reporter.kept,
         mapped=task.tight,
     )
     tile = SMALL_TILE if task.tight else DEFAULT_TILE
-    avatar = make_avatar(data, options_from(task.options), reporter.progress, stages=stages, tile=tile)
+    avatar = pipeline.make_avatar(data, options_from(task.options), reporter.progress, stages=stages, tile=tile)
     reporter.progress("pack", 0.9)
     output = Path(task.output)
     write_archive(avatar, output)
@@ -83,35 +83,6 @@ def basis(task: Task) -> str:
     sums = hashlib.sha256((DATA / SUMS).read_bytes()).hexdigest()
     options = json.dumps(task.options, sort_keys=True)
     return "\n".join((GENERATOR, PIPELINE_VERSION, FORMAT, sums, task.photo_sha256, options))
-
-
-def kinds() -> dict[str, type]:
-    """Dataclasses that stages of the pipeline hand on."""
-    from service.anatomy.hair.find_hair import Choice, Hair
-    from service.anatomy.hair.hair_colour import HairColour
-    from service.anatomy.hair.tailored import Tailored
-    from service.anatomy.hair.wearables import Cut
-    from service.archive.avatar import Similarity
-    from service.face.face import Face
-    from service.face.features.eyes import Gaze
-    from service.face.features.iris import Iris
-    from service.face.fit.result import Fit
-    from service.face.reading.openings import Opening
-    from service.face.reading.reader import Reading
-    from service.face.reading.scores import Scores
-    from service.face.region import Region
-    from service.geometry.camera import Camera
-    from service.photo.photo import Photo
-    from service.reflectance.albedo.corrections import Applied
-    from service.reflectance.reflectance_maps import Wrinkle
-    from service.texture.photo_detail import Detail, Octave
-    from service.texture.texture_maps import Texture
-
-    found = (
-        Photo, Face, Reading, Opening, Scores, Region, Fit, Gaze, Iris, Camera, Hair, Choice, Cut, HairColour, Tailored,
-        Texture, Similarity, Applied, Detail, Octave, Wrinkle,
-    )  # fmt: skip
-    return {kind.__name__: kind for kind in found}
 
 
 if __name__ == "__main__":

@@ -19,14 +19,16 @@ import secrets
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from inspect import isfunction
 from pathlib import Path
-from typing import IO, Any, BinaryIO, TypeVar, cast
+from types import ModuleType
+from typing import IO, Any, BinaryIO, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 
 from service.jobs.artifacts import Artifacts, artifact_name
 
-FORMAT = "2"
+FORMAT = "3"
 """Version of the form above; part of the name of a stage's file."""
 
 _ALIGNED = 64
@@ -39,13 +41,37 @@ class Damaged(Exception):
     """The bytes are not what was packed."""
 
 
+def kept_types(module: ModuleType) -> dict[str, type]:
+    """Dataclasses that the functions of a module's namespace return, and those that they hold in turn.
+
+    What the stages of ``service.pipeline`` may hand on thereby follows from their annotations, and a file that names
+    anything else is refused.
+
+    Returns:
+        By module and name, as ``service.photo.photo.Photo``.
+    """
+    found: dict[str, type] = {}
+    waiting = [get_type_hints(made).get("return") for made in vars(module).values() if isfunction(made)]
+    while waiting:
+        hint = waiting.pop()
+        waiting += get_args(hint)
+        if isinstance(hint, type) and is_dataclass(hint) and found.get(_name(hint)) is not hint:
+            found[_name(hint)] = hint
+            waiting += get_type_hints(hint).values()
+    return found
+
+
+def _name(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
 def pack(value: object, kinds: Mapping[str, type], stream: BinaryIO) -> None:
     """Write a value so that :func:`unpack` gives an equal one, to the last bit; maps go through in pieces.
 
     Args:
         value: a dataclass out of ``kinds``, an array without objects, a number, a string, None, or a tuple, list or
             dictionary (with strings as keys) of such.
-        kinds: dataclasses that may occur, by name.
+        kinds: dataclasses that may occur; see :func:`kept_types`.
         stream: an empty file.
 
     Raises:
@@ -92,7 +118,7 @@ def unpack(stream: IO[bytes], kinds: Mapping[str, type], *, mapped: bool = False
         stream.seek(_gap(stream.tell()), os.SEEK_CUR)
     try:
         return _rich(tree, kinds, arrays)
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise Damaged(f"made by another version ({error})") from error
 
 
@@ -146,7 +172,7 @@ def _plain(value: object, kinds: Mapping[str, type], arrays: list[np.ndarray[Any
         if not all(type(key) is str for key in value):
             raise TypeError("a dictionary that is kept has strings as keys")
         return {"dict": {key: _plain(item, kinds, arrays) for key, item in value.items()}}
-    name = type(value).__name__
+    name = _name(type(value))
     if is_dataclass(value) and kinds.get(name) is type(value):
         content = {field.name: _plain(getattr(value, field.name), kinds, arrays) for field in fields(value)}
         return {"class": name, "fields": content}
@@ -185,7 +211,7 @@ class KeptStages:
         artifacts: where to.
         job: of which job.
         basis: whatever the results depend on, as text.
-        kinds: dataclasses of the pipeline by name.
+        kinds: dataclasses that results may hold; see :func:`kept_types`.
         scratch: a folder on this machine for files on their way.
         finished: told the name of each stage that was computed and kept.
         mapped: results stay on the disk and are mapped into memory, which is then not used for what earlier stages

@@ -126,23 +126,23 @@ def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
     """A run that finds all its stages kept, against one that computes them."""
     from io import BytesIO
 
+    from service import pipeline
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
     from service.jobs.artifacts import Artifacts
-    from service.jobs.avatar_process import kinds, options_from
-    from service.jobs.stage_files import KeptStages
-    from service.pipeline import make_avatar
+    from service.jobs.avatar_process import options_from
+    from service.jobs.stage_files import KeptStages, kept_types
     from service.stage_cache import Unkept
 
     (tmp_path / "scratch").mkdir()
     made: list[str] = []
     artifacts = Artifacts(f"file://{tmp_path}/artifacts")
-    kept = KeptStages(artifacts, "0" * 32, "basis", kinds(), tmp_path / "scratch", made.append)
+    kept = KeptStages(artifacts, "0" * 32, "basis", kept_types(pipeline), tmp_path / "scratch", made.append)
     options = options_from({"quality": "draft", "size": [192, 128]})
     results = []
     for stages in (kept, kept, Unkept()):
         stream = BytesIO()
-        write_archive(make_avatar(SAMPLE.read_bytes(), options, stages=stages), stream)
+        write_archive(pipeline.make_avatar(SAMPLE.read_bytes(), options, stages=stages), stream)
         results.append(stream.getvalue())
     assert results[0] == results[1] == results[2]
     assert len(made) == len(set(made)) >= 5, "the second run computed a stage again"

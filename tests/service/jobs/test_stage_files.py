@@ -7,11 +7,12 @@ import os
 import sys
 import tempfile
 import tracemalloc
+import types
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,9 +23,8 @@ from hypothesis.extra import numpy as hnp
 
 from service.jobs import stage_files as packing
 from service.jobs.artifacts import Artifacts
-from service.jobs.avatar_process import kinds
 from service.jobs.process import resident_mb
-from service.jobs.stage_files import Damaged, KeptStages
+from service.jobs.stage_files import Damaged, KeptStages, kept_types
 
 JOB = "a" * 32
 
@@ -69,24 +69,25 @@ def test_a_stage_that_cannot_be_mapped_goes_on_in_memory(
 @pytest.mark.slow
 def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp_path: Path) -> None:
     """The pipeline with small tiles and mapped stages, against itself without. No stage may write into what it gets."""
+    from service import pipeline
     from service.archive.manifest import from_json
     from service.archive.pack import write_archive
     from service.diagnosis import SAMPLE
     from service.jobs.avatar_process import options_from
-    from service.pipeline import SMALL_TILES, make_avatar
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
     from service.stage_cache import Stages, Unkept
 
-    stages: Stages = KeptStages(Artifacts(f"file://{tmp_path}/store"), JOB, "basis", kinds(), tmp_path, mapped=True)
+    store, types = Artifacts(f"file://{tmp_path}/store"), kept_types(pipeline)
+    stages: Stages = KeptStages(store, JOB, "basis", types, tmp_path, mapped=True)
     options = options_from({"quality": "draft", "size": [576, 384]})
     found = []
     for kept, tile in ((stages, SMALL_TILE), (Unkept(), DEFAULT_TILE)):
         stream = io.BytesIO()
-        write_archive(make_avatar(SAMPLE.read_bytes(), options, stages=kept, tile=tile), stream)
+        write_archive(pipeline.make_avatar(SAMPLE.read_bytes(), options, stages=kept, tile=tile), stream)
         found.append(zipfile.ZipFile(stream))
     tight, usual = (from_json(archive.read("manifest.json")) for archive in found)
-    assert SMALL_TILES in tight.warnings
-    assert SMALL_TILES not in usual.warnings
+    assert pipeline.SMALL_TILES in tight.warnings
+    assert pipeline.SMALL_TILES not in usual.warnings
     assert tight.reflectance is not None
     assert tight.reflectance.tile == SMALL_TILE
     for map_ in usual.maps:
@@ -96,15 +97,6 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
         apart = np.abs(one.astype(int) - other.astype(int))
         assert apart.max() <= (1 if map_.bits == 8 else 8), map_.path
         assert (apart > 0).mean() < 0.01, map_.path
-
-
-def test_whatever_a_kept_result_holds_is_known_too() -> None:
-    known = kinds()
-    for kind in known.values():
-        for field, hint in get_type_hints(kind).items():
-            for part in (hint, *get_args(hint)):
-                if is_dataclass(part) and isinstance(part, type):
-                    assert part.__name__ in known, f"{kind.__name__}.{field} is a {part.__name__}, which is not kept"
 
 
 @dataclass(frozen=True)
@@ -121,7 +113,30 @@ class Outer:
     facts: dict[str, float]
 
 
-KINDS: dict[str, type] = {"Inner": Inner, "Outer": Outer}
+def stage() -> Sequence[Mapping[str, Outer | None]]:
+    """A function as the pipeline calls them: what may be kept follows from its annotations."""
+    return []
+
+
+KINDS = kept_types(types.SimpleNamespace(stage=stage, something=object()))  # type: ignore[arg-type]
+
+
+def test_what_may_be_kept_follows_from_annotations() -> None:
+    assert set(KINDS.values()) == {Outer, Inner}, "whatever the annotations mention, and what that holds"
+
+
+@dataclass(frozen=True)
+class Other:
+    names: tuple[str, ...]
+
+
+def test_a_file_brings_no_class_of_its_own_choice() -> None:
+    """Whoever can write files of stages must not choose what is made of them."""
+    written = pack(Other(()), {packing._name(Other): Other})
+    with pytest.raises(Damaged, match="Other"):
+        unpack(written, KINDS)
+    with pytest.raises(TypeError, match="Other"):
+        pack(Other(()), KINDS)
 
 
 def pack(value: object, kinds: Mapping[str, type]) -> bytes:
