@@ -6,17 +6,14 @@ normals off the grey albedo, and both are compared in the bands of wavelengths t
 it: a flat map, and "dark is deep", the albedo itself taken for a height.
 
 Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
-A second table has the mean angle at shares of rho's strength, and the share that is best on the patches of all *other*
-people. A third has it as the service uses rho: on skin that a light from the side or from above shades, with what that
-shade corrects (``service.reflectance.relief.shading``). A fourth asks the scans themselves whether their slopes along
-both belong to one height: correlation of the mixed derivatives over the face, 1 for a height, -1 if y points the other
-way, 0 if they have nothing to do with each other.
+A second table has the mean angle as the service uses rho: on skin that a light from the side or from above shades, with
+what that shade corrects (``service.reflectance.relief.shading``).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -26,7 +23,7 @@ import numpy.typing as npt
 import typer
 
 from models.lightstage.measures import BANDS_MM, Patch, band
-from models.lightstage.references import reference_faces, reference_patches
+from models.lightstage.references import reference_patches
 from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
@@ -47,9 +44,6 @@ PLACES_MM = {"cheek right": (-42.0, -20.0), "cheek left": (42.0, -20.0), "forehe
 MARK = ("<!-- real-skin -->", "<!-- /real-skin -->")
 SHOWN = BANDS_MM[1:]
 """Bands of wavelengths, in mm, that at least one scan resolves."""
-
-SHARES = (0.1, 0.2, 0.5, 1.0)
-"""Of rho's strength that are tried."""
 
 SENSITIVITIES = (0.2, 0.5)
 """Change of the logarithm of the light with a component of the normal, on skin: of soft and of usual light."""
@@ -120,7 +114,7 @@ def slopes_of(xy: Float32) -> Array:
 
 
 def lit_rows(patches: Sequence[Patch], folder: Path) -> list[str]:
-    """Rows of the third table: by kind of scan and strength of the light, means over patches and directions."""
+    """Rows of the second table: by kind of scan and strength of the light, means over patches and directions."""
     lines = ["| scans | sensitivity to the light | flat | rho | rho and the photo's shade |", "|---" * 5 + "|"]
     for who in dict.fromkeys(patch.name.split()[0] for patch in patches):
         own = [patch for patch in patches if patch.name.startswith(who)]
@@ -160,22 +154,6 @@ def by_axis(found: Array, truth: Array, ppm: float, low: float, high: float) -> 
     return " / ".join(f"{compare(found[k : k + 1], truth[k : k + 1], ppm, low, high)[0]:.2f}" for k in (0, 1))
 
 
-def of_one_height(slopes: Array, ppm: float, low: float, high: float) -> float:
-    """Correlation of d(slope x) / dy with d(slope y) / dx in a band: 1 for the slopes of a height; 0 of a flat map."""
-    x, y = (band(plane, ppm, low, high) for plane in slopes)
-    return correlation(-np.gradient(x, axis=0), np.gradient(y, axis=1))
-
-
-def scans_themselves(data: Path) -> list[str]:
-    """Rows of the second table, bands as in the first."""
-    rows = []
-    for face in reference_faces(data):
-        truth = np.asarray(face.slope)
-        cells = [f"{of_one_height(truth, face.texels_per_mm, *limits):.2f}" for limits in resolved(face)]
-        rows.append(f"| {face.name} | " + " | ".join(["-"] * (len(SHOWN) - len(cells)) + cells) + " |")
-    return rows
-
-
 def resolved(patch: Patch) -> list[tuple[float, float]]:
     """Bands that a patch's texels resolve at least half of."""
     return [(low, high) for low, high in SHOWN if 2.0 / patch.texels_per_mm <= 0.5 * (low + high)]
@@ -201,36 +179,6 @@ def error(found: Array, truth: Array) -> float:
     return float(np.degrees(np.arccos(np.clip((normals[0] * normals[1]).sum(0), -1.0, 1.0))).mean())
 
 
-def best_share(pairs: Sequence[tuple[Array, Array]]) -> float:
-    """Least squares factor of found slopes for the true ones, in [0, 1]; 0 where nothing was found."""
-    power = sum(float((found * found).sum()) for found, _ in pairs)
-    along = sum(float((found * truth).sum()) for found, truth in pairs)
-    return min(max(along / power, 0.0), 1.0) if power > 1e-20 else 0.0
-
-
-def strengths(found: Mapping[str, tuple[Array, Array]]) -> list[str]:
-    """Rows of the table of shares: person by person, mean over patches of the angle in degrees."""
-    people = list(dict.fromkeys(_person(name) for name in found))
-    heading = " | ".join(f"{share:g} of rho" for share in SHARES)
-    lines = [f"| person | flat | {heading} | share by others | with it |"]
-    lines.append("|---" * (4 + len(SHARES)) + "|")
-    rows = []
-    for who in people:
-        own = [pair for name, pair in found.items() if _person(name) == who]
-        share = best_share([pair for name, pair in found.items() if _person(name) != who])
-        tried = (0.0, *SHARES, share)
-        angles = [float(np.mean([error(one * slopes, truth) for slopes, truth in own])) for one in tried]
-        rows.append([*angles[:-1], share, angles[-1]])
-        lines.append(f"| {who} | " + " | ".join(f"{value:.2f}" for value in rows[-1]) + " |")
-    means = " | ".join(f"**{value:.2f}**" for value in np.mean(rows, 0))
-    return [*lines, f"| **mean** | {means} |", "", f"Share by all: {best_share(list(found.values())):.2f}"]
-
-
-def _person(patch: str) -> str:
-    """``"hifi3d 1 cheek left"`` -> ``"hifi3d 1"``."""
-    return patch.split(" cheek")[0].split(" forehead")[0]
-
-
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of the scans; else $AVATARME_BENCH_DATA.")] = None,
     folder: Annotated[Path, typer.Option(help="Folder of the ONNX files.")] = MODELS,
@@ -241,12 +189,10 @@ def main(
     lines = ["| patch | rho deg | flat deg | " + " | ".join(
         f"{low}-{high} mm: correlation x / y, strength, dark is deep" for low, high in SHOWN) + " |"]  # fmt: skip
     lines.append("|---" * (3 + len(SHOWN)) + "|")
-    pairs: dict[str, tuple[Array, Array]] = {}
     patches = reference_patches(place)
     for patch in patches:
         found, deep = predicted(patch, folder), dark_is_deep(patch)
         truth = np.asarray(patch.slope)
-        pairs[patch.name] = found, truth
         cells = ["-"] * (len(SHOWN) - len(resolved(patch)))
         for low, high in resolved(patch):
             limits = patch.texels_per_mm, low, high
@@ -254,9 +200,7 @@ def main(
             cells.append(f"{ours}, {compare(found, truth, *limits)[1]:.2f}, {theirs}")
         numbers = f"{error(found, truth):.2f} | {tilt(truth):.2f}"
         lines.append(f"| {patch.name} | {numbers} | " + " | ".join(cells) + " |")
-    heading = " | ".join(f"{low}-{high} mm" for low, high in SHOWN)
-    lines += ["", *strengths(pairs), "", *lit_rows(patches, folder)]
-    lines += ["", f"| slopes of one height? | {heading} |", "|---" * (1 + len(SHOWN)) + "|", *scans_themselves(place)]
+    lines += ["", *lit_rows(patches, folder)]
     tell("\n".join(lines), MARK, write)
 
 

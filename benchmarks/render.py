@@ -168,26 +168,30 @@ def take(head: TexturedHead, shot: Shot, out: Path, samples: int = 48) -> None:
 
     mi = mitsuba()
     scene = _scene(mi, head, shot, out)
-    integrator = mi.load_dict({"type": "path", "max_depth": 4})
-    image = np.array(mi.render(scene, integrator=integrator, spp=samples))[..., :3]
-    coded = (linear_to_srgb(np.clip(image, 0, 1).astype(np.float32)) * 255).astype(np.uint8)
+    image = _radiance(mi, scene, samples)
+    coded = (linear_to_srgb(np.clip(image, 0, 1)) * 255).astype(np.uint8)
     calm = cv2.fastNlMeansDenoisingColored(coded, None, 2, 2, 5, 15)
-    geometry = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
-    truth = np.array(mi.render(scene, integrator=geometry, spp=1))
-    normal, position = truth[..., -6:-3], truth[..., -3:]
+    normal, position = _geometry(mi, scene)
     pupils = head.eyes + np.array([0.0, 0.0, head.eye_radius])
     eyes = shot.pixels_of(pupils)[np.argsort(shot.pixels_of(pupils)[:, 0])]
     cv2.imwrite(f"{out}.png", calm[..., ::-1])
     np.savez_compressed(
-        f"{out}.npz",
-        normal=normal.astype(np.float16),
-        position=position.astype(np.float32),
-        mask=np.linalg.norm(normal, axis=-1) > 0.9,
-        eyes=np.clip(np.rint(eyes), 0, shot.size - 1).astype(int),
-        fov=shot.fov,
-        yaw=shot.yaw,
-        distance=shot.distance,
-    )
+        f"{out}.npz", normal=normal.astype(np.float16), position=position.astype(np.float32),
+        mask=np.linalg.norm(normal, axis=-1) > 0.9, eyes=np.clip(np.rint(eyes), 0, shot.size - 1).astype(int),
+        fov=shot.fov, yaw=shot.yaw, distance=shot.distance,
+    )  # fmt: skip
+
+
+def _radiance(mi: Any, scene: Any, samples: int) -> npt.NDArray[np.float32]:
+    integrator = mi.load_dict({"type": "path", "max_depth": 4})
+    return np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)[..., :3]
+
+
+def _geometry(mi: Any, scene: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Normals and positions (H, W, 3) of what pixels show."""
+    integrator = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
+    truth = np.array(mi.render(scene, integrator=integrator, spp=1), np.float32)
+    return truth[..., -6:-3], truth[..., -3:]
 
 
 @dataclass(frozen=True)
@@ -220,13 +224,10 @@ def expose(head: TexturedHead, shot: Shot, look: Look, scratch: Path, samples: i
 
     mi = mitsuba()
     scene = _scene(mi, head, shot, scratch, look)
-    integrator = mi.load_dict({"type": "path", "max_depth": 4})
-    radiance = np.array(mi.render(scene, integrator=integrator, spp=samples), np.float32)[..., :3]
-    geometry = mi.load_dict({"type": "aov", "aovs": "n:sh_normal,p:position"})
-    truth = np.array(mi.render(scene, integrator=geometry, spp=1), np.float32)
+    radiance = _radiance(mi, scene, samples)
     colours = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
     albedo = np.array(mi.render(scene, integrator=colours, spp=ALBEDO_SAMPLES), np.float32)[..., -3:]
-    normal, position = truth[..., -6:-3], truth[..., -3:]
+    normal, position = _geometry(mi, scene)
     skin = np.linalg.norm(normal, axis=-1) > 0.9
     near = cKDTree(head.vertices).query(position[skin], distance_upper_bound=SAME_PLACE_M)[0] < SAME_PLACE_M
     for mesh in look.worn:  # its own vertices are denser than skin is near

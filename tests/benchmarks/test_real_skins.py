@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch")  # the light stage's measures come with it
 
-from benchmarks.real_skins import best_share, by_axis, compare, dark_is_deep, error, of_one_height, strengths, tilt
+from benchmarks.real_skins import by_axis, compare, dark_is_deep, error, tilt
 from models.lightstage.measures import Patch
 
 PPM, LIMITS = 8.0, (8.0, 0.5, 4.0)
@@ -20,16 +20,6 @@ def relief(seed: int = 0, side: int = 128) -> np.ndarray:
     height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=(side, side)), (0, 0), 3.0)
     rows, columns = np.gradient(height)
     return np.stack([columns, -rows])
-
-
-def test_slopes_of_a_height_are_told_from_others() -> None:
-    """With y turned around, as in maps whose green points down, a scan would call every pit a bump in one direction."""
-    slopes = relief()
-    assert of_one_height(slopes, *LIMITS) > 0.97
-    assert of_one_height(slopes * np.array([1.0, -1.0])[:, None, None], *LIMITS) < -0.97
-    strangers = np.stack([relief(1)[0], relief(2)[1]])
-    assert abs(of_one_height(strangers, *LIMITS)) < 0.3
-    assert of_one_height(np.zeros((2, 64, 64)), *LIMITS) == 0.0
 
 
 def test_axes_are_compared_apart() -> None:
@@ -57,20 +47,3 @@ def test_angles_of_planes() -> None:
     assert tilt(plane) == pytest.approx(20.0)
     assert error(plane, np.zeros_like(plane)) == pytest.approx(20.0)
     assert error(plane, plane) == pytest.approx(0.0, abs=1e-5)
-
-
-def test_the_best_share_is_that_of_least_squares_and_never_below_none() -> None:
-    found = np.random.default_rng(3).normal(size=(2, 20, 20))
-    assert best_share([(found, 0.3 * found)]) == pytest.approx(0.3)
-    assert best_share([(found, -found)]) == 0.0
-    assert best_share([(np.zeros_like(found), found)]) == 0.0
-
-
-def test_shares_are_chosen_by_other_people() -> None:
-    rng = np.random.default_rng(4)
-    found = {who: rng.normal(size=(2, 20, 20)) * 0.05 for who in ("A cheek left", "B cheek left")}
-    pairs = {"A cheek left": (found["A cheek left"], 0.5 * found["A cheek left"]),
-             "B cheek left": (found["B cheek left"], 0 * found["B cheek left"])}  # fmt: skip
-    rows = strengths(pairs)
-    assert rows[2].startswith("| A | ") and rows[2].split(" | ")[-2] == "0.00", "B knows of no relief"
-    assert rows[3].split(" | ")[-2] == "0.50"
