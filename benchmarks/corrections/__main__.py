@@ -19,9 +19,10 @@ import typer
 
 from benchmarks.corrections.photos import names, photos
 from benchmarks.corrections.score import Judge, Score
-from benchmarks.corrections.trial import ALL, RELIEF, SIZE, Effect, Product, Rule, Rules, Verdicts, tried
+from benchmarks.corrections.trial import ALL, SIZE, Effect, Product, Verdicts, tried
 from benchmarks.shoot import data_folder
 from service.errors import AvatarError
+from service.reflectance.albedo.corrections import Correction
 
 ENOUGH_DB = 0.1
 """Gain from which on a rule earns its place."""
@@ -44,8 +45,6 @@ once without each. {count} photos are rendered by Mitsuba of real heads and skin
   they show.
 - A rule that says itself that it changed no texel of a photo by more than 1/255 is not run without there, and counts
   as 0.
-- Rules marked *normals* change relief only: their gain is that of the PSNR of specular normals in [0, 1] on skin that
-  the photo shows, their texels are those of the normals. The true heads have folds and no pores.
 - **time**: of a processor; median over the photos on which the rule had anything to do of the difference between the
   time of the stages with it and without it, and its share of these. Differences of a few ms are noise.
 - **earns its place**: at least {enough} dB on its own cases: after the best gain ("yes"), or else raw ("brightness"),
@@ -64,7 +63,7 @@ def known_mean(values: Sequence[float]) -> float:
     return float(np.mean(known)) if known else float("nan")
 
 
-def own_cases(rule: Rule, photos: Sequence[Verdicts]) -> list[Verdicts]:
+def own_cases(rule: Correction, photos: Sequence[Verdicts]) -> list[Verdicts]:
     """Photos of the groups that a rule names; all where it names none."""
     return [one for one in photos if not rule.cases or set(rule.cases) & set(one.groups)]
 
@@ -77,7 +76,7 @@ def verdict(effects: Sequence[Effect]) -> str:
     return "no"
 
 
-def rule_rows(registry: Sequence[Rule], photos: Sequence[Verdicts], real: Sequence[Verdicts]) -> list[str]:
+def rule_rows(registry: Sequence[Correction], photos: Sequence[Verdicts], real: Sequence[Verdicts]) -> list[str]:
     """Markdown rows, most useful first, all together last."""
     lines = [
         "| rule | own cases | gain there, dB | raw | Delta E | unseen | all photos: mean (least to most) "
@@ -88,7 +87,7 @@ def rule_rows(registry: Sequence[Rule], photos: Sequence[Verdicts], real: Sequen
     for rule in registry:
         cases = own_cases(rule, photos)
         effects = [one.effects[rule.name] for one in cases]
-        label = (", ".join(rule.cases) if rule.cases else "any") + (", normals" if rule.source == RELIEF else "")
+        label = (", ".join(rule.cases) if rule.cases else "any")
         rows.append((mean_of(effects, "best"), _row(rule.name, label, len(cases), effects, photos, real)))
     rows.sort(key=lambda one: -np.nan_to_num(one[0]))
     together = [one.effects[ALL] for one in photos]
@@ -148,7 +147,7 @@ def photo_rows(photos: Sequence[Verdicts]) -> list[str]:
 
 
 def page(
-    registry: Sequence[Rule],
+    registry: Sequence[Correction],
     photos: Sequence[Verdicts],
     real: Sequence[Verdicts],
     size: tuple[int, int],
@@ -178,7 +177,7 @@ FEW_REAL = 2
 """Real photos of a trial in a hurry."""
 
 
-def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Rules) -> list[Verdicts]:
+def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Product) -> list[Verdicts]:
     """Verdicts on rendered photos, in order."""
     found = []
     for photo in photos(data, cache, wanted):
@@ -189,7 +188,7 @@ def on_rendered(data: Path, cache: Path, wanted: tuple[str, ...], rules: Rules) 
     return found
 
 
-def on_real(files: tuple[Path, ...], rules: Rules) -> list[Verdicts]:
+def on_real(files: tuple[Path, ...], rules: Product) -> list[Verdicts]:
     """Verdicts on real photos, without those that have no usable face."""
     found = []
     for file in files:
@@ -217,7 +216,7 @@ def real_files(folder: Path | None) -> tuple[Path, ...]:
 
 
 def trial(
-    data: Path, cache: Path, files: tuple[Path, ...], rules: Rules, wanted: tuple[str, ...], jobs: int = 1
+    data: Path, cache: Path, files: tuple[Path, ...], rules: Product, wanted: tuple[str, ...], jobs: int = 1
 ) -> tuple[list[Verdicts], list[Verdicts]]:
     """Verdicts on the rendered photos of the wanted names, and on real photos."""
     cache.mkdir(parents=True, exist_ok=True)
