@@ -102,7 +102,7 @@ def tangent_normals(name: str, job: MapInputs) -> npt.NDArray[np.int16]:
     """(H, W, 2) int16 codes of x and y from network ``name``; flat off the skin and where the skin is covered.
 
     The networks read relief off bare skin, and give the likeliest: where colour and shade tell little, little of it
-    (``benchmarks.real_skins``). Strands of hair, brows and frames of glasses are dark lines as creases are,
+    (``models.training.real_skins``). Strands of hair, brows and frames of glasses are dark lines as creases are,
     and what lies under them is not seen: there the map is flat.
 
     Args:

@@ -7,7 +7,7 @@ So the networks of the normals read the texture divided by the smooth light of t
 How far the fine detail of a map was drawn by super-resolution, an input of rho and sigma.
 
 The detail that zeta draws is the light stage's skin, whose colour follows its height: its pores are dark and deep. On
-skin that a photo shows they hardly have to do with each other (``benchmarks.real_skins``). So the networks of the
+skin that a photo shows they hardly have to do with each other (``models.training.real_skins``). So the networks of the
 normals are told which they look at, as in their training (``models.training.normals``), and draw the relief that
 belongs to drawn pores, but none from a photo's own pigment.
 

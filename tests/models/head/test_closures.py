@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from benchmarks.piercing import groups
 from models.head.closures import closed
 from models.head.crossing import crossing_pairs
 from models.head.lids import find_lids
 from models.head.lips import OPENERS, Lips, find_lips
+from models.head.piercing import groups
 from models.head.shoot import look_at
 from service.errors import ModelFault
 from service.geometry.raster import rasterise

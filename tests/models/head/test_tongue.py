@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.piercing import groups, with_insets
 from models.head.crossing import crossing_pairs
+from models.head.piercing import groups, with_insets
 from models.head.tongue import UP_M, changed
 from service.errors import ModelFault
 from service.head.files import load_head

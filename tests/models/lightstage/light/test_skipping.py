@@ -9,10 +9,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install '.[train]'")
 
-from benchmarks.skipping import Subject, error, subjects, trials  # noqa: E402
 from models.lightstage.light.bake import bake  # noqa: E402
 from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.prior import sample_scene  # noqa: E402
+from models.lightstage.light.skipping import Subject, error, subjects, trials  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from service.light.plan import Plan, plan  # noqa: E402
 

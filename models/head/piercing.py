@@ -1,4 +1,4 @@
-"""Count triangles of the head's parts that cross: ``python -m benchmarks.piercing [--head FILE] [--heads N]``.
+"""Count triangles of the head's parts that cross: ``python -m models.head.piercing [--head FILE] [--heads N]``.
 
 For every single unit at 1 and for random mixtures, on the mean head and on random identities: the lips with each other,
 lids and sockets with the eyeballs, lips, cheeks and lining with teeth and tongue, and these with each other. Teeth,

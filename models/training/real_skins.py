@@ -1,4 +1,4 @@
-"""The shipped normals network on real skin: ``python -m benchmarks.real_skins --data DIR``.
+"""The shipped normals network on real skin: ``python -m models.training.real_skins --data DIR``.
 
 DIR holds ``hifi3d_uv/`` (three pairs of albedo and tangent normals) and ``lee_perry_smith/`` (a head scan with
 normals), which no training sees. Cheeks and foreheads are enlarged to the network's own texels per mm, rho reads

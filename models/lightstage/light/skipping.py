@@ -1,4 +1,4 @@
-"""What skipping effects costs and saves: ``python -m benchmarks.skipping [--scenes N] [--size WxH] [--write FILE]``.
+"""What skipping effects costs and saves: ``python -m models.lightstage.light.skipping [--scenes N] [--write FILE]``.
 
 Bakes random scenes on synthetic subjects with everything on and as planned, compares the mean absolute error over the
 face with the bound that the plan states, and times every effect by leaving it out alone. ``--write`` puts the tables
@@ -116,7 +116,7 @@ def _share(width: int, height: int, count: int, scenes: range, tolerance: float)
         done.append(trial)
         wrong = " !" if trial.error > trial.bound + 1e-3 else ""
         line = f"scene {trial.scene}: error {trial.error:.3f}, bound {trial.bound:.3f}{wrong}"
-        print(line, file=sys.stderr, flush=True)
+        sys.stderr.write(f"{line}\n")
     return done
 
 
@@ -148,8 +148,8 @@ def tables(done: list[Trial], single: dict[str, list[tuple[float, float, float, 
     full, planned = sum(t.full_s for t in done), sum(t.planned_s for t in done)
     within = int((errors <= bounds + 1e-3).sum())
     lines = [
-        f"{len(done)} random scenes at {size}, planned against everything on (`python -m benchmarks.skipping`):",
-        f"error within the stated bound {within} of {len(done)} times; mean error {errors.mean():.2f}/255, worst",
+        f"{len(done)} random scenes at {size}, planned against everything on",
+        f"(`python -m models.lightstage.light.skipping`): error within the stated bound {within} of {len(done)} times; mean error {errors.mean():.2f}/255, worst",
         f"{errors.max():.2f}/255; mean bound {bounds.mean():.2f}/255; time {planned / full:.0%} of everything on,",
         f"planning {1000 * float(np.mean([t.plan_s for t in done])):.0f} ms a scene.",
         "",
@@ -168,7 +168,7 @@ def tables(done: list[Trial], single: dict[str, list[tuple[float, float, float, 
 
 def main() -> None:
     """Command line; fails when a stated bound does not hold."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.skipping", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m models.lightstage.light.skipping", description=__doc__)
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--single", type=int, default=24, help="scenes in which effects are left out one by one")
     parser.add_argument("--subjects", type=int, default=4)

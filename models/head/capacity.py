@@ -1,4 +1,4 @@
-"""How near our head model can come to heads that it has never seen: ``python -m benchmarks.head_capacity FILE``.
+"""How near our head model can come to heads that it has never seen: ``python -m models.head.capacity FILE``.
 
 Draws heads from another linear model (the layout of ``models.head.import_ict``), brings them to an inter-ocular
 distance of 63 mm and fits ours to them in three dimensions: similarity and identity, point to plane, every
