@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+pytest.importorskip("torch")
+
 from benchmarks.corrections import sitters
 from benchmarks.corrections.__main__ import own_cases, page, rule_rows, verdict
 from benchmarks.corrections.photos import (

@@ -149,7 +149,8 @@ def tables(done: list[Trial], single: dict[str, list[tuple[float, float, float, 
     within = int((errors <= bounds + 1e-3).sum())
     lines = [
         f"{len(done)} random scenes at {size}, planned against everything on",
-        f"(`python -m models.lightstage.light.skipping`): error within the stated bound {within} of {len(done)} times; mean error {errors.mean():.2f}/255, worst",
+        "(`python -m models.lightstage.light.skipping`):",
+        f"error within the stated bound {within} of {len(done)} times; mean error {errors.mean():.2f}/255, worst",
         f"{errors.max():.2f}/255; mean bound {bounds.mean():.2f}/255; time {planned / full:.0%} of everything on,",
         f"planning {1000 * float(np.mean([t.plan_s for t in done])):.0f} ms a scene.",
         "",

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.lightstage.measures import Patch
-from models.training.real_skins import by_axis, compare, dark_is_deep, error, tilt
-
 pytest.importorskip("torch")  # the light stage's measures come with it
 
+from models.lightstage.measures import Patch
+from models.training.real_skins import by_axis, compare, dark_is_deep, error, tilt
 
 PPM, LIMITS = 8.0, (8.0, 0.5, 4.0)
 
