@@ -1,4 +1,4 @@
-"""The OpenAPI document has what programs need that write clients; ``tests.support.generated_client`` lets one do so."""
+"""The OpenAPI document has what programs need that write clients."""
 
 from __future__ import annotations
 

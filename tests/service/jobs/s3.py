@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pytest
 
 from tests.support.server import free_port
-from tests.support.swift import Swift, missing
 
 REASON = "moto[s3], flask, flask-cors or s3fs is not installed: pip install -e '.[dev]'"
 
-SERVERS = ("moto", "swift")
-"""A mock that checks no signature, and a server that is used in earnest."""
 
-
-class S3(Protocol):
-    """One server."""
-
-    environment: dict[str, str]
-
-    def start(self) -> None:
-        """Start, and wait until it answers."""
-
-    def stop(self) -> None:
-        """End it at once."""
-
-
-class Moto:
-    """Moto's server."""
+class S3:
+    """Moto's server; it checks no signature."""
 
     def __init__(self) -> None:
         from moto.server import ThreadedMotoServer
@@ -52,18 +35,11 @@ class Moto:
         self._server.start()
 
 
-def serve(name: str, folder: Path) -> Iterator[S3]:
-    """For a fixture: a server with one bucket; the variables that lead to it are set meanwhile.
-
-    Args:
-        name: of ``SERVERS``.
-        folder: for its files.
-    """
+def serve() -> Iterator[S3]:
+    """For a fixture: a server with one bucket; the variables that lead to it are set meanwhile."""
     pytest.importorskip("moto.server", reason=REASON)
     s3fs = pytest.importorskip("s3fs", reason=REASON)
-    if name == "swift" and missing():
-        pytest.skip("Swift is not installed: apt-get install swift-proxy swift-account swift-container swift-object")
-    server: S3 = Swift(folder) if name == "swift" else Moto()
+    server = S3()
     server.start()
     with pytest.MonkeyPatch.context() as patch:
         for variable, value in server.environment.items():

@@ -191,7 +191,7 @@ def test_jobs_of_an_old_version_whose_worker_is_gone_are_adopted(site: Site, ver
 
 @pytest.fixture
 def s3(tmp_path: Path) -> Iterator[S3]:
-    yield from serve("moto", tmp_path)
+    yield from serve()
 
 
 def test_a_job_goes_on_with_another_worker_and_what_lies_on_a_store(

@@ -1,4 +1,4 @@
-"""Photos, stages and results on a store that speaks S3, over the loopback: moto's, and an OpenStack Swift."""
+"""Photos, stages and results on a store that speaks S3, over the loopback."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ from service.jobs.workflow import Runner
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN
-from tests.service.jobs.s3 import S3, SERVERS, serve
+from tests.service.jobs.s3 import S3, serve
 from tests.support.server import Server
-from tests.support.swift import Swift
 from tests.support.toy_job import LOG, archive
 
 JOB = "a" * 32
 
 
-@pytest.fixture(scope="module", params=SERVERS)
-def s3(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S3]:
-    yield from serve(request.param, tmp_path_factory.mktemp("s3"))
+@pytest.fixture(scope="module")
+def s3() -> Iterator[S3]:
+    yield from serve()
 
 
 @pytest.fixture
@@ -308,13 +307,6 @@ def test_the_store_gives_an_archive_out_itself(bench: Bench, s3: S3, tmp_path: P
         assert httpx.get(place, headers={"Range": "bytes=5-9"}).content == made[5:10]
         assert client.head(f"/v1/avatars/{job}/archive.zip").status_code == 200
         assert client.get(f"/v1/avatars/{job}/files/manifest.json").status_code == 200, "a part of an archive"
-        if isinstance(s3, Swift):
-            assert httpx.get(place.replace("attachment", "inline")).status_code == 403, "changed after signing"
-            assert httpx.get(place.partition("?")[0]).is_client_error, "not without a signature"
-            soon = api.context.artifacts.signed(archive_of(api, job), 1, "attachment")
-            assert soon is not None
-            time.sleep(2.5)
-            assert httpx.get(soon).status_code == 403, "its time is over"
 
 
 def test_a_client_downloads_from_the_store(bench: Bench, s3: S3, tmp_path: Path) -> None:
