@@ -14,7 +14,7 @@ import numpy as np
 from service.anatomy.canvas import Canvas
 from service.anatomy.eyes import DrawnEye, eye_albedo
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
-from service.face.features.eye_colours import IRIS, likely_iris
+from service.face.features.eye_colours import IRIS
 from service.face.fit.result import Fit
 from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
@@ -55,7 +55,7 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
     """
     if not all(len(part_vertices(head, f"eye_{side}")) for side in SIDES):
         return ()
-    colour = likely_iris(IRIS if iris is None else np.asarray(iris, np.float32))
+    colour = IRIS if iris is None else np.asarray(iris, np.float32)
     pupil_m = None if fit.gaze is None else fit.gaze.pupil_m
     picture = OwnMap("eyes", eye_picture(head, colour, pupil_m))
     white = Material("eye", colour_map=picture, roughness=0.25, ior=1.4)

@@ -160,7 +160,7 @@ def draw_eyes(
     eyes = eyeballs(head, (albedo.shape[1], albedo.shape[0]), pupil_m)
     if sum(int((eye.radius < RING[1]).sum()) for eye in eyes) < LEAST_TEXELS:
         return albedo
-    iris = likely_iris(_iris_on_map(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32))
+    iris = _iris_on_map(albedo, eyes) if iris_albedo is None else np.asarray(iris_albedo, np.float32)
     for eye in eyes:
         if eye.place is not None:
             drawn = np.rint(np.clip(linear_to_srgb(eye_albedo(eye, iris, detail)), 0, 1) * FULL_CODE)
@@ -190,7 +190,7 @@ def _iris_on_map(albedo: Codes, eyes: list[DrawnEye]) -> Float32:
     chosen = [albedo[e.place.box][e.place.inside][(e.radius > RING[0]) & (e.radius < RING[1])]
               for e in eyes if e.place is not None]  # fmt: skip
     codes = np.concatenate(chosen)
-    return srgb_to_linear(np.median(codes, 0) / FULL_CODE) if len(codes) >= LEAST_TEXELS else IRIS
+    return likely_iris(srgb_to_linear(np.median(codes, 0) / FULL_CODE)) if len(codes) >= LEAST_TEXELS else IRIS
 
 
 def _fibres(eye: DrawnEye, random: np.random.Generator) -> Float32:

@@ -11,12 +11,11 @@ from service.anatomy.hair.worn import LASH
 from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
-from service.face.features.eye_colours import IRIS, SCLERA, EyeTone, likely_iris, measure_eyes
+from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
 from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
 from service.face.reading import parts as labels
 from service.geometry.chart import Chart, nearest_inside
-from service.photo.photo import Photo
 from service.texture.inpainting import opacity
 from service.texture.segmentation import Zones
 from service.texture.texture_maps import SEEN
@@ -80,14 +79,6 @@ class PartLight:
         return linear_to_srgb(np.minimum(srgb_to_linear(colour) / self.white, np.float32(BRIGHTEST)))
 
 
-def believed_sclera(fit: Fit, tone: EyeTone) -> Float32 | None:
-    """(3,) sRGB of the sclera, or None where it told no light: then it is lids and lashes in part.
-
-    Measured against those, dark eyes in the shade of lids would be pale ones.
-    """
-    return None if fit.eye_light is None else tone.sclera
-
-
 @dataclass(frozen=True)
 class Parts:
     """Skin and all other parts, at the inner texels (N,).
@@ -96,7 +87,7 @@ class Parts:
         colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
         code: (N,) confidence, see ``service.texture.texture_maps``.
         albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
-        iris: (3,) linear albedo of the irises, the default where none was seen.
+        iris: (3,) linear albedo of the irises (:func:`likely_iris`), the usual one where none was seen.
     """
 
     colour: Float32
@@ -106,15 +97,14 @@ class Parts:
 
 
 def paint_parts(
-    photo: Photo, chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, face: Bool, shown: Float32,
+    chart: Chart, fit: Fit, unwrapped: Unwrapped, zones: Zones, face: Bool, shown: Float32,
     colour: Float32, code: Float32, skin: Float32,
 ) -> Parts:  # fmt: skip
     """Paint eyes, teeth, tongue, lashes, sockets and the lining of the mouth over the skin.
 
     Args:
-        photo: that was fitted.
         chart: of the head.
-        fit: with gaze, cheek and teeth.
+        fit: with gaze and the colours of eyes and teeth.
         unwrapped: the photo on the chart.
         zones: of the same texels.
         face: (N,) bool, texels of the face's lit skin.
@@ -123,11 +113,9 @@ def paint_parts(
         code: (N,) confidence of that skin.
         skin: (3,) sRGB of the person's skin.
     """
-    irises = () if fit.gaze is None else fit.gaze.irises
-    tone = measure_eyes(photo.pixels, irises)
     seen = opacity(unwrapped.weight)
-    light = PartLight.of(believed_sclera(fit, tone), skin, unwrapped.colour[face])
-    iris = IRIS if tone.iris is None else np.asarray(srgb_to_linear(tone.iris) / light.white, np.float32)
+    light = PartLight.of(fit.sclera, skin, unwrapped.colour[face])
+    iris = IRIS if fit.iris is None else likely_iris(np.asarray(srgb_to_linear(fit.iris) / light.white, np.float32))
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
     socket = np.clip(zones.hidden - zones.mouth, 0, 1) * zones.skin
@@ -135,7 +123,7 @@ def paint_parts(
     mouth = zones.mouth * zones.skin
     work.over_skin(mouth, paint_lining(chart, mouth), np.float32(1))
     # With no iris found, the head's eyes may look elsewhere than the photo's, or it shows lids or lenses instead.
-    told = np.float32(fit.gaze is None or tone.iris is not None)
+    told = np.float32(fit.gaze is None or fit.iris is not None)
     eyes_seen = seen * shown[:, [labels.SCLERA, labels.IRIS]].sum(1) * told
     for index, name in enumerate(chart.head.part_names):
         texels = np.flatnonzero(chart.inner_part == index)
@@ -158,7 +146,7 @@ def paint_parts(
 
 def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
     """(n, 3) sRGB-coded albedo of an eye at angles (n,) from its line of sight; all angles in degrees."""
-    sclera, coded, socket = (linear_to_srgb(c) for c in (SCLERA, likely_iris(iris), SOCKET))
+    sclera, coded, socket = (linear_to_srgb(c) for c in (SCLERA, iris, SOCKET))
     return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 

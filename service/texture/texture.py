@@ -134,7 +134,7 @@ def make_texture(
         roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
     sure = _confidence(completed)
-    parts = paint_parts(photo, chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
+    parts = paint_parts(chart, fit, unwrapped, zones, found.face, part, completed.colour, sure, person)
 
     exact, tangent = shape_normals(chart, fit.vertices)
     texture = chart.fill_outside(chart.spread(parts.colour))

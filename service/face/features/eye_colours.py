@@ -6,7 +6,6 @@ Albedos are diffuse, linear RGB in [0, 1].
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from service.face.features.rims import inside_rim
 SCLERA = np.array([0.63, 0.59, 0.56], np.float32)
 """Sclera: nearly grey and much the same in everybody; its blood vessels make it slightly red."""
 
-IRIS = np.array([0.099, 0.054, 0.032], np.float32)
+IRIS = np.array([0.099, 0.054, 0.029454546], np.float32)
 """Iris assumed where the photo does not show its colour: medium brown, the most frequent."""
 
 MOST_IRIS_LUMA, MOST_IRIS_CHANNEL = 0.2, 0.32
@@ -74,31 +73,22 @@ times the square of its red over blue over the skin's. Irises of photos have 0.0
 too; lids 0.45 and more."""
 
 
-@dataclass(frozen=True)
-class EyeTone:
-    """Mean colours of both eyes: (3,) sRGB each, None where too little was seen.
+def eye_colours(pixels: UInt8, irises: Sequence[Iris]) -> tuple[Float32 | None, Float32 | None]:
+    """(3,) sRGB of the sclera and of the irises of both eyes in a photo (H, W, 3) uint8 sRGB.
 
-    Light that the cornea mirrors is subtracted from the iris's.
+    Each is None where too little of it is seen. Light that the cornea mirrors is subtracted from the irises'.
     """
-
-    sclera: Float32 | None
-    iris: Float32 | None
-
-
-def measure_eyes(pixels: UInt8, irises: Sequence[Iris]) -> EyeTone:
-    """Colours of the irises, and of the sclera round them, in a photo (H, W, 3) uint8 sRGB."""
     scleras, found_irises = [np.zeros((0, 3), np.float32)], []
     for iris in irises:
         colour, at = inside_rim(pixels, iris.rim, MARGIN * iris.radius)
         distance = np.linalg.norm(at - iris.centre, axis=1) / iris.radius
         scleras.append(colour[distance > SCLERA_FROM])
-        found = _iris(colour, distance, iris.radius, _skin_below(pixels, iris))
+        found = _iris(colour, distance, iris.radius, skin_below(pixels, iris))
         found_irises += [] if found is None else [found]
-    mean = None if not found_irises else linear_to_srgb(np.mean(found_irises, 0))
-    return EyeTone(_sclera(np.concatenate(scleras)), mean)
+    return _sclera(np.concatenate(scleras)), linear_to_srgb(np.mean(found_irises, 0)) if found_irises else None
 
 
-def _skin_below(pixels: UInt8, iris: Iris) -> Float32:
+def skin_below(pixels: UInt8, iris: Iris) -> Float32:
     """(n, 3) sRGB below the eye."""
     down = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
     return inside_rim(pixels, iris.rim + down, 0.0)[0]

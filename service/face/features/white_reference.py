@@ -13,7 +13,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.colour import LUMA, luma, srgb_to_linear
-from service.face.features.eye_colours import BELOW, SCLERA
+from service.face.features.eye_colours import SCLERA, skin_below
 from service.face.features.eyes import Gaze
 from service.face.features.iris import MARGIN, Iris
 from service.face.features.rims import inside_rim
@@ -83,8 +83,7 @@ def sclera_light(pixels: UInt8, iris: Iris) -> Float64 | None:
     kept = np.asarray((colours < CLIPPED / 255).all(1))
     overexposed = bool(outside.any()) and float(np.mean(~kept[outside])) >= OVEREXPOSED
     colours = colours[outside & kept]
-    below = np.array([0.0, BELOW * float(np.ptp(iris.rim[:, 1]))])
-    skin, _ = inside_rim(pixels, iris.rim + below, 0.0)
+    skin = skin_below(pixels, iris)
     if iris.radius < LEAST_RADIUS or len(colours) < LEAST_PIXELS or len(skin) < LEAST_PIXELS:
         return None
     linear = srgb_to_linear(colours).astype(np.float64)

@@ -8,6 +8,7 @@ import numpy as np
 
 from service.errors import FitFailed
 from service.face.face import Face
+from service.face.features.eye_colours import eye_colours
 from service.face.features.eyes import eyes_on_rims, find_gaze, lids_on_rims, with_gaze
 from service.face.features.mouth import MOUTH_RIM, lips_on_rim
 from service.face.features.teeth import ROW as UPPER_ROW
@@ -172,18 +173,22 @@ def _result(
         warnings.append("low-confidence")
     if gaze is not None and not gaze.irises:
         warnings.append("gaze-not-seen")
+    eye_light = light_from_sclera_and_teeth(photo.pixels, gaze, tooth, skin)
+    sclera, iris = eye_colours(photo.pixels, () if gaze is None else gaze.irises)
     return Fit(
-        camera,
-        identity,
-        expression,
-        vertices,
-        neutral,
-        None,
-        rms,
-        float(inter_ocular),
-        tuple(warnings),
-        gaze,
-        light_from_sclera_and_teeth(photo.pixels, gaze, tooth, skin),
-        skin,
-        tooth,
+        camera=camera,
+        identity=identity,
+        expression=expression,
+        vertices=vertices,
+        neutral=neutral,
+        light=None,
+        landmark_rms_px=rms,
+        inter_ocular_px=float(inter_ocular),
+        warnings=tuple(warnings),
+        gaze=gaze,
+        eye_light=eye_light,
+        cheek=skin,
+        tooth=tooth,
+        iris=iris,
+        sclera=None if eye_light is None else sclera,
     )

@@ -32,6 +32,9 @@ class Fit:
             from sclera and teeth (``service.face.features.white_reference``); None if neither can be measured.
         cheek: (3,) float32 sRGB of the cheeks; None if the photo shows neither.
         tooth: (3,) float32 sRGB of the teeth between the lips; None if none are seen.
+        iris: (3,) float32 sRGB of the irises; None if none are seen.
+        sclera: (3,) float32 sRGB of the sclera; None if it is not seen, or told no light: then it is lids and lashes in
+            part, and dark eyes in the shade of lids, measured against those, would be pale ones.
     """
 
     camera: Camera
@@ -47,3 +50,5 @@ class Fit:
     eye_light: Float64 | None = None
     cheek: Float32 | None = None
     tooth: Float32 | None = None
+    iris: Float32 | None = None
+    sclera: Float32 | None = None

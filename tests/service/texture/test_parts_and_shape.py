@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import cast
-
 import numpy as np
 import pytest
 
 from service.anatomy.eyes import SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.mouth import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
-from service.face.features.eye_colours import IRIS, SCLERA, EyeTone
+from service.face.features.eye_colours import IRIS, SCLERA
 from service.face.features.teeth import TOOTH
-from service.face.fit.result import Fit
 from service.geometry.chart import Chart
-from service.texture.part_colours import PartLight, believed_sclera
+from service.texture.part_colours import PartLight
 from service.texture.texture_maps import depth_map, shape_normals
 from tests.toyhead import sphere_head
 
@@ -58,12 +54,10 @@ def test_light_of_the_parts_is_that_of_the_sclera() -> None:
 def test_what_told_no_light_is_no_sclera_to_measure_an_iris_against() -> None:
     """A squinting, dark-eyed face shows lashes and shade between its lids; its iris came out grey."""
     shown = np.array([0.13, 0.08, 0.08], np.float32)
-    tone = EyeTone(np.array([0.31, 0.22, 0.22], np.float32), shown)
     face = np.full((50, 3), 0.6, np.float32)
     irises = []
-    for eye_light in (None, np.full(3, 0.1)):
-        fit = cast(Fit, SimpleNamespace(eye_light=eye_light))
-        light = PartLight.of(believed_sclera(fit, tone), None, face)
+    for sclera in (None, np.array([0.31, 0.22, 0.22], np.float32)):
+        light = PartLight.of(sclera, None, face)
         irises.append(float(luma(srgb_to_linear(shown) / light.white)))
     assert irises[0] < 0.03 < 0.1 < irises[1]
 

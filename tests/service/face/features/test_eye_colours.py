@@ -10,9 +10,8 @@ from service.face.features.eye_colours import (
     DARKEST_IRIS,
     MOST_IRIS_CHANNEL,
     MOST_IRIS_LUMA,
-    EyeTone,
+    eye_colours,
     likely_iris,
-    measure_eyes,
 )
 from service.face.features.iris import Iris
 
@@ -42,46 +41,46 @@ def eye_photo(
 def test_colours_of_an_eye_are_those_between_the_lids(radius: float) -> None:
     """Pupil, the lamp mirrored in it and the red lids beside it must not be mixed in."""
     photo, iris = eye_photo(radius)
-    tone = measure_eyes(photo, [iris])
-    assert tone.iris is not None and np.abs(tone.iris * 255 - BLUE).max() < 12
-    assert tone.sclera is not None and np.abs(tone.sclera * 255 - WHITE).max() < 12
+    sclera, colour = eye_colours(photo, [iris])
+    assert colour is not None and np.abs(colour * 255 - BLUE).max() < 12
+    assert sclera is not None and np.abs(sclera * 255 - WHITE).max() < 12
 
 
 def test_no_eye_has_no_colours() -> None:
     photo, iris = eye_photo(20.0)
-    assert measure_eyes(photo, []) == EyeTone(None, None)
+    assert eye_colours(photo, []) == (None, None)
     lost = Iris(iris.centre, iris.radius, np.full((16, 2), np.nan), 0.5)
-    assert measure_eyes(photo, [lost]) == EyeTone(None, None)
+    assert eye_colours(photo, [lost]) == (None, None)
     beside = Iris(iris.centre + 1000, iris.radius, iris.rim + 1000, 0.5)
-    assert measure_eyes(photo, [beside]) == EyeTone(None, None)
+    assert eye_colours(photo, [beside]) == (None, None)
     red = np.full_like(photo, [170, 80, 70])
-    assert measure_eyes(red, [iris]) == EyeTone(None, None)
+    assert eye_colours(red, [iris]) == (None, None)
 
 
 def test_what_a_dark_eye_mirrors_is_not_its_colour() -> None:
     """A bright sky in the cornea is as bright as a brown iris in the shade: it came out grey and pale."""
     photo, iris = eye_photo(20.0, BROWN, veil=0.03)
-    tone = measure_eyes(photo, [iris])
-    assert tone.iris is not None and np.abs(tone.iris * 255 - BROWN).max() < 10
+    _, shown = eye_colours(photo, [iris])
+    assert shown is not None and np.abs(shown * 255 - BROWN).max() < 10
     small, there = eye_photo(5.0, BROWN, veil=0.03)
-    kept = measure_eyes(small, [there])
-    assert kept.iris is not None and kept.iris.min() > tone.iris.min(), "its pupil is not resolved"
+    _, kept = eye_colours(small, [there])
+    assert kept is not None and kept.min() > shown.min(), "its pupil is not resolved"
 
 
 def test_a_black_eye_keeps_a_colour() -> None:
     """As dark as what its pupil mirrors: nothing would be left, and hue is a quotient."""
     photo, iris = eye_photo(20.0, (5, 5, 5), veil=0.02)
-    tone = measure_eyes(photo, [iris])
-    assert tone.iris is not None and np.isfinite(tone.iris).all() and (tone.iris > 0).all()
+    _, shown = eye_colours(photo, [iris])
+    assert shown is not None and np.isfinite(shown).all() and (shown > 0).all()
 
 
 @pytest.mark.parametrize("skin", [SKIN, (110, 65, 45), (70, 40, 28)])
 def test_a_lid_is_no_iris(skin: tuple[int, int, int]) -> None:
     """Of lowered eyes the disc lies on the lid: the eye came out orange."""
     photo, iris = eye_photo(20.0, skin, skin=skin)
-    assert measure_eyes(photo, [iris]).iris is None
+    assert eye_colours(photo, [iris])[1] is None
     paler, iris = eye_photo(20.0, BLUE, skin=skin)
-    assert measure_eyes(paler, [iris]).iris is not None
+    assert eye_colours(paler, [iris])[1] is not None
 
 
 def test_no_iris_glows_and_none_is_black() -> None:
