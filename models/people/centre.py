@@ -26,7 +26,7 @@ from service.face.fit.fit_face import prior_for
 from service.face.fit.landmark_fit import fit_landmarks
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import project
-from service.face.reading.scores import Landmarker, Scores, read_scores
+from service.face.reading.scores import Landmarker, Scores
 from service.face.topology import MIRROR
 from service.head.files import DEFAULT_HEAD, load_head
 from service.head.model import HeadModel
@@ -111,7 +111,7 @@ def faces_in(folder: Path) -> Iterator[tuple[Photo, Face, Scores | None]]:
     for path in paths:
         photo = read_photo(path.read_bytes())
         for face in finder.find(photo.pixels):
-            yield photo, face, read_scores(photo.pixels, face.landmarks, network)
+            yield photo, face, network(photo.pixels, face.landmarks)
 
 
 def main() -> None:

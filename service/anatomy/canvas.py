@@ -9,8 +9,9 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64, UInt8
 from service.colour import linear_to_srgb
-from service.geometry.chart import chart_points
+from service.geometry.chart import chart_points, nearest_inside
 from service.geometry.raster import rasterise
+from service.head.files import split_polygons
 from service.head.model import HeadModel
 
 
@@ -76,7 +77,7 @@ class Canvas:
             faces: the same into values.
             values: (N, C).
         """
-        places, corners = _triangles(uv_faces), _triangles(faces)
+        places, corners = split_polygons(uv_faces), split_polygons(faces)
         flat = np.stack([uv[:, 0] * self.size, (1 - uv[:, 1]) * self.size], 1).astype(np.float64)
         raster = rasterise(flat, np.zeros(len(flat)), places, self.size, self.size)
         at = np.flatnonzero(raster.mask)
@@ -91,16 +92,8 @@ class Canvas:
 
     def picture(self) -> UInt8:
         """(size, size, 3) uint8 sRGB, row 0 at v = 1."""
-        import cv2
-
-        shape = (self.size, self.size)
-        empty = (~self.covered).reshape(shape).astype(np.uint8)
-        image = self.colour.reshape(*shape, 3)
-        if self.covered.any() and empty.any():
-            _, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-            seeds = np.zeros(int(label.max()) + 1, np.int64)
-            seeds[label.ravel()[self.covered]] = np.flatnonzero(self.covered)
-            image = self.colour[seeds[label]]
+        nearest = nearest_inside(self.covered.reshape(self.size, self.size))
+        image = self.colour[nearest]
         coded = linear_to_srgb(np.clip(image, 0, 1).astype(np.float32))
         return np.asarray(np.rint(255 * coded), np.uint8)
 
@@ -119,10 +112,3 @@ def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
         axes, phase = random.normal(0, scale, (waves, 3)), random.uniform(0, 2 * np.pi, waves)
         total += np.cos(at @ axes.T.astype(np.float32) + phase.astype(np.float32)).sum(1)
     return np.asarray(total / np.float32(np.sqrt(2.0 * waves * len(scales))))
-
-
-def _triangles(faces: AnyInt) -> AnyInt:
-    if faces.shape[1] == 3:
-        return np.asarray(faces, np.int32)
-    quads = faces[:, 3] >= 0
-    return np.concatenate([faces[:, [0, 1, 2]], faces[quads][:, [0, 2, 3]]]).astype(np.int32)

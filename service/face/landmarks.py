@@ -10,13 +10,13 @@ keypoints of the detector, which is an independent network.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from service.arrays import Float64, UInt8
 from service.face.detector import Detection
-from service.face.region import Region, roll
+from service.face.region import Region, level_square, roll
 from service.face.topology import MIRROR
 from service.runtime.sessions import Session, load_session
 
@@ -72,18 +72,24 @@ class Mesh:
     @property
     def region(self) -> Region:
         """The region for the next iteration: the bounding square of the landmarks, level with the face, enlarged."""
-        left, right, _, mouth = self.keypoints
-        angle = roll(left, right, mouth)
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        level = self.landmarks[:, :2] @ turn.T
-        low, high = level.min(0), level.max(0)
-        x, y = turn.T @ ((low + high) / 2)
-        return Region(float(x), float(y), max(float((high - low).max()), 1.0) * REGION_SCALE, angle)
+        square = face_square(self.landmarks)
+        return replace(square, side=max(square.side, REGION_SCALE))
 
     def disagreement(self, detection: Detection) -> float:
         """Mean distance of the four keypoints from the detector's, over the box size."""
         gaps = np.linalg.norm(self.keypoints - detection.keypoints[:4], axis=1)
         return float(gaps.mean() / max(detection.size, 1e-6))
+
+
+def face_roll(landmarks: Float64) -> float:
+    """Radians by which a face with landmarks (468, >= 2) is turned clockwise; 0 where eyes or mouth are not finite."""
+    ends = [np.nanmean(landmarks[list(pair), :2], 0) for pair in (EYE_LEFT, EYE_RIGHT, MOUTH)]
+    return roll(*ends) if np.isfinite(ends).all() else 0.0
+
+
+def face_square(landmarks: Float64) -> Region:
+    """The square that MediaPipe's networks of a face see: level with it, round its landmarks (468, >= 2), enlarged."""
+    return level_square(landmarks[:, :2], face_roll(landmarks), REGION_SCALE)
 
 
 class MeshNetwork:

@@ -67,6 +67,19 @@ class Region:
         return np.asarray(cv2.warpAffine(np.ascontiguousarray(patch), warp, (size, size), flags=flags), np.uint8)
 
 
+def level_square(points: Float64, angle: float, scale: float, below: float = 0.0) -> Region:
+    """The square round points (N, 2), turned by an angle in radians, ``scale`` times as wide as their longer extent.
+
+    Its middle lies ``below`` times its side below that of the points.
+    """
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    level = points @ turn.T
+    low, high = level.min(0), level.max(0)
+    side = float((high - low).max()) * scale
+    x, y = turn.T @ ((low + high) / 2 + [0.0, below * side])
+    return Region(float(x), float(y), side, angle)
+
+
 def roll(left_eye: Float64, right_eye: Float64, mouth: Float64) -> float:
     """Radians by which a face is turned clockwise in the photo; 0 where the three points coincide.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Int32, UInt8
+from service.arrays import AnyInt, Int32, UInt8
 from service.errors import ModelFault
 from service.head.model import HeadModel
 
@@ -47,10 +47,10 @@ _RANGES = {
 _PADDED = ("polygons", "polygon_uv")
 
 
-def split_polygons(polygons: Int32) -> Int32:
-    """(Q, 4) polygons (-1 pads triangles) -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
-    quads = polygons[polygons[:, 3] >= 0]
-    return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+def split_polygons(polygons: AnyInt) -> Int32:
+    """(F, 4) polygons (-1 pads triangles), or (F, 3), -> (T, 3): corners 0, 1, 2 of all, then 0, 2, 3 of the quads."""
+    quads = polygons[polygons[:, -1] >= 0] if polygons.shape[1] == 4 else polygons[:0]
+    return np.concatenate([polygons[:, [0, 1, 2]], quads[:, [0, -2, -1]]]).astype(np.int32)
 
 
 def save_head(model: HeadModel, path: Path) -> None:

@@ -109,11 +109,18 @@ class OpeningsNetwork:
         self._sessions = sessions or {kind.name: load_session(kind.name, threads) for kind in KINDS}
 
     def __call__(self, pixels: UInt8, landmarks: Float64) -> Openings:
-        """Read an (H, W, 3) uint8 sRGB photo with landmarks (468, >= 2) in its pixels.
+        """What the networks are sure of in an (H, W, 3) uint8 sRGB photo with landmarks (468, >= 2) in its pixels.
 
-        Raises:
-            NumericFault: a network gives no numbers.
+        Nothing where a network gives no numbers.
         """
+        try:
+            found = self._read(pixels, landmarks)
+        except NumericFault as fault:
+            log.warning("lids and lips are not read: %s", fault)
+            return {}
+        return {name: opening for name, opening in found.items() if opening.sure}
+
+    def _read(self, pixels: UInt8, landmarks: Float64) -> Openings:
         found: Openings = {}
         for kind in KINDS:
             for name, pair in kind.corners.items():
@@ -147,16 +154,6 @@ def _placed(kind: Kind, read: Float64, left: Float64, right: Float64) -> Opening
     middle, half = (read[0] + read[1]) / 2, np.maximum(read[0] - read[1], 0.0) / 2
     upper, lower = (base + (middle + sign * half)[:, None] * up for sign in (1.0, -1.0))
     return Opening(upper, lower, np.stack([left, right]), read[2:])
-
-
-def read_openings(pixels: UInt8, landmarks: Float64, network: OpeningsNetwork) -> Openings:
-    """As the network reads them, without those it is not sure of; none where it gives no numbers."""
-    try:
-        found = network(pixels, landmarks)
-    except NumericFault as fault:
-        log.warning("lids and lips are not read: %s", fault)
-        return {}
-    return {name: opening for name, opening in found.items() if opening.sure}
 
 
 def with_openings(landmarks: Float64, openings: Openings) -> Float64:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from service.arrays import Float64, UInt8
 from service.errors import NumericFault
-from service.face.reading.openings import OpeningsNetwork, read_openings
+from service.face.reading.openings import OpeningsNetwork
 from service.face.reading.person import PersonNetwork, with_person
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, ReaderNetwork, Reading, crop_of
-from service.face.reading.scores import Landmarker, read_scores
+from service.face.reading.scores import Landmarker
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +55,6 @@ def read_face(pixels: UInt8, landmarks: Float64, readers: Readers) -> Reading | 
         reading = with_person(pixels, reading, readers.person)
     return replace(
         reading,
-        openings=read_openings(pixels, landmarks, readers.openings),
-        scores=read_scores(pixels, landmarks, readers.scores),
+        openings=readers.openings(pixels, landmarks),
+        scores=readers.scores(pixels, landmarks),
     )

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from service.arrays import Float32, Float64, UInt8
-from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH
+from service.face.landmarks import face_roll
 from service.face.reading.openings import Openings
 from service.face.reading.parts import BACKGROUND, HAIR
 from service.face.reading.scores import Scores
-from service.face.region import Region, roll
+from service.face.region import Region, level_square
 from service.geometry.camera import ahead
 from service.runtime.sessions import Session, load_session
 
@@ -86,17 +86,8 @@ def crop_of(landmarks: Float64, fill: float = FILL, above: float = ABOVE) -> Reg
     good = landmarks[np.isfinite(landmarks).all(1), :2]
     if len(good) < 3:
         return None
-    ends = [np.nanmean(landmarks[list(pair), :2], 0) for pair in (EYE_LEFT, EYE_RIGHT, MOUTH)]
-    angle = roll(*ends) if np.isfinite(ends).all() else 0.0
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, sin], [-sin, cos]])
-    level = good @ turn.T
-    low, high = level.min(0), level.max(0)
-    side = float((high - low).max()) / fill
-    if not side > 1.0:
-        return None
-    x, y = turn.T @ ((low + high) / 2 + [0.0, above * side])
-    return Region(float(x), float(y), side, angle)
+    region = level_square(good, face_roll(landmarks), 1 / fill, above)
+    return region if region.side > 1.0 else None
 
 
 class ReaderNetwork:

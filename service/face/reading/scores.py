@@ -13,15 +13,12 @@ import numpy as np
 
 from service.arrays import Float64, UInt8
 from service.errors import NumericFault
-from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH
-from service.face.region import Region, roll
+from service.face.landmarks import face_square
 from service.runtime.sessions import Session, load_session
 
 log = logging.getLogger(__name__)
 
 SIDE, POINTS = 256, 478
-FILL = 1.5
-"""Side of the crop over the longer side of the landmarks' bounding box (MediaPipe)."""
 
 # fmt: off
 SUBSET = (
@@ -71,40 +68,20 @@ class Landmarker:
         )
 
     def __call__(self, pixels: UInt8, landmarks: Float64) -> Scores | None:
-        """Look at the face with landmarks (468, >= 2) of an (H, W, 3) uint8 sRGB photo; None where they give no crop.
+        """Look at the face with landmarks (468, >= 2) of an (H, W, 3) uint8 sRGB photo.
 
-        Raises:
-            NumericFault: a network gives no numbers.
+        None where the landmarks are not finite or coincide, or a network gives no numbers.
         """
-        region = crop_of(landmarks)
-        if region is None:
+        region = face_square(landmarks) if np.isfinite(landmarks[:, :2]).all() else None
+        if region is None or not region.side > 1.0:
             return None
         image = np.ascontiguousarray(region.cut(pixels, SIDE), np.float32)[None] / np.float32(255)
-        points = self._points.run({"image": image})[0].reshape(POINTS, 3)[:, :2].astype(np.float64)
-        taken = points[list(SUBSET)].astype(np.float32)[None]
-        scores = np.clip(np.asarray(self._scores.run({"points": taken})[0], np.float64).ravel(), 0.0, 1.0)
+        try:
+            points = self._points.run({"image": image})[0].reshape(POINTS, 3)[:, :2].astype(np.float64)
+            taken = points[list(SUBSET)].astype(np.float32)[None]
+            scores = np.clip(np.asarray(self._scores.run({"points": taken})[0], np.float64).ravel(), 0.0, 1.0)
+        except NumericFault as fault:
+            log.warning("the expression is not scored: %s", fault)
+            return None
         units = {name: float(score) for name, score in zip(NAMES, scores, strict=True) if name != "_neutral"}
         return Scores(region.to_photo(points, SIDE), units)
-
-
-def crop_of(landmarks: Float64) -> Region | None:
-    """The square that MediaPipe cuts: level with the eyes, on the middle of the landmarks' bounding box."""
-    flat = np.asarray(landmarks, np.float64)[:, :2]
-    if not np.isfinite(flat).all():
-        return None
-    angle = roll(*(flat[list(pair)].mean(0) for pair in (EYE_LEFT, EYE_RIGHT, MOUTH)))
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    level = flat @ turn.T
-    low, high = level.min(0), level.max(0)
-    side = float((high - low).max()) * FILL
-    x, y = turn.T @ ((low + high) / 2)
-    return Region(float(x), float(y), side, angle) if side > 1.0 else None
-
-
-def read_scores(pixels: UInt8, landmarks: Float64, network: Landmarker) -> Scores | None:
-    """As the networks say; None where they give no numbers."""
-    try:
-        return network(pixels, landmarks)
-    except NumericFault as fault:
-        log.warning("the expression is not scored: %s", fault)
-        return None

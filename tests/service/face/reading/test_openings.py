@@ -14,7 +14,6 @@ from service.face.reading.openings import (
     UNSURE,
     Opening,
     OpeningsNetwork,
-    read_openings,
     with_openings,
 )
 
@@ -83,9 +82,9 @@ def test_an_opening_is_never_less_than_shut() -> None:
 
 
 def test_what_is_unsure_or_no_number_is_left_out() -> None:
-    unsure = read_openings(PHOTO, face(), network(Known(0.2, 0.0, 2 * UNSURE), Known(0.1, 0.0)))
+    unsure = network(Known(0.2, 0.0, 2 * UNSURE), Known(0.1, 0.0))(PHOTO, face())
     assert set(unsure) == {"mouth"}
-    assert read_openings(PHOTO, face(), network(Silent(0.0, 0.0), Known(0.1, 0.0))) == {}
+    assert network(Silent(0.0, 0.0), Known(0.1, 0.0))(PHOTO, face()) == {}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

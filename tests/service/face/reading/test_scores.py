@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.scores import NAMES, POINTS, SIDE, SUBSET, Landmarker, crop_of, read_scores
+from service.face.landmarks import face_square
+from service.face.reading.scores import NAMES, POINTS, SIDE, SUBSET, Landmarker
 from tests.service.face.geometry import oval
 
 
@@ -38,8 +39,7 @@ def test_scores_have_names_and_stay_within_bounds() -> None:
 
 
 def test_the_crop_holds_the_face_at_mediapipes_size() -> None:
-    region = crop_of(oval(0.5))
-    assert region is not None
+    region = face_square(oval(0.5))
     assert region.side == pytest.approx(1.5 * 140, rel=0.01) and region.angle == pytest.approx(0.5, abs=0.02)
 
 
@@ -50,4 +50,4 @@ def test_landmarks_without_extent_give_no_scores(landmarks: np.ndarray) -> None:
 
 def test_no_numbers_are_no_scores() -> None:
     """A NaN that went into the prior would end the fit."""
-    assert read_scores(np.zeros((400, 600, 3), np.uint8), oval(0.0), Landmarker((Points(), Broken()))) is None  # type: ignore[arg-type]
+    assert Landmarker((Points(), Broken()))(np.zeros((400, 600, 3), np.uint8), oval(0.0)) is None  # type: ignore[arg-type]
