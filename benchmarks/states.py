@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from service.face.features.eyes import RIMS
-from service.face.features.mouth import MOUTH_RIM
+from service.face.features.rims import RIMS
 from service.face.finder import FaceFinder
 from service.face.fit.fit_face import fit_face
 from service.face.fit.result import Fit
@@ -81,7 +80,7 @@ def make(folder: Path, count: int) -> None:
         if missing[state] <= 0 or (folder / f"{seed:04}-{state}.npz").is_file():
             continue
         person = portrait(seed, SIZE)
-        rims = [*RIMS["left"], *RIMS["right"], *MOUTH_RIM]
+        rims = [point for rim in RIMS.values() for point in rim]
         turned = abs(person.camera.yaw_pitch_roll_deg()[0])
         if turned > MOST_YAW or person.seen[rims].mean() < 0.9:
             continue

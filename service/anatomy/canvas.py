@@ -9,7 +9,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Bool, Float32, Float64, Int64, UInt8
 from service.colour import linear_to_srgb
-from service.geometry.chart import chart_points, nearest_inside
+from service.geometry.chart import Chart, chart_points, nearest_inside
 from service.geometry.raster import rasterise
 from service.head.files import split_polygons
 from service.head.model import HeadModel
@@ -53,6 +53,13 @@ class PartTexels:
         points = np.einsum("nk,nki->ni", raster.barycentric[inside].astype(np.float64), hit)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
         return cls(box, inside, points, head.mean[np.unique(corners)].astype(np.float64))
+
+
+def part_points(chart: Chart, index: int, texels: Int64) -> tuple[AnyFloat, AnyFloat]:
+    """(n, 3) points of texels and (M, 3) vertices of part ``index``, metres on the neutral mean head."""
+    head = chart.head
+    points = np.einsum("nk,nki->ni", chart.weights[texels], head.mean[chart.corners[texels]])
+    return points, head.mean[np.unique(head.triangles[head.triangle_part == index])]
 
 
 class Canvas:

@@ -92,11 +92,11 @@ def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, 
     rings += [(ball.radius * np.sin(a), ball.radius * np.cos(a)) for a in angles]
     inner = len(rings) - len(angles)
     shares = [IRIS_SHARE * r / rim for r, _ in rings[:inner]] + [float(_share(a, limbus)) for a in angles]
-    points, faces = _rings(rings, ball, closed_front=plane - IRIS_BACK_M - PUPIL_BACK_M)
+    points, faces = _lathe(rings, front=plane - IRIS_BACK_M - PUPIL_BACK_M)
     turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     flat = np.array(shares)[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
     uv = 0.5 + 0.5 * np.concatenate([[[0.0, 0.0]], flat.reshape(-1, 2)])
-    return points, faces, uv.astype(np.float32)
+    return points + ball.centre, faces, uv.astype(np.float32)
 
 
 def cornea(ball: Eyeball) -> tuple[Float64, Int32]:
@@ -111,7 +111,8 @@ def cornea(ball: Eyeball) -> tuple[Float64, Int32]:
         rings.append((share * rim, plane + FILM_M + np.sqrt(curve**2 - (share * rim) ** 2) - foot))
     edge = limbus + np.radians(FILM_DEG)
     rings.append((ball.radius * np.sin(edge), ball.radius * np.cos(edge)))
-    return _rings(rings, ball, closed_front=plane + FILM_M + curve - foot)
+    points, faces = _lathe(rings, front=plane + FILM_M + curve - foot)
+    return points + ball.centre, faces
 
 
 def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) -> UInt8:
@@ -151,19 +152,25 @@ def _share(angle: AnyFloat, limbus: float) -> Float64:
     return np.asarray(IRIS_SHARE + (RIM_SHARE - IRIS_SHARE) * beyond**SPREAD)
 
 
-def _rings(rings: Sequence[tuple[float, float]], ball: Eyeball, closed_front: float) -> tuple[Float64, Int32]:
-    """A surface of revolution about the line of sight: its pole in front, then rings of (radius, depth)."""
-    turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
-    points = [np.array([[0.0, 0.0, closed_front]])]
+def _lathe(
+    rings: Sequence[tuple[float, float]], front: float, back: float | None = None, segments: int = SEGMENTS
+) -> tuple[Float64, Int32]:
+    """A surface of revolution about z: a pole in front, rings of (radius, depth), and a pole behind, if any."""
+    turn = 2 * np.pi * np.arange(segments) / segments
+    points = [np.array([[0.0, 0.0, front]])]
     for radius, depth in rings:
-        points.append(np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(SEGMENTS, depth)], 1))
-    here, none = np.arange(SEGMENTS), np.full(SEGMENTS, -1)
-    after = (here + 1) % SEGMENTS
-    faces = [np.stack([np.zeros(SEGMENTS, int), 1 + here, 1 + after, none], 1)]
+        points.append(np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(segments, depth)], 1))
+    here, none = np.arange(segments), np.full(segments, -1)
+    after = (here + 1) % segments
+    faces = [np.stack([np.zeros(segments, int), 1 + here, 1 + after, none], 1)]
     for k in range(len(rings) - 1):
-        a, b = 1 + k * SEGMENTS, 1 + (k + 1) * SEGMENTS
+        a, b = 1 + k * segments, 1 + (k + 1) * segments
         faces.append(np.stack([a + here, b + here, b + after, a + after], 1))
-    return np.concatenate(points) + ball.centre, np.concatenate(faces).astype(np.int32)
+    if back is not None:
+        points.append(np.array([[0.0, 0.0, back]]))
+        last, ring = 1 + len(rings) * segments, 1 + (len(rings) - 1) * segments
+        faces.append(np.stack([np.full(segments, last), ring + after, ring + here, none], 1))
+    return np.concatenate(points), np.concatenate(faces).astype(np.int32)
 
 
 def _on_ball(
@@ -233,19 +240,9 @@ def _caruncle(name: str, head: HeadModel, fit: Fit, upper: Int64, lower: Int64, 
     corner = head.mean[own].astype(np.float64)
     side = float(np.sign(corner[:, 0].mean()))
     middle = corner.mean(0) + np.array([0.15 * side * CARUNCLE_M[0], 0.0, -CARUNCLE_BACK_M])
-    theta = np.radians(np.linspace(15, 165, 8))[:, None]
-    phi = 2 * np.pi * np.arange(16) / 16
-    ring = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], -1)
-    unit = np.concatenate([[[0.0, 0.0, 1.0]], ring.reshape(-1, 3), [[0.0, 0.0, -1.0]]])
-    here, none = np.arange(16), np.full(16, -1)
-    after = (here + 1) % 16
-    faces = [np.stack([np.zeros(16, int), 1 + here, 1 + after, none], 1)]
-    for k in range(7):
-        a, b = 1 + 16 * k, 1 + 16 * (k + 1)
-        faces.append(np.stack([a + here, b + here, b + after, a + after], 1))
-    last = len(unit) - 1
-    faces.append(np.stack([np.full(16, last), 1 + 16 * 7 + after, 1 + 16 * 7 + here, none], 1))
+    theta = np.radians(np.linspace(15, 165, 8))
+    unit, faces = _lathe(list(zip(np.sin(theta), np.cos(theta), strict=True)), front=1.0, back=-1.0, segments=16)
     points = middle + unit * CARUNCLE_M
     weights = np.full((len(points), len(own)), 1 / len(own))
     uv = np.full((len(points), 2), 0.5, np.float32)
-    return _part(name, head, fit, points, weights, own, np.concatenate(faces).astype(np.int32), uv, material)
+    return _part(name, head, fit, points, weights, own, faces, uv, material)

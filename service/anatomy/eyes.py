@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.canvas import PartTexels
+from service.anatomy.canvas import PartTexels, part_points
 from service.arrays import AnyFloat, Float32, Float64
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
@@ -34,7 +34,7 @@ CORNER_SHADE = ((0.45, 1.0), (0.85, 0.75))
 """The same by horizontal distance over the radius, towards the corners of the lids."""
 
 
-def paint_eye(angle: Float32, limbus: float, pupil: float, sclera: Float32, iris: Float32, socket: Float32) -> Float32:
+def paint_eye(angle: Float32, limbus: float, pupil: float, iris: Float32) -> Float32:
     """(N, 3) sRGB of an eyeball by the angle (N,) in degrees from its line of sight.
 
     Pupil, iris with a dark limbus, sclera that reddens towards the socket.
@@ -43,11 +43,10 @@ def paint_eye(angle: Float32, limbus: float, pupil: float, sclera: Float32, iris
         angle: (N,) degrees.
         limbus: angle of the iris's rim, degrees.
         pupil: angle of the pupil's rim, degrees.
-        sclera: (3,) sRGB.
-        iris: (3,) sRGB.
-        socket: (3,) sRGB.
+        iris: (3,) linear albedo.
     """
-    colour = np.broadcast_to(iris, (len(angle), 3)) * (1 + 0.25 * _blend(angle, 0.9 * limbus, 0.4 * limbus))
+    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
+    colour = np.broadcast_to(coded, (len(angle), 3)) * (1 + 0.25 * _blend(angle, 0.9 * limbus, 0.4 * limbus))
     colour = colour * (1 - 0.45 * _blend(angle, 0.82 * limbus, limbus))
     colour = colour * (1 - 0.85 * _blend(angle, 1.15 * pupil, 0.9 * pupil))
     pale = sclera + (socket - sclera) * (0.9 * _blend(angle, 1.6 * limbus, 4.0 * limbus))
@@ -61,10 +60,8 @@ def _blend(value: Float32, low: float, high: float) -> Float32:
 
 def on_eyeball(chart: Chart, part: int) -> tuple[Eyeball, Float64]:
     """The eyeball of a part of the neutral mean head, and points (n, 3) float64 of its inner texels, metres."""
-    head = chart.head
-    texels = np.flatnonzero(chart.inner_part == part)
-    points = np.einsum("nk,nki->ni", chart.weights[texels], head.mean[chart.corners[texels]])
-    return Eyeball.of(head.mean[np.unique(head.triangles[head.triangle_part == part])]), points
+    points, vertices = part_points(chart, part, np.flatnonzero(chart.inner_part == part))
+    return Eyeball.of(vertices), points
 
 
 def sight_angle(ball: Eyeball, points: AnyFloat) -> Float32:
@@ -176,10 +173,9 @@ def eye_albedo(eye: DrawnEye, iris: Float32, detail: float = 1.0) -> Float32:
         iris: (3,) linear albedo.
         detail: strength in [0, 1] of fibres and vessels.
     """
-    sclera, coded, socket = (linear_to_srgb(colour) for colour in (SCLERA, iris, SOCKET))
     # The same seed for both eyes: a person's are alike.
-    random = np.random.default_rng(np.rint(coded * 255).astype(int))
-    painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, sclera, coded, socket)
+    random = np.random.default_rng(np.rint(linear_to_srgb(iris) * 255).astype(int))
+    painted = paint_eye(eye.radius * eye.limbus, eye.limbus, eye.pupil, iris)
     linear = srgb_to_linear(painted) * _fibres(eye, random)[:, None] ** np.float32(detail)
     linear[:, 1:] *= 1 - np.float32(detail) * _vessels(eye, random)[:, None]
     return np.asarray(np.clip(linear, 0, BRIGHTEST), np.float32)

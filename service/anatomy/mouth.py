@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.canvas import PartTexels
+from service.anatomy.canvas import PartTexels, part_points
 from service.arrays import AnyFloat, Float32, Float64, Int64
 from service.colour import FULL_CODE, Codes, linear_to_srgb, luma, srgb_to_linear
 from service.geometry.chart import Chart
@@ -30,13 +30,6 @@ light reaches the throat is the renderer's."""
 def shade(depth: AnyFloat, half: float) -> Float32:
     """(N, 1) factor in (0, 1] on sRGB values at depths (N,) behind the front: 1/2 at ``half``, 1 at depths below 0."""
     return np.asarray(1.0 / (1.0 + (np.maximum(depth, 0.0) / half) ** 1.5), np.float32)[:, None]
-
-
-def part_points(chart: Chart, index: int, texels: Int64) -> tuple[AnyFloat, AnyFloat]:
-    """(n, 3) points of texels and (M, 3) vertices of part ``index``, metres on the neutral mean head."""
-    head = chart.head
-    points = np.einsum("nk,nki->ni", chart.weights[texels], head.mean[chart.corners[texels]])
-    return points, head.mean[np.unique(head.triangles[head.triangle_part == index])]
 
 
 def paint_tongue(chart: Chart, index: int, texels: Int64) -> Float32:

@@ -132,7 +132,7 @@ def paint_parts(
         if name.startswith("eye"):
             ball, points = on_eyeball(chart, index)
             pupil = ball.pupil_deg(None if fit.gaze is None else fit.gaze.pupil_m)
-            painted = _eye(ball.limbus_deg, pupil, sight_angle(ball, points), iris)
+            painted = paint_eye(sight_angle(ball, points), ball.limbus_deg, pupil, iris)
             shaded = np.asarray(light.on(light.of_photo(painted)) * lid_shade(ball, points), np.float32)
             work.part(texels, painted, shaded, eyes_seen[texels], unwrapped.colour)
         else:
@@ -142,12 +142,6 @@ def paint_parts(
     if len(teeth.own):
         _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, labels.MOUTH])
     return Parts(work.colour, work.code, work.everywhere(), iris)
-
-
-def _eye(limbus: float, pupil: float, angle: Float32, iris: Float32) -> Float32:
-    """(n, 3) sRGB-coded albedo of an eye at angles (n,) from its line of sight; all angles in degrees."""
-    sclera, coded, socket = (linear_to_srgb(c) for c in (SCLERA, iris, SOCKET))
-    return paint_eye(angle, limbus, pupil, sclera, coded, socket)
 
 
 def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32) -> None:

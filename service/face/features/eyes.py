@@ -22,18 +22,12 @@ from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Float32, Float64, UInt8
 from service.face.features.iris import Iris, Search, pupil_radius, search
-from service.face.features.rims import Followed, Rim, fit_to_rim
+from service.face.features.rims import RIMS, Followed, Rim, fit_to_rim
 from service.geometry.camera import Camera
 from service.head.eyeball import IRIS_RADIUS_M, SIDES, Eyeball, eyeball, pole
 from service.head.model import HeadModel
 from service.head.regions import lid_edges, part_vertices
 from service.robust import smoothstep
-
-RIMS = {
-    "left": (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466),
-    "right": (33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246),
-}
-"""Landmarks round the lid opening of the subject's left and right eye: from the outer corner, lower lid first."""
 
 LID_UNITS = ("eyeBlink", "eyeSquint", "eyeWide")
 """Expression units of the lids. They undo what the units ``eyeLook*`` do to the lids."""

@@ -14,9 +14,6 @@ from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
 
-MOUTH_RIM = (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308, 324, 318, 402, 317, 14, 87, 178, 88, 95)
-"""Landmarks round the opening between the lips: from the subject's right corner, upper lip first."""
-
 PAIRED = ("mouthUpperUp", "mouthLowerDown", "mouthPress", "mouthFrown", "mouthDimple", "mouthSmile", "mouthStretch")
 UNITS = {"mouthClose", "mouthRollUpper", "mouthRollLower", "mouthShrugUpper", "mouthShrugLower"} | {
     f"{unit}{side}" for unit in PAIRED for side in ("Left", "Right")
@@ -62,13 +59,11 @@ def lips_on_rim(
         neutral: (V, 3) metres, the fitted head without expression.
         expression: (E,) activations fitted to the landmarks.
         camera: of the fit.
-        rim_points: (20, 2) photo pixels of the opening, in the order of ``MOUTH_RIM``.
+        rim_points: (20, 2) photo pixels of the opening, in the order of ``RIMS``.
         teeth_seen: whether the photo shows teeth in it.
         exact: whether the rim lies on the edges of the lips, as the landmark network's does not.
     """
-    # Rim.of expects the lower edge first: start at the subject's left corner.
-    points = np.roll(np.asarray(rim_points, np.float64), len(rim_points) // 2, axis=0)
-    edges, rim = lip_edges(head), Rim.of(points, camera.rotation[:2, 1], FITTED)
+    edges, rim = lip_edges(head), Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], FITTED)
     if edges is None or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
         return np.array(expression, np.float64)
     gap = float(np.median(np.interp(rim.lower[:, 0], *rim.upper.T) - rim.lower[:, 1])) / rim.length

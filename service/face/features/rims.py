@@ -16,6 +16,14 @@ from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import OpeningEdges
 
+RIMS = {
+    "left": (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466),
+    "right": (33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246),
+    "mouth": (308, 324, 318, 402, 317, 14, 87, 178, 88, 95, 78, 191, 80, 81, 82, 13, 312, 311, 310, 415),
+}
+"""Landmarks round the openings, lower edge first: of the subject's eyes from the outer corner, of the mouth from the
+left one."""
+
 RIM_SIGMA_M, UNIT_SIGMA = 0.00025, 0.5
 """Standard deviations of the least squares: of the rim in metres, and of a unit's activation about its prior, the value
 before."""

@@ -116,12 +116,10 @@ def teeth_drop(
         pixels: (H, W, 3) uint8 sRGB.
         teeth: (N, 3) metres, head space, vertices of the upper row with expression; N is 0 without one.
         camera: of the fit.
-        rim_points: (20, 2) photo pixels of the opening between the lips, in the order of
-            ``service.face.features.mouth.MOUTH_RIM``.
+        rim_points: (20, 2) photo pixels of the opening between the lips, in the order of ``RIMS``.
         skin: (3,) sRGB of the face.
     """
-    points = np.roll(np.asarray(rim_points, np.float64), len(rim_points) // 2, axis=0)
-    rim = Rim.of(points, camera.rotation[:2, 1], (0.0, 1.0))
+    rim = Rim.of(np.asarray(rim_points, np.float64), camera.rotation[:2, 1], (0.0, 1.0))
     if not len(teeth) or rim is None or not -camera.rotation[2, 2] >= LEAST_FACING:
         return 0.0
     depth = camera.to_camera(teeth)[:, 2]

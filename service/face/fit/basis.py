@@ -13,6 +13,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32
 from service.head.model import HeadModel
+from service.head.regions import part_vertices
 
 
 def at_barycentric(values: AnyFloat, corners: AnyInt, weights: AnyFloat) -> Float64:
@@ -104,14 +105,12 @@ HANDLES = 260
 def places(head: HeadModel) -> Float64:
     """(V, 3) metres where the process is looked up for each vertex: itself, or the middle of its rigid part."""
     points = head.mean.astype(np.float64)
-    for name in (name for name in RIGID if name in head.part_names):
-        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(name)])
+    for members in (part_vertices(head, name) for name in RIGID if name in head.part_names):
         points[members] = 0.5 * (points[members].min(0) + points[members].max(0))
     socket = head.region("eye_socket") > 0.5
     # Lids and sockets go with their eyeball, whatever the field does there.
-    for side in (side for side in ("eye_left", "eye_right") if side in head.part_names):
-        members = np.unique(head.triangles[head.triangle_part == head.part_names.index(side)])
-        centre = points[members[0]]
+    for eye in (part_vertices(head, name) for name in ("eye_left", "eye_right") if name in head.part_names):
+        centre = points[eye[0]]
         near = np.exp(-((np.linalg.norm(head.mean - centre, axis=1) / 0.020) ** 4))[:, None]
         near[socket & (np.sign(head.mean[:, 0]) == np.sign(centre[0]))] = 1.0
         points = points + near * (centre - points)
@@ -159,14 +158,12 @@ def _spread(points: Float64, among: np.ndarray, count: int) -> list[int]:
     return chosen
 
 
-def extended(head: HeadModel, components: int, beyond: int, strength: float = 1.0) -> HeadModel:
+def extended(head: HeadModel, components: int, beyond: int) -> HeadModel:
     """The head with its first ``components`` of identity and ``beyond`` modes of the process after them.
 
     Args:
         head: any head model.
         components: as in ``FitSettings``; more than the head has means all.
         beyond: number of modes.
-        strength: factor of the process's standard deviation.
     """
-    further = np.float32(strength) * modes(head, beyond)
-    return replace(head, identity=np.concatenate([head.identity[:components], further]))
+    return replace(head, identity=np.concatenate([head.identity[:components], modes(head, beyond)]))

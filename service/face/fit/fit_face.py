@@ -10,7 +10,8 @@ from service.errors import FitFailed
 from service.face.face import Face
 from service.face.features.eye_colours import eye_colours
 from service.face.features.eyes import eyes_on_rims, find_gaze, lids_on_rims, with_gaze
-from service.face.features.mouth import MOUTH_RIM, lips_on_rim
+from service.face.features.mouth import lips_on_rim
+from service.face.features.rims import RIMS
 from service.face.features.teeth import ROW as UPPER_ROW
 from service.face.features.teeth import measure_teeth, teeth_drop
 from service.face.features.white_reference import cheek_colour, light_from_sclera_and_teeth
@@ -143,7 +144,7 @@ def _result(
     # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
     expression = lids_on_rims(head, neutral, expression, camera, rims, openings)
-    mouth_rim = rims[list(MOUTH_RIM), :2]
+    mouth_rim = rims[list(RIMS["mouth"]), :2]
     inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import Bool, Float64, UInt8
+from service.arrays import Float64, UInt8
 from service.errors import NumericFault
-from service.face.features.eyes import RIMS
-from service.face.features.mouth import MOUTH_RIM
+from service.face.features.rims import RIMS
 from service.face.region import Region
 from service.runtime.sessions import Session, load_session
 
@@ -84,17 +83,14 @@ class Opening:
         """Whether the network knows what it saw."""
         return bool(np.median(self.sigma) < UNSURE)
 
-    def on_edges(self, points: Float64, upper: Bool) -> Float64:
-        """(K, 2) points moved up or down onto the upper edge, or onto the lower one where ``upper`` (K,) is False."""
+    def on_edge(self, points: Float64, upper: bool) -> Float64:
+        """(K, 2) points moved up or down onto the upper or the lower edge."""
         across = self.corners[1] - self.corners[0]
         square = float(across @ across)
         up = np.array([across[1], -across[0]])
         place = (points - self.corners[0]) @ across / square
-        heights = [
-            np.interp(place, ENDS, [0.0, *((edge - self.corners[0]) @ up / square), 0.0])
-            for edge in (self.lower, self.upper)
-        ]
-        height = np.where(upper, heights[1], heights[0])
+        edge = self.upper if upper else self.lower
+        height = np.interp(place, ENDS, [0.0, *((edge - self.corners[0]) @ up / square), 0.0])
         return np.asarray(self.corners[0] + place[:, None] * across + height[:, None] * up)
 
 
@@ -160,10 +156,8 @@ def with_openings(landmarks: Float64, openings: Openings) -> Float64:
     """(468, 3) landmarks whose rims of eyes and mouth lie on the edges that were read; corners and depths stay."""
     out = np.array(landmarks, np.float64)
     for name, opening in openings.items():
-        rim = MOUTH_RIM if name == "mouth" else RIMS[name]
+        rim = RIMS[name]
         half = len(rim) // 2
-        # From corner to corner and back; the mouth's begin with the upper edge, those of eyes with the lower.
-        for part, first in ((rim[1:half], True), (rim[half + 1 :], False)):
-            index = list(part)
-            out[index, :2] = opening.on_edges(out[index, :2], np.full(len(index), first == (name == "mouth")))
+        for part, upper in ((rim[1:half], False), (rim[half + 1 :], True)):
+            out[list(part), :2] = opening.on_edge(out[list(part), :2], upper)
     return out

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.canvas import PartTexels
+from service.anatomy.canvas import PartTexels, part_points
 from service.anatomy.mouth import (
     WHITEST,
     WIDTHS_MM,
@@ -19,7 +19,6 @@ from service.anatomy.mouth import (
     no_bluer,
     paint_lining,
     paint_tongue,
-    part_points,
 )
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
 from service.face.features.teeth import TOOTH, measure_teeth

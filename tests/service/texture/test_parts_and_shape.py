@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.anatomy.eyes import SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.eyes import lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.mouth import TONGUE
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA
@@ -23,12 +23,11 @@ def test_eye_is_painted_from_pupil_to_sclera() -> None:
     ball, points = on_eyeball(CHART, HEAD.part_names.index("eye_left"))
     angle, limbus, pupil = sight_angle(ball, points), ball.limbus_deg, ball.pupil_deg()
     assert limbus == pytest.approx(np.degrees(np.arcsin(0.00585 / 0.012)), abs=0.5)
-    sclera, iris, socket = (linear_to_srgb(c) for c in (SCLERA, IRIS, SOCKET))
-    colour = paint_eye(angle, limbus, pupil, sclera, iris, socket)
+    colour = paint_eye(angle, limbus, pupil, IRIS)
     assert np.isfinite(colour).all()
     assert (colour[angle < 0.8 * pupil].max(1) < 0.15).all()
     pale = (angle > 1.2 * limbus) & (angle < 1.6 * limbus)
-    assert np.abs(colour[pale] - sclera).max() < 0.05
+    assert np.abs(colour[pale] - linear_to_srgb(SCLERA)).max() < 0.05
 
 
 def test_lids_shade_the_eye_from_above() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.features.eyes import LASH_ROOTS, RIMS, eyes_on_rims, lids_on_rims
+from service.face.features.eyes import LASH_ROOTS, eyes_on_rims, lids_on_rims
+from service.face.features.rims import RIMS
 from service.head.eyeball import SIDES, eyeball
 from service.head.files import load_head
 from service.head.model import HeadModel

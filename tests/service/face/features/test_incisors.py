@@ -32,12 +32,12 @@ def edge_px(head: HeadModel) -> float:
 
 
 def rim(top: float, bottom: float) -> np.ndarray:
-    """(20, 2) of an opening with straight edges: right corner, upper lip, left corner, lower lip back."""
+    """(20, 2) of an opening with straight edges: left corner, lower lip, right corner, upper lip back."""
     x = np.linspace(430, 570, 11)
     upper, lower = (np.full(9, y) for y in (top, bottom))
     corners = [[x[0], (top + bottom) / 2], [x[-1], (top + bottom) / 2]]
     back = np.stack([x[1:-1][::-1], lower], 1)
-    return np.concatenate([corners[:1], np.stack([x[1:-1], upper], 1), corners[1:], back])
+    return np.concatenate([corners[1:], back, corners[:1], np.stack([x[1:-1], upper], 1)])
 
 
 def mouth(top: float, bottom: float, *rows: tuple[float, float]) -> np.ndarray:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.features.eyes import LASH_ROOTS, RIMS, lids_on_rims
+from service.face.features.eyes import LASH_ROOTS, lids_on_rims
+from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
 from service.head.eyeball import SIDES
 from service.head.files import load_head

@@ -49,7 +49,7 @@ def rim(head: HeadModel, expression: np.ndarray, apart_px: float = 0.0) -> np.nd
     points[0], points[10] = (PLACES[0] - 12, (upper[0] + lower[0]) / 2), (PLACES[-1] + 12, (upper[-1] + lower[-1]) / 2)
     points[UPPER] = np.stack([PLACES, upper - apart_px / 2], 1)
     points[LOWER] = np.stack([PLACES, np.maximum(lower, upper) + apart_px / 2], 1)[::-1]
-    return points
+    return np.roll(points, 10, axis=0)
 
 
 def gap_mm(head: HeadModel, expression: np.ndarray) -> float:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.features.eyes import RIMS
-from service.face.features.mouth import MOUTH_RIM
+from service.face.features.rims import RIMS
 from service.face.reading.openings import (
     EYE,
     KINDS,
@@ -109,4 +108,4 @@ def test_rims_are_brought_onto_the_edges() -> None:
     inner = (points[rim, 0] > x[0]) & (points[rim, 0] < x[-1])
     assert inner.any() and np.allclose(moved[rim, 1][inner], 103.0)
     assert np.array_equal(moved[:, 2], points[:, 2])
-    assert np.array_equal(moved[list(MOUTH_RIM)], points[list(MOUTH_RIM)])
+    assert np.array_equal(moved[list(RIMS["mouth"])], points[list(RIMS["mouth"])])
