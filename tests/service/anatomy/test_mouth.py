@@ -21,13 +21,11 @@ from service.anatomy.mouth import (
     paint_tongue,
 )
 from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
-from service.face.features.teeth import TOOTH, measure_teeth
+from service.face.features.teeth import TOOTH
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from tests.toyhead import sphere_head
 
-SKIN = np.array([0.75, 0.55, 0.48], np.float32)
-RIM = np.array([[20, 30], [40, 20], [60, 18], [80, 20], [100, 30], [80, 42], [60, 45], [40, 42]], float)
 UP = np.array([0.0, 1.0, 0.0])
 TEETH = linear_to_srgb(TOOTH)
 
@@ -35,29 +33,6 @@ TEETH = linear_to_srgb(TOOTH)
 @pytest.fixture(scope="module")
 def chart() -> Chart:
     return Chart.build(load_head(), 576, 384)
-
-
-def photo(inside: list[int], lips: tuple[int, int, int] = (170, 70, 75)) -> np.ndarray:
-    """Lips all over, with a band of another colour between them."""
-    image = np.full((64, 128, 3), lips, np.uint8)
-    image[22:38, 30:90] = inside
-    return image
-
-
-def test_teeth_have_the_colour_they_have_between_the_lips() -> None:
-    found = measure_teeth(photo([215, 200, 170]), RIM, SKIN)
-    assert found is not None
-    assert np.abs(found * 255 - [215, 200, 170]).max() < 3
-
-
-@pytest.mark.parametrize("inside", [[170, 70, 75], [25, 10, 10], [80, 75, 70]])
-def test_lips_darkness_and_shadow_are_no_teeth(inside: list[int]) -> None:
-    assert measure_teeth(photo(inside), RIM, SKIN) is None
-
-
-@pytest.mark.parametrize("rim", [RIM + 500, np.full_like(RIM, np.nan), np.repeat(RIM[:1], 8, 0)])
-def test_a_mouth_outside_the_photo_lost_or_closed_has_no_teeth(rim: np.ndarray) -> None:
-    assert measure_teeth(photo([215, 200, 170]), rim, SKIN) is None
 
 
 def test_crowns_end_a_centimetre_from_the_biting_edge() -> None:

@@ -7,6 +7,8 @@ import pytest
 from export.faces.probes import sample_photo
 from service.face.face import Face
 from service.face.finder import FaceFinder
+from service.head.files import load_head
+from service.head.model import HeadModel
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -26,3 +28,8 @@ def portrait() -> Pixels:
 def face(finder: FaceFinder, portrait: Pixels) -> Face:
     (found,) = finder.find(portrait)
     return found
+
+
+@pytest.fixture(scope="session")
+def head() -> HeadModel:
+    return load_head()

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from service.geometry.camera import Camera
+from service.head.model import HeadModel
+
 Float = npt.NDArray[np.float64]
 
 
@@ -27,3 +30,17 @@ def oval(angle: float, centre: tuple[float, float] = (300.0, 200.0)) -> np.ndarr
     cos, sin = np.cos(angle), np.sin(angle)
     turned = points @ np.array([[cos, sin], [-sin, cos]]) + centre
     return np.concatenate([turned, np.zeros((468, 1))], 1)
+
+
+FOCAL = 2400.0
+VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
+"""A camera a metre before the eyes."""
+
+
+def units(head: HeadModel, **values: float) -> Float:
+    """(E,) activations by the names of units; those of both sides by the name without the side."""
+    out = np.zeros(len(head.expression))
+    for name, value in values.items():
+        for unit in {name, f"{name}Left", f"{name}Right"} & set(head.expression_names):
+            out[head.expression_names.index(unit)] = value
+    return out

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.detector import Detection, anchors, decode, merge, overlap
+from service.face.detector import Detection, anchors, decode, merge
 
 
 def detection(x: float, y: float, size: float, score: float) -> Detection:
@@ -43,13 +43,6 @@ def test_decode_survives_huge_logits_and_empty_boxes() -> None:
     assert len(decode(raw, np.array([-3e4, -3e4]), np.zeros((2, 2)), 0.5)[0]) == 0
 
 
-def test_overlap_by_hand() -> None:
-    one = np.array([0.0, 0.0, 2.0, 2.0])
-    others = np.array([[1.0, 0.0, 3.0, 2.0], [5.0, 5.0, 6.0, 6.0], [0.0, 0.0, 2.0, 2.0], [1.0, 1.0, 1.0, 1.0]])
-    assert overlap(one, others) == pytest.approx([1 / 3, 0, 1, 0])
-    assert overlap(np.zeros(4), np.zeros((1, 4))) == pytest.approx([0.0])  # nothing over nothing
-
-
 def test_two_half_off_boxes_become_one_between_them() -> None:
     """Greedy suppression would keep one of the two, half off the face."""
     (face,) = merge([detection(90, 50, 60, 0.6), detection(110, 50, 60, 0.6)])
@@ -62,7 +55,3 @@ def test_merging_weighs_by_score_and_keeps_distant_faces() -> None:
     faces = merge([detection(300, 50, 60, 0.7), detection(100, 50, 60, 0.9), detection(108, 50, 60, 0.3)])
     assert [f.score for f in faces] == [0.9, 0.7]
     assert faces[0].centre[0] == pytest.approx(102)
-
-
-def test_merging_nothing() -> None:
-    assert merge([]) == []

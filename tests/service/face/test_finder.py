@@ -133,11 +133,6 @@ def test_noise_has_no_face(finder: FaceFinder) -> None:
     assert finder.find(busy(400, 500)) == []
 
 
-def test_the_rest_of_the_sample_has_no_face(finder: FaceFinder, portrait: Pixels) -> None:
-    """Flag, rocket, helmet, suit and a hand are not faces."""
-    assert finder.find(np.ascontiguousarray(portrait[220:])) == []
-
-
 def test_a_dark_photo_says_so(finder: FaceFinder, portrait: Pixels, face: Face) -> None:
     (found,) = finder.find((portrait * 0.18).astype(np.uint8))
     assert "under-exposed" in found.warnings

@@ -15,15 +15,9 @@ from service.face.fit.basis import LandmarkModel
 from service.face.profile import CROP, faces_by_reading, look
 from service.face.reading.reader import ReaderNetwork, Reading
 from service.face.region import Region
-from service.head.files import load_head
 from service.head.model import HeadModel
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.geometry.normals import corner_angles, face_normals, normalise, vertex_normals
+from service.geometry.normals import normalise, vertex_normals
 
 
 def test_sphere_normals_are_its_positions() -> None:
@@ -22,16 +22,6 @@ def test_cube_corner_does_not_depend_on_the_diagonals() -> None:
     assert np.allclose(normals, np.sign(box.vertices) / np.sqrt(3), atol=1e-12)
 
 
-def test_face_normals_have_twice_the_area() -> None:
-    vertices = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], float)
-    assert np.array_equal(face_normals(vertices, np.array([[0, 1, 2]])), [[0, 0, 12]])
-
-
-def test_corner_angles_of_a_right_triangle() -> None:
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
-    assert np.allclose(np.degrees(corner_angles(vertices, np.array([[0, 1, 2]]))), [[90, 45, 45]])
-
-
 def test_degenerate_triangles_add_nothing() -> None:
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [np.nan, 0, 0], [5, 5, 5]], float)
     triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 0, 1], [0, 1, 4]])
@@ -40,16 +30,6 @@ def test_degenerate_triangles_add_nothing() -> None:
     assert np.array_equal(normals[3:], np.tile([0.0, 0.0, 1.0], (3, 1)))
 
 
-def test_scale_does_not_matter() -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=2)
-    small = vertex_normals(sphere.vertices * 1e-6, sphere.faces)
-    assert np.allclose(small, vertex_normals(sphere.vertices, sphere.faces), atol=1e-9)
-
-
 @pytest.mark.parametrize("vector", [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0], [1e-30, 0, 0], [1e300, 1e300, 0]])
 def test_vectors_without_direction_take_the_fallback(vector: list[float]) -> None:
     assert np.array_equal(normalise(np.array([vector]), (0.0, 1.0, 0.0)), [[0, 1, 0]])
-
-
-def test_normalise_keeps_direction_and_shape() -> None:
-    assert np.allclose(normalise(np.array([[[3.0, 0, 4.0]]])), [[[0.6, 0, 0.8]]])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
-from service.geometry.raster import CHUNK, composite, fragments, rasterise, signed_area, transmittances
+from service.geometry.raster import CHUNK, composite, fragments, rasterise, signed_area
 
 
 def _square(x0: float, y0: float, x1: float, y1: float) -> tuple[np.ndarray, np.ndarray]:
@@ -49,14 +47,6 @@ def test_barycentric_gives_back_the_pixel_centre() -> None:
     at = np.einsum("nk,nki->ni", raster.barycentric[raster.mask], corners)
     row, column = np.nonzero(raster.mask)
     assert np.allclose(at, np.stack([column, row], 1) + 0.5, atol=1e-4)
-
-
-def test_integer_square_covers_its_pixels_exactly() -> None:
-    points, triangles = _square(3, 2, 11, 7)
-    raster = rasterise(points, np.ones(4), triangles, 20, 10)
-    expected = np.zeros((10, 20), bool)
-    expected[2:7, 3:11] = True
-    assert np.array_equal(raster.mask, expected)
 
 
 def test_pixel_centre_on_an_edge_goes_right_and_below() -> None:
@@ -184,23 +174,6 @@ def test_more_pixels_than_a_chunk() -> None:
     assert (raster.triangle >= 2 * (layers - 1)).all()
 
 
-@pytest.mark.slow
-def test_twenty_thousand_triangles_take_less_than_a_few_tenths_of_a_second() -> None:
-    n = 101
-    y, x = np.mgrid[:n, :n] * (760.0 / n) + 4
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    triangles = np.vstack(
-        [np.stack([corner, corner + n, corner + 1], 1), np.stack([corner + 1, corner + n, corner + n + 1], 1)]
-    )
-    points = np.stack([x.ravel(), y.ravel()], 1)
-    best = np.inf
-    for _ in range(3):
-        start = time.perf_counter()
-        rasterise(points, x.ravel(), triangles, 768, 768)
-        best = min(best, time.perf_counter() - start)
-    assert best < 0.45  # measured 0.1 s on one core; three times that on a busy machine
-
-
 def test_layers_are_composited_as_one_by_one() -> None:
     rng = np.random.default_rng(1)
     pixel = np.sort(rng.integers(0, 20, 200))
@@ -209,12 +182,6 @@ def test_layers_are_composited_as_one_by_one() -> None:
     for p, c, a in zip(pixel[::-1], colour[::-1], alpha[::-1], strict=True):  # the furthest first
         wanted[p] = a * np.array([*c, 1.0]) + (1 - a) * wanted[p]
     np.testing.assert_allclose(composite(pixel, colour, alpha, 20), wanted, atol=1e-5)
-
-
-def test_nothing_shows_behind_an_opaque_layer_and_no_layer_is_no_colour() -> None:
-    assert transmittances(np.array([3, 3, 3]), np.array([0.0, 1.0, 0.5]))[2] < 1e-6
-    none = np.zeros(0, np.int64)
-    assert not composite(none, np.zeros((0, 3)), np.zeros(0), 5).any()
 
 
 def test_fragments_are_all_surfaces_in_order() -> None:

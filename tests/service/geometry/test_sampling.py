@@ -18,11 +18,6 @@ def test_a_linear_image_is_read_exactly_between_pixels() -> None:
     assert np.allclose(Pyramid.build(_ramp(40, 33)).sample(points), points, atol=0.04)
 
 
-def test_pixel_centres_are_at_a_half() -> None:
-    image = np.arange(12.0).reshape(3, 4)
-    assert np.allclose(Pyramid.build(image).sample(np.array([[0.5, 0.5], [3.5, 2.5]]))[:, 0], [0, 11])
-
-
 def test_levels_of_odd_sizes_stay_in_place() -> None:
     """Halving 41 pixels to 20 and still dividing by two would shift deeper levels by several pixels."""
     points = np.array([[20.5, 16.5]])

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import io
-
 import cv2
 import numpy as np
 import pytest
 
 from service.face.features.eyes import Gaze, find_gaze, with_gaze
-from service.face.features.iris import HALF, RADIUS_PX, Iris, _merit, search
+from service.face.features.iris import Iris, search
 from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
 from service.head.eyeball import SIDES, eyeball
-from service.head.files import load_head
 from service.head.model import HeadModel
-from service.jobs.avatar_process import kinds
-from service.jobs.stage_files import pack, unpack
 
 TURN = np.linspace(0, 2 * np.pi, 17)[:-1]
 
 AHEAD = np.array([0.0, 0.0, 1.0])
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
 
 
 def find_iris(image: np.ndarray, rim: np.ndarray, radius: float) -> Iris | None:
@@ -67,22 +57,6 @@ def test_iris_is_found_where_it_is(radius: float, iris: tuple[int, int, int], of
     assert found is not None
     assert np.abs(found.centre - centre)[0] < 0.12 * radius + 0.15
     assert np.abs(found.centre - centre)[1] < 0.2 * radius + 0.15
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.5])
-@pytest.mark.parametrize(("upper", "lower", "height"), [(0.85, 0.9, 0.9), (0.4, 0.9, 0.74), (0.4, 0.6, 0.62)])
-def test_without_contrast_an_iris_lies_where_lids_leave_it(
-    upper: float, lower: float, height: float, tilt: float
-) -> None:
-    """Nine tenths of a radius above the lower lid, less where that has come up; not in the middle of the opening."""
-    rim = RADIUS_PX * np.stack([2.4 * np.cos(TURN), np.where(np.sin(TURN) > 0, lower, upper) * np.sin(TURN)], 1)
-    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
-    n = 2 * HALF + 1
-    merit = _merit(np.zeros((n, n), np.float32), np.ones((n, n), bool), rim @ turn.T)
-    row, column = np.unravel_index(int(merit.argmax()), merit.shape)
-    x, y = turn.T @ (np.array([column, row]) - HALF) / RADIUS_PX
-    assert x == pytest.approx(0.0, abs=0.1)
-    assert lower - y == pytest.approx(height, abs=0.08)
 
 
 def test_nothing_is_found_where_there_is_nothing() -> None:
@@ -194,15 +168,3 @@ def test_eyes_are_turned_and_lids_stay(head: HeadModel, angles: tuple[float, flo
         assert abs(np.degrees(np.arctan2(y, np.hypot(x, z))) - angles[1]) < 2.5
         lids = head.region(f"eyelid_{side}") > 0.5
         assert np.sqrt(((was - now)[lids] ** 2).sum(1).mean()) < 1e-3
-
-
-def test_a_gaze_survives_a_killed_server(head: HeadModel) -> None:
-    """Kept stages are packed by a list of known dataclasses; one that is not on it could not go on."""
-    image, landmarks, camera = scene(head, Gaze(5.0, 0.0), 0.0)
-    gaze = find_gaze(image, landmarks, head, head.mean, camera)
-    kept = io.BytesIO()
-    pack(gaze, kinds(), kept)
-    kept.seek(0)
-    again: Gaze = unpack(kept, kinds())
-    assert gaze is not None and len(again.irises) == 2
-    assert np.array_equal(again.irises[0].rim, gaze.irises[0].rim) and again.yaw_deg == gaze.yaw_deg

@@ -9,20 +9,12 @@ import numpy as np
 import pytest
 
 from service.face.features.teeth import MOST_DROP_M, ROW, teeth_drop
-from service.geometry.camera import Camera
-from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
+from tests.service.face.geometry import FOCAL, VIEW
 
-FOCAL = 2400.0
-VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
 SKIN, TOOTH, LIP, DARK = (200, 150, 130), (225, 215, 200), (150, 80, 80), (30, 15, 15)
 FLESH = np.array(SKIN, np.float32) / np.float32(255)
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
 
 
 def edge_px(head: HeadModel) -> float:

@@ -9,32 +9,18 @@ from service.face.features.eyes import LASH_ROOTS, lids_on_rims
 from service.face.features.rims import RIMS
 from service.geometry.camera import Camera, exp_rotation
 from service.head.eyeball import SIDES
-from service.head.files import load_head
 from service.head.model import HeadModel
-from service.head.regions import ROWS, lid_edges
+from service.head.regions import lid_edges
+from tests.service.face.geometry import FOCAL, units
 from tests.toyhead import sphere_head
 
-FOCAL = 2400.0
 UPPER, LOWER = slice(9, 16), slice(1, 8)
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
 
 
 def camera(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Camera:
     y, p, r = np.radians([yaw_deg, pitch_deg, roll_deg])
     rotation = np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.array([p, y, r]))
     return Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), rotation, np.array([0.0, 0.0, 1.0]))
-
-
-def units(head: HeadModel, **values: float) -> np.ndarray:
-    out = np.zeros(len(head.expression))
-    for name, value in values.items():
-        for side in SIDES:
-            out[head.expression_names.index(f"{name}{side.capitalize()}")] = value
-    return out
 
 
 def opening(head: HeadModel, vertices: np.ndarray, view: Camera, side: str, place: np.ndarray) -> np.ndarray:
@@ -125,13 +111,3 @@ def test_what_cannot_be_read_changes_nothing(head: HeadModel) -> None:
     none = np.zeros(len(toy.expression))
     assert np.array_equal(lids_on_rims(toy, toy.mean, none, camera(), good), none)
     assert lid_edges(toy, "left") is None
-
-
-def test_rows_of_a_lid_go_outwards_and_do_not_meet(head: HeadModel) -> None:
-    edges = lid_edges(head, "left")
-    assert edges is not None and len(edges.upper) == len(edges.lower) == ROWS
-    rows = [*edges.upper, *edges.lower]
-    assert len(np.unique(np.concatenate(rows))) == sum(map(len, rows))
-    # Over the thickness of the lid forwards, then up on its front.
-    depth = [head.mean[row, 2].mean() for row in edges.upper]
-    assert np.all(np.diff(depth[:4]) > 0)

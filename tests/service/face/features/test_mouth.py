@@ -7,28 +7,13 @@ import pytest
 
 from service.face.features.mouth import UNITS, lips_on_rim
 from service.geometry.camera import Camera
-from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
+from tests.service.face.geometry import FOCAL, VIEW, units
 from tests.toyhead import sphere_head
 
-FOCAL = 2400.0
-VIEW = Camera(1000, 1000, FOCAL, np.array([500.0, 500.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 1.0]))
 PLACES = np.linspace(-0.017, 0.017, 9) * FOCAL + 500.0
 UPPER, LOWER = slice(1, 10), slice(11, 20)
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
-
-
-def units(head: HeadModel, **values: float) -> np.ndarray:
-    out = np.zeros(len(head.expression))
-    for name, value in values.items():
-        for unit in {name, f"{name}Left", f"{name}Right"} & set(head.expression_names):
-            out[head.expression_names.index(unit)] = value
-    return out
 
 
 def opening(head: HeadModel, expression: np.ndarray) -> np.ndarray:

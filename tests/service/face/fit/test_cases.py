@@ -29,11 +29,6 @@ PROFILES = ("turned_away", "dim_profile")
 TRUTH = json.loads((PEOPLE / "truth.json").read_text("utf-8"))
 
 
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
-
-
 @lru_cache(maxsize=1)
 def networks() -> tuple[FaceFinder, Readers]:
     return FaceFinder(), Readers()

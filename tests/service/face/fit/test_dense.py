@@ -20,18 +20,12 @@ from service.face.reading.scores import Scores
 from service.geometry.camera import Camera, ahead, exp_rotation
 from service.geometry.normals import area_normals
 from service.geometry.raster import rasterise
-from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import lid_edges
 from service.photo.photo import Photo
 
 SIZE, FOCAL = 512, 1100.0
 MIDDLE = np.array([SIZE / 2, SIZE / 2])
-
-
-@pytest.fixture(scope="module")
-def head() -> HeadModel:
-    return load_head()
 
 
 @pytest.fixture(scope="module")

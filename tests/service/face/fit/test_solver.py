@@ -62,10 +62,6 @@ def test_step_is_finite_for_hopeless_systems(kind: str) -> None:
     assert np.isfinite(step).all()
 
 
-def test_nothing_free_is_no_step() -> None:
-    assert not solve_step(np.eye(2), np.ones(2), 1.0, np.zeros(2, bool)).any()
-
-
 def test_focal_length_cannot_run_away() -> None:
     """Distance and focal length are nearly degenerate: on noise alone an unbounded solve drifts to infinity."""
     prior = Prior(0.0, 10.0, 7.0, 10.0, np.ones(4), np.zeros(4))

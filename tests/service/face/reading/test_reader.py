@@ -9,18 +9,16 @@ import pytest
 
 from service.errors import NumericFault
 from service.face.reading.openings import OpeningsNetwork
-from service.face.reading.parts import BACKGROUND, CHARTED, HAIR, PARTS, READ, SKIN
+from service.face.reading.parts import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.person import PersonNetwork
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import (
     CELLS,
     FILL,
     PART_CELLS,
-    SIDE,
     ReaderNetwork,
     Reading,
     crop_of,
-    middles,
     parts_at_pixels,
 )
 from service.face.reading.scores import Landmarker
@@ -127,17 +125,6 @@ def test_a_network_without_numbers_is_no_reading() -> None:
             raise NumericFault("network reader: output chart has 4 of 8192 values that are NaN or Inf")
 
     assert read_face(np.zeros((400, 600, 3), np.uint8), oval(0.0), readers(Broken())) is None
-
-
-def test_middles_are_the_cells() -> None:
-    region = Region(100, 80, 64)
-    at = middles(region, CELLS).reshape(CELLS, CELLS, 2)
-    assert np.allclose(at[0, 0], [68.5, 48.5]) and np.allclose(at[-1, 3], [71.5, 111.5])
-
-
-def test_parts_are_named_once() -> None:
-    assert len(set(PARTS)) == len(PARTS) == 13 and set(READ) < set(CHARTED)
-    assert SIDE == 4 * CELLS == 2 * PART_CELLS
 
 
 @pytest.mark.parametrize("ray", [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [np.nan, 0.0, 1.0]])
