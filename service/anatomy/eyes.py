@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.anatomy.canvas import PartTexels, part_points
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import AnyFloat, Float32
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
 from service.geometry.chart import Chart
@@ -58,8 +58,8 @@ def _blend(value: Float32, low: float, high: float) -> Float32:
     return smoothstep(value, low, high)[:, None]
 
 
-def on_eyeball(chart: Chart, part: int) -> tuple[Eyeball, Float64]:
-    """The eyeball of a part of the neutral mean head, and points (n, 3) float64 of its inner texels, metres."""
+def on_eyeball(chart: Chart, part: int) -> tuple[Eyeball, AnyFloat]:
+    """The eyeball of a part of the neutral mean head, and points (n, 3) of its inner texels, metres."""
     points, vertices = part_points(chart, part, np.flatnonzero(chart.inner_part == part))
     return Eyeball.of(vertices), points
 
