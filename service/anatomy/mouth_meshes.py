@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import io
 import zipfile
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -85,19 +83,6 @@ def read_insets(path: Path = FILE) -> Insets:
         raise ModelFault(f"{path} is missing; build it with python -m models.people.inside --assets FOLDER") from None
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as fault:
         raise ModelFault(f"{path} cannot be read: {fault}") from fault
-
-
-def write_insets(meshes: Sequence[Inset], fitted_head: AnyFloat, path: Path) -> None:
-    """Write a file; the same meshes give the same bytes."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        arrays = {"fitted_head": np.asarray(fitted_head, np.float32)}
-        for mesh in meshes:
-            arrays |= {f"{mesh.name}:{f.name}": getattr(mesh, f.name) for f in fields(Inset) if f.name != "name"}
-        for key, value in arrays.items():
-            buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, np.ascontiguousarray(value), version=(1, 0), allow_pickle=False)
-            entry = zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            archive.writestr(entry, buffer.getvalue(), zipfile.ZIP_DEFLATED)
 
 
 SIZE, TONGUE_SIZE = 1024, 512
