@@ -73,7 +73,7 @@ def read_insets(path: Path = FILE) -> Insets:
         ModelFault: it is missing or cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
         names = list(dict.fromkeys(key.partition(":")[0] for key in arrays if ":" in key))
         keys = [field.name for field in fields(Inset) if field.name != "name"]
