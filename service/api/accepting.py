@@ -52,7 +52,7 @@ def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
         raise not_found()
     expires = now() + context.settings.result_hours * 3600
-    for one in let_go(context.store, context.queue, row, "erased", expires):
+    for one in let_go(context.store, row, "erased", expires):
         sweep(context, one)
     checkpoint(context.engine)
 
@@ -105,7 +105,7 @@ def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
     """First the photo on the disk, then the job and its place in the queue in one transaction."""
     context.artifacts.put(path, new.photo)
     try:
-        return context.store.add(new, context.queue.put, bounds, context.queue.move)
+        return context.store.add(new, bounds)
     except KeyInUse as used:
         sweep(context, new.id)
         return _same(used.row, new.digest)

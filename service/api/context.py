@@ -24,7 +24,6 @@ from service.api.problem_responses import ProblemError, not_found
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import WORKERS, connect, create_tables, seconds_of_database
 from service.jobs.machine import memory_bytes, processors
-from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
 from service.jobs.view import FINAL
@@ -168,7 +167,6 @@ class Context:
         create_tables(self.engine, settings)
         self.store = Store(self.engine)
         self.glance = Glance(self.engine.url.database or "" if self.engine.dialect.name == "sqlite" else "")
-        self.queue = Queue(self.engine)
         self.artifacts = Artifacts(settings.artifacts_url)
         self.watcher = Watcher(self.store)
         self.draining = threading.Event()

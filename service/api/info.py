@@ -166,9 +166,9 @@ def exposition(context: Context) -> bytes:
     counts = context.store.counts()
     for state in STATES:
         jobs.labels(state).set(counts.get(state, 0))
-    oldest = context.store.where(JOBS.c.state == "queued", limit=1)
+    oldest = context.store.oldest()
     waiting = Gauge("avatarme_queue_oldest_seconds", "Age of the job that waits longest", registry=registry)
-    waiting.set(now() - oldest[0]["created_at"] if oldest else 0.0)
+    waiting.set(0.0 if oldest is None else now() - oldest["created_at"])
     stuck = Gauge("avatarme_jobs_stuck", f"Running jobs without progress for {STUCK_S:g} s", registry=registry)
     stuck.set(len(context.store.where(JOBS.c.state == "running", JOBS.c.updated_at < now() - STUCK_S)))
     workers = Gauge("avatarme_workers", "Workers that live", ["ready"], registry=registry)

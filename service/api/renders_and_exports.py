@@ -116,7 +116,7 @@ def _job(context: Context, tenant: Tenant, kind: Kind, source: Row, values: dict
         key=f"\t{kind.name} {digest}",  # no header can have a tab in it, so nobody's own key is like it
     )  # fmt: skip
     try:
-        return context.store.add(job, context.queue.put, bounds_of(context, tenant))
+        return context.store.add(job, bounds_of(context, tenant))
     except KeyInUse as used:
         return used.row
     except NoRoom as full:

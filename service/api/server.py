@@ -26,7 +26,7 @@ from service.api.keys import LOOPBACK, check_exposed, make_first_key
 from service.api.problem_responses import EXPLANATIONS, MEDIA_TYPE
 from service.jobs import logs
 from service.jobs.locks import FileLock
-from service.jobs.machine import give_back_memory
+from service.jobs.machine import give_back_memory, keep_private
 from service.jobs.settings import Settings
 from service.jobs.view import problem
 
@@ -220,6 +220,7 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
     logs.set_up()
     give_back_memory()
     check_exposed(settings.host, settings.keys, anybody=settings.anybody)
+    keep_private(settings.data)
     if settings.first_key and (told := make_first_key(Path(settings.keys))):
         log.warning("there were no keys: one was made and is in %s; delete that file when you have it", told)
     if settings.host not in LOOPBACK and not settings.keys:

@@ -14,7 +14,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.jobs.database import JOBS, now
+from service.jobs import telemetry
+from service.jobs.database import IS_SERVED, IS_UNFINISHED, IS_URGENT, IS_WAITING, JOBS, now
 
 UNFINISHED = ("queued", "running")
 
@@ -68,29 +69,32 @@ def lock(connection: sa.Connection) -> None:
 def check(connection: sa.Connection, tenant: str, bounds: Bounds, *, counted: int = 0) -> None:
     """Refuse one more job where a bound is reached.
 
+    What decides are counts that each change of a job keeps up to date, so a long queue costs no time here. Only before
+    a job is refused are the rows themselves counted, as far as the bound: a worker of an older version keeps no counts.
+
     Args:
         connection: in a transaction that has written already (SQLite locks with the first write) or holds :func:`lock`.
         tenant: whose job it is.
         bounds: what is allowed.
-        counted: 1 where the job is among the rows already.
+        counted: 1 where the job is among the rows already; the counts are without it.
 
     Raises:
         NoRoom: it would be one too many.
     """
-    mine = sa.func.sum(sa.case((JOBS.c.tenant == tenant, 1), else_=0))
-    states = sa.select(JOBS.c.state, sa.func.count(), mine).where(JOBS.c.state.in_(UNFINISHED))
-    queued = own = -counted
-    for state, count, of_tenant in connection.execute(states.group_by(JOBS.c.state)):
-        queued += count if state == "queued" else 0
-        own += of_tenant
-    if queued >= bounds.queued:
+    mine, everybodys = telemetry.jobs_now(connection, tenant), telemetry.jobs_now(connection)
+    queued, own = everybodys.get("queued", 0), mine.get("queued", 0) + mine.get("running", 0)
+
+    def reached(bound: int, *conditions: sa.ColumnElement[bool] | sa.TextClause) -> bool:
+        found = sa.select(sa.literal(1)).select_from(JOBS).where(*conditions).limit(bound + counted).subquery()
+        return int(connection.execute(sa.select(sa.func.count()).select_from(found)).scalar_one()) >= bound + counted
+
+    if queued >= bounds.queued and reached(bounds.queued, IS_WAITING):
         raise NoRoom("queue-full", queued=queued)
-    if own >= bounds.unfinished:
+    if own >= bounds.unfinished and reached(bounds.unfinished, IS_UNFINISHED, JOBS.c.tenant == tenant):
         raise NoRoom("quota", unfinished=own, max_unfinished=bounds.unfinished)
-    if bounds.per_day is not None:
-        lately = sa.select(sa.func.count()).where(JOBS.c.tenant == tenant, JOBS.c.created_at >= now() - DAY_S)
-        if int(connection.execute(lately).scalar_one()) - counted >= bounds.per_day:
-            raise NoRoom("quota", per_day=bounds.per_day)
+    lately = (JOBS.c.tenant == tenant, JOBS.c.created_at >= now() - DAY_S)
+    if bounds.per_day is not None and reached(bounds.per_day, *lately):
+        raise NoRoom("quota", per_day=bounds.per_day)
 
 
 def turn(connection: sa.Connection, tenant: str, job: str, priority: str) -> int:
@@ -103,40 +107,40 @@ def turn(connection: sa.Connection, tenant: str, job: str, priority: str) -> int
         priority: of ``PRIORITIES``.
     """
     low = JOBS.c.turn >= LOW if priority == "low" else JOBS.c.turn < LOW
-    others = [JOBS.c.id != job, low]
-    served = sa.select(JOBS.c.turn).where(*others, JOBS.c.started_at.is_not(None)).order_by(JOBS.c.turn.desc()).limit(1)
-    last = sa.select(sa.func.max(JOBS.c.turn)).where(*others, JOBS.c.tenant == tenant, JOBS.c.state.in_(UNFINISHED))
-    being_served = connection.execute(served).scalar_one_or_none() or 1
-    behind_own = connection.execute(last).scalar_one()
+    turns = sa.select(JOBS.c.turn).where(JOBS.c.id != job, low).order_by(JOBS.c.turn.desc()).limit(1)
+    being_served = connection.execute(turns.where(IS_SERVED)).scalar_one_or_none() or 1
+    behind_own = connection.execute(turns.where(IS_UNFINISHED, JOBS.c.tenant == tenant)).scalar_one_or_none()
     first = LOW if priority == "low" else 1
     return int(max(being_served, first, 0 if behind_own is None else behind_own + 1))
 
 
-def overtake(connection: sa.Connection, tenant: str, job: str, own: int) -> list[tuple[str, str, int]]:
-    """Put a new job of high priority before the tenant's waiting ones of normal priority.
+def give_way(connection: sa.Connection, job: sa.RowMapping) -> sa.RowMapping | None:
+    """The job that uses a turn that has come: of high priority where the tenant has one waiting, else the turn's own.
 
-    The turns of the tenant stay the same, only who has which changes: nobody else waits longer for it.
+    The two exchange their workflows and their turns. Those of the tenant stay the same, only who has which changes, so
+    nobody else waits longer for it; and however many wait, only two rows change.
 
     Args:
-        connection: as for :func:`check`.
-        tenant: whose job it is.
-        job: its id.
-        own: its turn so far, the last of the tenant.
+        connection: in a transaction.
+        job: row of the job that has the turn.
 
     Returns:
-        (id, workflow, new turn) of every job that has got another turn, the new one included.
+        The row of the job that is to run; None where somebody else has just changed one of the two, and the
+        transaction is to be given up.
     """
-    columns = (JOBS.c.id, JOBS.c.workflow, JOBS.c.turn)
-    waiting = sa.select(*columns).where(
-        JOBS.c.tenant == tenant, JOBS.c.state == "queued", JOBS.c.priority == "normal", JOBS.c.turn < LOW
-    )
-    rows: list[Any] = list(connection.execute(waiting.order_by(JOBS.c.turn)))
-    turns = [*(row.turn for row in rows), own]
-    moved = [(job, f"{job}.1", turns[0])]
-    moved += [(row.id, row.workflow, after) for row, after in zip(rows, turns[1:], strict=True)]
-    for name, _, place in moved:
-        connection.execute(sa.update(JOBS).where(JOBS.c.id == name).values(turn=place))
-    return moved
+    if job["state"] != "queued" or job["priority"] != "normal":
+        return job
+    same = (JOBS.c.tenant == job["tenant"], JOBS.c.kind == job["kind"])
+    first = sa.select(JOBS).where(IS_URGENT, *same).order_by(JOBS.c.turn).limit(1)
+    urgent = connection.execute(first).mappings().one_or_none()
+    if urgent is None:
+        return job
+    for row, other in ((urgent, job), (job, urgent)):
+        unchanged = (JOBS.c.id == row["id"], JOBS.c.workflow == row["workflow"], JOBS.c.state == "queued")
+        values = {"workflow": other["workflow"], "turn": other["turn"]}
+        if not connection.execute(sa.update(JOBS).where(*unchanged).values(**values)).rowcount:
+            return None
+    return urgent
 
 
 @dataclass(frozen=True, kw_only=True)

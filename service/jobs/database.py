@@ -19,6 +19,22 @@ from service.jobs.settings import Settings
 
 TABLES = sa.MetaData()
 
+IS_WAITING = sa.text("state = 'queued'")
+IS_URGENT = sa.text("state = 'queued' and priority = 'high'")
+IS_UNFINISHED = sa.text("state in ('queued', 'running')")
+IS_SERVED = sa.text("started_at is not null")
+IS_LEFTOVER = sa.text("swept = false and state in ('succeeded', 'failed', 'cancelled')")
+IS_TOMBSTONE = sa.text("gone is not null")
+IS_DERIVED = sa.text("source is not null")
+"""Conditions on ``JOBS`` that have an index each, which holds only the rows that fit: what asks by one of them does not
+take longer with a longer queue. They are literal, as a database does not know of a parameter whether it fits.
+"""
+
+
+def _index(name: str, *columns: str, where: sa.TextClause) -> sa.Index:
+    return sa.Index(f"avatarme_jobs_{name}", *columns, postgresql_where=where, sqlite_where=where)
+
+
 JOBS = sa.Table(
     "avatarme_jobs",
     TABLES,
@@ -63,8 +79,17 @@ JOBS = sa.Table(
     sa.Column("trace", sa.String(64)),
     sa.UniqueConstraint("tenant", "key"),
     sa.Index("avatarme_jobs_list", "tenant", "created_at", "id"),
+    sa.Index("avatarme_jobs_list_state", "tenant", "state", "created_at", "id"),
     sa.Index("avatarme_jobs_state", "state", "expires_at"),
-    sa.Index("avatarme_jobs_turn", "turn"),
+    sa.Index("avatarme_jobs_workflow", "workflow"),
+    _index("waiting", "kind", "turn", where=IS_WAITING),
+    _index("oldest", "created_at", where=IS_WAITING),
+    _index("urgent", "tenant", "kind", "turn", where=IS_URGENT),
+    _index("own", "tenant", "turn", where=IS_UNFINISHED),
+    _index("served", "turn", where=IS_SERVED),
+    _index("leftover", "updated_at", where=IS_LEFTOVER),
+    _index("tombstone", "updated_at", where=IS_TOMBSTONE),
+    _index("derived", "source", where=IS_DERIVED),
 )
 """``kind`` is one of :mod:`service.jobs.kinds`, ``source`` the job of whose result it is made, ``turn`` the place in
 the queue (:mod:`service.jobs.admission`), ``metadata`` the own words of the owner as JSON, of a derived kind the facts,
@@ -79,7 +104,10 @@ TALLIES = sa.Table(
     sa.Column("bucket", sa.String(16), primary_key=True),
     sa.Column("value", sa.Double, nullable=False),
 )
-"""Counts that only grow, for :mod:`service.jobs.telemetry`; rows of jobs go, these stay."""
+"""Counts of :mod:`service.jobs.telemetry`: those that only grow outlive the rows of jobs."""
+
+JOBS_NOW = "jobs"
+"""Name of the tally of jobs that are kept, by tenant (``label``) and state (``bucket``)."""
 
 EVENTS = sa.Table(
     "avatarme_events",
@@ -89,19 +117,6 @@ EVENTS = sa.Table(
     sa.Column("name", sa.String(16), nullable=False),
     sa.Column("body", sa.Text, nullable=False),
 )
-
-MESSAGES = sa.Table(
-    "avatarme_webhooks",
-    TABLES,
-    sa.Column("id", sa.String(64), primary_key=True),
-    sa.Column("job", sa.String(32), nullable=False),
-    sa.Column("url", sa.Text, nullable=False),
-    sa.Column("body", sa.Text, nullable=False),
-    sa.Column("tries", sa.Integer, nullable=False),
-    sa.Column("next_at", sa.Double, nullable=False),
-    sa.Index("avatarme_webhooks_due", "next_at"),
-)
-"""Messages of :mod:`service.jobs.webhooks` that have not arrived yet."""
 
 WORKERS = sa.Table(
     "avatarme_workers",
@@ -172,11 +187,22 @@ def create_tables(engine: sa.Engine, settings: Settings) -> None:
                 connection.execute(sa.text("select pg_advisory_xact_lock(4242001)"))
             TABLES.create_all(connection)
             add_columns(connection)
+            _count_anew(connection)
         logging.getLogger("dbos").setLevel(logging.WARNING)
         DBOS.migrate(settings.database_url)
     finally:
         if held is not None:
             held.release()
+
+
+def _count_anew(connection: sa.Connection) -> None:
+    """Count the jobs themselves, as a process of an older version may have changed some without counting."""
+    if connection.dialect.name != "sqlite":
+        connection.execute(sa.text(f"lock table {JOBS.name} in share mode"))
+    connection.execute(sa.delete(TALLIES).where(TALLIES.c.name == JOBS_NOW))
+    numbers = sa.select(sa.literal(JOBS_NOW), JOBS.c.tenant, JOBS.c.state, sa.func.count())
+    numbers = numbers.where(JOBS.c.gone.is_(None)).group_by(JOBS.c.tenant, JOBS.c.state)
+    connection.execute(sa.insert(TALLIES).from_select(["name", "label", "bucket", "value"], numbers))
 
 
 _WALL = time.time()

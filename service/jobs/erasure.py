@@ -10,9 +10,9 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from service.jobs import telemetry
 from service.jobs.artifacts import Artifacts
-from service.jobs.database import EVENTS, JOBS, MESSAGES, now
-from service.jobs.queue import Queue
+from service.jobs.database import EVENTS, IS_DERIVED, JOBS, now
 from service.jobs.settings import Settings
 from service.jobs.store import OWNERS, Lookups, Row, Store, workflows
 from service.jobs.view import FINAL
@@ -24,14 +24,13 @@ _FOLD_S = 0.25
 """Longest time in seconds that emptying the write-ahead log waits for readers."""
 
 
-def let_go(store: Store, queue: Queue, row: Row, reason: str, expires: float | None = None) -> list[str]:
+def let_go(store: Store, row: Row, reason: str, expires: float | None = None) -> list[str]:
     """Cancel a job that is unfinished, forget the result of one that has ended; the same for what was made of it.
 
     Files are removed by whoever sweeps afterwards.
 
     Args:
         store: the jobs.
-        queue: their workflows.
         row: of the job.
         reason: "erased" or "expired".
         expires: until when a cancelled job says that it was; None for now.
@@ -39,13 +38,13 @@ def let_go(store: Store, queue: Queue, row: Row, reason: str, expires: float | N
     Returns:
         Ids of the jobs whose files may go.
     """
-    derived = store.where(JOBS.c.source == row["id"], JOBS.c.gone.is_(None))
+    derived = store.where(IS_DERIVED, JOBS.c.source == row["id"], JOBS.c.gone.is_(None))
     for one in (*derived, row):
         if store.cancel(one["id"], now() if expires is None else expires):
-            queue.cancel(one["workflow"])
+            store.queue.cancel(one["workflow"])
         elif one["gone"] is None:
             depart(store.engine, one["id"], reason)
-            queue.delete(workflows(one))  # results of steps name files by their hashes
+            store.queue.delete(workflows(one))  # results of steps name files by their hashes
     return [one["id"] for one in (*derived, row)]
 
 
@@ -56,15 +55,16 @@ def depart(engine: sa.Engine, job: str, reason: str) -> None:
     """
     with engine.begin() as connection:
         where = (JOBS.c.id == job, JOBS.c.gone.is_(None), JOBS.c.state.in_(FINAL))
-        options = connection.execute(sa.select(JOBS.c.options).where(*where)).scalar_one_or_none()
-        if options is None:
+        row = connection.execute(sa.select(JOBS.c.options, JOBS.c.state, JOBS.c.tenant).where(*where)).one_or_none()
+        if row is None:
             return
-        kept = {name: value for name, value in json.loads(options).items() if name in MEASURED}
+        kept = {name: value for name, value in json.loads(row.options).items() if name in MEASURED}
         values = {"gone": reason, "swept": False, "error": None, "warnings": "[]", "options": json.dumps(kept)}
         values |= {**OWNERS, "archive": None, "archive_sha256": None, "archive_bytes": None, "webhook": None}
-        connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values))
+        if not connection.execute(sa.update(JOBS).where(*where).values(updated_at=now(), **values)).rowcount:
+            return
         connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job))
-        connection.execute(sa.delete(MESSAGES).where(MESSAGES.c.job == job))
+        telemetry.count_change(connection, row.tenant, row.state, None)
 
 
 def forget(engine: sa.Engine, job: str) -> None:
@@ -98,6 +98,10 @@ A clock that is set by a day makes an upload under way look old; none takes that
 """
 
 
+ASKED = 500
+"""Jobs that are looked up at a time."""
+
+
 class Strays:
     """Looks for such files, and removes those that were there for long.
 
@@ -115,8 +119,10 @@ class Strays:
         """Remove uploads that never became a job, and files of jobs that nobody knows."""
         incoming, artifacts = self._settings.incoming, self._artifacts
         unknown: dict[str, float] = {}
-        for job in artifacts.jobs():
-            if self._jobs.get(job) is None:
+        found = artifacts.jobs()
+        for start in range(0, len(found), ASKED):
+            some = found[start : start + ASKED]
+            for job in set(some) - set(self._jobs.versions(some)):
                 age = None if artifacts.folder is None else _age(artifacts.folder / job)
                 if self._is_stray(job, age, unknown):
                     artifacts.sweep(job, set())

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Collection, Mapping
 
 import sqlalchemy as sa
+from dbos import WorkflowStatus
 
-from service.jobs.admission import UNFINISHED
-from service.jobs.database import JOBS, WORKERS, now, seconds_of_database
+from service.jobs.database import IS_LEFTOVER, IS_TOMBSTONE, JOBS, WORKERS, now, seconds_of_database
 from service.jobs.erasure import checkpoint, forget, let_go
-from service.jobs.queue import Queue
+from service.jobs.kinds import KINDS
+from service.jobs.locks import DatabaseLock
+from service.jobs.queue import ATTEMPTS, MESSAGE
 from service.jobs.settings import PIPELINE_VERSION
 from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL, problem
@@ -24,6 +27,12 @@ SETTLED = 5.0
 LOST = 30.0
 """Seconds after which a job that this worker should run, and does not, means that the worker has to be restarted."""
 
+HEAD = 50
+"""Jobs of each kind whose turns come next that are looked at."""
+
+_TAKE_OVER = 4242003
+"""Advisory lock of Postgres."""
+
 SILENT = 60.0
 """Seconds without a sign of life after which another worker counts as dead."""
 
@@ -35,58 +44,45 @@ class LostJob(Exception):
 class Janitor:
     """Housekeeping of one worker; each method may be called by many workers at once.
 
+    Nothing here takes longer with a longer queue: what runs is looked at as a whole, and of what waits the head, which
+    a job that the queue forgot reaches as soon as all before it are served.
+
     Args:
         runner: of this worker.
-        queue: the queue.
     """
 
-    def __init__(self, runner: Runner, queue: Queue) -> None:
+    def __init__(self, runner: Runner) -> None:
         self._runner = runner
         self._store = runner.store
-        self._queue = queue
+        self._queue = runner.store.queue
         self._missing: dict[str, float] = {}
+        self._quiet: set[str] = set()
 
     def expire(self) -> None:
         """Erase results whose time is over, and after a while all memory of them."""
         moment = now()
         for row in self._store.where(JOBS.c.state.in_(FINAL), JOBS.c.gone.is_(None), JOBS.c.expires_at < moment):
-            let_go(self._store, self._queue, row, "expired")
+            let_go(self._store, row, "expired")
         tombstone = moment - self._runner.settings.tombstone_hours * 3600
-        for row in self._store.where(JOBS.c.gone.is_not(None), JOBS.c.updated_at < tombstone):
+        for row in self._store.where(IS_TOMBSTONE, JOBS.c.updated_at < tombstone):
             self._queue.delete(workflows(row))
             forget(self._store.engine, row["id"])
         checkpoint(self._store.engine)
 
     def tidy(self) -> None:
         """Erase photos and stages of jobs that ended while nobody could do it."""
-        rows = self._store.where(JOBS.c.state.in_(FINAL), JOBS.c.swept.is_(False), JOBS.c.updated_at < now() - SETTLED)
-        for row in rows:
+        for row in self._store.where(IS_LEFTOVER, JOBS.c.updated_at < now() - SETTLED):
             if row["id"] in self._runner.active:
                 continue
             if row["gone"] is not None or row["state"] == "cancelled":
                 self._queue.delete(workflows(row))  # results of steps name files by their hashes
             self._runner.tidy(row["id"])
 
-    def adopt(self) -> None:
-        """Begin unfinished jobs of older versions of the program again, unless a worker of that version lives."""
-        alive = self._alive()
-        for status in self._queue.unfinished():
-            version = status.app_version
-            if version in (None, PIPELINE_VERSION) or alive.get(status.executor_id or "") == version:
-                continue
-            row = self._by_workflow(status.workflow_id)
-            self._queue.cancel(status.workflow_id)
-            if row is not None and row["state"] in UNFINISHED:
-                self._again(row)
-                log.info("a job of %s is begun again", version, extra={"job": row["id"]})
-
-    def lead(self) -> None:
-        """See to it that new jobs are for a version of the program that some worker has; as :meth:`Queue.lead`."""
-        if self._queue.lead(PIPELINE_VERSION, set(self._alive().values())):
-            log.warning("new jobs are now for workers of %s", PIPELINE_VERSION)
-
     def reconcile(self, *, working: bool = True) -> None:
-        """No job that is unfinished for its owner may be finished, or unknown, for the queue.
+        """No job that is unfinished for its owner may be finished, unknown or stranded for the queue.
+
+        Stranded are jobs of an older version of the program, unless a worker of that version lives: DBOS gives them to
+        no other. They begin again.
 
         Args:
             working: whether this worker takes jobs; where not, those that are recorded as its own may stand.
@@ -94,33 +90,67 @@ class Janitor:
         Raises:
             LostJob: one that should run here does not.
         """
-        rows = self._store.where(JOBS.c.state.in_(UNFINISHED), JOBS.c.updated_at < now() - SETTLED)
+        rows = self._store.where(JOBS.c.state == "running")
+        rows += [row for kind in KINDS for row in self._store.next(kind, HEAD)]
+        rows = [row for row in rows if row["updated_at"] < now() - SETTLED]
         states = self._queue.states([row["workflow"] for row in rows])
+        alive = self._alive()
         missing: dict[str, float] = {}
         for row in rows:
             status = states.get(row["workflow"])
             if status is None:
                 log.error("a job was not in the queue and is put there", extra={"job": row["id"]})
-                self._put(row)
+                with self._store.engine.begin() as connection:
+                    self._queue.put(connection, row)
             elif status.status in ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"):
                 self._close(row, status.status)
+            elif _stranded(status, alive):
+                self._again(row)
             elif working and status.status == "PENDING" and status.executor_id == self._runner.settings.worker:
                 missing[row["id"]] = self._missing.get(row["id"], time.monotonic())
+        for status in self._queue.running(name=MESSAGE):
+            if _stranded(status, alive):
+                self._send_again(status.workflow_id)
         self._missing = {job: since for job, since in missing.items() if job not in self._runner.active}
         if any(time.monotonic() - since > LOST for since in self._missing.values()):
             raise LostJob(", ".join(self._missing))
 
-    def silent(self) -> set[str]:
-        """Names of other workers that hold unfinished jobs and give no sign of life, or take no jobs for a fault."""
-        alive = self._alive()
-        holders = {status.executor_id for status in self._queue.unfinished() if status.status == "PENDING"}
-        return {name for name in holders if name and name not in alive} - {self._runner.settings.worker}
+    def lead(self) -> None:
+        """See to it that new jobs are for a version of the program that some worker has; as :meth:`Queue.lead`."""
+        if self._queue.lead(PIPELINE_VERSION, set(self._alive().values())):
+            log.warning("new jobs are now for workers of %s", PIPELINE_VERSION)
 
-    def holders(self) -> set[str]:
-        """Names of other workers that hold unfinished jobs."""
-        statuses = self._queue.unfinished()
-        holders = {status.executor_id for status in statuses if status.status == "PENDING" and status.executor_id}
-        return holders - {self._runner.settings.worker}
+    def dead(self, lock: DatabaseLock) -> set[str]:
+        """Names of other workers that are dead.
+
+        Those are it whose lock is free, which Postgres sees as soon as their connection ends; DBOS has nothing of the
+        kind. (A killed worker's jobs were taken over after 2 s, a frozen one's after 67 s.) Those too that gave no sign
+        of life, or take no jobs for a fault, twice in a row: a clock that is set forward makes all workers silent until
+        their next sign of life.
+
+        Args:
+            lock: of this worker's name.
+        """
+        with self._store.engine.connect() as connection:
+            names = connection.execute(sa.select(WORKERS.c.name)).scalars()
+            others = set(names) - {self._runner.settings.worker}
+        quiet = others - set(self._alive())
+        dead, self._quiet = lock.dead(others) | (quiet & self._quiet), quiet
+        return dead
+
+    def take_over(self, dead: Collection[str]) -> int:
+        """Put the jobs of dead workers back into the queue, on Postgres; returns their number."""
+        if not dead:
+            return 0
+        with self._store.engine.begin() as connection:  # one worker at a time: what was taken over may run already
+            connection.execute(sa.text("set local idle_in_transaction_session_timeout = '60s'"))
+            free = sa.text("select pg_try_advisory_xact_lock(:key)")
+            if not connection.execute(free, {"key": _TAKE_OVER}).scalar_one():
+                return 0
+            taken = self._queue.take_from(dead, PIPELINE_VERSION)
+        if taken:
+            log.warning("jobs of workers that are gone are taken over: %d", taken)
+        return taken
 
     def _alive(self) -> dict[str, str]:
         """Name -> version of the workers that gave a sign of life and take jobs."""
@@ -143,17 +173,26 @@ class Janitor:
             self._runner.tidy(row["id"])
 
     def _again(self, row: Row) -> None:
-        job, _, count = str(row["workflow"]).partition(".")
-        workflow = f"{job}.{int(count) + 1}"
+        """Begin a job again, with a workflow of its own."""
+        self._queue.cancel(row["workflow"])
+        first, _, count = str(row["workflow"]).partition(".")
+        workflow = f"{first}.{int(count) + 1}"
         with self._store.engine.begin() as connection:
-            query = sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.workflow == row["workflow"])
+            query = sa.update(JOBS).where(JOBS.c.id == row["id"], JOBS.c.workflow == row["workflow"])
             if connection.execute(query.values(workflow=workflow)).rowcount:
                 self._queue.put(connection, {**row, "workflow": workflow})
+                log.info("a job of an older version is begun again", extra={"job": row["id"]})
 
-    def _put(self, row: Row) -> None:
-        with self._store.engine.begin() as connection:
-            self._queue.put(connection, row)
+    def _send_again(self, message: str) -> None:
+        """Put the next attempt at a message into the queue, in place of one that nobody finishes."""
+        job, _, attempt = message.rpartition(".told.")
+        row = self._store.get(job)
+        if row is not None and row["webhook"] and int(attempt) < ATTEMPTS:
+            with self._store.engine.begin() as connection:
+                self._queue.put_message(connection, row, int(attempt) + 1)
+        self._queue.cancel(message)
 
-    def _by_workflow(self, workflow: str) -> Row | None:
-        rows = self._store.where(JOBS.c.workflow == workflow)
-        return rows[0] if rows else None
+
+def _stranded(status: WorkflowStatus, alive: Mapping[str, str]) -> bool:
+    version = status.app_version
+    return version not in (None, PIPELINE_VERSION) and alive.get(status.executor_id or "") != version

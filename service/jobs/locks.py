@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import time
+from collections.abc import Collection
 from pathlib import Path
 
 import filelock
@@ -14,6 +15,12 @@ from service.errors import UsageError
 
 _GRACE = 20.0
 """Seconds that Postgres may take to notice that the last worker of a name is gone."""
+_HELD = """
+select (classid::bigint << 32) | objid::bigint from pg_locks where locktype = 'advisory' and objsubid = 1 and granted
+and database = (select oid from pg_database where datname = current_database())
+"""
+"""Keys of all locks on names, of any session."""
+
 TABLES_PATIENCE = 120.0
 """Seconds that a process waits for another one to make the tables."""
 
@@ -80,14 +87,12 @@ class DatabaseLock:
         if self._connection is not None:
             self._connection.execute(sa.text("select 1"))
 
-    def is_dead(self, worker: str) -> bool:
-        """Whether nobody holds the lock of a worker; False with SQLite, which has one worker only."""
-        if self._connection is None or worker == self._worker:
-            return False
-        if not self._try(worker):
-            return False
-        self._connection.execute(sa.text("select pg_advisory_unlock(:key)"), {"key": key_of(worker)})
-        return True
+    def dead(self, workers: Collection[str]) -> set[str]:
+        """Those of some workers whose lock nobody holds; none with SQLite, which has one worker only."""
+        if self._connection is None:
+            return set()
+        held = set(self._connection.execute(sa.text(_HELD)).scalars())
+        return {worker for worker in workers if key_of(worker) not in held}
 
     def close(self) -> None:
         """Give the lock up."""

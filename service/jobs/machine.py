@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 import signal
+import stat
 import sys
 import threading
 from collections.abc import Iterator
@@ -114,12 +115,35 @@ def limit_self(memory_mb: int, seconds: float, niceness: int, parent: int) -> No
         _lower(resource.RLIMIT_DATA, memory_mb << 20)
     with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as score:
         score.write(_OOM_SCORE)  # the system takes this process first, not the server
+    end_with_parent(parent)
+
+
+def end_with_parent(parent: int) -> None:
+    """Have the system end this process together with the one that started it, where it is Linux."""
+    if sys.platform != "linux":
+        return
     with contextlib.suppress(OSError, AttributeError):
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before the line above
         os._exit(1)
+
+
+def keep_private(folder: Path) -> None:
+    """Let nobody but this process's user read what it writes from now on, nor what lies in a folder already.
+
+    Args:
+        folder: made where it is missing.
+    """
+    os.umask(0o077)
+    folder.mkdir(parents=True, exist_ok=True)
+    for place, _, files in os.walk(folder):
+        for path in (Path(place), *(Path(place, name) for name in files)):
+            with contextlib.suppress(OSError):  # somebody else's, or gone meanwhile
+                mode = path.lstat().st_mode
+                if mode & 0o077 and not stat.S_ISLNK(mode):
+                    path.chmod(stat.S_IMODE(mode) & 0o700)
 
 
 def give_back_memory() -> None:

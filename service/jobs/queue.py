@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Collection, Mapping
 from typing import Any
+from urllib.parse import urlsplit
 
 import sqlalchemy as sa
-from dbos import DBOSClient, Serializer
+from dbos import DBOSClient, EnqueueOptions, Serializer, WorkflowStatus
 
 from service.jobs.kinds import KINDS
 
 APPLICATION = "avatarme"
-WORKFLOW = "avatar"
+
+WORKFLOW, MESSAGE = "avatar", "message"
+"""Names of the workflows: a job of any kind, and one attempt to tell of the end of a job."""
+
+MESSAGES = "messages"
+"""Name of the queue of messages; each kind of job has one of its own."""
+
+PAUSES_S = (5.0, 30.0, 120.0, 600.0, 1800.0, 3600.0, 7200.0, 14400.0, 28800.0)
+"""Between two attempts at a message; 16 hours in all."""
+
+ATTEMPTS = len(PAUSES_S) + 1
+
+MOST_LISTED = 1000
+"""Workflows that one look brings; there are as many looks as it takes."""
 
 
 class JsonSerializer(Serializer):
@@ -32,61 +47,88 @@ class JsonSerializer(Serializer):
 
 
 class Queue:
-    """Puts workflows into the queue, takes them out and looks at them.
+    """Puts workflows into the queue, takes them out and looks at them, all by public calls of DBOS.
+
+    What it lists is bounded by what runs or by what is asked for, never by what waits.
 
     Args:
         engine: of the database that the jobs are in.
-        migrate: make the tables of DBOS where they are missing.
     """
 
-    def __init__(self, engine: sa.Engine, *, migrate: bool = False) -> None:
+    def __init__(self, engine: sa.Engine) -> None:
         self.client = DBOSClient(
             system_database_engine=engine, serializer=JsonSerializer(), application_name=APPLICATION, lazy=True,
             retry_connection_errors=False,
         )  # fmt: skip
-        if migrate:
-            self.client._sys_db.run_migrations()
 
-    def put(
-        self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, version: str | None = None
-    ) -> None:
+    def put(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping) -> None:
         """Put the workflow of a job into the queue, inside the caller's transaction; twice is once.
 
         Args:
             connection: of the transaction.
             job: ``id``, ``workflow``, ``kind`` and ``turn`` of the job.
-            version: of the program that is to take it; None for any.
         """
-        options: Any = {
+        options: EnqueueOptions = {
             "queue_name": KINDS[job["kind"]].place, "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
             "priority": job["turn"],
         }  # fmt: skip
-        if version is not None:
-            options["app_version"] = version
         self.client.enqueue_in_transaction(connection, options, job["id"])
 
-    def move(self, connection: sa.Connection, workflow: str, turn: int) -> None:
-        """Give a workflow that waits another turn, inside the caller's transaction."""
-        status = self.client._sys_db.tables.workflow_status
-        query = sa.update(status).where(status.c.workflow_uuid == workflow, status.c.status == "ENQUEUED")
-        connection.execute(query.values(priority=turn))
+    def put_message(self, connection: sa.Connection, job: Mapping[str, Any] | sa.RowMapping, attempt: int = 1) -> None:
+        """Put an attempt to tell of the end of a job into the queue, inside the caller's transaction; twice is once.
+
+        Messages of one tenant to one host are sent one after the other, those of others beside them.
+
+        Args:
+            connection: of the transaction.
+            job: ``id``, ``tenant`` and ``webhook`` of the job.
+            attempt: its number, from 1 to ``ATTEMPTS``; each one after the first is due after its pause.
+        """
+        receiver = f"{job['tenant']}\n{urlsplit(job['webhook']).netloc.lower()}"
+        options: EnqueueOptions = {
+            "queue_name": MESSAGES, "workflow_name": MESSAGE, "workflow_id": f"{job['id']}.told.{attempt}",
+            "queue_partition_key": hashlib.sha256(receiver.encode()).hexdigest(),
+        }  # fmt: skip
+        if attempt > 1:
+            options["delay_seconds"] = PAUSES_S[attempt - 2]
+        self.client.enqueue_in_transaction(connection, options, job["id"], attempt)
 
     def cancel(self, workflow: str) -> None:
         """A workflow that waits never starts; one that runs starts no further step."""
         self.client.cancel_workflow(workflow)
 
-    def unfinished(self) -> list[Any]:
-        """``dbos.WorkflowStatus`` of all workflows that wait or run."""
-        return self.client.list_workflows(
-            status=["PENDING", "ENQUEUED"], name=WORKFLOW, load_input=False, load_output=False
-        )
-
-    def states(self, workflows: list[str]) -> dict[str, Any]:
-        """``dbos.WorkflowStatus`` of each of these workflows that exists."""
+    def states(self, workflows: list[str]) -> dict[str, WorkflowStatus]:
+        """What DBOS knows of each of these workflows that exists."""
         if not workflows:
             return {}
         found = self.client.list_workflows(workflow_ids=workflows, load_input=False, load_output=False)
         return {status.workflow_id: status for status in found}
+
+    def running(self, **filters: Any) -> list[WorkflowStatus]:
+        """Workflows that run, or that a worker took and has not finished.
+
+        Args:
+            filters: more of ``DBOSClient.list_workflows``.
+        """
+        return self.client.list_workflows(
+            status="PENDING", load_input=False, load_output=False, limit=MOST_LISTED, **filters
+        )
+
+    def take_from(self, workers: Collection[str], version: str) -> int:
+        """Put what these workers were at back into its queues; returns the number of workflows.
+
+        It checks no owner, so nobody else may do it at the same time: see :meth:`Janitor.take_over`. DBOS counts the
+        attempts at a workflow anew; what a job that takes its workers along is failed for is counted by
+        ``service.jobs.attempts``. Where a worker is not dead after all, the step that it is at runs twice and its
+        result counts once.
+        """
+        if not workers:
+            return 0
+        held = self.running(executor_id=sorted(workers), app_version=version)
+        for name in {status.queue_name for status in held}:
+            mine = [status.workflow_id for status in held if status.queue_name == name]
+            self.client.resume_workflows(mine, queue_name=name)
+        return len(held)
 
     def lead(self, version: str, alive: Collection[str]) -> bool:
         """Make a version of the steps the one that takes new jobs, where the one that should is not there any more.

@@ -13,7 +13,7 @@ from service.errors import UsageError
 
 PREFIX = "AVATARME_"
 
-PIPELINE_VERSION = "pipeline-4"
+PIPELINE_VERSION = "pipeline-5"
 """Version of the steps of a job, kept by hand: unfinished jobs of another version are begun again at start-up."""
 
 _KINDS: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "Path": Path}

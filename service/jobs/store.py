@@ -7,15 +7,16 @@ thought dead and wakes up can change nothing.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sqlalchemy as sa
 
 from service.jobs import admission, telemetry
 from service.jobs.admission import UNFINISHED, Bounds, KeyInUse, NewJob
-from service.jobs.database import EVENTS, JOBS, MESSAGES, now
+from service.jobs.database import EVENTS, IS_WAITING, JOBS, now
 from service.jobs.kinds import AVATAR
+from service.jobs.queue import ATTEMPTS, Queue
 from service.jobs.view import job_json
 
 Row = sa.RowMapping
@@ -65,12 +66,17 @@ class Lookups:
         return self._all(query.order_by(EVENTS.c.n).limit(limit))
 
     def counts(self, tenant: str | None = None) -> dict[str, int]:
-        """Number of jobs in each state, of one tenant or of all."""
-        query = sa.select(JOBS.c.state, sa.func.count()).where(JOBS.c.gone.is_(None)).group_by(JOBS.c.state)
-        if tenant is not None:
-            query = query.where(JOBS.c.tenant == tenant)
+        """Number of jobs in each state that has any, of one tenant or of all; those that are gone left out."""
         with self.engine.connect() as connection:
-            return {row.state: row[1] for row in connection.execute(query)}
+            return telemetry.jobs_now(connection, tenant)
+
+    def oldest(self) -> Row | None:
+        """The job that waits longest."""
+        return self._one(sa.select(JOBS).where(IS_WAITING).order_by(JOBS.c.created_at).limit(1))
+
+    def next(self, kind: str, limit: int) -> list[Row]:
+        """Jobs of a kind whose turns come next."""
+        return self._all(sa.select(JOBS).where(IS_WAITING, JOBS.c.kind == kind).order_by(JOBS.c.turn).limit(limit))
 
     def measured(self, limit: int = 2000) -> list[Row]:
         """Options, times and memory of the last avatars that succeeded."""
@@ -78,7 +84,7 @@ class Lookups:
         query = sa.select(*columns).where(JOBS.c.state == "succeeded", JOBS.c.kind == "avatar")
         return self._all(query.order_by(JOBS.c.finished_at.desc()).limit(limit))
 
-    def where(self, *conditions: sa.ColumnElement[bool], limit: int = 1000) -> list[Row]:
+    def where(self, *conditions: sa.ColumnElement[bool] | sa.TextClause, limit: int = 1000) -> list[Row]:
         """Rows under conditions on ``JOBS``, oldest first."""
         return self._all(sa.select(JOBS).where(*conditions).order_by(JOBS.c.created_at).limit(limit))
 
@@ -92,9 +98,10 @@ class Lookups:
 
 
 def workflows(row: Mapping[str, Any] | Row) -> list[str]:
-    """Names of all workflows that a job ever had."""
-    job, _, count = str(row["workflow"]).partition(".")
-    return [f"{job}.{number}" for number in range(1, int(count) + 1)]
+    """Names of all workflows that a job ever had, with those that told of its end."""
+    first, _, count = str(row["workflow"]).partition(".")
+    told = [f"{row['id']}.told.{attempt}" for attempt in range(1, ATTEMPTS + 1)]
+    return [*(f"{first}.{number}" for number in range(1, int(count) + 1)), *told]
 
 
 OWNERS = {
@@ -106,17 +113,16 @@ OWNERS = {
 class Store(Lookups):
     """Reads and changes jobs; safe for many threads and processes at once."""
 
-    def add(
-        self, job: NewJob, enqueue: Callable[[sa.Connection, Row], None], bounds: Bounds | None = None,
-        move: Callable[[sa.Connection, str, int], None] | None = None,
-    ) -> Row:  # fmt: skip
+    def __init__(self, engine: sa.Engine) -> None:
+        super().__init__(engine)
+        self.queue = Queue(engine)
+
+    def add(self, job: NewJob, bounds: Bounds | None = None) -> Row:
         """Let a job in, store it and put it into the queue, in one transaction.
 
         Args:
             job: the job.
-            enqueue: called with the connection and the row, inside the transaction.
             bounds: what is allowed; None for anything.
-            move: gives a workflow that waits another turn, inside the transaction; needed for high priority.
 
         Raises:
             KeyInUse: another job of this tenant has the key.
@@ -129,13 +135,9 @@ class Store(Lookups):
                 if bounds is not None:
                     admission.check(connection, job.tenant, bounds, counted=1)
                 turn = admission.turn(connection, job.tenant, job.id, job.priority)
-                connection.execute(sa.update(JOBS).where(JOBS.c.id == job.id).values(turn=turn))
-                moved = admission.overtake(connection, job.tenant, job.id, turn) if job.priority == "high" else []
-                row = self._tell(connection, job.id, "state")
-                enqueue(connection, row)
-                for _, workflow, place in moved:
-                    if move is not None:
-                        move(connection, workflow, place)
+                row = self._tell(connection, job.id, "state", turn=turn)
+                self.queue.put(connection, row)
+                telemetry.count_change(connection, job.tenant, None, row["state"])
         except sa.exc.IntegrityError:
             found = self.by_key(job.tenant, job.key) if job.key is not None else None
             if found is None:
@@ -153,13 +155,31 @@ class Store(Lookups):
         with self.engine.connect() as connection:
             admission.check(connection, tenant, bounds)
 
-    def begin(self, job: str) -> bool:
-        """The job runs from now on; False where it has ended."""
-        first = sa.func.coalesce(JOBS.c.started_at, now())
-        row = self._change(job, "state", UNFINISHED, state="running", started_at=first)
-        if row is not None:
-            telemetry.log_started(row)
-        return row is not None
+    def begin(self, workflow: str) -> str | None:
+        """A workflow has its turn: the job that uses it runs from now on.
+
+        Returns:
+            The id of the job, whose workflow it now is; None where no unfinished job has it.
+        """
+        with self.engine.connect() as connection:
+            while True:
+                with connection.begin() as transaction:
+                    query = sa.select(JOBS).where(JOBS.c.workflow == workflow)
+                    found = connection.execute(query).mappings().one_or_none()
+                    if found is None or found["state"] not in UNFINISHED:
+                        return None
+                    job = admission.give_way(connection, found)
+                    first = sa.func.coalesce(JOBS.c.started_at, now())
+                    row = None if job is None else self._changed(
+                        connection, job["id"], "state", (job["state"],), JOBS.c.workflow == workflow, state="running",
+                        started_at=first,
+                    )  # fmt: skip
+                    if job is None or row is None:  # somebody changed it meanwhile
+                        transaction.rollback()
+                        continue
+                    telemetry.count_change(connection, job["tenant"], job["state"], "running")
+                telemetry.log_started(row)
+                return str(row["id"])
 
     def progress(self, job: str, stage: str, share: float, known: str | None = None) -> bool:
         """The job is at ``stage``, and ``share`` in [0, 1] of the work is done; False where it does not run.
@@ -221,9 +241,9 @@ class Store(Lookups):
         """The job ends because its owner wants it to; False where it had ended before.
 
         Nothing of the photo and of the request is known any more, in earlier events neither: the same request makes a
-        new job.
+        new job. Nobody is told of it by a webhook, as its owner knows.
         """
-        return self._end(job, alone=True, state="cancelled", expires_at=expires_at, **OWNERS)
+        return self._end(job, alone=True, state="cancelled", expires_at=expires_at, webhook=None, **OWNERS)
 
     def set(self, job: str, **values: Any) -> None:
         """Set columns that tell the owner nothing."""
@@ -243,38 +263,42 @@ class Store(Lookups):
             alone: no earlier event stays.
             values: of its columns.
         """
-        with self.engine.begin() as connection:
-            row = self._changed(connection, job, "state", UNFINISHED, stage=None, finished_at=now(), **values)
-            if row is None:
-                return False
-            if alone:
-                connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job, EVENTS.c.n < row["events"]))
-            code = json.loads(row["error"]).get("code", "") if row["error"] else ""
-            telemetry.count(connection, telemetry.ENDED, f"{row['kind']}/{row['state']}/{code}")
-            telemetry.count_stages(connection, json.loads(row["timings"]))
-            if row["webhook"]:
-                told = {"type": "job.ended", "job": job_json(row)}
-                message = {"id": f"msg_{job}", "job": job, "url": row["webhook"], "body": json.dumps(told)}
-                connection.execute(sa.insert(MESSAGES).values(**message, tries=0, next_at=now()))
-        telemetry.log_ended(row)
-        telemetry.trace_ended(row)
-        return True
+        while True:
+            with self.engine.begin() as connection:
+                before = connection.execute(sa.select(JOBS.c.state).where(JOBS.c.id == job)).scalar_one_or_none()
+                if before not in UNFINISHED:
+                    return False
+                row = self._changed(connection, job, "state", (before,), stage=None, finished_at=now(), **values)
+                if row is None:  # it began meanwhile
+                    continue
+                if alone:
+                    connection.execute(sa.delete(EVENTS).where(EVENTS.c.job == job, EVENTS.c.n < row["events"]))
+                if row["webhook"]:
+                    self.queue.put_message(connection, row)
+                code = json.loads(row["error"]).get("code", "") if row["error"] else ""
+                telemetry.count(connection, telemetry.ENDED, f"{row['kind']}/{row['state']}/{code}")
+                telemetry.count_stages(connection, json.loads(row["timings"]))
+                telemetry.count_change(connection, row["tenant"], before, row["state"])
+            telemetry.log_ended(row)
+            telemetry.trace_ended(row)
+            return True
 
     def _change(self, job: str, event: str, states: Sequence[str], **values: Any) -> Row | None:
         with self.engine.begin() as connection:
             return self._changed(connection, job, event, states, **values)
 
     def _changed(
-        self, connection: sa.Connection, job: str, event: str, states: Sequence[str], **values: Any
-    ) -> Row | None:
-        query = sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.state.in_(states))
+        self, connection: sa.Connection, job: str, event: str, states: Sequence[str],
+        *conditions: sa.ColumnElement[bool], **values: Any,
+    ) -> Row | None:  # fmt: skip
+        query = sa.update(JOBS).where(JOBS.c.id == job, JOBS.c.state.in_(states), *conditions)
         if not connection.execute(query.values(updated_at=now(), **values)).rowcount:
             return None
         return self._tell(connection, job, event)
 
-    def _tell(self, connection: sa.Connection, job: str, event: str) -> Row:
+    def _tell(self, connection: sa.Connection, job: str, event: str, **values: Any) -> Row:
         """Number the next event of a job, and store the job as it is now as its body."""
-        raised = sa.update(JOBS).where(JOBS.c.id == job).values(events=JOBS.c.events + 1)
+        raised = sa.update(JOBS).where(JOBS.c.id == job).values(events=JOBS.c.events + 1, **values)
         row = connection.execute(raised.returning(*JOBS.c)).mappings().one()
         body = json.dumps(job_json(row))
         connection.execute(sa.insert(EVENTS).values(job=job, n=row["events"], name=event, body=body))

@@ -1,12 +1,18 @@
-"""Telling of the end of a job: signed, only to hosts that the operator lists, again until it arrives."""
+"""Telling of the end of a job: signed, only to hosts that the operator lists, again until it arrives.
+
+Each attempt is a workflow of its own in the queue of messages, put there in the transaction that ends the job or by the
+attempt before it, with a delay. What is sent is read from the job when it is sent, so an erased job leaves no message.
+"""
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import hmac
 import http.client
 import ipaddress
+import json
 import logging
 import re
 import socket
@@ -19,8 +25,13 @@ import sqlalchemy as sa
 
 from service.errors import UsageError
 from service.jobs import telemetry
-from service.jobs.database import MESSAGES, now
+from service.jobs.database import now
+from service.jobs.queue import ATTEMPTS
 from service.jobs.settings import Settings
+from service.jobs.store import Store
+from service.jobs.view import job_json
+
+log = logging.getLogger(__name__)
 
 _LONGEST = 2048
 _FORM = re.compile(r"(https?)://([a-z0-9.-]{1,253})(?::(\d{1,5}))?(/[!-~]*)?\Z", re.IGNORECASE)
@@ -76,22 +87,46 @@ def resolved(where: Target, *, private: bool) -> str:
     """The address of a target to connect to; looked up once, so that what was checked is what is reached.
 
     Raises:
-        OSError: the name has no address, or one that is not of the open internet.
+        OSError: the name has no address, or one that may not be reached.
     """
     found = socket.getaddrinfo(where.host, where.port, type=socket.SOCK_STREAM)
     addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
     for address in addresses:
-        if not private and not ipaddress.ip_address(address.partition("%")[0]).is_global:
+        if not may_be_reached(address, private=private):
             raise OSError(f"{where.host} leads to {address}, which is not of the open internet")
     return addresses[0]
 
 
-TIMEOUT_S = 10.0
-"""For the connection, and for each wait for bytes."""
+def may_be_reached(address: str, *, private: bool) -> bool:
+    """Whether an address is of the open internet, or, where ``private`` ones are allowed, of a network inside.
+
+    Of IPv6 only global unicast counts as open (RFC 4291), without its tunnels 6to4 and Teredo: those, and what
+    translates or contains an address of IPv4 (``64:ff9b::/96``, ``::a.b.c.d``), could lead anywhere. Neither these nor
+    groups (multicast) nor the old site-local addresses are ever reached.
+    """
+    found = ipaddress.ip_address(address.partition("%")[0])
+    if found.is_multicast or found.is_unspecified or any(found in tunnel for tunnel in _TUNNELS):
+        return False
+    if private and found.is_private:
+        return True
+    return found.is_global and (found.version == 4 or found in _UNICAST)
+
+
+_UNICAST = ipaddress.ip_network("2000::/3")
+_TUNNELS = (ipaddress.ip_network("2002::/16"), ipaddress.ip_network("2001::/32"))
+
+DEADLINE_S = 10.0
+"""Longest time of one attempt, from the connection to the head of the answer, however many bytes trickle in."""
+
+SENDERS = 16
+"""Messages that one worker sends at the same time, each to another host or of another tenant."""
+
+LOOK_S = 1.0
+"""Between two looks for messages that are due."""
 
 
 def signature(secret: bytes, name: str, moment: int, body: bytes) -> str:
-    """``v1,`` and the base64 of the HMAC-SHA256 of ``NAME.MOMENT.BODY``.
+    """``v1,`` and the base64 of the HMAC-SHA256 of ``NAME.MOMENT.BODY``, as Standard Webhooks 1 has it.
 
     Args:
         secret: that the receiver knows too.
@@ -107,112 +142,95 @@ def send(where: Target, name: str, moment: int, body: bytes, secret: bytes, *, p
     """Send a message; returns the status of the answer, which is not read further. No redirection is followed.
 
     Raises:
-        OSError: there is no way there, it may not be gone, or what answers is no HTTP.
+        OSError: there is no way there, it may not be gone, time is over, or what answers is no HTTP.
     """
     connection = _Pinned(where, resolved(where, private=private))
     headers = {
         "Content-Type": "application/json", "User-Agent": "avatarme", "webhook-id": name,
         "webhook-timestamp": str(moment), "webhook-signature": signature(secret, name, moment, body),
     }  # fmt: skip
+    end = threading.Timer(DEADLINE_S, connection.cut)
+    end.daemon = True
+    end.start()
     try:
         connection.request("POST", where.path, body, headers)
-        return connection.getresponse().status
+        status = connection.getresponse().status
+        if connection.over.is_set():  # the head of the answer has no end then
+            raise TimeoutError(f"{where.host} took more than {DEADLINE_S:g} s")
+        return status
     except http.client.HTTPException as error:
-        raise OSError(f"{where.host} does not speak HTTP: {type(error).__name__}") from error
+        raise OSError(f"{where.host} does not answer in time, or not by HTTP: {type(error).__name__}") from error
     finally:
+        end.cancel()
         connection.close()
 
 
 class _Pinned(http.client.HTTPConnection):
-    """A connection to one address of a host; the certificate has to be that of the host."""
+    """A connection to one address of a host, until it is cut; the certificate has to be that of the host."""
 
     def __init__(self, where: Target, address: str) -> None:
-        super().__init__(where.host, where.port, timeout=TIMEOUT_S)
+        super().__init__(where.host, where.port, timeout=DEADLINE_S)
         self._where, self._address = where, address
+        self.over = threading.Event()
 
     def connect(self) -> None:
-        self.sock = socket.create_connection((self._address, self._where.port), TIMEOUT_S)
+        self.sock = socket.create_connection((self._address, self._where.port), DEADLINE_S)
         if self._where.scheme == "https":
-            self.sock = ssl.create_default_context().wrap_socket(self.sock, server_hostname=self._where.host)
+            tls = ssl.create_default_context()
+            name = self._where.host
+            self.sock = tls.wrap_socket(self.sock, server_hostname=name, do_handshake_on_connect=False)
+            self.sock.do_handshake()  # only now, as until then it could not be cut
+        if self.over.is_set():
+            raise TimeoutError(f"{self._where.host} took more than {DEADLINE_S:g} s")
+
+    def cut(self) -> None:
+        """End whatever the connection waits for."""
+        self.over.set()
+        with contextlib.suppress(OSError, AttributeError):
+            self.sock.shutdown(socket.SHUT_RDWR)
 
 
-log = logging.getLogger(__name__)
-
-PAUSES_S = (5.0, 30.0, 120.0, 600.0, 1800.0, 3600.0, 7200.0, 14400.0, 28800.0)
-"""Between two attempts; 16 hours in all."""
-
-_LEASE_S = 60.0
-"""Longest time of one attempt; a worker that dies in it leaves the message to another one after that."""
-
-_AT_ONCE = 20
-
-
-def deliver(engine: sa.Engine, settings: Settings) -> int:
-    """Send what is due; returns how many messages arrived. Several workers may do it at once.
+def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
+    """One attempt to tell of the end of a job; the next one waits in the queue where it does not arrive.
 
     Args:
-        engine: of the database.
+        store: the jobs.
         settings: hosts that may be told, and the secret.
+        job: which; of one that was erased meanwhile nobody is told.
+        attempt: its number, from 1 to ``ATTEMPTS``.
+
+    Returns:
+        What came of it, in words.
     """
-    if not settings.webhook_hosts:
-        return 0
-    secret = Path(settings.webhook_secret).read_bytes().strip()
-    due = sa.select(MESSAGES).where(MESSAGES.c.next_at <= now()).order_by(MESSAGES.c.next_at).limit(_AT_ONCE)
-    with engine.connect() as connection:
-        rows = list(connection.execute(due).mappings())
-    return sum(_one(engine, settings, secret, row) for row in rows if _claimed(engine, row))
-
-
-def _claimed(engine: sa.Engine, row: sa.RowMapping) -> bool:
-    """Whether this worker is the one that tries a message now."""
-    same = (MESSAGES.c.id == row["id"], MESSAGES.c.next_at == row["next_at"])
-    with engine.begin() as connection:
-        return bool(connection.execute(sa.update(MESSAGES).where(*same).values(next_at=now() + _LEASE_S)).rowcount)
-
-
-def _one(engine: sa.Engine, settings: Settings, secret: bytes, row: sa.RowMapping) -> bool:
-    facts = {"job": row["job"], "attempt": row["tries"] + 1}
+    row = store.get(job)
+    if row is None or row["webhook"] is None:
+        return "nobody is to be told"
     private = settings.webhook_private
     try:
-        where = target(row["url"], settings.webhook_hosts, private=private)
-        status = send(where, row["id"], int(now()), row["body"].encode(), secret, private=private)
+        where = target(row["webhook"], settings.webhook_hosts, private=private)
+        secret = Path(settings.webhook_secret).read_bytes().strip()
+        body = json.dumps({"type": "job.ended", "job": job_json(row)}).encode()
+        status = send(where, f"msg_{job}", int(now()), body, secret, private=private)
         said = f"status {status}"
     except (OSError, UsageError) as error:
         status, said = 0, f"{type(error).__name__}: {error}"
-    arrived = 200 <= status < 300
-    over = arrived or row["tries"] >= len(PAUSES_S)
-    with engine.begin() as connection:
-        if over:
-            connection.execute(sa.delete(MESSAGES).where(MESSAGES.c.id == row["id"]))
+    arrived, last = 200 <= status < 300, attempt >= ATTEMPTS
+    with store.engine.begin() as connection:
+        if arrived or last:
             telemetry.count(connection, "webhooks", "arrived" if arrived else "given up")
         else:
-            values = {"tries": row["tries"] + 1, "next_at": now() + PAUSES_S[row["tries"]]}
-            connection.execute(sa.update(MESSAGES).where(MESSAGES.c.id == row["id"]).values(**values))
+            store.queue.put_message(connection, row, attempt + 1)
     if not arrived:
-        log.warning("a webhook did not arrive%s: %s", " and is given up" if over else "", said, extra=facts)
-    return arrived
+        words = "a webhook did not arrive%s: %s"
+        log.warning(words, " and is given up" if last else "", said, extra={"job": job, "attempt": attempt})
+    return said
 
 
-class Teller:
-    """Sends what waits, in one thread at a time.
-
-    Args:
-        engine: of the database.
-        settings: of the worker.
-    """
-
-    def __init__(self, engine: sa.Engine, settings: Settings) -> None:
-        self._engine, self._settings = engine, settings
-        self._thread: threading.Thread | None = None
-
-    def tell(self) -> None:
-        """Send what is due, unless that is being done."""
-        if self._settings.webhook_hosts and (self._thread is None or not self._thread.is_alive()):
-            self._thread = threading.Thread(target=self._send, name="webhooks", daemon=True)
-            self._thread.start()
-
-    def _send(self) -> None:
-        try:
-            deliver(self._engine, self._settings)
-        except (sa.exc.SQLAlchemyError, OSError) as error:
-            log.warning("webhooks cannot be sent: %s", error)
+def queue_older_messages(store: Store) -> None:
+    """Put messages that an older version kept in a table of its own into the queue."""
+    if sa.inspect(store.engine).has_table("avatarme_webhooks"):
+        with store.engine.begin() as connection:
+            for job, tries in connection.execute(sa.text("delete from avatarme_webhooks returning job, tries")).all():
+                row = store.get(job)
+                if row is not None and row["webhook"]:
+                    store.queue.put_message(connection, row, min(tries + 1, ATTEMPTS))

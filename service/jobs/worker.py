@@ -27,10 +27,10 @@ from service.jobs.database import PATIENCE, TEMPORARY_FAILURE, WORKERS, connect,
 from service.jobs.erasure import Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock, FileLock
-from service.jobs.queue import Queue
+from service.jobs.machine import end_with_parent, keep_private
 from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
 from service.jobs.store import Store
-from service.jobs.webhooks import Teller
+from service.jobs.webhooks import queue_older_messages
 from service.jobs.workflow import Runner
 
 log = logging.getLogger(__name__)
@@ -53,15 +53,15 @@ class Worker:
         create_tables(self._engine, settings)
         self.runner = Runner(settings, Store(self._engine), Artifacts(settings.artifacts_url))
         shutil.rmtree(self.runner.scratch, ignore_errors=True)
-        self._janitor = Janitor(self.runner, Queue(self._engine))
-        self._silent: set[str] = set()
+        self._janitor = Janitor(self.runner)
         self._ready = False
         self._fault: str | None = None
         self._failing_since: float | None = None
 
     def run(self) -> None:
         """Work until the process is told to end."""
-        self._janitor.adopt()
+        self._janitor.reconcile(working=False)
+        queue_older_messages(self.runner.store)
         self._check()
         self.beat()
         if self._fault is None:
@@ -81,10 +81,9 @@ class Worker:
     def _chores(self) -> dict[Callable[[], None], float]:
         """What is done beside the jobs, and the seconds between two times of doing it."""
         strays = Strays(self.settings, self.runner.store, self.runner.artifacts)
-        teller = Teller(self._engine, self.settings)
         return {
             self.beat: 2.0, self._janitor.tidy: 5.0, self.take_over: 5.0, self.reconcile: 10.0,
-            self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0, teller.tell: 2.0,
+            self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0,
         }  # fmt: skip
 
     def beat(self) -> None:
@@ -100,24 +99,15 @@ class Worker:
                 connection.execute(sa.insert(WORKERS).values(name=self.settings.worker, **values))
 
     def reconcile(self) -> None:
-        """As :meth:`Janitor.reconcile`, :meth:`Janitor.adopt` and :meth:`Janitor.lead`."""
+        """As :meth:`Janitor.reconcile` and :meth:`Janitor.lead`."""
         self._janitor.reconcile(working=self._fault is None)
-        self._janitor.adopt()
         if self._fault is None:
             self._janitor.lead()
 
     def take_over(self) -> None:
-        """Put the jobs of dead workers back into the queue: those whose lock is free, or that are silent."""
-        if self._engine.dialect.name == "sqlite" or self._fault is not None:
-            return
-        from service.jobs import workflow
-
-        # Twice in a row: a clock that is set forward makes all workers silent until their next sign of life.
-        found = self._janitor.silent()
-        silent, self._silent = found & self._silent, found
-        for name in self._janitor.holders():
-            if name in silent or self._lock.is_dead(name):
-                log.warning("the jobs of worker %s are taken over: %d", name, workflow.take_over(name))
+        """As :meth:`Janitor.take_over`; with SQLite there is one worker only."""
+        if self._engine.dialect.name != "sqlite" and self._fault is None:
+            self._janitor.take_over(self._janitor.dead(self._lock))
 
     def recheck(self) -> None:
         """Look at the data files again: while one is damaged, and when a job has said that one is.
@@ -184,7 +174,8 @@ def main() -> int:
     logs.set_up()
     settings = from_json(sys.stdin.buffer.readline().decode())
     if threading.current_thread() is threading.main_thread() and len(sys.argv) > 1:
-        _end_with_parent(int(sys.argv[1]))
+        end_with_parent(int(sys.argv[1]))
+    keep_private(settings.data)
     try:
         worker = Worker(settings)
     except AvatarError as error:
@@ -211,16 +202,6 @@ def main() -> int:
         shutil.rmtree(worker.runner.scratch, ignore_errors=True)
     logs.flush()
     os._exit(0)  # threads of steps wait for this
-
-
-def _end_with_parent(parent: int) -> None:
-    if sys.platform != "linux":
-        return
-    import ctypes
-
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
 
 
 LOADING_TIMEOUT = 300.0

@@ -15,11 +15,12 @@ from typing import Any, TypeVar
 from dbos import DBOS, DBOSConfig
 
 from service.errors import ModelFault
+from service.jobs import webhooks
 from service.jobs.artifacts import Artifacts
 from service.jobs.attempts import Attempts
 from service.jobs.database import LINE, now, patient
 from service.jobs.kinds import KINDS
-from service.jobs.queue import APPLICATION, WORKFLOW, JsonSerializer
+from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, WORKFLOW, JsonSerializer
 from service.jobs.settings import PIPELINE_VERSION, Settings
 from service.jobs.store import Store
 from service.jobs.view import FINAL, from_error
@@ -39,12 +40,10 @@ class Runner(Attempts):
         self.doubt = threading.Event()
         """Set when a job found a data file damaged."""
 
-    def accept(self, job: str, workflow: str) -> dict[str, Any]:
-        """First step: the job runs, if it is still wanted."""
-        row = self._row(job)
-        if row is None or row["workflow"] != workflow or not patient(lambda: self.store.begin(job)):
-            return {"kind": "ended"}
-        return {"kind": "wanted"}  # no hash: what is returned is recorded in the database
+    def accept(self, workflow: str) -> dict[str, Any]:
+        """First step: the job whose turn this is runs, if there is one."""
+        job = patient(lambda: self.store.begin(workflow))
+        return {"kind": "ended"} if job is None else {"kind": "wanted", "job": job}
 
     def make(self, job: str) -> dict[str, Any]:
         """Second step: compute the archive in a process of its own.
@@ -132,24 +131,21 @@ def launch(settings: Settings, runner: Runner) -> None:
     }
     if not settings.database_url.startswith("sqlite"):
         config["db_engine_kwargs"] = {"connect_args": {"application_name": APPLICATION, **LINE}}
+    queues: dict[str, dict[str, Any]] = {
+        kind.place: {"worker_concurrency": kind.most(settings), "polling_interval_sec": POLL}
+        for kind in KINDS.values()
+        if kind.most(settings)
+    }
+    if settings.webhook_hosts:
+        # One at a time to each receiver of a tenant, wherever it is sent from; DBOS takes receivers in random order.
+        more = {"partition_concurrency": 1, "polling_interval_sec": webhooks.LOOK_S}
+        queues[MESSAGES] = {"worker_concurrency": webhooks.SENDERS, **more}
     DBOS(config=config)
     _register(runner)
+    DBOS.listen_queues(list(queues))
     DBOS.launch()
-    for kind in KINDS.values():
-        if kind.most(settings):
-            DBOS.register_queue(
-                kind.place, worker_concurrency=kind.most(settings), polling_interval_sec=POLL,
-                on_conflict="always_update",
-            )  # fmt: skip
-
-
-def take_over(worker: str) -> int:
-    """Put the jobs of a worker that is dead back into the queue; returns their number.
-
-    A private method of DBOS, hence the pinned version; where the worker is not dead after all, the step that it is at
-    runs twice and its result counts once.
-    """
-    return len(DBOS._recover_pending_workflows([worker]))
+    for name, limits in queues.items():
+        DBOS.register_queue(name, on_conflict="always_update", **limits)
 
 
 def _register(runner: Runner) -> None:
@@ -159,15 +155,30 @@ def _register(runner: Runner) -> None:
 
     @DBOS.workflow(name=WORKFLOW, max_recovery_attempts=RECOVERIES)
     def avatar(job: str) -> str:
-        accepted = accept(job, DBOS.workflow_id)
+        """``job`` is the one that was posted; one of higher priority may have taken over its turn."""
+        accepted = accept(DBOS.workflow_id)
         if accepted["kind"] == "problem":
             return str(publish(job, accepted))
         if accepted["kind"] != "wanted":
             return "ended"
+        job = accepted["job"]
         for _ in range(MADE_AGAIN):
             if publish(job, make(job)) != "lost":
                 return "published"
         return str(publish(job, {"kind": "problem", "problem": from_error(FileNotFoundError())}))
+
+    send = DBOS.step(name="send")(_sender(runner))
+
+    @DBOS.workflow(name=MESSAGE, max_recovery_attempts=RECOVERIES)
+    def message(job: str, attempt: int) -> str:
+        return str(send(job, attempt))
+
+
+def _sender(runner: Runner) -> Callable[[str, int], str]:
+    def send(job: str, attempt: int) -> str:
+        return patient(lambda: webhooks.tell(runner.store, runner.settings, job, attempt))
+
+    return send
 
 
 def _guarded(step: Callable[..., Any]) -> Callable[..., Any]:

@@ -48,7 +48,7 @@ def worked(api: Api, seconds: float = 200.0) -> list[str]:
     runner = Runner(settings, api.context.store, api.context.artifacts)
     rows = api.context.store.where(JOBS.c.kind == FILM.name, JOBS.c.state == "queued")
     for row in rows:
-        assert runner.accept(row["id"], row["workflow"])["kind"] == "wanted"
+        assert runner.accept(row["workflow"])["kind"] == "wanted"
         runner.publish(row["id"], runner.make(row["id"]))
     runner.stop()
     return [row["id"] for row in rows]

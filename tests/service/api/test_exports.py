@@ -52,7 +52,7 @@ def finished(api: Api, archive: Path, folder: Path, **headers: str) -> str:
         digest = sha256_of(stream)
     name = artifact_name(job, "archive", digest, "zip")
     api.context.artifacts.put(copy, name)
-    api.context.store.begin(job)
+    api.context.store.begin(f"{job}.1")
     facts = {"archive": name, "sha256": digest, "bytes": size, "warnings": [], "timings": {}, "peak_rss_mb": 1.0}
     assert api.context.store.succeed(job, facts, 1e10)
     return job
@@ -69,7 +69,7 @@ def worked(api: Api, **settings: Any) -> None:
         dataclasses.replace(api.context.settings, **settings), api.context.store, api.context.artifacts
     )
     for row in api.context.store.where(JOBS.c.kind == "export", JOBS.c.state == "queued"):
-        assert runner.accept(row["id"], row["workflow"])["kind"] == "wanted"
+        assert runner.accept(row["workflow"])["kind"] == "wanted"
         runner.publish(row["id"], runner.make(row["id"]))
     runner.stop()
 

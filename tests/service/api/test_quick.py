@@ -48,9 +48,9 @@ def both(api: Api, job: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]
 def test_it_says_the_same_at_every_point_of_a_job(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     store = api.context.store
     done, failed = (api.post(options={"seed": seed}).json()["id"] for seed in (1, 2))
-    steps: tuple[Callable[[], bool], ...] = (
+    steps: tuple[Callable[[], object], ...] = (
         lambda: True,
-        lambda: store.begin(done),
+        lambda: store.begin(f"{done}.1"),
         lambda: store.progress(done, "fit", 0.123456),
         lambda: store.succeed(done, ARCHIVE, 1e10),
         lambda: store.fail(failed, {"code": "no-face", "status": 422, "detail": "ü"}, 1e10),
@@ -77,7 +77,7 @@ def test_what_another_process_changes_is_seen_at_once(api: Api) -> None:
     from service.jobs.store import Store
 
     other = connect(api.context.settings.database_url)
-    Store(other).begin(job)
+    Store(other).begin(f"{job}.1")
     Store(other).progress(job, "texture", 0.5)
     other.dispose()
     assert api.client.get(f"/v1/avatars/{job}").json()["stage"] == "texture"

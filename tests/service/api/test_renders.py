@@ -61,7 +61,7 @@ def with_result(api: Api, folder: Path) -> str:
     path.write_bytes(stream.getvalue())
     name = artifact_name(job, "archive", digest, "zip")
     api.context.artifacts.put(path, name)
-    api.context.store.begin(job)
+    api.context.store.begin(f"{job}.1")
     facts = {
         "archive": name, "sha256": digest, "bytes": len(stream.getvalue()), "warnings": [], "timings": {},
         "peak_rss_mb": 1.0,
@@ -101,7 +101,7 @@ def worked(api: Api, **settings: Any) -> None:
     chosen = dataclasses.replace(api.context.settings, **{"render_program": TOY_PICTURE, **settings})
     runner = Runner(chosen, api.context.store, api.context.artifacts)
     for row in api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued"):
-        assert runner.accept(row["id"], row["workflow"])["kind"] == "wanted"
+        assert runner.accept(row["workflow"])["kind"] == "wanted"
         runner.publish(row["id"], runner.make(row["id"]))
     runner.stop()
 

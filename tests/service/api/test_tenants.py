@@ -164,7 +164,7 @@ def test_a_database_that_fails_takes_nothing(api: Api, monkeypatch: pytest.Monke
     def fail(*a: object) -> None:
         raise sa.exc.OperationalError("insert", {}, Exception("disk I/O error"))
 
-    monkeypatch.setattr(api.context.queue, "put", fail)
+    monkeypatch.setattr(api.context.store.queue, "put", fail)
     answer = api.post(**bearer("ada"))
     is_problem(answer, 503, "unavailable")
     assert answer.headers["retry-after"]

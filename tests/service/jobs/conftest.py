@@ -7,17 +7,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dbos import WorkflowStatus
 
 from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect, create_tables
-from service.jobs.queue import Queue
+from service.jobs.queue import WORKFLOW, Queue
 from service.jobs.settings import Settings
 from service.jobs.store import Store
 from service.jobs.workflow import Runner
 from tests.service.databases import lay_out
 
 TOY = "tests.support.toy_job"
+
+
+def unfinished(queue: Queue) -> list[WorkflowStatus]:
+    """All workflows of jobs that wait or run, oldest first; the program never asks for so much."""
+    return queue.client.list_workflows(status=["PENDING", "ENQUEUED"], name=WORKFLOW)
 
 
 class Bench:
@@ -31,7 +37,7 @@ class Bench:
         self.engine = connect(self.settings.database_url)
         create_tables(self.engine, self.settings)
         self.store = Store(self.engine)
-        self.queue = Queue(self.engine)
+        self.queue = self.store.queue
         self.artifacts = Artifacts(self.settings.artifacts_url)
         self.runner = Runner(self.settings, self.store, self.artifacts)
         self._count = itertools.count(1)
@@ -53,12 +59,12 @@ class Bench:
             id=job, tenant=tenant, options={"seed": seed}, photo=name, photo_sha256=digest, photo_bytes=len(content),
             keep_photo=keep_photo, key=key, digest=digest, **more,
         )  # fmt: skip
-        self.store.add(new, self.queue.put, bounds, self.queue.move)
+        self.store.add(new, bounds)
         return job
 
     def run(self, job: str) -> str:
         """All steps of a job, one after the other, here."""
-        accepted = self.runner.accept(job, f"{job}.1")
+        accepted = self.runner.accept(f"{job}.1")
         if accepted["kind"] != "wanted":
             return str(accepted["kind"])
         return self.runner.publish(job, self.runner.make(job))

@@ -10,8 +10,9 @@ import pytest
 import sqlalchemy as sa
 
 from service.jobs.admission import LOW, Bounds, NoRoom
-from service.jobs.database import JOBS, now
-from tests.service.jobs.conftest import Bench
+from service.jobs.database import JOBS, JOBS_NOW, TALLIES, create_tables, now
+from service.jobs.erasure import depart
+from tests.service.jobs.conftest import Bench, unfinished
 from tests.support.postgres import Postgres, find_programs
 from tests.support.server import in_threads
 
@@ -55,19 +56,19 @@ def test_twenty_at_once_get_no_more_than_the_bound(any_bench: Bench, bounds: Bou
     assert told["let in"] == 2, told
     with any_bench.engine.connect() as connection:
         assert connection.execute(sa.select(sa.func.count()).select_from(JOBS)).scalar_one() == 2
-    assert len(any_bench.queue.unfinished()) == 2, "what was refused is in no queue"
+    assert len(unfinished(any_bench.queue)) == 2, "what was refused is in no queue"
 
 
 def order(bench: Bench) -> list[str]:
     """Tenants in the order in which their waiting jobs are served, by the queue itself."""
-    waiting = sorted(bench.queue.unfinished(), key=lambda status: (status.priority, status.created_at))
+    waiting = sorted(unfinished(bench.queue), key=lambda status: (status.priority, status.created_at))
     rows = [bench.store.get(status.workflow_id.partition(".")[0]) for status in waiting]
     return [str(row["tenant"]) for row in rows if row is not None]
 
 
 def test_one_tenants_many_jobs_do_not_keep_another_waiting(any_bench: Bench) -> None:
     jobs = [any_bench.add(tenant="a") for _ in range(25)]
-    any_bench.store.begin(jobs[0])
+    any_bench.store.begin(f"{jobs[0]}.1")
     for _ in range(3):
         any_bench.add(tenant="b")
     served = list(order(any_bench))[1:]  # the first runs
@@ -79,7 +80,7 @@ def test_whoever_was_away_gets_no_credit_for_it(any_bench: Bench) -> None:
     """The turns go on while a tenant has no jobs; afterwards it shares, and is not served alone."""
     for _ in range(10):
         job = any_bench.add(tenant="a")
-        any_bench.store.begin(job)
+        any_bench.store.begin(f"{job}.1")
         any_bench.store.cancel(job, now() + 100)
     for _ in range(4):
         any_bench.add(tenant="a")
@@ -99,13 +100,44 @@ def test_low_priority_gives_way_to_everybody(any_bench: Bench) -> None:
 
 
 def test_high_priority_overtakes_the_tenants_own_jobs_only(any_bench: Bench) -> None:
+    """Nothing changes while it waits; the next turn of its tenant that comes is its own, and its turn another's."""
     own = [any_bench.add(tenant="a") for _ in range(3)]
     other = [any_bench.add(tenant="b") for _ in range(3)]
-    before = {row["id"]: row["turn"] for row in any_bench.store.where()}
     urgent = any_bench.add(tenant="a", priority="high")
-    after = {row["id"]: row["turn"] for row in any_bench.store.where()}
-    assert [after[job] for job in other] == [before[job] for job in other], "nobody else waits longer"
-    assert after[urgent] == before[own[0]]
-    assert [after[job] for job in own] == sorted(after[job] for job in own) and after[own[0]] > after[urgent]
-    queued = {status.workflow_id.partition(".")[0]: status.priority for status in any_bench.queue.unfinished()}
-    assert queued == after, "the queue knows of it"
+    later = any_bench.add(tenant="a", priority="high")
+    turns = {row["id"]: row["turn"] for row in any_bench.store.where()}
+    begun = [any_bench.store.begin(f"{job}.1") for job in (other[0], own[0], own[1], own[2], urgent, later, other[1])]
+    assert begun == [other[0], urgent, later, own[2], own[0], own[1], other[1]]
+    rows = {row["id"]: row for row in any_bench.store.where()}
+    assert (rows[urgent]["turn"], rows[later]["turn"]) == (turns[own[0]], turns[own[1]])
+    assert sorted(row["turn"] for row in rows.values()) == sorted(turns.values())
+    assert all(rows[job]["turn"] == turns[job] for job in other), "nobody else waits longer"
+    assert any_bench.store.begin(f"{own[0]}.1") == urgent, "a worker that died goes on with the same job"
+
+
+def test_a_turn_is_used_once_however_many_workers_take_them(any_bench: Bench) -> None:
+    jobs = [any_bench.add(priority=priority) for priority in ("normal",) * 8 + ("high",) * 4]
+    begun = in_threads(12, lambda number: any_bench.store.begin(f"{jobs[number]}.1"))
+    assert sorted(job for job in begun if job is not None) == sorted(jobs)
+    assert any_bench.store.counts() == {"running": 12}
+
+
+def test_counts_follow_each_change_and_are_found_again(any_bench: Bench) -> None:
+    """What refuses is what there is, even if a worker of an older version has counted nothing."""
+    first, second, third = (any_bench.add(tenant=who) for who in "aab")
+    any_bench.store.begin(f"{first}.1")
+    any_bench.store.cancel(second, now() + 100)
+    any_bench.store.begin(f"{third}.1")
+    any_bench.store.fail(third, {"code": "no-face"}, now() + 100)
+    expected = {"running": 1, "cancelled": 1, "failed": 1}
+    assert any_bench.store.counts() == expected
+    assert any_bench.store.counts("a") == {"running": 1, "cancelled": 1}
+    with any_bench.engine.begin() as connection:
+        connection.execute(sa.update(TALLIES).where(TALLIES.c.name == JOBS_NOW).values(value=100))
+    any_bench.store.room("a", Bounds(queued=1, unfinished=2))
+    with pytest.raises(NoRoom):
+        any_bench.store.room("a", Bounds(queued=1, unfinished=1))
+    create_tables(any_bench.engine, any_bench.settings)
+    assert any_bench.store.counts() == expected
+    depart(any_bench.engine, third, "erased")
+    assert any_bench.store.counts() == {"running": 1, "cancelled": 1}

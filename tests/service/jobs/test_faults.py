@@ -52,7 +52,7 @@ def test_a_photo_is_on_the_disk_before_its_job_is(bench: Bench, monkeypatch: pyt
 
 def test_an_archive_is_on_the_disk_before_its_owner_hears_of_it(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     job = bench.add()
-    bench.runner.accept(job, f"{job}.1")
+    bench.runner.accept(f"{job}.1")
     order = Order(bench, monkeypatch)
     outcome = bench.runner.make(job)
     kept = Path(outcome["archive"]).name
@@ -84,7 +84,7 @@ def test_a_job_whose_photo_is_gone_fails_with_an_answer(bench: Bench) -> None:
 def test_everything_that_a_job_wrote_may_be_deleted_under_it(bench: Bench) -> None:
     """Somebody tidies up the wrong folder between two steps: the job is made again from the photo, or says no."""
     job = bench.add(seed=3)
-    bench.runner.accept(job, f"{job}.1")
+    bench.runner.accept(f"{job}.1")
     outcome = bench.runner.make(job)
     row = bench.store.get(job)
     assert row is not None

@@ -12,7 +12,9 @@ from service.jobs import janitor as module
 from service.jobs.database import JOBS, WORKERS, create_tables, now
 from service.jobs.erasure import SEEN, STRAY, Strays
 from service.jobs.janitor import Janitor, LostJob
+from service.jobs.locks import DatabaseLock
 from service.jobs.settings import PIPELINE_VERSION
+from tests.service.jobs.conftest import unfinished
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def janitor(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Janitor:
     monkeypatch.setattr(module, "SETTLED", -1.0)
-    return Janitor(bench.runner, bench.queue)
+    return Janitor(bench.runner)
 
 
 def pretend(bench: Bench, workflow: str, **values: object) -> None:
@@ -62,9 +64,9 @@ def test_what_a_killed_worker_left_is_erased(bench: Bench, janitor: Janitor) -> 
 def test_a_job_that_the_queue_forgot_is_put_back(bench: Bench, janitor: Janitor) -> None:
     job = bench.add()
     bench.queue.delete([f"{job}.1"])
-    assert bench.queue.unfinished() == []
+    assert unfinished(bench.queue) == []
     janitor.reconcile()
-    assert [status.workflow_id for status in bench.queue.unfinished()] == [f"{job}.1"]
+    assert [status.workflow_id for status in unfinished(bench.queue)] == [f"{job}.1"]
 
 
 @pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
@@ -98,11 +100,11 @@ def test_jobs_of_an_older_version_begin_again(bench: Bench, janitor: Janitor, st
     """DBOS never runs a workflow of another version: without this an upgrade would strand it for ever."""
     job = bench.add()
     pretend(bench, f"{job}.1", status=status, application_version="pipeline-0", executor_id="solo")
-    janitor.adopt()
-    janitor.adopt()
-    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.2"]
-    assert bench.runner.accept(job, f"{job}.1") == {"kind": "ended"}, "the older one has no say any more"
-    assert bench.runner.accept(job, f"{job}.2")["kind"] == "wanted"
+    janitor.reconcile()
+    janitor.reconcile()
+    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.2"]
+    assert bench.runner.accept(f"{job}.1") == {"kind": "ended"}, "the older one has no say any more"
+    assert bench.runner.accept(f"{job}.2")["kind"] == "wanted"
 
 
 def test_a_living_worker_of_an_older_version_keeps_its_jobs(bench: Bench, janitor: Janitor) -> None:
@@ -112,15 +114,12 @@ def test_a_living_worker_of_an_older_version_keeps_its_jobs(bench: Bench, janito
     with bench.engine.begin() as connection:
         beat = {"name": "w2", "version": "pipeline-0", "ready": True, "seen_at": time.time()}
         connection.execute(sa.insert(WORKERS).values(**beat))
-    janitor.adopt()
-    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.1"]
-    assert janitor.silent() == set()
-    assert janitor.holders() == {"w2"}
+    janitor.reconcile()
+    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.1"]
     with bench.engine.begin() as connection:
         connection.execute(sa.update(WORKERS).values(seen_at=time.time() - 2 * module.SILENT))
-    assert janitor.silent() == {"w2"}
-    janitor.adopt()
-    assert [entry.workflow_id for entry in bench.queue.unfinished()] == [f"{job}.2"]
+    janitor.reconcile()
+    assert [entry.workflow_id for entry in unfinished(bench.queue)] == [f"{job}.2"]
 
 
 def test_after_the_way_back_to_an_older_version_new_jobs_are_for_it(bench: Bench, janitor: Janitor) -> None:
@@ -156,10 +155,32 @@ def test_a_worker_that_takes_no_jobs_is_not_blamed_for_its_own_and_others_get_th
     beat = {"name": "w2", "version": PIPELINE_VERSION, "ready": True, "seen_at": time.time()}
     with bench.engine.begin() as connection:
         connection.execute(sa.insert(WORKERS).values(**beat))
-    assert janitor.silent() == set()
+    lock = DatabaseLock(bench.engine, "solo")
+    assert [janitor.dead(lock) for _ in range(2)] == [set(), set()]
     with bench.engine.begin() as connection:
         connection.execute(sa.update(WORKERS).values(ready=False, fault="psi.onnx was changed"))
-    assert janitor.silent() == {"w2"}
+    assert [janitor.dead(lock) for _ in range(3)] == [set(), {"w2"}, {"w2"}]
+
+
+def test_a_clock_that_is_set_forward_takes_no_jobs_from_the_living(bench: Bench, janitor: Janitor) -> None:
+    """By the clock of Postgres, all workers are silent until their next sign of life: their jobs would run twice."""
+    lock, long_ago = DatabaseLock(bench.engine, "solo"), time.time() - 2 * module.SILENT
+    beats = [{"name": name, "version": "pipeline-0", "ready": True, "seen_at": long_ago} for name in ("w2", "w3")]
+    with bench.engine.begin() as connection:
+        connection.execute(sa.insert(WORKERS), beats)
+    assert janitor.dead(lock) == set(), "seen once only"
+    with bench.engine.begin() as connection:
+        connection.execute(sa.update(WORKERS).where(WORKERS.c.name == "w3").values(seen_at=time.time()))
+    assert janitor.dead(lock) == {"w2"}
+
+
+def test_a_message_of_an_older_version_is_sent_by_the_next_attempt(bench: Bench, janitor: Janitor) -> None:
+    job = bench.add(webhook="https://hooks.example/")
+    bench.store.fail(job, {"code": "no-face"}, 1e10)
+    pretend(bench, f"{job}.told.1", status="PENDING", application_version="pipeline-0", executor_id="w2")
+    janitor.reconcile()
+    states = bench.queue.states([f"{job}.told.1", f"{job}.told.2"])
+    assert [status.status for status in states.values()] == ["CANCELLED", "DELAYED"]
 
 
 def test_a_database_of_an_older_version_gets_the_columns_that_it_lacks(bench: Bench) -> None:
@@ -191,6 +212,7 @@ def test_nothing_in_the_database_is_a_pickle(bench: Bench) -> None:
 def test_the_tables_are_where_the_queries_look(bench: Bench) -> None:
     assert {"avatarme_jobs", "workflow_status"} <= set(sa.inspect(bench.engine).get_table_names())
     assert JOBS.c.id.primary_key
+
 
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ import pytest
 from service.jobs.admission import UNFINISHED
 from service.jobs.attempts import LOSSES
 from service.jobs.process import descendants
+from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone
 from tests.support.server import Server, post, small_photo, wait_for
@@ -89,7 +90,7 @@ def test_a_worker_may_die_at_every_point_of_a_job(
         assert Worker(bench, point).died(), point
     last = Worker(bench, "")
     try:
-        wait_until(lambda: state_of(bench, job) == "succeeded" and bench.queue.unfinished() == [])
+        wait_until(lambda: state_of(bench, job) == "succeeded" and unfinished(bench.queue) == [])
     finally:
         last.kill()
     row = bench.store.get(job)

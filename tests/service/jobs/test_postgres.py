@@ -15,6 +15,7 @@ import pytest
 
 from benchmarks.chaos_postgres import Workers
 from service.jobs.settings import Settings
+from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.service.jobs.s3 import S3, serve
 from tests.support.moments import redone
@@ -55,7 +56,7 @@ class Site:
         engine = connect(Settings(data=self.folder, **self.settings).database_url)
         queue = Queue(engine)
         try:
-            found = queue.unfinished()
+            found = unfinished(queue)
             return {status.workflow_id.partition(".")[0]: (status.executor_id, status.app_version) for status in found}
         finally:
             queue.client.destroy()

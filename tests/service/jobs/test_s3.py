@@ -96,7 +96,7 @@ def test_what_another_process_writes_is_there_at_once(url: str, tmp_path: Path) 
 
 def run(api: Api, job: str) -> Runner:
     runner = Runner(api.context.settings, api.context.store, api.context.artifacts)
-    assert runner.accept(job, f"{job}.1")["kind"] == "wanted"
+    assert runner.accept(f"{job}.1")["kind"] == "wanted"
     assert runner.publish(job, runner.make(job)) == "published"
     return runner
 
@@ -133,7 +133,7 @@ def test_a_whole_job_from_the_photo_to_its_end(bench: Bench) -> None:
 
 def test_results_expire(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(janitor_module, "SETTLED", -1.0)
-    job, janitor = bench.add(), Janitor(bench.runner, bench.queue)
+    job, janitor = bench.add(), Janitor(bench.runner)
     bench.run(job)
     assert bench.artifacts.names(job)
     bench.store.set(job, expires_at=now() - 1)
@@ -164,7 +164,7 @@ def test_a_second_worker_goes_on_with_the_stages_of_the_first(
     log = tmp_path / "stages.log"
     monkeypatch.setenv(LOG, str(log))
     job = bench.add(seed=7)
-    bench.runner.accept(job, f"{job}.1")
+    bench.runner.accept(f"{job}.1")
     outcome = bench.runner.make(job)
     bench.artifacts.delete(outcome["archive"])
     settings = dataclasses.replace(bench.settings, data=tmp_path / "other", worker="w2")

@@ -8,6 +8,7 @@ import pytest
 
 from service.jobs.admission import KeyInUse
 from service.jobs.erasure import checkpoint, depart
+from tests.service.jobs.conftest import unfinished
 
 if TYPE_CHECKING:
     from tests.service.jobs.conftest import Bench
@@ -17,7 +18,7 @@ RESULT = {"archive": "x", "sha256": "0" * 64, "bytes": 3, "warnings": [], "timin
 
 def test_every_change_is_an_event_with_the_state_as_it_was(bench: Bench) -> None:
     job = bench.add()
-    bench.store.begin(job)
+    bench.store.begin(f"{job}.1")
     bench.store.progress(job, "fit", 0.5)
     bench.store.succeed(job, RESULT, 1e10)
     events = bench.store.events(job, 0)
@@ -32,7 +33,7 @@ def test_every_change_is_an_event_with_the_state_as_it_was(bench: Bench) -> None
 def test_progress_never_falls(bench: Bench) -> None:
     """A run that was cut off begins again with its first stage; its owner has not lost what was done."""
     job = bench.add()
-    bench.store.begin(job)
+    bench.store.begin(f"{job}.1")
     shares = []
     for stage, share in (("one", 0.1), ("two", 0.6), ("one", 0.1), ("two", 0.6), ("three", 0.7), ("three", 7.0)):
         assert bench.store.progress(job, stage, share)
@@ -63,7 +64,7 @@ def test_the_first_end_stays(bench: Bench) -> None:
     assert bench.store.cancel(job, 1e10)
     assert not bench.store.succeed(job, RESULT, 1e10)
     assert not bench.store.fail(job, {"code": "x"}, 1e10)
-    assert not bench.store.begin(job)
+    assert not bench.store.begin(f"{job}.1")
     assert not bench.store.progress(job, "fit", 0.5)
     row = bench.store.get(job)
     assert row is not None
@@ -88,7 +89,7 @@ def test_a_key_makes_one_job_however_many_ask_at_once(bench: Bench) -> None:
     assert len(made) == 1
     assert refused == made * 15
     assert bench.store.counts() == {"queued": 1}
-    assert len(bench.queue.unfinished()) == 1
+    assert len(unfinished(bench.queue)) == 1
 
 
 def test_keys_of_two_tenants_do_not_meet(bench: Bench) -> None:
@@ -117,7 +118,7 @@ def test_pages_meet_without_gap_or_repetition(bench: Bench) -> None:
 def test_a_cancelled_job_leaves_no_word_of_its_request(bench: Bench) -> None:
     """Not in its earlier events either, which have the job as it was then."""
     job = bench.add(metadata={"client": "words-of-the-owner"}, key="key-of-the-owner")
-    bench.store.begin(job)
+    bench.store.begin(f"{job}.1")
     bench.store.progress(job, "fit", 0.5)
     assert len(bench.store.events(job, 0)) == 3
     assert bench.store.cancel(job, 1e10)

@@ -78,7 +78,7 @@ def test_ends_are_counted_by_code_and_outlive_the_jobs(bench: Bench) -> None:
 def test_times_of_stages_are_a_histogram(bench: Bench) -> None:
     for seconds in (0.05, 0.2, 2.0, 5000.0):
         job = bench.add()
-        bench.store.begin(job)
+        bench.store.begin(f"{job}.1")
         bench.store.succeed(job, {**RESULT, "timings": {"fit": seconds}}, 1e10)
     ((stage, buckets, total),) = telemetry.histograms(bench.engine)
     assert stage == "fit"

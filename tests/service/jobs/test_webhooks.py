@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import hmac
 import json
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -15,14 +17,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 
 from service.errors import UsageError
-from service.jobs import webhooks as delivering
-from service.jobs.database import MESSAGES, now
-from service.jobs.erasure import depart
+from service.jobs import telemetry, webhooks
+from service.jobs.database import now
+from service.jobs.erasure import checkpoint, let_go
+from service.jobs.queue import ATTEMPTS, PAUSES_S
 from service.jobs.settings import Settings
-from service.jobs.webhooks import Target, deliver, resolved, target
+from service.jobs.webhooks import Target, may_be_reached, resolved, target
 from tests.service.jobs.conftest import Bench, bench  # noqa: F401 - a fixture
+
+NEVER = [
+    "64:ff9b::a00:8", "64:ff9b::5db8:d80e", "2002:7f00:1::", "2002:5db8:d80e::1", "2001:0:1::1", "::10.0.0.8",
+    "::93.184.215.14", "fec0::1", "ff02::1", "ff0e::1", "224.0.0.1", "239.1.2.3", "0.0.0.0", "::",  # noqa: S104
+]  # fmt: skip
+"""Translated, tunnelled, of old forms, or of no single machine: not even a network inside is reached like this."""
 
 SECRET = b"a secret of the operator and the receiver"
 
@@ -68,17 +78,18 @@ def settings(bench: Bench, receiver: Receiver, tmp_path: Path) -> Settings:  # n
     return replace(bench.settings, webhook_hosts=hosts, webhook_secret=str(secret), webhook_private=True)
 
 
-def waiting(bench: Bench) -> list[Any]:  # noqa: F811
-    with bench.engine.connect() as connection:
-        return list(connection.execute(MESSAGES.select()).mappings())
+def attempts(bench: Bench, job: str) -> list[str]:  # noqa: F811
+    """States of the attempts to tell of a job that the queue knows of, in their order."""
+    found = bench.queue.states([f"{job}.told.{number}" for number in range(1, ATTEMPTS + 2)])
+    return [str(found[name].status) for name in sorted(found, key=lambda name: int(name.rpartition(".")[2]))]
 
 
-def test_the_end_of_a_job_is_told_once_and_signed(bench: Bench, settings: Settings, receiver: Receiver) -> None:  # noqa: F811
+def test_the_end_of_a_job_is_told_signed(bench: Bench, settings: Settings, receiver: Receiver) -> None:  # noqa: F811
     job = bench.add(1, webhook=receiver.url, metadata={"order": 7})
-    assert deliver(bench.engine, settings) == 0
+    assert attempts(bench, job) == []
     bench.run(job)
-    assert deliver(bench.engine, settings) == 1
-    assert deliver(bench.engine, settings) == 0
+    assert attempts(bench, job) == ["ENQUEUED"]
+    assert webhooks.tell(bench.store, settings, job, 1) == "status 200"
     ((headers, body),) = receiver.seen
     told = json.loads(body)
     assert (told["type"], told["job"]["id"], told["job"]["state"]) == ("job.ended", job, "succeeded")
@@ -86,49 +97,95 @@ def test_the_end_of_a_job_is_told_once_and_signed(bench: Bench, settings: Settin
     signed = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body
     digest = base64.b64encode(hmac.new(SECRET, signed, hashlib.sha256).digest()).decode()
     assert headers["webhook-signature"] == f"v1,{digest}"
+    assert attempts(bench, job) == ["ENQUEUED"], "it arrived, and no other attempt follows"
 
 
-def test_what_does_not_arrive_is_sent_again(
+def test_what_does_not_arrive_is_sent_again_until_it_is_given_up(
     bench: Bench,  # noqa: F811
     settings: Settings,
     receiver: Receiver,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A redirection is no arrival, and is not followed."""
-    receiver.answers = [500, 302, 204]
-    bench.store.cancel(bench.add(webhook=receiver.url), now() + 100)
-    assert deliver(bench.engine, settings) == 0
-    (message,) = waiting(bench)
-    assert message["tries"] == 1 and message["next_at"] > now() + 3
-    monkeypatch.setattr(delivering, "now", lambda: now() + 10_000)
-    assert [deliver(bench.engine, settings) for _ in range(1)] == [0]
-    monkeypatch.setattr(delivering, "now", lambda: now() + 30_000)
-    assert deliver(bench.engine, settings) == 1
-    assert waiting(bench) == []
+    receiver.answers = [302, *[500] * 100]
+    job = bench.add(webhook=receiver.url)
+    bench.store.fail(job, {"code": "no-face"}, now() + 100)
+    for attempt in range(1, ATTEMPTS + 1):
+        webhooks.tell(bench.store, settings, job, attempt)
+    assert attempts(bench, job) == ["ENQUEUED", *["DELAYED"] * (ATTEMPTS - 1)]
+    due = bench.queue.states([f"{job}.told.2", f"{job}.told.{ATTEMPTS}"])
+    for attempt, pause in ((2, PAUSES_S[0]), (ATTEMPTS, PAUSES_S[-1])):
+        moment = due[f"{job}.told.{attempt}"].delay_until_epoch_ms
+        assert moment is not None and moment / 1000 == pytest.approx(now() + pause, abs=5)
     assert len({headers["webhook-id"] for headers, _ in receiver.seen}) == 1
+    assert telemetry.counts(bench.engine, "webhooks") == {"given up": 1}
 
 
-def test_after_all_attempts_it_is_given_up(
+def test_of_a_job_that_was_cancelled_or_erased_nobody_is_told(
     bench: Bench,  # noqa: F811
     settings: Settings,
     receiver: Receiver,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    receiver.answers = [500] * 100
-    bench.store.cancel(bench.add(webhook=receiver.url), now() + 100)
-    for number in range(1, 30):
-        monkeypatch.setattr(delivering, "now", lambda number=number: now() + number * 100_000)
-        deliver(bench.engine, settings)
-    assert len(receiver.seen) == len(delivering.PAUSES_S) + 1
-    assert waiting(bench) == []
+    """Who posts and deletes again and again must not have others called."""
+    cancelled, erased = (bench.add(webhook=receiver.url) for _ in range(2))
+    bench.store.cancel(cancelled, now() + 100)
+    assert attempts(bench, cancelled) == []
+    bench.store.fail(erased, {"code": "no-face"}, now() + 100)
+    row = bench.store.get(erased)
+    assert row is not None
+    let_go(bench.store, row, "erased")
+    assert attempts(bench, erased) == []
+    for job in (cancelled, erased):
+        assert webhooks.tell(bench.store, settings, job, 1) == "nobody is to be told"
+    assert receiver.seen == []
+    bench.engine.dispose()
+    assert checkpoint(bench.engine)
+    stored = b"".join(path.read_bytes() for path in bench.settings.data.glob("jobs.sqlite*"))
+    assert b"/hook?x" not in stored
 
 
-def test_an_erased_job_is_told_of_no_more(bench: Bench, receiver: Receiver) -> None:  # noqa: F811
-    job = bench.add(webhook=receiver.url)
-    bench.store.cancel(job, now() + 100)
-    assert waiting(bench)
-    depart(bench.engine, job, "erased")
-    assert waiting(bench) == []
+def test_messages_of_an_older_version_are_put_into_the_queue(bench: Bench) -> None:  # noqa: F811
+    job = bench.add(webhook="https://hooks.example/")
+    with bench.engine.begin() as connection:
+        connection.execute(sa.text("create table avatarme_webhooks (id text, job text, url text, tries integer)"))
+        values = {"id": "m", "job": job, "url": "x", "tries": 2}
+        connection.execute(sa.text("insert into avatarme_webhooks values (:id, :job, :url, :tries)"), values)
+    for _ in range(2):
+        webhooks.queue_older_messages(bench.store)
+    assert list(bench.queue.states([f"{job}.told.{number}" for number in range(1, 9)])) == [f"{job}.told.3"]
+
+
+class Dripping:
+    """A receiver that sends one byte of its answer every now and then, for ever."""
+
+    def __init__(self) -> None:
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.taken = 0
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=self._drip, args=(self.listener.accept()[0],), daemon=True).start()
+
+    def _drip(self, line: socket.socket) -> None:
+        self.taken += 1
+        with contextlib.suppress(OSError), line:
+            line.sendall(b"HTTP/1.1 200 OK\r\n")
+            while True:
+                time.sleep(0.05)
+                line.sendall(b"X")
+
+
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_an_attempt_has_a_deadline_however_slowly_bytes_come(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
+    monkeypatch.setattr(webhooks, "DEADLINE_S", 0.5)
+    slow = Dripping()
+    begin = time.monotonic()
+    with pytest.raises(OSError):
+        webhooks.send(Target(scheme, "127.0.0.1", slow.port, "/"), "m", 0, b"{}", SECRET, private=True)
+    assert time.monotonic() - begin < 2
+    slow.listener.close()
 
 
 @pytest.mark.parametrize(
@@ -156,14 +213,32 @@ def test_a_listed_host_is_told() -> None:
 
 @pytest.mark.parametrize(
     "address",
-    ["127.0.0.1", "10.0.0.8", "169.254.169.254", "192.168.1.1", "0.0.0.0", "::1", "fe80::1", "::ffff:10.0.0.1"],  # noqa: S104
-)
+    [
+        "127.0.0.1", "10.0.0.8", "169.254.169.254", "192.168.1.1", "0.0.0.0", "::1", "fe80::1", "::ffff:10.0.0.1",  # noqa: S104
+        *NEVER,
+    ],
+)  # fmt: skip
 def test_a_name_that_leads_inside_is_not_followed(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever owns the zone of a listed host, or answers for it, must not reach what stands beside the worker."""
     answers = [(0, 0, 0, "", ("93.184.215.14", 443)), (0, 0, 0, "", (address, 443))]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *a, **b: answers)
     with pytest.raises(OSError, match="open internet"):
         resolved(Target("https", "hooks.example", 443, "/"), private=False)
+
+
+@pytest.mark.parametrize("address", NEVER)
+def test_some_addresses_are_never_reached(address: str) -> None:
+    assert not may_be_reached(address, private=True)
+    assert not may_be_reached(address, private=False)
+
+
+@pytest.mark.parametrize(
+    ("address", "inside"),
+    [("93.184.215.14", False), ("2606:2800:21f:cb07::1", False), ("10.0.0.8", True), ("fd00::1", True), ("::1", True)],
+)
+def test_others_are(address: str, inside: bool) -> None:
+    assert may_be_reached(address, private=True)
+    assert may_be_reached(address, private=False) is not inside
 
 
 def test_a_server_without_hosts_takes_no_address(tmp_path: Path) -> None:

@@ -91,26 +91,3 @@ def test_the_end_of_a_job_raises_the_doubt(bench: Bench) -> None:
         job = bench.add()
         bench.runner.publish(job, {"kind": "problem", "problem": problem(code, 500, "")})
         assert bench.runner.doubt.is_set() is doubt
-
-
-def test_a_clock_that_is_set_forward_takes_no_jobs_from_the_living(
-    watched: Watched, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By the clock of Postgres, all workers are silent until their next sign of life: their jobs would run twice."""
-    worker, taken = watched.worker, list[str]()
-
-    def take(name: str) -> int:
-        taken.append(name)
-        return 1
-
-    looks = iter([{"a", "b"}, {"b"}, {"b"}])
-    monkeypatch.setattr(worker._engine.dialect, "name", "postgresql")
-    monkeypatch.setattr(worker._janitor, "holders", lambda: {"a", "b"})
-    monkeypatch.setattr(worker._janitor, "silent", lambda: next(looks))
-    monkeypatch.setattr(workflow, "take_over", take)
-    worker.take_over()
-    assert taken == [], "seen once only"
-    worker.take_over()
-    assert taken == ["b"]
-    worker.take_over()
-    assert taken == ["b", "b"]
