@@ -23,48 +23,9 @@ from service.jobs.kinds import KINDS, Kind
 from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
-from service.jobs.view import FINAL, from_error, problem
+from service.jobs.view import from_error, problem
 
-
-def derived_task(kind: Kind, row: Row, source: Row, settings: Settings, scratch: Path) -> Task:
-    """What the process is told: the name of the avatar's archive, and the request.
-
-    Args:
-        kind: of the job.
-        row: of the job.
-        source: of the job whose archive it is made of.
-        settings: of the worker.
-        scratch: folder for the result.
-    """
-    return Task(
-        job=row["id"], photo="", photo_sha256="",
-        options={"archive": source["archive"], "request": json.loads(row["options"])["request"]},
-        artifacts=settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
-    )  # fmt: skip
-
-
-def derived_facts(file: Path, said: dict[str, Any]) -> dict[str, Any]:
-    """What is stored of a result.
-
-    Args:
-        file: that the process wrote.
-        said: by the process.
-    """
-    with file.open("rb") as stream:
-        digest = sha256_of(stream)
-    size = file.stat().st_size
-    return {"sha256": digest, "bytes": size, "warnings": [], "timings": {}, "peak_rss_mb": None, "facts": said}
-
-
-def too_slow(kind: Kind, seconds: float) -> dict[str, Any]:
-    """The problem of something that took too long."""
-    return problem(f"{kind.name}-timeout", 504, kind.slow.format(seconds=seconds))
-
-
-def source_gone() -> dict[str, Any]:
-    """The problem of something whose avatar was erased while it waited."""
-    return problem("gone", 410, "the avatar has expired or was erased")
-
+log = logging.getLogger(__name__)
 
 LOOK = 0.4
 """Seconds between two looks at the database for a cancellation."""
@@ -109,14 +70,10 @@ class Stop:
         if time.monotonic() - self._at < LOOK:
             return False
         self._at = time.monotonic()
-        try:
-            row = self._store.get(self._job)
-        except sa.exc.SQLAlchemyError:
-            return False
-        return row is None or row["state"] in FINAL
+        with contextlib.suppress(sa.exc.SQLAlchemyError):
+            return not self._store.wanted(self._job)
+        return False
 
-
-log = logging.getLogger(__name__)
 
 LOSSES = 10
 """How often in a row its whole worker may be lost with a job, without a stage finished in between, before it fails.
@@ -151,14 +108,9 @@ def rest(store: Store, job: str, stopping: threading.Event) -> None:
         return
     patient(lambda: store.set(job, resting=1))
     until = time.monotonic() + min(REST * 2 ** (row["losses"] - SUSPECTED), LONGEST_REST)
-    while time.monotonic() < until and not stopping.is_set() and _wanted(store, job):
+    while time.monotonic() < until and not stopping.is_set() and patient(lambda: store.wanted(job)):
         stopping.wait(min(LOOK, max(until - time.monotonic(), 0.0)))
     patient(lambda: store.set(job, resting=0))
-
-
-def _wanted(store: Store, job: str) -> bool:
-    row = patient(lambda: store.get(job))
-    return row is not None and row["state"] not in FINAL
 
 
 SPACE = 2.0
@@ -224,7 +176,7 @@ class Attempts:
             self._wait_for_space(job)
             photo = scratch if kind.derived else self._photo(row, scratch)
             if photo is None:
-                return {"kind": "ended"} if self._ended(job) else _failed(FileNotFoundError(row["photo"]))
+                return _failed(FileNotFoundError(row["photo"])) if self._wanted(job) else {"kind": "ended"}
             rest(self.store, job, self.stopping)
             lost = patient(lambda: self.store.attempt(job))
             if lost >= LOSSES:
@@ -239,9 +191,9 @@ class Attempts:
                 return self._store(row, ending.facts, scratch)
             if ending.kind == "stopped":
                 return {"kind": "ended"}
-            problem = self._problem(job, kind, ending)
-            if problem is not None:
-                return {"kind": "problem", "problem": problem}
+            found = self._problem(job, kind, ending)
+            if found is not None:
+                return {"kind": "problem", "problem": found}
 
     def _problem(self, job: str, kind: Kind, ending: Ending) -> dict[str, Any] | None:
         """What a job fails for whose process ended so; None where it is worth another attempt."""
@@ -250,8 +202,9 @@ class Attempts:
             return ending.facts
         if ending.kind == "time":
             seconds = kind.limits(self.settings).job_seconds
-            words = f"the computation took more than {seconds:g} s"
-            return too_slow(kind, seconds) if kind.derived else from_error(OutOfTime(words))
+            if kind.derived:
+                return problem(f"{kind.name}-timeout", 504, kind.slow.format(seconds=seconds))
+            return from_error(OutOfTime(f"the computation took more than {seconds:g} s"))
         log.error("the process of a job ended", extra={"job": job, "kind": ending.kind, "status": ending.status})
         if starved:
             again = patient(lambda: self.store.starved(job)) < OUT_OF_MEMORY
@@ -266,29 +219,24 @@ class Attempts:
 
     def _once(self, row: Row, photo: Path, scratch: Path) -> Ending:
         job, kind = row["id"], KINDS[row["kind"]]
-        stop = Stop(self.store, job, self.stopping)
-        if kind.derived:
-            source = patient(lambda: self.store.get(row["source"]))
-            if source is None or source["archive"] is None:
-                return Ending("problem", source_gone(), 0)
+        source = patient(lambda: self.store.get(row["source"])) if kind.derived else None
+        if kind.derived and (source is None or source["archive"] is None):
+            return Ending("problem", problem("gone", 410, "the avatar has expired or was erased"), 0)
+        process = None
+        if not kind.derived:
+            with self._lock:
+                process, self._spare = self._spare, None
+        if process is None or not process.alive():
             process = JobProcess(kind.limits(self.settings))
-            self.active[job] = process
-            return process.run(derived_task(kind, row, source, self.settings, scratch), lambda message: None, stop)
-        task = Task(
-            job=job, photo=str(photo), photo_sha256=row["photo_sha256"], options=json.loads(row["options"]),
-            artifacts=self.settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
-            tight=row["starved"] > 0,
-        )  # fmt: skip
-        with self._lock:
-            spare, self._spare = self._spare, None
-        process = spare if spare is not None and spare.alive() else JobProcess(self.settings)
         self.active[job] = process
-        return process.run(task, Report(self.store, job), stop)
+        progress = (lambda message: None) if kind.derived else Report(self.store, job)
+        task = task_of(row, source, self.settings, scratch, photo)
+        return process.run(task, progress, Stop(self.store, job, self.stopping))
 
     def _wait_for_space(self, job: str) -> None:
         """A job begins when the reserve is free, which is enough for its stages and its archive."""
         told = False
-        while patient(self.free_mb) < self.settings.reserve_mb and not self.stopping.is_set() and not self._ended(job):
+        while patient(self.free_mb) < self.settings.reserve_mb and not self.stopping.is_set() and self._wanted(job):
             if not told:
                 log.error("a job waits for space on the disk", extra={"job": job, "free_mb": round(self.free_mb())})
             told = True
@@ -318,7 +266,10 @@ class Attempts:
         kind = KINDS[row["kind"]]
         file = scratch / kind.file
         if kind.derived:
-            facts = patient(lambda: derived_facts(file, facts))
+            with file.open("rb") as stream:
+                digest = sha256_of(stream)
+            known = {"sha256": digest, "bytes": file.stat().st_size, "warnings": [], "timings": {}, "peak_rss_mb": None}
+            facts = {**known, "facts": facts}
         name = artifact_name(row["id"], kind.artifact, facts["sha256"], file.suffix.removeprefix("."))
         if file.exists():
             patient(lambda: self.artifacts.put(file, name))
@@ -327,9 +278,28 @@ class Attempts:
     def _row(self, job: str) -> Row | None:
         return patient(lambda: self.store.get(job))
 
-    def _ended(self, job: str) -> bool:
-        row = self._row(job)
-        return row is None or row["state"] in FINAL
+    def _wanted(self, job: str) -> bool:
+        return patient(lambda: self.store.wanted(job))
+
+
+def task_of(row: Row, source: Row | None, settings: Settings, scratch: Path, photo: Path) -> Task:
+    """What the process of a job is told.
+
+    Args:
+        row: of the job.
+        source: of a derived kind, row of the job whose archive it is made of.
+        settings: of the worker.
+        scratch: folder for the result.
+        photo: path of the photo; of a derived kind anything.
+    """
+    kind, options = KINDS[row["kind"]], json.loads(row["options"])
+    if source is not None:
+        options = {"archive": source["archive"], "request": options["request"]}
+    return Task(
+        job=row["id"], photo=str(photo), photo_sha256=row["photo_sha256"], options=options,
+        artifacts=settings.artifacts_url, output=str(scratch / kind.file), scratch=str(scratch),
+        tight=row["starved"] > 0,
+    )  # fmt: skip
 
 
 def _failed(error: Exception) -> dict[str, Any]:

@@ -32,6 +32,12 @@ class Lookups:
         """The row of a job, None where there is none."""
         return self._one(sa.select(JOBS).where(JOBS.c.id == job))
 
+    def wanted(self, job: str) -> bool:
+        """Whether a job is unfinished."""
+        query = sa.select(JOBS.c.id).where(JOBS.c.id == job, JOBS.c.state.in_(UNFINISHED))
+        with self.engine.connect() as connection:
+            return connection.execute(query).scalar_one_or_none() is not None
+
     def by_key(self, tenant: str, key: str) -> Row | None:
         """The row of the job with this Idempotency-Key."""
         return self._one(sa.select(JOBS).where(JOBS.c.tenant == tenant, JOBS.c.key == key))

@@ -82,7 +82,7 @@ class Worker:
         """What is done beside the jobs, and the seconds between two times of doing it."""
         strays = Strays(self.settings, self.runner.store, self.runner.artifacts)
         return {
-            self.beat: 2.0, self._janitor.tidy: 5.0, self.take_over: 5.0, self.reconcile: 10.0,
+            self.beat: 5.0, self._janitor.tidy: 5.0, self.take_over: 5.0, self.reconcile: 10.0,
             self._janitor.expire: 30.0, self.recheck: 30.0, strays.sweep: 600.0,
         }  # fmt: skip
 

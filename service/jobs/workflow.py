@@ -105,8 +105,8 @@ RECOVERIES = 200
 It can be that many: what a photo can do to its process does not reach the worker, and is counted by itself.
 """
 
-POLL = 0.5
-"""Seconds between two looks into the queue."""
+POLL = 1.0
+"""Seconds between two looks into a queue; those of three queues are most of what a worker does beside its jobs."""
 
 MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""

@@ -133,7 +133,7 @@ def test_the_child_writes_the_picture_and_says_its_facts(
     source = api.context.store.get(finished)
     assert source is not None
     said = Said()
-    child.run(attempts.derived_task(RENDER, row, source, api.context.settings, tmp_path), said)  # type: ignore[arg-type]
+    child.run(attempts.task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
     png = (tmp_path / RENDER.file).read_bytes()
     assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
     assert said.facts["exposure"] == 0.5

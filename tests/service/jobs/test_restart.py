@@ -197,7 +197,7 @@ def test_a_receiver_that_never_answers_keeps_nobody_elses_messages(tmp_path: Pat
 
             def send(name: str, seed: int, address: str) -> str:
                 client.headers["Authorization"] = f"Bearer {keys[name]}"
-                files = {"image": ("x.jpg", small_photo(seed)), "webhook_url": (None, address)}
+                files: Any = {"image": ("x.jpg", small_photo(seed)), "webhook_url": (None, address)}
                 answer = client.post("/v1/avatars", files=files)
                 assert answer.status_code == 202, answer.text
                 return str(answer.json()["id"])
