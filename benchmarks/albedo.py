@@ -45,7 +45,7 @@ from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.subject import Subject
 from service.runtime.networks import choose_engine
 from service.runtime.sessions import MODELS
-from service.stage_cache import Stages, Unkept
+from service.stage_cache import NoCache, StageCache
 
 T = TypeVar("T")
 Float = npt.NDArray[np.float64]
@@ -70,12 +70,12 @@ KEPT = ("level", "decode", "detect", "read", "fit", "texture", "compare")
 
 
 class OnDisk:
-    """Keeps the stages before the networks in a folder; ``service.stage_cache.Stages``."""
+    """Keeps the stages before the networks in a folder; ``service.stage_cache.StageCache``."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
         """The result of stage ``name``: the kept one, else what ``make`` returns."""
         file = self._folder / f"{name}.pickle"
         if name in KEPT and file.is_file():
@@ -169,7 +169,7 @@ def albedo_of(made: Reflectance | None) -> npt.NDArray[np.float64]:
     return np.asarray(made.diffuse_albedo / FULL_CODE, np.float64)
 
 
-def made(photo: Photo, models: Path, stages: Stages) -> tuple[Avatar, npt.NDArray[np.float64]]:
+def made(photo: Photo, models: Path, stages: StageCache) -> tuple[Avatar, npt.NDArray[np.float64]]:
     """The avatar, and its albedo by the networks of a folder."""
     options = Options(maps=("diffuse_albedo",), quality="draft", size=SIZE, face="largest")
     if models == MODELS:
@@ -241,7 +241,7 @@ def main(
     folder, planes, found = data_folder(None if data is None else str(data)), regions_of(), {}
     cache.mkdir(parents=True, exist_ok=True)
     for photo in photos(folder, cache, wanted.split(",")):
-        stages = OnDisk(cache / "stages" / photo.name) if keep else Unkept()
+        stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
         avatar, albedo = made(photo, models, stages)
         found[photo.name] = judged(Judge.of(photo, avatar), albedo, planes)
         typer.echo(f"{photo.name}: {found[photo.name].score.raw:.1f} dB", err=True)

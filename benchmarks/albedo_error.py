@@ -43,7 +43,7 @@ from service.reflectance.subject import CLUES, GEOMETRY, Subject
 from service.reflectance.super_resolution import resample
 from service.runtime.networks import choose_engine, open_network
 from service.runtime.sessions import MODELS
-from service.stage_cache import Unkept
+from service.stage_cache import NoCache
 
 Float = npt.NDArray[np.float64]
 
@@ -164,7 +164,7 @@ def main(
     folder, found = data_folder(None if data is None else str(data)), {}
     cache.mkdir(parents=True, exist_ok=True)
     for photo in photos(folder, cache, wanted.split(",")):
-        stages = OnDisk(cache / "stages" / photo.name) if keep else Unkept()
+        stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
         avatar, albedo = made(photo, MODELS, stages)
         found[photo.name] = errors_of(Judge.of(photo, avatar), albedo, clues_of(avatar))
         typer.echo(f"{photo.name}: median {np.median(found[photo.name].error):.2f}", err=True)

@@ -29,7 +29,7 @@ from benchmarks.shoot import data_folder
 from models.tables import tell
 from service.colour import linear_to_srgb
 from service.runtime.sessions import MODELS
-from service.stage_cache import Unkept
+from service.stage_cache import NoCache
 
 Float = npt.NDArray[np.float64]
 
@@ -116,7 +116,7 @@ def main(
     for name, angle in (CLASSES[int(number) - 1] for number in tones.split(",")):
         for light in wanted:
             photo = photo_of(of_class(head, name, angle), light, cache)
-            stages = OnDisk(cache / "stages" / photo.name) if keep else Unkept()
+            stages = OnDisk(cache / "stages" / photo.name) if keep else NoCache()
             avatar, albedo = made(photo, models, stages)
             found[name, light] = judged(Judge.of(photo, avatar), albedo, planes)
             typer.echo(f"{photo.name}: {found[name, light].score.raw:.1f} dB", err=True)

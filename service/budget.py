@@ -13,7 +13,7 @@ from service.options import Options
 from service.reflectance.plan import Plan
 from service.runtime.networks import Engine, choose_engine, open_network
 from service.runtime.tiles import DEFAULT_TILE
-from service.stage_cache import Stages, Unkept
+from service.stage_cache import NoCache, StageCache
 
 OVER_BUDGET = "over-budget"
 """Warning: not even the fastest level was expected to fit."""
@@ -56,7 +56,7 @@ class Speed:
     whole: frozenset[str]
 
 
-def within_budget(options: Options, stages: Stages = Unkept()) -> tuple[Options, tuple[str, ...]]:  # noqa: B008
+def within_budget(options: Options, stages: StageCache = NoCache()) -> tuple[Options, tuple[str, ...]]:  # noqa: B008
     """Options with the level that the budget allows, and warnings; unchanged without a budget.
 
     Raises:
@@ -65,7 +65,7 @@ def within_budget(options: Options, stages: Stages = Unkept()) -> tuple[Options,
     """
     if options.budget is None or not options.plan().stages:
         return options, ()
-    chosen = stages.keep("level", lambda: _choose(options))
+    chosen = stages.get_or_compute("level", lambda: _choose(options))
     warnings = (OVER_BUDGET,) if chosen.startswith("!") else ()
     return replace(options, quality=chosen.removeprefix("!"), budget=options.budget), warnings  # type: ignore[arg-type]
 

@@ -8,10 +8,10 @@ from typing import Protocol, TypeVar
 T = TypeVar("T")
 
 
-class Stages(Protocol):
+class StageCache(Protocol):
     """Results of stages; ``service.jobs.stage_files`` keeps them on disk."""
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
         """The result of stage ``name``: the kept one where there is one, else that of ``make``, which is then kept.
 
         What comes back is equal to the last bit, whether it was kept or made. A result is a dataclass of the pipeline,
@@ -20,9 +20,9 @@ class Stages(Protocol):
         ...
 
 
-class Unkept:
+class NoCache:
     """Keeps nothing: every stage is computed."""
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
         """What ``make`` returns."""
         return make()

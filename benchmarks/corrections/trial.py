@@ -19,7 +19,7 @@ from service.options import Options
 from service.pipeline import make_avatar
 from service.reflectance.albedo.corrections import Correction
 from service.reflectance.albedo.diffuse_albedo import REGISTRY
-from service.stage_cache import Stages
+from service.stage_cache import StageCache
 from service.texture.texture_maps import SEEN
 
 SIZE = (768, 512)
@@ -37,7 +37,7 @@ class Product:
         """The program's."""
         return tuple(REGISTRY)
 
-    def make(self, data: bytes, without: Sequence[str], stages: Stages) -> Avatar:
+    def make(self, data: bytes, without: Sequence[str], stages: StageCache) -> Avatar:
         """The diffuse albedo of a photo with the rules of these names turned off. Raises as ``make_avatar``."""
         switches: dict[str, Any] = {"without": tuple(without)} if without else {}
         options = Options(maps=("diffuse_albedo",), quality="draft", size=SIZE, face="largest", **switches)
@@ -53,12 +53,12 @@ T = TypeVar("T")
 
 
 class Kept:
-    """Keeps what stages gave, and forgets what comes after a rule; ``service.stage_cache.Stages``."""
+    """Keeps what stages gave, and forgets what comes after a rule; ``service.stage_cache.StageCache``."""
 
     def __init__(self) -> None:
         self._results: dict[str, Any] = {}
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
         """The result of stage ``name``, made at most once."""
         if name not in self._results:
             self._results[name] = make()

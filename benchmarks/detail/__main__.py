@@ -32,7 +32,7 @@ from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.options import Options
 from service.pipeline import make_avatar
-from service.stage_cache import Stages, Unkept
+from service.stage_cache import NoCache, StageCache
 
 MARK = ("<!-- detail -->", "<!-- /detail -->")
 SIZE = 1300
@@ -73,7 +73,7 @@ CAMERAS = (
 )  # fmt: skip
 
 
-def avatar_of(data: bytes, maps: tuple[str, ...], stages: Stages = Unkept()) -> Avatar:  # noqa: B008 - holds nothing
+def avatar_of(data: bytes, maps: tuple[str, ...], stages: StageCache = NoCache()) -> Avatar:  # noqa: B008 - holds nothing
     """The product's own way."""
     return make_avatar(data, Options(maps=maps, face="largest"), stages=stages)
 

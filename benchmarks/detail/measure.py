@@ -34,7 +34,7 @@ class Kept:
         self._names = names
         self._results: dict[str, Any] = {}
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
         """The kept result, else that of ``make``."""
         if name in self._results:
             kept: T = self._results[name]

@@ -201,7 +201,7 @@ log = logging.getLogger(__name__)
 
 
 class KeptStages:
-    """``service.stage_cache.Stages`` for one job.
+    """``service.stage_cache.StageCache`` for one job.
 
     A stage's file is named by a hash of everything that its result depends on: the program and its data, the photo, the
     options and the name of the stage. It begins with the hash of its content, so a torn or changed file is computed
@@ -237,8 +237,8 @@ class KeptStages:
         self._finished = finished
         self._mapped = mapped
 
-    def keep(self, name: str, make: Callable[[], T]) -> T:
-        """As :meth:`service.stage_cache.Stages.keep`; a stage that cannot be read is computed, one that
+    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
+        """As :meth:`service.stage_cache.StageCache.get_or_compute`; a stage that cannot be read is computed, one that
         cannot be written is not kept; both are logged.
         """
         key = hashlib.sha256(f"{self._basis}\n{name}".encode()).hexdigest()

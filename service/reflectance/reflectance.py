@@ -49,7 +49,7 @@ from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import DIFFUSE, SPECULAR, MapInputs, specular_albedo, tangent_normals
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
-from service.stage_cache import Stages, Unkept
+from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import Detail, OwnDetail
 
 T = TypeVar("T")
@@ -74,7 +74,7 @@ def make_reflectance(
     own: OwnDetail | None = None,
     tile: int = DEFAULT_TILE,
     progress: Progress = lambda stage, done: None,
-    stages: Stages = Unkept(),  # noqa: B008 - holds nothing
+    stages: StageCache = NoCache(),  # noqa: B008 - holds nothing
 ) -> Reflectance:
     """Make the maps that a plan asks for.
 
@@ -224,7 +224,7 @@ class _Maps:
 class _Run:
     """Runs stages one after the other: times them, keeps their results, tells how far all of it is."""
 
-    def __init__(self, plan: Plan, stages: Stages, progress: Progress) -> None:
+    def __init__(self, plan: Plan, stages: StageCache, progress: Progress) -> None:
         self.timings: dict[str, float] = {}
         self._shares = plan.shares()
         self._stages = stages
@@ -235,7 +235,8 @@ class _Run:
         share = self._shares[name]
         self._progress(name, self._done)
         begin = time.perf_counter()
-        result = self._stages.keep(name, lambda: make(lambda done: self._progress(name, self._done + share * done)))
+        told = lambda done: self._progress(name, self._done + share * done)  # noqa: E731
+        result = self._stages.get_or_compute(name, lambda: make(told))
         self.timings[name] = time.perf_counter() - begin
         self._done += share
         return result

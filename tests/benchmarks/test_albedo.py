@@ -65,11 +65,11 @@ def test_regions_are_apart_and_none_is_empty() -> None:
 
 def test_stages_are_kept_on_disk_and_networks_are_not(tmp_path: Path) -> None:
     stages = OnDisk(tmp_path / "photo")
-    assert stages.keep("fit", lambda: 1) == 1
-    assert stages.keep("fit", lambda: 2) == 1
+    assert stages.get_or_compute("fit", lambda: 1) == 1
+    assert stages.get_or_compute("fit", lambda: 2) == 1
     assert "diffuse_albedo" not in KEPT
-    assert stages.keep("diffuse_albedo", lambda: 3) == 3
-    assert stages.keep("diffuse_albedo", lambda: 4) == 4
+    assert stages.get_or_compute("diffuse_albedo", lambda: 3) == 3
+    assert stages.get_or_compute("diffuse_albedo", lambda: 4) == 4
 
 
 def test_the_tables_say_what_was_found() -> None:

@@ -36,7 +36,7 @@ from benchmarks.render import Exposure, Shot
 from service.colour import LUMA, linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.chart import Chart
-from service.stage_cache import Stages
+from service.stage_cache import StageCache
 from tests.toyhead import CENTRE, EYE_RADIUS, EYE_X, sphere_head
 
 STEPS = np.linspace(0.02, 3.0, 64, dtype=np.float32)
@@ -314,9 +314,9 @@ class Toy:
     told: bool = True
     runs: list[tuple[str, ...]] = field(default_factory=list)
 
-    def make(self, data: bytes, without: Sequence[str], stages: Stages) -> Any:
+    def make(self, data: bytes, without: Sequence[str], stages: StageCache) -> Any:
         self.runs.append(tuple(without))
-        value = stages.keep(
+        value = stages.get_or_compute(
             "diffuse_albedo", lambda: 0.5 + sum(one.adds for one in self.registry if one.name not in without)
         )
         albedo = np.full((*MAPS[::-1], 3), round(65535 * value), np.uint16)

@@ -18,11 +18,11 @@ from service.jobs.stage_files import kept_types
 
 
 def return_types(module: ModuleType) -> Iterator[Any]:
-    """Return types of the functions that ``keep`` and ``run`` are given, by name or as what a lambda calls."""
+    """Return types of the functions that stages of a pipeline are given, by name or as what a lambda calls."""
     tree, names = ast.parse(inspect.getsource(module)), vars(module)
     local = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-        if getattr(call.func, "id", getattr(call.func, "attr", "")) not in ("keep", "run"):
+        if getattr(call.func, "id", getattr(call.func, "attr", "")) not in ("kept", "get_or_compute", "run"):
             continue
         given = [getattr(getattr(one, "body", None), "func", one) for one in call.args]
         for name in {one.id for one in given if isinstance(one, ast.Name)}:

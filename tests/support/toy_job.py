@@ -89,7 +89,7 @@ def run(task: Task, reporter: Reporter) -> None:
             _spend(float(os.environ.get(SECONDS, "0.02")))
             return _stage(name, digest, seed, before)
 
-        value = stages.keep(name, make)
+        value = stages.get_or_compute(name, make)
     content = archive(digest, seed)
     Path(task.output).write_bytes(content)
     facts = {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}

@@ -114,9 +114,9 @@ FACE = 0.35
 WASTE = 0.2
 """Weight of the share of a style's silhouette that has to be cut from it: long hair that is cut short hangs as long
 hair does."""
-RARE = {"hair/afro01": 0.06, "hair/ponytail01": 0.05}
-"""What a style has to agree better than others to be worn: few people have an afro, and a ponytail, out of sight behind
-the head, looks like short hair that more people have."""
+TAIL_UNSEEN = {"hair/ponytail01": 0.05}
+"""What a style has to agree better than others to be worn: its tail is out of sight behind the head, so that it looks
+like short hair."""
 CROPPED_MM = 4.5
 """Thickness under which hair is cropped to the skin, and is no mesh: of portraits with hair painted on, or fur of 3 to
 4 mm, the median is 3.0, of other short hair 6 to 20."""
@@ -187,7 +187,7 @@ def choose(
         face = skin * (1 - shown) * known * (1 - frame.below)  # the reader is unsure where strands lie on cheeks
         bare = float((mask * face).sum()) / max(float(face.sum()), 1.0)
         waste = 1 - float((worn * known).sum()) / max(float((mask * known).sum()), 1.0)
-        agrees = 0.5 * whole + 0.3 * above + 0.2 * length - RARE.get(name, 0.0)
+        agrees = 0.5 * whole + 0.3 * above + 0.2 * length - TAIL_UNSEEN.get(name, 0.0)
         return agrees - FACE * bare - WASTE * waste, whole
 
     plain = [(name, Cut(mirrored=m)) for name in asked for m in (False, True)]

@@ -1,8 +1,7 @@
-"""All that an avatar wears: hair, lashes, brows and bust, in its albedo.
+"""All that an avatar wears: hair, lashes, brows, and the bust, whose shoulders go on from the neck in its own colour.
 
-Hair, lashes, brows and bust of one head as meshes for files and pictures.
-
-The bust: shoulders that go on from the head's neck, in the neck's own colour.
+Meshes are made once, coloured as the photo shows them; once the networks have told the albedo of the skin, what is left
+of the photo's light is taken off their pictures.
 """
 
 from __future__ import annotations
@@ -30,6 +29,17 @@ from service.materials.material import Material, OwnMap
 from service.materials.of_head import SKIN
 from service.materials.part import MeshPart, targets_of
 
+BUST = "bust/body"
+SIDE = 256
+"""Texels along its texture, which holds a smooth colour only."""
+EXACT = 0.99
+"""Weight of one vertex of the head from which on a vertex of the bust is the same point."""
+BUST_ROUGHNESS = 0.55
+BLEND_M = 0.045
+"""Distance from the seam up to which the bust bends towards the neck's tangent planes."""
+SPLITS = 2
+NEIGHBOURS = 12
+"""Points of the seam whose tangent planes count for a vertex, by the inverse fourth power of their distance."""
 LASHES = "lash/eyelashes02"
 """Upper and lower lashes of every head: even, of middle length."""
 LASH = np.array([0.0143, 0.0092, 0.0077], np.float32)
@@ -48,14 +58,74 @@ CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
 
 
-def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+LIT = 200
+"""Code of the lit skin's map from which on a texel tells what the photo's light is."""
+LEAST_TEXELS = 100
+"""Fewest such texels."""
+RANGE = (0.2, 4.0)
+"""Smallest and largest ratio of albedo to the photo's colour in a channel."""
+BROWS = "brow_cards"
+"""Name of the brows' mesh."""
+
+
+def worn(hair: Hair, head: HeadModel, fit: Fit, texture: UInt8, *, brows: bool) -> tuple[MeshPart, ...]:
+    """Meshes beside the head's own, in the photo's light.
+
+    Args:
+        hair: of the photo.
+        head: topology, chart and units.
+        fit: vertices of the head.
+        texture: (h, w, 3) uint8 sRGB on the chart, in the photo's light.
+        brows: whether brows are cards too.
+    """
+    parts = (
+        bust_part(head, fit, texture),
+        hair_part(hair, head, fit),
+        brow_part(hair, head, fit) if brows else None,
+        lash_part(head, fit),
+    )
+    return tuple(part for part in parts if part is not None)
+
+
+def in_albedo(
+    parts: tuple[MeshPart, ...], hair: Hair, head: HeadModel, texture: UInt8, lit_skin: UInt8, albedo: UInt16
+) -> tuple[MeshPart, ...]:
+    """The meshes of :func:`worn` without the photo's light.
+
+    Args:
+        parts: as it gives them.
+        hair: of the photo.
+        head: topology and chart.
+        texture: (h, w, 3) uint8 sRGB on the chart, in the photo's light.
+        lit_skin: (h, w) uint8, 255 where the texture shows lit skin.
+        albedo: (H, W, 3) uint16 sRGB-coded, of the skin.
+    """
+    small = _small(albedo, texture.shape)
+    light = to_albedo(texture, small, lit_skin)
+    items = read_items().items
+    unlit = []
+    for part in parts:
+        picture = None
+        if part.name == "bust":
+            picture = bust_picture(items[BUST], head, small)
+        elif part.name == "hair" and hair.choice.name is not None:
+            picture = hair_picture(items[hair.choice.name], hair.colour.natural(light), light)
+        elif part.name == BROWS and hair.brow is not None and hair.brow_colour is not None:
+            picture = brow_picture(items[hair.brow], as_melanin(hair.brow_colour * light) / light * light)
+        if picture is not None:
+            name = part.material.name
+            part = replace(part, material=replace(part.material, colour_map=OwnMap(name, picture)))
+        unlit.append(part)
+    return tuple(unlit)
+
+
+def hair_part(hair: Hair, head: HeadModel, fit: Fit) -> MeshPart | None:
     """The style as a mesh that stands still; None for a bald head.
 
     Args:
         hair: as :func:`service.anatomy.hair.find_hair.find_hair` gives it.
         head: topology of the head.
         fit: its vertices.
-        light: (3,) factors from colours in the photo's light to albedo.
     """
     if hair.choice.name is None:
         return None
@@ -66,7 +136,7 @@ def hair_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart
     if made is None:
         worn = mirrored(item, head) if cut.mirrored else item
         made = Tailored(hair_on(item, items, skull, cut), worn.uv, worn.triangles, None, 0.0)
-    picture = OwnMap("hair", hair_picture(item, hair.colour, light))
+    picture = OwnMap("hair", hair_picture(item, hair.colour, np.ones(3, np.float32)))
     # Highlights of glossy hair are narrower.
     roughness = float(np.clip(ROUGHNESS[1] - 0.1 * (hair.colour.sheen - 1.0), *ROUGHNESS))
     material = Material(
@@ -137,37 +207,28 @@ def following(
     )
 
 
-def brow_part(hair: Hair, head: HeadModel, fit: Fit, light: Float32) -> MeshPart | None:
+def brow_part(hair: Hair, head: HeadModel, fit: Fit) -> MeshPart | None:
     """Brows over those of the skin, in the shape that agrees best with the photo's; None where none was compared.
 
     Args:
         hair: with the brows' shape and colour.
         head: topology and units.
         fit: vertices of the head.
-        light: (3,) factors from colours in the photo's light to albedo.
     """
     items = read_items()
     if hair.brow is None or hair.brow_colour is None or not fits(items, head):
         return None
     item = items.items[hair.brow]
-    coded = linear_to_srgb(np.clip(hair.brow_colour * light, 0, 0.6).astype(np.float32))
-    picture = _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
+    picture = brow_picture(item, hair.brow_colour)
     material = Material("brows", colour_map=OwnMap("brows", picture), alpha="blend", double_sided=True, roughness=0.6)
     normals = area_normals(item.worn(fit.neutral - items.fitted_head), item.triangles)
-    return following("brow_cards", item, items, head, fit, material, lift=BROW_LIFT_M * normals)
+    return following(BROWS, item, items, head, fit, material, lift=BROW_LIFT_M * normals)
 
 
-BUST = "bust/body"
-SIDE = 256
-"""Texels along its texture, which holds a smooth colour only."""
-EXACT = 0.99
-"""Weight of one vertex of the head from which on a vertex of the bust is the same point."""
-BUST_ROUGHNESS = 0.55
-BLEND_M = 0.045
-"""Distance from the seam up to which the bust bends towards the neck's tangent planes."""
-SPLITS = 2
-NEIGHBOURS = 12
-"""Points of the seam whose tangent planes count for a vertex, by the inverse fourth power of their distance."""
+def brow_picture(item: Item, colour: Float32) -> UInt8:
+    """(h, w, 4) uint8 of brows of one linear RGB colour (3,)."""
+    coded = linear_to_srgb(np.clip(colour, 0, 0.6).astype(np.float32))
+    return _in_colour(item.picture[..., 0], np.rint(255 * coded).astype(np.uint8))
 
 
 def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | None:
@@ -182,7 +243,7 @@ def bust_part(head: HeadModel, fit: Fit, chart_colours: UInt8) -> MeshPart | Non
     if not fits(items, head):
         return None
     item = items.items[BUST]
-    picture = OwnMap("bust", _picture(item, _colours(item, head, chart_colours)))
+    picture = OwnMap("bust", bust_picture(item, head, chart_colours))
     material = Material(
         "bust", colour_map=picture, roughness=BUST_ROUGHNESS, specular=SKIN.specular, subsurface_mm=SKIN.subsurface_mm
     )
@@ -255,10 +316,11 @@ def _welded(item: Item) -> Int64:
     return np.asarray(np.unique(rounded, axis=0, return_inverse=True)[1].ravel(), np.int64)
 
 
-def _picture(item: Item, colours: Float32) -> UInt8:
-    """(SIDE, SIDE, 3) uint8 sRGB, extended beyond the islands."""
+def bust_picture(item: Item, head: HeadModel, chart_colours: UInt8) -> UInt8:
+    """(SIDE, SIDE, 3) uint8 sRGB, extended beyond the islands; arguments as :func:`bust_part` has them."""
     import cv2
 
+    colours = _colours(item, head, chart_colours)
     at: Float64 = np.stack([item.uv[:, 0], 1 - item.uv[:, 1]], 1).astype(np.float64) * SIDE
     drawn = rasterise(at, np.zeros(len(at)), item.triangles, SIDE, SIDE)
     shown = np.flatnonzero(drawn.mask)
@@ -272,43 +334,6 @@ def _picture(item: Item, colours: Float32) -> UInt8:
     return np.rint(255 * np.clip(linear_to_srgb(out[source[label.ravel()]]), 0, 1)).astype(np.uint8).reshape(
         SIDE, SIDE, 3
     )
-
-
-LIT = 200
-"""Code of the lit skin's map from which on a texel tells what the photo's light is."""
-LEAST_TEXELS = 100
-"""Fewest such texels."""
-RANGE = (0.2, 4.0)
-"""Smallest and largest ratio of albedo to the photo's colour in a channel."""
-
-
-def worn(
-    hair: Hair, head: HeadModel, fit: Fit, texture: UInt8, lit_skin: UInt8, albedo: UInt16 | None, *, brows: bool
-) -> tuple[MeshPart, ...]:
-    """Meshes beside the head's own.
-
-    Args:
-        hair: of the photo.
-        head: topology, chart and units.
-        fit: vertices of the head.
-        texture: (h, w, 3) uint8 sRGB on the chart, in the photo's light.
-        lit_skin: (h, w) uint8, 255 where the texture shows lit skin.
-        albedo: (H, W, 3) uint16 sRGB-coded; None: all colours stay in the photo's light, as the texture does.
-        brows: whether brows are cards too.
-    """
-    small = None if albedo is None else _small(albedo, texture.shape)
-    light = np.ones(3, np.float32)
-    if small is not None:
-        light = to_albedo(texture, small, lit_skin)
-        brow = None if hair.brow_colour is None else as_melanin(hair.brow_colour * light) / light
-        hair = replace(hair, colour=hair.colour.natural(light), brow_colour=brow)
-    parts = (
-        bust_part(head, fit, texture if small is None else small),
-        hair_part(hair, head, fit, light),
-        brow_part(hair, head, fit, light) if brows else None,
-        lash_part(head, fit),
-    )
-    return tuple(part for part in parts if part is not None)
 
 
 def to_albedo(texture: UInt8, albedo: UInt8, lit_skin: UInt8) -> Float32:

@@ -134,7 +134,7 @@ def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
     from service.jobs.artifacts import Artifacts
     from service.jobs.avatar_process import options_from
     from service.jobs.stage_files import KeptStages, kept_types
-    from service.stage_cache import Unkept
+    from service.stage_cache import NoCache
 
     (tmp_path / "scratch").mkdir()
     made: list[str] = []
@@ -142,7 +142,7 @@ def test_kept_stages_give_the_same_bytes(tmp_path: Path) -> None:
     kept = KeptStages(artifacts, "0" * 32, "basis", kept_types(pipeline), tmp_path / "scratch", made.append)
     options = options_from({"quality": "draft", "size": [192, 128]})
     results = []
-    for stages in (kept, kept, Unkept()):
+    for stages in (kept, kept, NoCache()):
         stream = BytesIO()
         write_archive(pipeline.make_avatar(SAMPLE.read_bytes(), options, stages=stages), stream)
         results.append(stream.getvalue())

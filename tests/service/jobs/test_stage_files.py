@@ -43,8 +43,8 @@ def test_a_stage_is_computed_once(artifacts: Artifacts, tmp_path: Path, mapped: 
     told: list[str] = []
     value = np.arange(600, dtype=np.int16).reshape(20, 30)
     stages = KeptStages(artifacts, JOB, "basis", {}, tmp_path, told.append, mapped=mapped)
-    first = stages.keep("one", lambda: value)
-    again: Any = stages.keep("one", lambda: pytest.fail("it was computed again"))
+    first = stages.get_or_compute("one", lambda: value)
+    again: Any = stages.get_or_compute("one", lambda: pytest.fail("it was computed again"))
     for found in (first, again):
         assert np.array_equal(found, value)
         assert found.dtype == value.dtype
@@ -63,7 +63,7 @@ def test_a_stage_that_cannot_be_mapped_goes_on_in_memory(
 
     stages = KeptStages(artifacts, JOB, "basis", {}, tmp_path, mapped=True)
     monkeypatch.setattr(artifacts, "put", fail)
-    assert np.array_equal(stages.keep("one", lambda: np.ones(3)), np.ones(3))
+    assert np.array_equal(stages.get_or_compute("one", lambda: np.ones(3)), np.ones(3))
 
 
 @pytest.mark.slow
@@ -75,13 +75,13 @@ def test_a_job_that_gets_by_with_less_memory_makes_the_same_maps_and_says_so(tmp
     from service.diagnosis import SAMPLE
     from service.jobs.avatar_process import options_from
     from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
-    from service.stage_cache import Stages, Unkept
+    from service.stage_cache import NoCache, StageCache
 
     store, types = Artifacts(f"file://{tmp_path}/store"), kept_types(pipeline)
-    stages: Stages = KeptStages(store, JOB, "basis", types, tmp_path, mapped=True)
+    stages: StageCache = KeptStages(store, JOB, "basis", types, tmp_path, mapped=True)
     options = options_from({"quality": "draft", "size": [576, 384]})
     found = []
-    for kept, tile in ((stages, SMALL_TILE), (Unkept(), DEFAULT_TILE)):
+    for kept, tile in ((stages, SMALL_TILE), (NoCache(), DEFAULT_TILE)):
         stream = io.BytesIO()
         write_archive(pipeline.make_avatar(SAMPLE.read_bytes(), options, stages=kept, tile=tile), stream)
         found.append(zipfile.ZipFile(stream))

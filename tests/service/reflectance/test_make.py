@@ -243,7 +243,7 @@ def test_kept_stages_are_not_computed_again(engine: Engine, subject: Subject, ma
     kept: dict[str, Any] = {}
 
     class Stages:
-        def keep(self, name: str, make: Any) -> Any:
+        def get_or_compute(self, name: str, make: Any) -> Any:
             if name not in kept:
                 kept[name] = make()
             return kept[name]
