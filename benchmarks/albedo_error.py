@@ -37,10 +37,11 @@ from service.colour import LUMA, srgb_to_linear
 from service.options import Options
 from service.reflectance.albedo.albedo_error import CLUES as WEIGHED
 from service.reflectance.albedo.albedo_error import LEAST, MOST, ErrorModel
-from service.reflectance.albedo.diffuse_albedo import CONTEXT, found_by
+from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by
 from service.reflectance.planes import Planes
-from service.reflectance.subject import CLUES, GEOMETRY, Subject
+from service.reflectance.subject import Subject
 from service.reflectance.super_resolution import resample
+from service.runtime.network_registry import CLUES, GEOMETRY
 from service.runtime.networks import choose_engine, open_network
 from service.runtime.sessions import MODELS
 from service.stage_cache import NoCache
@@ -88,7 +89,7 @@ def clues_of(avatar: Avatar) -> Float32:
     planes.add_coarse(CLUES, subject.clues)
     planes.add_codes("texture", resample(avatar.texture.texture.astype(np.uint16) * np.uint16(257), SIZE))
     options = Options(quality="draft")
-    with open_network(CONTEXT, choose_engine(options.runtime, precision=options.level.precision)) as network:
+    with open_network(LIGHT_NETWORK, choose_engine(options.runtime, precision=options.level.precision)) as network:
         return found_by(network, planes).clues
 
 

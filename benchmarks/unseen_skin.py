@@ -23,9 +23,9 @@ from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
 from service.errors import AvatarError
 from service.geometry.chart import Chart
+from service.map_registry import MIRRORED
 from service.options import Options
 from service.pipeline import make_avatar
-from service.texture.texture_maps import MIRRORED
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -11,7 +11,7 @@ import numpy as np
 from service.levels import LEVELS, TEXTURE_SIZE
 from service.options import Options
 from service.reflectance.plan import Plan
-from service.runtime.networks import Engine, choose_engine, open_network
+from service.runtime.networks import ENLARGING, Engine, choose_engine, open_network
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 
@@ -123,7 +123,7 @@ def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
         with open_network(name, engine) as network:
             opened = time.perf_counter() - begin
             what = network.description
-            small = name.startswith("zeta") or what.whole is not None
+            small = name in ENLARGING or what.whole is not None
             side = SAMPLE // what.scale // what.stride * what.stride if small else SAMPLE
             shape = (side, side) if what.whole is None else what.whole[::-1]
             maps = np.zeros((len(what.channels), *shape), np.float32)
@@ -155,7 +155,7 @@ def _network_seconds(speed: Speed, name: str, texels: float) -> float:
     if name in speed.whole:
         return cost
     halo, scale = speed.halos[name]
-    area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name.startswith("zeta") else texels
+    area = TEXTURE_SIZE[0] * TEXTURE_SIZE[1] / 1e6 if name in ENLARGING else texels
     side = DEFAULT_TILE / scale
     return cost * area * ((side + 2 * halo) / side) ** 2
 

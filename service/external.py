@@ -28,7 +28,8 @@ from service.geometry.chart import NO_PART, Chart, nearest_inside
 from service.head.files import load_head, split_polygons
 from service.head.model import HeadModel
 from service.levels import TEXTURE_SIZE
-from service.options import MAP_NAMES, Options, installed
+from service.map_registry import MAP_NAMES
+from service.options import Options, installed
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.photo import Photo

@@ -15,13 +15,11 @@ from service.checks import CHECKED, Checked, Right
 from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
-from service.reflectance.plan import NETWORKS, ROLES, SURFACE, Plan
+from service.map_registry import MAP_NAMES, maps_made_by
+from service.reflectance.plan import Plan
+from service.runtime.network_registry import networks_of
 
-REFLECTANCE_MAPS = ROLES
-SURFACE_MAPS = tuple(SURFACE)
-TEXTURE_MAPS = ("texture", "confidence", "shape_normal")
-MAP_NAMES = (*REFLECTANCE_MAPS, *SURFACE_MAPS, *TEXTURE_MAPS)
-"""Maps that can be asked for, in the order of the archive."""
+TEXTURE_MAPS = maps_made_by("photo")
 
 SMALLEST_WIDTH = 96
 LARGEST_WIDTH = 6144
@@ -145,7 +143,7 @@ class Options(Checked):
     @property
     def base_size(self) -> Size:
         """(width, height) of confidence and shape normals, and of the texture that networks enlarge."""
-        if not set(self.maps) & {*REFLECTANCE_MAPS, *SURFACE_MAPS}:
+        if set(self.maps) <= set(TEXTURE_MAPS):
             return self.size or TEXTURE_SIZE
         return min(self.map_size, TEXTURE_SIZE)
 
@@ -154,7 +152,7 @@ class Options(Checked):
         """Most texels along a texture that follows the photo's resolution."""
         if not self.level.super_resolution:
             return self.base_size[0]
-        if not set(self.maps) & set(REFLECTANCE_MAPS) and self.size:
+        if not set(self.maps) & set(maps_made_by("networks")) and self.size:
             return self.size[0]
         return self.map_size[0]
 
@@ -169,7 +167,7 @@ class Options(Checked):
         Without a network to enlarge it in this installation the texture is resampled, and the manifest says so.
         """
         enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
-        there = enlarged and installed(NETWORKS["super_resolution"])
+        there = enlarged and installed(networks_of("super_resolution"))
         return Plan.of(self.maps, super_resolution=there, keep_cliffs=self.level.keep_cliffs)
 
     def fit_settings(self) -> FitSettings:

@@ -45,6 +45,7 @@ from service.photo.photo import Photo
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
+from service.runtime.network_registry import networks_of
 from service.runtime.networks import choose_engine, loading_ahead
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
@@ -60,7 +61,7 @@ STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "hair": 0.6, "texture": 0
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
 
-READERS = ("reader", "lids", "lips", "face_landmarker", "face_blendshapes", "person")
+READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks, outline and shading."""
 
 SMALL_TILES = "small-tiles"

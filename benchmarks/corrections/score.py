@@ -18,8 +18,8 @@ from benchmarks.metrics import FACE_RADIUS, View, at_chart, face_region, similar
 from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.geometry.chart import Chart
+from service.map_registry import SEEN
 from service.reflectance.reflectance_maps import unpack_normals
-from service.texture.texture_maps import SEEN
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -15,12 +15,12 @@ from benchmarks.corrections.score import Judge, Score
 from service.archive.avatar import Avatar
 from service.colour import FULL_CODE
 from service.geometry.chart import islands
+from service.map_registry import SEEN
 from service.options import Options
 from service.pipeline import make_avatar
 from service.reflectance.albedo.corrections import Correction
 from service.reflectance.albedo.diffuse_albedo import REGISTRY
 from service.stage_cache import StageCache
-from service.texture.texture_maps import SEEN
 
 SIZE = (768, 512)
 """Maps of the trial: a rule decides on the light of 192 x 128 cells or on textures of 576 x 384, whatever the map."""

@@ -26,9 +26,10 @@ from export.faces.registry import MODELS, register
 from models.networks.configs import CONTEXT_CHANNELS, ZETA_CHANNELS, Zeta, build
 from models.networks.context import HEIGHT, WIDTH, ContextNet
 from models.networks.rcan import SCALE
-from models.networks.stages import CONTEXT, TEXTURE, StageNet
+from models.networks.stages import StageNet
 from service.archive.container import replace_file
 from service.errors import ModelFault
+from service.runtime.network_registry import CONTEXT, TEXTURE
 from service.runtime.networks import KEY
 from service.runtime.sessions import openvino_library
 

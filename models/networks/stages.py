@@ -13,18 +13,7 @@ from models.networks.coarse_to_fine import CoarseToFine, CoarseToFineSize
 from models.networks.context import DARKEST
 from models.networks.translator import Translator, TranslatorSize
 from service.colour import LUMA
-from service.reflectance.relief.normal_inputs import DRAWN_DETAIL, SHADED_GREY
-
-TEXTURE = ("texture_r", "texture_g", "texture_b")
-ALBEDO = ("albedo_r", "albedo_g", "albedo_b")
-GREY = (SHADED_GREY,)
-DRAWN = (DRAWN_DETAIL,)
-DEPTH = ("depth",)
-OBJECT = tuple(f"normal_object_{axis}" for axis in "xyz")
-TANGENT = tuple(f"normal_tangent_{axis}" for axis in "xyz")
-POSITION = tuple(f"position_{axis}" for axis in "xyz")
-MASK = ("mask",)
-CONTEXT = ("context_0", "context_1", "context_2")
+from service.runtime.network_registry import CONTEXT, DEPTH, MASK, TEXTURE, planes_of
 
 WINDOW = 17
 """Texels (odd) over which the mean is taken that detail is measured from: about 1.2 mm."""
@@ -101,8 +90,7 @@ class Delta(StageNet):
     leave the texture as it is.
     """
 
-    channels = (*TEXTURE, *CONTEXT, *DEPTH, *OBJECT, *POSITION, *MASK)
-    outputs = ALBEDO
+    channels, outputs = planes_of("delta")
     detail = 3
 
     def __init__(self, size: BodySize) -> None:
@@ -124,8 +112,7 @@ class DeltaBlind(Delta):
 class Psi(StageNet):
     """psi: diffuse albedo -> specular albedo in [-1, 1] (0 and F0 = 0.04 at the ends)."""
 
-    channels = (*ALBEDO, *POSITION)
-    outputs = ("specular_albedo",)
+    channels, outputs = planes_of("psi")
     detail = 3
     grey = tuple(float(share) for share in LUMA)
 
@@ -156,12 +143,10 @@ class NormalNet(StageNet):
 class Rho(NormalNet):
     """rho: grey albedo with its fine shade, tangent shape normals and who drew the detail -> specular normals."""
 
-    channels = (*GREY, *TANGENT, *POSITION, *DRAWN)
-    outputs = ("specular_normal_x", "specular_normal_y", "specular_normal_z")
+    channels, outputs = planes_of("rho")
 
 
 class Sigma(NormalNet):
     """sigma: the same with object-space shape normals -> diffuse normals."""
 
-    channels = (*GREY, *OBJECT, *POSITION, *DRAWN)
-    outputs = ("diffuse_normal_x", "diffuse_normal_y", "diffuse_normal_z")
+    channels, outputs = planes_of("sigma")

@@ -22,7 +22,7 @@ from models.training.tasks import (
     psnr,
     uniform,
 )
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 
 CONTEXT_CELL = 6144 / 288
 """Texels of the full chart under one of the context's."""

@@ -19,7 +19,7 @@ from models.training.shadows import hard_light
 from models.training.skins import SWAPPED, darkened, recalibrated, relit
 from models.training.store import Arrays, Wholes
 from models.training.tasks import FLIPPED, MOST_HELD_OUT, Batch, byte, channels, choice, psnr, uniform
-from service.reflectance.subject import EYES
+from service.runtime.network_registry import EYES
 
 MISFITTED, MISFIT = 0.7, 0.8
 """Share of training charts whose head is told to be partly another's, as a fit errs, and the largest part of that: the

@@ -18,7 +18,7 @@ from models.networks.context import HEIGHT, WIDTH
 from models.training.degrade import blur, smooth_field
 from models.training.regions import context_chart, region_planes
 from models.training.tasks import choice, uniform
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 from service.texture.segmentation import SHADOW
 
 BARE = 0.08

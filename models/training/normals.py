@@ -15,7 +15,7 @@ from models.training.creases import Creases
 from models.training.degrade import PHOTOS_DETAIL, blur, lost_detail
 from models.training.reflectance import AlbedoTask, grey, local_strength
 from models.training.tasks import Batch, channels, uniform
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 
 MOST_SHADE, SHADE_POWER, SHADE_MEASURED = 1.1, 0.35, 1.0
 """What is left of the fine shade, finer than delta's context tells, in the albedo that rho and sigma train on: at most

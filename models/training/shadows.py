@@ -17,7 +17,7 @@ from torch.nn import functional
 from models.colour import linear, srgb
 from models.training.degrade import blur, smooth_field
 from models.training.tasks import choice, uniform
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 
 SHADOWED, SHINING = 0.35, 0.45
 """Shares of the charts with a painted shadow, and with painted highlights."""

@@ -17,7 +17,7 @@ from models.training.degrade import blur
 from models.training.reflectance import STRENGTH_WINDOW, AlbedoTask, local_strength
 from models.training.store import Arrays
 from models.training.tasks import Batch, byte, channels
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 
 TONE, MELANIN = 0.6, (0.8, 1.1, 1.25)
 """Standard deviation of the logarithm by which crops for psi change their tone, and how much more blue changes: what

@@ -13,7 +13,7 @@ from models.networks.rcan import SCALE
 from models.training.degrade import blur, gain, noisy
 from models.training.store import Arrays, Patches
 from models.training.tasks import FLIPPED, Batch, byte, choice, psnr, uniform
-from service.reflectance.subject import GEOMETRY
+from service.runtime.network_registry import GEOMETRY
 
 SMALL = 48
 """Pixels of the 576 x 384 texture along a patch of 512 texels of the full chart."""

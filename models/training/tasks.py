@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from models.training.store import Arrays, Patches
-from service.reflectance.subject import GEOMETRY, GEOMETRY_SIZE
+from service.reflectance.subject import GEOMETRY_SIZE
+from service.runtime.network_registry import GEOMETRY
 
 Batch = dict[str, Tensor]
 

@@ -64,9 +64,9 @@ def readyz(context: Here) -> Response:
 )
 def models() -> Response:
     """The networks and the head model."""
-    from service.archive.licences import NETWORK_ROLES
     from service.head.files import DEFAULT_HEAD
     from service.jobs.artifacts import sha256_of
+    from service.runtime.network_registry import ROLES
     from service.runtime.sessions import model_table
 
     items = [
@@ -74,7 +74,7 @@ def models() -> Response:
             "name": name,
             "sha256": entry["sha256"],
             "licence": entry["licence"],
-            "role": NETWORK_ROLES.get(name, "not used yet"),
+            "role": ROLES.get(name, "not used yet"),
         }
         for name, entry in model_table().items()
     ]

@@ -271,7 +271,8 @@ def attributes(kind: type) -> dict[str, str]:
 
 def _options() -> Json:
     """Schemas of the options of a job."""
-    from service.options import MAP_NAMES, Options
+    from service.map_registry import MAP_NAMES
+    from service.options import Options
 
     schema = adapter().json_schema(ref_template=_REF)
     definitions: Json = schema.pop("$defs", {})

@@ -19,26 +19,12 @@ from pathlib import Path
 from typing import IO, BinaryIO
 
 from service.errors import OutputFault
+from service.map_registry import MAPS
 
 MEMBER_NAMES = (
     "manifest.json",
     "LICENSES.md",
-    "maps/diffuse_albedo.png",
-    "maps/specular_albedo.png",
-    "maps/diffuse_normal.png",
-    "maps/specular_normal.png",
-    "maps/displacement.png",
-    "maps/wrinkle_brows.png",
-    "maps/wrinkle_eyes.png",
-    "maps/wrinkle_smile.png",
-    "maps/wrinkle_mouth.png",
-    "maps/roughness.png",
-    "maps/cavity.png",
-    "maps/thickness.png",
-    "maps/albedo_error.png",
-    "maps/texture.png",
-    "maps/confidence.png",
-    "maps/shape_normal.png",
+    *(f"maps/{one.name}.png" for one in MAPS),
     "mesh/head.obj",
     "mesh/parts.obj",
     "mesh/head.mtl",

@@ -128,7 +128,7 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
     return m.Map(
         path=spec.path,
         role=spec.role,
-        colour_space=spec.colour_space,
+        colour_space=spec.entry.colour_space,
         bits=bits,
         channels=_PNG_CHANNELS[colour_type],  # type: ignore[arg-type]
         width=width,
@@ -136,7 +136,7 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
         size=len(data),
         sha256=hashlib.sha256(data).hexdigest(),
         frame=spec.frame(avatar),
-        coding=m.Coding(*spec.coding(bits), spec.meaning),
+        coding=m.Coding(*spec.coding(bits), spec.entry.meaning),
         units=None if wrinkle is None else {unit: round(value, 6) for unit, value in wrinkle.units.items()},
     )
 

@@ -10,6 +10,8 @@ from service.archive.avatar import Avatar, ModelCard
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
 from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE
+from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK
+from service.runtime.network_registry import REGISTRY, networks_of
 from service.runtime.sessions import model_table
 
 COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
@@ -67,31 +69,6 @@ def licences_text(avatar: Avatar) -> str:
     )
 
 
-NETWORK_ROLES = {
-    "face_detector": "finds faces",
-    "face_mesh": "468 landmarks",
-    "reader": "place of the head, normal and part of every pixel",
-    "lids": "edges of the lids",
-    "lips": "edges of the lips",
-    "face_landmarker": "478 points for the expression",
-    "face_blendshapes": "expression scores",
-    "person": "tells the person from the background",
-    "face_identity": "compares the result with the photo",
-}
-"""Networks that run for every photo."""
-
-REFLECTANCE_ROLES = {
-    "zeta_body": "enlarges the texture",
-    "zeta_tail": "enlarges the texture",
-    "delta_context": "sees the light of the whole texture",
-    "delta": "texture to diffuse albedo",
-    "psi": "diffuse to specular albedo",
-    "rho": "diffuse albedo to specular normals",
-    "sigma": "diffuse albedo to diffuse normals",
-}
-"""Networks that run where their maps are requested."""
-
-
 def model_cards(
     head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
 ) -> tuple[ModelCard, ...]:
@@ -101,7 +78,7 @@ def model_cards(
         head: the head model.
         head_file: where it was read from; None for the shipped one.
         networks: names of the reflectance networks that ran.
-        photo: whether the networks of ``NETWORK_ROLES`` ran.
+        photo: whether the networks that see photos ran.
 
     Raises:
         ModelFault: the table of networks is broken.
@@ -114,10 +91,11 @@ def model_cards(
     if photo:
         digest = sha256(HAIR_FILE.read_bytes()).hexdigest()
         cards.append(ModelCard("makehuman-hair", digest, "CC0-1.0", "hair, lashes, brows and bust"))
-    for name, role in ((NETWORK_ROLES if photo else {}) | {name: REFLECTANCE_ROLES[name] for name in networks}).items():
-        if name in table:
-            cards.append(ModelCard(name, table[name]["sha256"], table[name]["licence"], role))
-    if "delta_context" in networks:
+    ran = {*networks, *(networks_of("detect", "read", "compare") if photo else ())}
+    for one in REGISTRY:
+        if one.name in ran and one.name in table:
+            cards.append(ModelCard(one.name, table[one.name]["sha256"], table[one.name]["licence"], one.role))
+    if LIGHT_NETWORK in networks:
         digest = sha256(PRIOR_FILE.read_bytes()).hexdigest()
         cards.append(ModelCard("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
     return tuple(cards)

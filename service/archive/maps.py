@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from service import map_registry
 from service.archive.avatar import Avatar
 from service.archive.glb import JPEG_QUALITY, Picture
 from service.archive.images import (
@@ -24,18 +25,14 @@ from service.archive.images import (
 )
 from service.arrays import Float32, UInt8, UInt16
 from service.levels import LEVELS
+from service.map_registry import WRINKLE, RegisteredMap
 from service.materials.material import Map, OwnMap
-from service.reflectance.plan import SURFACE
 from service.reflectance.reflectance_maps import MID, NORMAL_ONE, SCALE_MM, Reflectance, Wrinkle, unpack_normals
-from service.reflectance.relief.folds import GROUPS
 from service.reflectance.surface_maps import CODES_PER_MM
-from service.texture.texture_maps import MIRRORED, SEEN
 
 HEIGHT_STEP = 1 / 128
 """Steps of the displacement, as a share of a texel's side: the slope between texels is then as fine as in the 8-bit
 codes of the normals."""
-WRINKLE = "wrinkle_"
-"""Roles of maps of folds begin so; the rest is the name of the group of units."""
 COARSEST_STEP = 32
 """Codes of the coarsest step, 1.6 micrometres."""
 CHART_MM = 410.0
@@ -44,24 +41,20 @@ CHART_MM = 410.0
 
 @dataclass(frozen=True)
 class MapSpec:
-    """One map of the archive.
+    """One map of the archive: its row in ``service.map_registry``, and how it is coded.
 
     Attributes:
-        role: its name in options and manifest.
-        kind: what its values are: "colour" in [0, 1], "normal" components, "height" and
-            "length" in mm.
-        colour_space: "srgb", "linear" or "data" (vectors).
-        meaning: of the value.
+        entry: the row.
         codes: avatar -> rows of (h, w) or (h, w, 3) codes, or None where the avatar has no such map.
-        framed: whether the options choose the frame of its normals; other normals are in object space.
     """
 
-    role: str
-    kind: Literal["colour", "normal", "height", "length"]
-    colour_space: Literal["srgb", "linear", "data"]
-    meaning: str
+    entry: RegisteredMap
     codes: Callable[[Avatar], Rows | None]
-    framed: bool = False
+
+    @property
+    def role(self) -> str:
+        """Its name."""
+        return self.entry.name
 
     @property
     def path(self) -> str:
@@ -70,17 +63,17 @@ class MapSpec:
 
     def coding(self, bits: int) -> tuple[float, float]:
         """``zero`` and ``scale`` in value = (code - zero) / scale."""
-        if self.kind == "normal":
+        if self.entry.kind == "normal":
             return normal_coding(bits)
-        if self.kind == "length":
+        if self.entry.kind == "length":
             return (0, CODES_PER_MM)
-        return (MID, round(1 / SCALE_MM)) if self.kind == "height" else (0, 2**bits - 1)
+        return (MID, round(1 / SCALE_MM)) if self.entry.kind == "height" else (0, 2**bits - 1)
 
     def frame(self, avatar: Avatar) -> Literal["object", "tangent"] | None:
         """Frame of normals; None for other maps."""
-        if self.kind != "normal":
+        if self.entry.kind != "normal":
             return None
-        return "tangent" if self.framed and not in_object_space(avatar) else "object"
+        return "tangent" if self.entry.framed and not in_object_space(avatar) else "object"
 
 
 def normal_bits(avatar: Avatar) -> int:
@@ -112,9 +105,9 @@ def encode_map(spec: MapSpec, avatar: Avatar) -> bytes | None:
     rows = spec.codes(avatar)
     if rows is None:
         return None
-    if spec.role in SURFACE:  # small, and smooth, so that matches pay
+    if spec.entry.made_by == "surface":  # small, and smooth, so that matches pay
         return encode_png(np.asarray(rows.read(0, rows.shape[0]), np.uint8), srgb=False, level=6)
-    return encode_png_rows(rows, srgb=spec.colour_space == "srgb")
+    return encode_png_rows(rows, srgb=spec.entry.colour_space == "srgb")
 
 
 def _of(made: Callable[[Reflectance], npt.NDArray[Any] | None]) -> Callable[[Avatar], Any]:
@@ -149,22 +142,18 @@ def _heights(codes: UInt16 | None) -> Rows | None:
     )  # fmt: skip
 
 
-_FRAMES = "tangent: x along u, y up (OpenGL, glTF), z out; object: as for shape_normal"
-
-
 def wrinkle_of(avatar: Avatar, role: str) -> Wrinkle | None:
     """The wrinkles of an avatar that a map of this role shows."""
     made = () if avatar.reflectance is None else avatar.reflectance.wrinkles
     return next((one for one in made if WRINKLE + one.name == role), None)
 
 
-def _wrinkle(role: str) -> MapSpec:
+def _wrinkle(role: str) -> Callable[[Avatar], Rows | None]:
     def codes(avatar: Avatar) -> Rows | None:
         found = wrinkle_of(avatar, role)
         return None if found is None else _tangent(avatar, found.normal)
 
-    meaning = f"unit normal of folds that the photo's expression makes and the other maps are without. {_FRAMES}"
-    return MapSpec(role, "normal", "data", meaning, codes, framed=True)
+    return codes
 
 
 def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None:
@@ -185,62 +174,27 @@ def _tangent(avatar: Avatar, codes: npt.NDArray[np.int16] | None) -> Rows | None
     return Rows((*plain.shape[:2], 3), bits, read)
 
 
-MAPS = (
-    MapSpec(
-        "diffuse_albedo", "colour", "srgb", "share of light that comes back diffused, sRGB coded, in [0, 1]",
-        lambda avatar: _eight_bits(_of(lambda made: made.diffuse_albedo)(avatar)),
+_CODES: dict[str, Callable[[Avatar], Rows | None]] = {
+    "diffuse_albedo": lambda avatar: _eight_bits(_of(lambda made: made.diffuse_albedo)(avatar)),
+    "specular_albedo": lambda avatar: _eight_bits(_of(lambda made: made.specular_albedo)(avatar)),
+    "diffuse_normal": lambda avatar: _tangent(avatar, _of(lambda made: made.diffuse_normal)(avatar)),
+    "specular_normal": lambda avatar: _tangent(avatar, _of(lambda made: made.specular_normal)(avatar)),
+    "displacement": lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
+    "roughness": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),
+    "cavity": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.cavity),
+    "thickness": lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
+    "albedo_error": lambda avatar: _as_they_are(_of(lambda made: made.albedo_error)(avatar)),
+    "texture": lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
+    "confidence": lambda avatar: Rows.of(avatar.texture.confidence),
+    "shape_normal": lambda avatar: Rows.of(
+        quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar))
     ),
-    MapSpec(
-        "specular_albedo", "colour", "linear", "share s of light that is mirrored: F0 = 0.04 s, as in glTF",
-        lambda avatar: _eight_bits(_of(lambda made: made.specular_albedo)(avatar)),
-    ),
-    MapSpec(
-        "diffuse_normal", "normal", "data", f"unit normal for diffused light. {_FRAMES}",
-        lambda avatar: _tangent(avatar, _of(lambda made: made.diffuse_normal)(avatar)), framed=True,
-    ),
-    MapSpec(
-        "specular_normal", "normal", "data", f"unit normal for mirrored light. {_FRAMES}",
-        lambda avatar: _tangent(avatar, _of(lambda made: made.specular_normal)(avatar)), framed=True,
-    ),
-    MapSpec(
-        "displacement", "height", "linear", "millimetres along the normal of mesh/head.obj, outwards above 0",
-        lambda avatar: _heights(_of(lambda made: made.displacement)(avatar)),
-    ),
-    *(_wrinkle(WRINKLE + name) for name in GROUPS),
-    MapSpec(
-        "roughness", "colour", "linear", "square root of GGX alpha, of one lobe for both of the skin's, in [0, 1]",
-        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.roughness),
-    ),
-    MapSpec(
-        "cavity", "colour", "linear", "share of the sky that the relief leaves open, in [0, 1]",
-        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.cavity),
-    ),
-    MapSpec(
-        "thickness", "length", "linear", "millimetres of flesh under the skin; the last code is that or more",
-        lambda avatar: _as_they_are(None if avatar.surface is None else avatar.surface.thickness),
-    ),
-    MapSpec(
-        "albedo_error", "colour", "linear",
-        "error of the natural logarithm of the diffuse albedo's luminance that two texels in three stay within; "
-        "1 is that or more, and all that is no skin",
-        lambda avatar: _as_they_are(_of(lambda made: made.albedo_error)(avatar)),
-    ),
-    MapSpec(
-        "texture", "colour", "srgb", "colour in the photo's light, sRGB coded, in [0, 1]",
-        lambda avatar: Rows.of(avatar.texture.texture if avatar.own_texture is None else avatar.own_texture),
-    ),
-    MapSpec(
-        "confidence", "colour", "linear",
-        f"codes 255 to {SEEN}: seen in the photo, by weight; {SEEN - 1} to {MIRRORED}: mirrored from the other side; "
-        f"0: made up",
-        lambda avatar: Rows.of(avatar.texture.confidence),
-    ),
-    MapSpec(
-        "shape_normal", "normal", "data",
-        "unit normal of mesh/head.obj: R = +X, the subject's left; G = +Y, up; B = +Z, out of the face",
-        lambda avatar: Rows.of(quantise_normals(avatar.texture.shape_normal_object, normal_bits(avatar))),
-    ),
-)  # fmt: skip
+}
+
+MAPS = tuple(
+    MapSpec(one, _wrinkle(one.name) if one.name.startswith(WRINKLE) else _CODES[one.name])
+    for one in map_registry.MAPS
+)
 """All maps, in the order of the archive."""
 
 

@@ -78,7 +78,7 @@ def drawn_parts(avatar: Avatar) -> list[MeshPart]:
 def map_files(avatar: Avatar) -> MapFiles:
     """Where the meshes find the maps of the chart; normals in object space are no use to them."""
     there = [spec for spec in MAPS if map_wanted(avatar, spec.role) and spec.codes(avatar) is not None]
-    return MapFiles([spec.role for spec in there if not (spec.framed and in_object_space(avatar))])
+    return MapFiles([spec.role for spec in there if not (spec.entry.framed and in_object_space(avatar))])
 
 
 def _textures(avatar: Avatar) -> dict[str, bytes]:

@@ -17,8 +17,9 @@ from service.colour import Codes
 from service.levels import FULL_SIZE, SMALLEST_ENLARGED, TEXTURE_SIZE
 from service.reflectance.planes import Planes
 from service.reflectance.relief.displacement import Steps
-from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, Subject
+from service.reflectance.subject import GEOMETRY_SIZE, Subject
 from service.reflectance.super_resolution import resample
+from service.runtime.network_registry import CLUES, GEOMETRY
 
 GRID = 64
 """Alignment of windows in texels of the full chart, so that they begin at whole texels of every coarser map."""

@@ -17,9 +17,10 @@ from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
 from service.colour import to_codes
 from service.diagnosis import peak_rss_mb
 from service.levels import FULL_SIZE
-from service.reflectance.albedo.diffuse_albedo import CONTEXT, found_by, needs_context
+from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by, needs_context
 from service.reflectance.planes import Planes
-from service.reflectance.relief.normal_inputs import DRAWN_DETAIL, SHADED_GREY, drawn_detail, shaded_grey
+from service.reflectance.relief.normal_inputs import drawn_detail, shaded_grey
+from service.runtime.network_registry import DRAWN_DETAIL, SHADED_GREY
 from service.runtime.networks import Description, Engine, Network, open_network
 from service.runtime.tiles import Tile, run_tiles, tiles
 
@@ -152,7 +153,7 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
     if variant.stage == "delta" or SHADED_GREY in what.channels:
         planes.add_codes("texture", material.enlarged(variant.width))
         if needs_context(engine):
-            with open_network(CONTEXT, engine) as network:
+            with open_network(LIGHT_NETWORK, engine) as network:
                 whole = material.whole_texture()
                 found, seconds = _timed(lambda: found_by(network, whole), 1)
                 names = network.description.planes(len(found.light))

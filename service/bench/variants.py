@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from service.levels import FULL_SIZE
+from service.runtime.network_registry import networks_of
 from service.runtime.networks import RuntimeName, has_bf16
 from service.runtime.sessions import has_openvino
 from service.runtime.tiles import DEFAULT_TILE
@@ -19,8 +20,8 @@ STAGES: tuple[StageName, ...] = ("zeta", "delta", "psi", "rho", "sigma", "integr
 TRANSLATORS: tuple[StageName, ...] = ("delta", "psi", "rho", "sigma")
 
 NETWORKS: dict[StageName, tuple[str, ...]] = {
-    "zeta": ("zeta_body", "zeta_tail"),
-    "delta": ("delta_context", "delta"),
+    "zeta": networks_of("super_resolution"),
+    "delta": networks_of("diffuse_albedo"),
     **{name: (name,) for name in ("psi", "rho", "sigma")},
     "integration": (),
     "encoding": (),

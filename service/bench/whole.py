@@ -16,7 +16,8 @@ from service.bench.loss import Kind
 from service.bench.material import Material
 from service.diagnosis import peak_rss_mb
 from service.levels import SMALLEST_ENLARGED
-from service.reflectance.plan import NETWORKS, ROLES, Plan
+from service.reflectance.plan import ROLES, Plan
+from service.runtime.network_registry import networks_of
 from service.runtime.networks import Engine
 from service.runtime.sessions import model_table
 from service.runtime.tiles import DEFAULT_TILE
@@ -80,7 +81,7 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     enlarged = options.level.super_resolution and options.map_size[0] >= SMALLEST_ENLARGED
     plan = Plan.of(
         roles,
-        super_resolution=enlarged and set(NETWORKS["super_resolution"]) <= there,
+        super_resolution=enlarged and set(networks_of("super_resolution")) <= there,
         keep_cliffs=options.level.keep_cliffs,
     )
     avatar = make_avatar(photo, replace(options, maps=TEXTURE_MAPS, size=options.base_size))

@@ -28,25 +28,19 @@ from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.albedo_error import error_map
 from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
 from service.reflectance.albedo.corrections import Applied, Ledger
-from service.reflectance.albedo.diffuse_albedo import PARTS, diffuse_albedo
+from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import Integration, Reflectance, Wrinkle
 from service.reflectance.relief.displacement import MOST_MM, Seams, Steps, displacement, encode, join, pad_heights
 from service.reflectance.relief.folds import unfolded, unfolded_albedo
-from service.reflectance.relief.normal_inputs import (
-    DRAWN_DETAIL,
-    READERS,
-    SHADED_GREY,
-    drawn_detail,
-    shaded_grey,
-    without_border,
-)
+from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
 from service.reflectance.relief.shading import bare, with_shade
-from service.reflectance.subject import CLUES, GEOMETRY, Subject
+from service.reflectance.subject import Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
-from service.reflectance.translate import DIFFUSE, SPECULAR, MapInputs, specular_albedo, tangent_normals
+from service.reflectance.translate import MapInputs, specular_albedo, tangent_normals
+from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PARTS, SHADED_GREY
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
@@ -158,7 +152,7 @@ def make_reflectance(
     if "specular_normal" in plan.stages:
 
         def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
-            bent = tangent_normals(SPECULAR, job(told))
+            bent = tangent_normals("specular_normal", job(told))
             if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
                 shares = tuple(octave.share for octave in found_detail.octaves)
                 trust = bare(own.seen, planes)
@@ -167,7 +161,9 @@ def make_reflectance(
 
         made.specular_normal, made.wrinkles = run("specular_normal", specular)
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals(DIFFUSE, job(told))))
+        made.diffuse_normal, _ = run(
+            "diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told)))
+        )
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))

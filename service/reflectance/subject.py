@@ -23,6 +23,7 @@ from service.light.harmonics import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
+from service.runtime.network_registry import EYES
 from service.texture.texture_maps import Texture, depth_map, shape_normals
 
 DARKEST = 0.2
@@ -57,34 +58,6 @@ GEOMETRY_SIZE = (768, 512)
 
 UNIT_MM = 128.0
 """Positions and depth go into networks in this unit, which keeps them within about [-1, 1]."""
-
-GEOMETRY = (
-    "depth",
-    *(f"{name}_{axis}" for name in ("normal_object", "normal_tangent", "position") for axis in "xyz"),
-    "mask",
-)
-"""Channels of :attr:`Subject.geometry` in order."""
-
-EYES = ("eye_light_r", "eye_light_g", "eye_light_b", "eye_light_known")
-"""Log radiance of a white surface in place of the sclera, the same at all texels; 1 where it was measured, else 0."""
-
-LIT = "lit_skin"
-"""Channel that is 1 where the texture shows skin in the photo's light, 0 on hair, eyes and inpainted texels."""
-
-INPAINTED = "inpainted_skin"
-"""Channel that is 1 on inpainted skin."""
-
-SHOWN = "shown_beard"
-"""Channel that is 1 where the photo shows the head's own surface and beards grow, lit skin or not."""
-
-COVERED = "covered_skin"
-"""Channel that is 1 where brows, lashes, hair or glasses cover the skin, and on the scalp."""
-
-LIDS = "lids"
-"""Channel that is 1 on the skin round the eyes."""
-
-CLUES = (LIT, INPAINTED, *EYES, SHOWN, COVERED, LIDS)
-"""Channels of :attr:`Subject.clues`: where light and relief can be read from the texture."""
 
 BROW_SOFT = 5.0
 """Standard deviation of the blur by which relief fades out towards brows, texels of ``GEOMETRY_SIZE``."""

@@ -16,12 +16,11 @@ from service.arrays import Float32
 from service.colour import Codes, to_codes
 from service.errors import ModelFault
 from service.reflectance.planes import Planes
+from service.runtime.network_registry import NOISE, networks_of
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import Tile, run_tiles, run_whole
 
-BODY, TAIL = "zeta_body", "zeta_tail"
-NOISE = "noise_"
-"""Prefix of channels that are noise."""
+BODY, TAIL = networks_of("super_resolution")
 
 BODY_SHARE = 0.5
 """Share of the body in the time of both networks, for reports of progress."""

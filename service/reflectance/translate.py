@@ -18,7 +18,7 @@ from service.colour import Codes, to_codes
 from service.errors import ModelFault
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import NORMAL_ONE
-from service.reflectance.subject import COVERED
+from service.runtime.network_registry import COVERED, networks_of
 from service.runtime.networks import Engine, open_network
 from service.runtime.tiles import DEFAULT_TILE, Tile, run_tiles
 
@@ -69,8 +69,6 @@ def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
         run_tiles(network, read, job.planes.size, write, tile=job.tile, progress=job.progress)
 
 
-NAME = "psi"
-
 ELSEWHERE = 0.65
 """Specular albedo of eyes, teeth and tongue: F0 = 0.04 * 0.65 = 0.026, that of water and the cornea (index 1.38)."""
 
@@ -87,26 +85,24 @@ def specular_albedo(job: MapInputs) -> Codes:
     def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
         result[place] = to_codes(elsewhere + skin * (np.clip(values[0], -1, 1) - elsewhere))
 
-    translate(NAME, job, 1, keep)
+    translate(networks_of("specular_albedo")[-1], job, 1, keep)
     return result
 
-
-SPECULAR, DIFFUSE = "rho", "sigma"
 
 STEEPEST_Z = 0.17
 """Smallest z of a unit normal, a tilt of 80 degrees: steeper slopes are not meaningful, and 8 bits do not resolve
 them."""
 
 
-def tangent_normals(name: str, job: MapInputs) -> npt.NDArray[np.int16]:
-    """(H, W, 2) int16 codes of x and y from network ``name``; flat off the skin and where the skin is covered.
+def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
+    """(H, W, 2) int16 codes of x and y from the network of a stage; flat off the skin and where the skin is covered.
 
     The networks read relief off bare skin, and give the likeliest: where colour and shade tell little, little of it
     (``models.training.real_skins``). Strands of hair, brows and frames of glasses are dark lines as creases are,
     and what lies under them is not seen: there the map is flat.
 
     Args:
-        name: ``SPECULAR`` or ``DIFFUSE``.
+        stage: "specular_normal" or "diffuse_normal".
         job: inputs of the network; without a channel ``COVERED`` all skin is bare.
 
     Raises:
@@ -122,7 +118,7 @@ def tangent_normals(name: str, job: MapInputs) -> npt.NDArray[np.int16]:
             bare = skin * (1 - np.clip(covered(rows, columns)[0], 0, 1))
         result[place] = pack_normals(bare * values[0], bare * values[1], bare * values[2] + (1 - bare))
 
-    translate(name, job, 3, keep)
+    translate(networks_of(stage)[-1], job, 3, keep)
     return result
 
 

@@ -16,9 +16,9 @@ from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
 from service.face.reading import parts as labels
 from service.geometry.chart import Chart, nearest_inside
+from service.map_registry import SEEN
 from service.texture.inpainting import opacity
 from service.texture.segmentation import Zones
-from service.texture.texture_maps import SEEN
 from service.texture.unwrap import Unwrapped
 
 DARKEST = 1e-3

@@ -30,10 +30,11 @@ from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.levels import TEXTURE_SIZE
+from service.map_registry import SEEN
 from service.photo.photo import Photo
 from service.texture.photo_sampling import Places, Reader, halo, joined, split, stretched
 from service.texture.sharpness import LEAST_LEFT, Sharpness, measure
-from service.texture.texture_maps import SEEN, Texture
+from service.texture.texture_maps import Texture
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,12 @@ from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.texture.inpainting import Completed, complete_skin, grain
 from service.texture.part_colours import paint_parts
 from service.texture.segmentation import Zones, covered, grown, opened, parts_at, parts_of_face, segment, worn_before
-from service.texture.texture_maps import MIRRORED, SEEN, Texture, depth_map, shape_normals
+from service.texture.texture_maps import Texture, depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 
 OPACITY = 0.5

@@ -14,16 +14,6 @@ from service.geometry.chart import Chart
 from service.geometry.mesh_field import laplacian, smooth_fit
 from service.geometry.normals import normalise, vertex_normals
 
-SEEN = 128
-"""Lowest confidence of a texel seen in the photo; 255 where it is seen frontally, and the photo alone decides."""
-
-MIRRORED = 1
-"""Lowest confidence of a texel mirrored from the other side of the head; ``SEEN - 1`` where that side is seen
-frontally.
-
-0 means inpainted: continued from the surroundings, or painted synthetically.
-"""
-
 
 @dataclass(frozen=True)
 class Texture:

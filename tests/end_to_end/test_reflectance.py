@@ -14,7 +14,8 @@ from service import pipeline
 from service.archive.pack import archive_members
 from service.budget import OVER_BUDGET
 from service.errors import ModelFault
-from service.options import MAP_NAMES, Options
+from service.map_registry import MAP_NAMES
+from service.options import Options
 from service.runtime.networks import Engine
 from tests.end_to_end.command import ROOT
 from tests.end_to_end.conftest import Pixels, png

@@ -12,9 +12,9 @@ from pydantic import TypeAdapter
 
 from service.errors import UsageError
 from service.levels import LEVELS
+from service.map_registry import MAP_NAMES
 from service.options import (
     LARGEST_SEED,
-    MAP_NAMES,
     TEXTURE_MAPS,
     Options,
     default_maps,
@@ -23,7 +23,7 @@ from service.options import (
     parse_size,
     parse_texture_size,
 )
-from service.reflectance.plan import NETWORKS
+from service.runtime.network_registry import REGISTRY
 
 BAD = [
     ("maps", ()),
@@ -189,7 +189,7 @@ def test_the_texture_s_size_is_auto_or_on_the_chart() -> None:
 
 
 def test_stages_that_nobody_asked_for_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    list_networks(monkeypatch, {name for names in NETWORKS.values() for name in names})
+    list_networks(monkeypatch, {one.name for one in REGISTRY})
     assert Options(maps=TEXTURE_MAPS).plan().stages == ()
     assert Options(maps=("diffuse_albedo",)).plan().stages == ("super_resolution", "diffuse_albedo")
     assert Options(maps=("diffuse_albedo",), quality="draft").plan().stages == ("diffuse_albedo",)

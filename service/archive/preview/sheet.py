@@ -207,7 +207,7 @@ def _reflectance(avatar: Avatar) -> Iterator[tuple[str, Image]]:
 
 def confidence_colours(confidence: UInt8) -> Image:
     """(h, w, 3) uint8 sRGB of a confidence map (h, w): paler where the confidence is lower."""
-    from service.texture.texture_maps import MIRRORED, SEEN
+    from service.map_registry import MIRRORED, SEEN
 
     codes = np.arange(256)
     inpainted = np.array(INPAINTED_COLOUR, np.float64)

@@ -33,12 +33,10 @@ from service.reflectance.albedo.light_corrections import (
     corrected,
 )
 from service.reflectance.planes import Planes
-from service.reflectance.subject import EYES, INPAINTED, LIDS, LIT, SHOWN
 from service.reflectance.translate import MapInputs, translate
+from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
 from service.runtime.networks import Engine, Network, describe, open_network
 from service.runtime.tiles import run_whole
-
-TEXTURE = ("texture_r", "texture_g", "texture_b")
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
@@ -105,10 +103,8 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)
 
 
-NAME, CONTEXT = "delta", "delta_context"
-PREFIX = "context_"
-PARTS = ("parts_r", "parts_g", "parts_b")
-"""Channels of the albedo of eyes, teeth and all else that is no skin, sRGB-coded in [-1, 1]."""
+LIGHT_NETWORK, NETWORK = networks_of("diffuse_albedo")
+"""The first sees the light of the whole chart, the second takes it off."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,7 @@ class Delit:
 
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
-    return any(channel.startswith(PREFIX) for channel in describe(NAME, engine.folder).channels)
+    return not set(CONTEXT).isdisjoint(describe(NETWORK, engine.folder).channels)
 
 
 def without(light: Float32, coded: Float32) -> Float32:
@@ -152,7 +148,7 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
     ledger = ledger or Ledger()
     found: Found | None = None
     if needs_context(job.engine):
-        with open_network(CONTEXT, job.engine) as network:
+        with open_network(LIGHT_NETWORK, job.engine) as network:
             found = found_by(network, job.planes, ledger)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
@@ -170,7 +166,7 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
             albedo = kept + skin[..., None] * (albedo - kept)
         result[place] = to_codes(albedo)
 
-    translate(NAME, job, 3, keep)
+    translate(NETWORK, job, 3, keep)
     return Delit(result, None if found is None else error_model().stated(found.clues))
 
 

@@ -31,17 +31,12 @@ from service.colour import FULL_CODE, LUMA, Codes
 from service.reflectance.albedo.light_corrections import continued
 from service.reflectance.planes import Planes, interpolated
 from service.reflectance.relief.shading import RELIEF
-from service.reflectance.subject import GEOMETRY_SIZE, LIT
+from service.reflectance.subject import GEOMETRY_SIZE
+from service.runtime.network_registry import CONTEXT, LIT, REGISTRY, SHADED_GREY
 from service.texture.photo_detail import Octave
 
-SHADED_GREY = "shaded_grey"
-"""Channel that holds it."""
-
-LIGHT = ("context_0", "context_1", "context_2")
-"""Channels of the logarithm of the light in red, green and blue, which delta reads, too."""
-
-READERS = frozenset({"specular_normal", "diffuse_normal"})
-"""Stages that read it."""
+READERS = frozenset(one.stage for one in REGISTRY if SHADED_GREY in one.channels)
+"""Stages that read shaded grey."""
 
 GAMMA = 2.2
 """Power law instead of the exact sRGB curve: its error is as smooth as the light, and only detail matters."""
@@ -57,13 +52,13 @@ def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
     """(H, W) codes of the grey texture, sRGB-coded, divided by its smooth light.
 
     Args:
-        planes: with ``texture_grey`` and ``LIGHT``.
-        albedo: (H, W, 3) codes; its luma is the result where the channels ``LIGHT`` do not exist.
+        planes: with ``texture_grey`` and ``CONTEXT``.
+        albedo: (H, W, 3) codes; its luma is the result where the channels ``CONTEXT`` do not exist.
     """
     width, height = planes.size
     result = np.zeros((height, width), np.uint16)
-    light_known = all(name in planes.channels for name in LIGHT)
-    read, columns = planes.read(["texture_grey", *LIGHT] if light_known else []), np.arange(width)
+    light_known = all(name in planes.channels for name in CONTEXT)
+    read, columns = planes.read(["texture_grey", *CONTEXT] if light_known else []), np.arange(width)
     for top in range(0, height, STRIP):
         rows = np.arange(top, min(top + STRIP, height))
         if light_known:
@@ -75,10 +70,6 @@ def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
             coded = albedo[rows] @ (LUMA / np.float32(FULL_CODE))
         result[rows] = np.rint(np.clip(coded, 0, 1) * np.float32(FULL_CODE)).astype(np.uint16)
     return result
-
-
-DRAWN_DETAIL = "drawn_detail"
-"""Channel that holds it: -1 where all fine detail is the photo's, 1 where all is drawn."""
 
 
 def drawn_detail(seen: Float32 | None, octaves: Sequence[Octave], strength: float) -> Float32:

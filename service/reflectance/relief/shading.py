@@ -20,8 +20,9 @@ from service.arrays import Float32
 from service.colour import FULL_CODE, Codes
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import NORMAL_ONE
-from service.reflectance.subject import COVERED, GEOMETRY_SIZE
+from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.translate import pack_normals
+from service.runtime.network_registry import COVERED
 from service.texture.photo_sampling import halo, joined, split, stretched
 
 PIGMENT = (0.0193, 0.0211, 0.0235, 0.0243, 0.0289)

@@ -12,7 +12,7 @@ from torch import Tensor  # noqa: E402
 
 import models.training.shadows as shadows  # noqa: E402
 from models.training.shadows import directions, hard_light, highlight, occluders, shadow  # noqa: E402
-from service.reflectance.subject import GEOMETRY  # noqa: E402
+from service.runtime.network_registry import GEOMETRY  # noqa: E402
 
 pytestmark = pytest.mark.train
 

@@ -40,7 +40,7 @@ from models.training.tasks import Crop, crop_of, enlarged, psnr  # noqa: E402
 from models.training.train import TASKS, go  # noqa: E402
 from models.training.trainer import Run, Trainer, widened  # noqa: E402
 from service.errors import ModelFault, UsageError  # noqa: E402
-from service.reflectance.subject import GEOMETRY  # noqa: E402
+from service.runtime.network_registry import GEOMETRY  # noqa: E402
 
 pytestmark = pytest.mark.train
 

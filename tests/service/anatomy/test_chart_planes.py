@@ -6,7 +6,8 @@ from service.anatomy.chart_planes import lash_line
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.reflectance.subject import CLUES, COVERED, GEOMETRY_SIZE, Subject
+from service.reflectance.subject import GEOMETRY_SIZE, Subject
+from service.runtime.network_registry import CLUES, COVERED
 from tests.toyhead import sphere_head
 
 HEAD = load_head()

@@ -13,7 +13,8 @@ import pytest
 from service.api.app import create_app
 from service.api.openapi import attributes
 from service.jobs.settings import Settings
-from service.options import MAP_NAMES, Options
+from service.map_registry import MAP_NAMES
+from service.options import Options
 
 Json = dict[str, Any]
 

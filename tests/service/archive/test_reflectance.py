@@ -22,7 +22,7 @@ from service.archive.pack import archive_members, write_archive
 from service.archive.surfaces import displaced, heights_at, subdivided_head
 from service.errors import OutputFault
 from service.geometry.normals import face_normals
-from service.options import MAP_NAMES
+from service.map_registry import MAP_NAMES
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Reflectance, unpack_normals
 from tests.service.archive.test_meshes import validator_report
 from tests.service.archive.toys import REFLECTANCE_SIZE, toy_avatar, toy_head, toy_reflectance

@@ -12,9 +12,9 @@ from service.face.face import Face
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
+from service.map_registry import MAP_NAMES
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
-from service.options import MAP_NAMES
 from service.photo.photo import Photo
 from service.reflectance.reflectance_maps import Integration, Reflectance
 from service.reflectance.relief.displacement import encode

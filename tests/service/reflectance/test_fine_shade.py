@@ -14,7 +14,8 @@ from service.reflectance.albedo.highlights import without_highlights
 from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance import make_reflectance
-from service.reflectance.relief.normal_inputs import LIGHT, READERS, shaded_grey
+from service.reflectance.relief.normal_inputs import READERS, shaded_grey
+from service.runtime.network_registry import CONTEXT as LIGHT
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 

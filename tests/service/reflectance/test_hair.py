@@ -12,9 +12,10 @@ from service.colour import FULL_CODE, linear_to_srgb
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.regions import vertex_mask
-from service.reflectance.albedo.diffuse_albedo import CONTEXT, found_by
+from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by
 from service.reflectance.planes import Planes
-from service.reflectance.subject import CLUES, GEOMETRY, GEOMETRY_SIZE, LIT, SHOWN, Subject
+from service.reflectance.subject import GEOMETRY_SIZE, Subject
+from service.runtime.network_registry import CLUES, GEOMETRY, LIT, SHOWN
 from service.runtime.networks import Engine, open_network
 
 HEAD = load_head(None)
@@ -45,7 +46,7 @@ def test_hair_of_any_colour_leaves_the_light_of_the_face() -> None:
     lit_face = SKIN * np.exp(0.6 * cv2.resize(sideways, SIZE, interpolation=cv2.INTER_AREA))[..., None]
     face = plane("face") > 0.9
     lights = []
-    with open_network(CONTEXT, Engine(threads=2)) as network:
+    with open_network(LIGHT_NETWORK, Engine(threads=2)) as network:
         assert LIT in network.description.channels
         for colour in ((0.008, 0.007, 0.006), (0.45, 0.33, 0.18), SKIN):
             linear = np.where(hair[..., None], np.asarray(colour, np.float32), lit_face).astype(np.float32)

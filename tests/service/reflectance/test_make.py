@@ -17,8 +17,9 @@ from service.errors import ModelFault, NumericFault
 from service.reflectance.plan import ROLES, STAGES, Plan
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, Reflectance, unpack_normals
-from service.reflectance.subject import GEOMETRY, Subject
+from service.reflectance.subject import Subject
 from service.reflectance.translate import ELSEWHERE
+from service.runtime.network_registry import GEOMETRY
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import TEXTURE, noise, toy_folder, toy_models, toy_subject
 from tests.service.runtime.toynets import toy_net, write_models

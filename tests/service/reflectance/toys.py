@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from service.reflectance.subject import EYES, Subject
+from service.reflectance.subject import Subject
+from service.runtime.network_registry import EYES
 from tests.service.runtime.toynets import toy_net, write_models
 from tests.toyhead import sphere_head
 

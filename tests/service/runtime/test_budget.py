@@ -7,7 +7,8 @@ import pytest
 from service import budget
 from service.budget import OVER_BUDGET, Speed, estimate, measure, within_budget
 from service.levels import LEVELS
-from service.options import MAP_NAMES, TEXTURE_MAPS, Options
+from service.map_registry import MAP_NAMES
+from service.options import TEXTURE_MAPS, Options
 from service.reflectance.plan import ROLES, Plan
 from service.runtime.networks import Engine
 from tests.service.reflectance.toys import toy_folder

@@ -11,9 +11,10 @@ from service.errors import NumericFault
 from service.face.reading.parts import SCLERA
 from service.face.reading.parts import SKIN as SKIN_READ
 from service.geometry.chart import Chart, mirrored
+from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.texture.texture import make_texture
-from service.texture.texture_maps import MIRRORED, SEEN, Texture
+from service.texture.texture_maps import Texture
 from tests.service.texture.scenes import SKIN, checks, fitted, one_sided_light, photograph, plain, read_off, turned
 from tests.toyhead import SKIN_U, sphere_head
 

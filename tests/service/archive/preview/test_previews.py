@@ -23,7 +23,7 @@ from service.archive.preview.sheet import (
 from service.archive.surfaces import vertex_normals
 from service.colour import srgb_to_linear
 from service.geometry.camera import Camera
-from service.texture.texture_maps import MIRRORED, SEEN
+from service.map_registry import MIRRORED, SEEN
 from tests.service.archive.toys import toy_avatar, toy_head
 from tests.toyhead import CENTRE, RADIUS
 

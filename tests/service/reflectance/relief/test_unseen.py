@@ -9,7 +9,8 @@ import pytest
 from service.arrays import Float32
 from service.reflectance.planes import Planes
 from service.reflectance.relief.normal_inputs import without_border
-from service.reflectance.subject import GEOMETRY_SIZE, LIT
+from service.reflectance.subject import GEOMETRY_SIZE
+from service.runtime.network_registry import LIT
 
 SIZE = (1536, 1024)
 Y, X = np.mgrid[: GEOMETRY_SIZE[1], : GEOMETRY_SIZE[0]]

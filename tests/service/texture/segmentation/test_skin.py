@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 from service.face.reading.parts import BEARD, BROW, CLOTH, GLASSES, HAT, IRIS, OTHER, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
+from service.map_registry import SEEN
 from service.texture.segmentation import Zones, parts_at, segment, worn_before
 from service.texture.texture import make_texture
-from service.texture.texture_maps import SEEN, Texture
+from service.texture.texture_maps import Texture
 from service.texture.unwrap import unwrap
 from tests.service.texture.scenes import SKIN as TONE
 from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
