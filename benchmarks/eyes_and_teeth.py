@@ -19,9 +19,8 @@ import numpy.typing as npt
 
 from benchmarks.render import mitsuba
 from service.anatomy.eye_meshes import IRIS_SHARE
-from service.archive.preview.quick import part_triangles
-from service.archive.reading import StoredMap, open_avatar, unpack_map
-from service.archive.surfaces import part_normals
+from service.archive.reading import open_avatar
+from service.archive.rendering import stored_meshes
 from service.arrays import AnyFloat
 from service.colour import LUMA, bytes_to_linear
 from service.geometry.camera import Camera
@@ -31,10 +30,10 @@ from service.head.model import HeadModel
 from service.light.environment import radiance
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.materials.material import OwnMap
-from service.materials.part import MeshPart
-from service.render.render import meshes, render_head
+from service.materials.part import MeshPart, part_normals, part_triangles
+from service.render.render import render_head
 from service.render.request import RenderRequest
-from service.render.surface import ROLES
+from service.render.surface import ROLES, StoredMap
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -78,7 +77,7 @@ class Bust:
     def of(cls, archive: Path, size: int) -> Bust:
         """Open an archive; the camera takes pictures of ``size`` x ``size`` pixels."""
         avatar = open_avatar(archive, ROLES)
-        head, vertices, parts = meshes(avatar)
+        head, vertices, parts = stored_meshes(avatar)
         kept = tuple(part for part in parts if part.name.split("_")[0] in DRAWN)
         eyes = _centre(kept, "eye_left_ball"), _centre(kept, "eye_right_ball")
         teeth = _centre(kept, "teeth_upper_gums")
@@ -135,7 +134,7 @@ class Bust:
     def theirs(self, scene: Scene, samples: int, folder: Path) -> Float:
         """(size, size, 3) radiance by Mitsuba."""
         mi = mitsuba()
-        chart = unpack_map(self.maps["diffuse_albedo"].png, "diffuse_albedo")
+        chart = self.maps["diffuse_albedo"].codes()
         skin = _principled(mi, bytes_to_linear(chart), SKIN_ROUGHNESS, SKIN_SPECULAR)
         normals = vertex_normals(self.vertices, self.head.triangles)
         made: dict[str, Any] = {

@@ -24,10 +24,10 @@ from service.head.model import HeadModel
 from service.light.formulas import Graphs
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.light.shading import develop
+from service.render.draw import Model, Seen, see
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.surface import LOBES, ROLES, Surface, build_surface
-from service.render.view import Samples
 from service.render.visibility import Detail
 
 Float = npt.NDArray[np.float64]
@@ -49,10 +49,11 @@ def camera_of(size: int) -> Camera:
 def compare(archive: Path, size: int, samples: int, detail: Detail = Detail()) -> dict[str, Difference]:  # noqa: B008
     """Render an archive both ways under all scenes."""
     avatar = open_avatar(archive, ROLES)
-    head = avatar.mesh.as_head("archive", "unknown")
+    model = Model.of(avatar.mesh.as_head("archive", "unknown"), avatar.mesh.vertices)
+    head = model.head
     surface = build_surface(head, avatar.mesh.vertices, avatar.maps, CHART)
     camera = camera_of(size)
-    seen = Samples.of(head, avatar.mesh.vertices, camera, 1)
+    seen = see(model, camera, 1)
     skin = np.zeros(size * size, bool)
     skin[seen.index] = seen.read(surface.skin.astype(np.float32))[:, 0] > 0.999
     mask = skin.reshape(size, size)
@@ -72,7 +73,7 @@ def compare(archive: Path, size: int, samples: int, detail: Detail = Detail()) -
 
 
 def _reference(
-    reference: Reference, surface: Surface, head: HeadModel, seen: Samples, scene: Scene, samples: int
+    reference: Reference, surface: Surface, head: HeadModel, seen: Seen, scene: Scene, samples: int
 ) -> Float:
     """(size, size, 3) linear light by Mitsuba."""
     axes = (surface.tangent, surface.bitangent, surface.normal)
@@ -99,7 +100,7 @@ def _bitmap(reference: Reference, image: npt.NDArray[np.floating]) -> dict[str, 
     return {"type": "bitmap", "bitmap": bitmap, "raw": True}
 
 
-def _kept(size: int, surface: Surface, seen: Samples) -> Float:
+def _kept(size: int, surface: Surface, seen: Seen) -> Float:
     """(size, size) share of the matt light that the mirror leaves."""
     offset = np.array(VIEW, np.float32) - seen.position_m
     view = offset / np.linalg.norm(offset, axis=1, keepdims=True)

@@ -11,19 +11,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from service.archive.avatar import Similarity
-from service.archive.preview.quick import Shown, render, turned_camera
 from service.arrays import UInt8
+from service.colour import bytes_to_linear
 from service.face.face import Face
 from service.face.fit.basis import at_barycentric
 from service.face.fit.result import Fit
 from service.face.identity import Recogniser, centred_cosine, distance, population
-from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
+from service.render.draw import Model, over, see, sketch
+from service.render.view import turned_camera
 
 SIZE = (240, 300)
 """Width and height of the render, pixels; the network takes a crop of 150 pixels."""
+SAMPLES = 1.5
+"""Samples per pixel and axis."""
 GREY = np.full((1, 1, 3), 0.5, np.float32)
 
 
@@ -43,10 +46,10 @@ def likeness(
         parts: hair and the like, coloured as in the photo's light.
     """
     camera = turned_camera(fit.vertices, 0.0, *SIZE)
-    shown = Shown(parts, texture, None, np.ones(3, np.float32))
-    normals = vertex_normals(fit.vertices, head.triangles)
-    picture = render(head, fit.vertices, normals, camera, texture, parts=shown)
-    pixels = np.clip(picture.over(GREY) * 255.0 + 0.5, 0, 255).astype(np.uint8)
+    colours = bytes_to_linear(texture)
+    seen = see(Model.of(head, fit.vertices, parts), camera, SAMPLES, colours)
+    picture = over(*sketch(seen, seen.read(colours)), GREY)
+    pixels = (picture * 255.0 + 0.5).astype(np.uint8)
     corners = head.triangles[head.landmark_triangle]
     landmarks = camera.project(at_barycentric(fit.vertices, corners, head.landmark_barycentric))
     theirs = recogniser.embed(photo.pixels, face.landmarks)

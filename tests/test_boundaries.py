@@ -21,9 +21,9 @@ ORDER = {
         "errors", "arrays", "robust", "checks", "stage_cache", "levels", "map_registry", "colour", "diagnosis", "photo",
         "head", "geometry", "materials", "runtime",
         # From the photo to the maps, and their files.
-        "light", "face", "anatomy", "texture", "reflectance", "archive",
+        "light", "render", "face", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
-        "kits", "options", "budget", "likeness", "pipeline", "jobs", "render", "bench", "external", "api",
+        "kits", "options", "budget", "likeness", "pipeline", "jobs", "bench", "external", "api",
         "client", "batch", "cli", "__main__",
     ),
     "models": ("colour", "tables", "networks", "lightstage", "head", "people", "training"),

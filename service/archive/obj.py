@@ -20,14 +20,14 @@ import numpy as np
 
 from service.archive.images import decode_normals8, exr_bytes
 from service.archive.maps import MapFiles
-from service.archive.surfaces import is_cards, part_normals, vertex_normals
+from service.archive.surfaces import vertex_normals
 from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.errors import NumericFault
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.of_head import material_of
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, is_cards, part_normals
 
 _HEADER = """\
 # {title}

@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from service.photo.gate import decoding_request, open_container
 from service.photo.limits import Limits
 from service.photo.sandbox import run_decoder
 from service.photo.wire import Status
+from service.render.surface import StoredMap
 
 MAX_MANIFEST = 16 << 20
 MAX_MAP = 512 << 20
@@ -33,28 +34,6 @@ MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
 
 _MESH, _PARTS = "mesh/head.obj", "mesh/parts.obj"
-
-
-@dataclass(frozen=True)
-class StoredMap:
-    """One map, still encoded.
-
-    Attributes:
-        role: as in the manifest.
-        png: the file's bytes.
-        frame: of normals.
-        bits: per component as stored.
-        zero, scale: value = (code - zero) / scale at ``bits``.
-        changed: whether its digest differs from the manifest's.
-    """
-
-    role: str
-    png: bytes
-    frame: Literal["object", "tangent"] | None
-    bits: Literal[8, 16]
-    zero: float
-    scale: float
-    changed: bool
 
 
 @dataclass(frozen=True)
@@ -208,7 +187,7 @@ def _stored(role: str, png: bytes, entry: dict[str, Any]) -> StoredMap:
     except (KeyError, TypeError, ValueError) as error:
         raise BadArchive(f"the manifest's entry of the map {role} cannot be used: {error}") from error
     changed = hashlib.sha256(png).hexdigest() != entry.get("sha256")
-    return StoredMap(role, png, frame, bits, zero, scale, changed)
+    return StoredMap(lambda: unpack_map(png, role), bits, zero, scale, frame, changed)
 
 
 LIMITS = Limits(

@@ -7,46 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int32, Int64, UInt16
+from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt16
 from service.geometry.chart import any_orthogonal, solve_affine
 from service.geometry.normals import area_normals, face_normals, normalise
 from service.geometry.subdivide import Subdivision
 from service.head.files import split_polygons
 from service.head.model import HeadModel
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, part_normals
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 vertex_normals = area_normals
 """The normals of all meshes in the archive but masked cards."""
-ROUND = 0.6
-"""Share of the direction from the part's middle in the normals of masked cards."""
-
-
-def is_cards(part: MeshPart) -> bool:
-    """Whether a part is masked cards, which are lit with other normals than those of their surface."""
-    return part.material.alpha == "mask"
-
-
-def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
-    """(..., N, 3) unit normals that a part is lit with.
-
-    Those of its surface; of masked cards, which lie at all angles, those of the body that they make up: with their own,
-    hair has facets and slits.
-
-    Args:
-        part: whose material says whether it is cards.
-        vertices: (..., N, 3) metres, of any number of poses.
-        triangles: (T, 3) its faces.
-    """
-    normals = area_normals(vertices, triangles)
-    if not is_cards(part):
-        return normals
-    points = np.asarray(vertices, np.float64)
-    away = normalise(points - points.mean(-2, keepdims=True), (0.0, 1.0, 0.0))
-    outward = np.where((normals * away).sum(-1, keepdims=True) < 0, -normals, normals)
-    return np.asarray(normalise((1 - ROUND) * outward + ROUND * away, (0.0, 1.0, 0.0)), np.float32)
-
-
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter position offsets of a blendshape are written as 0."""
 SMALLEST_TURN = 0.03

@@ -14,12 +14,11 @@ import numpy as np
 
 from service.archive.maps import MapFiles
 from service.archive.skeleton import JOINTS, PARENTS, Skeleton
-from service.archive.surfaces import part_normals
 from service.archive.usd_materials import material_text
 from service.archive.usd_text import fixed_tuples, integers, numbers
 from service.arrays import Float32, Float64, Int64
 from service.head.files import split_polygons
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, part_normals
 
 SMALLEST_OFFSET_M = 2.5e-5
 """Shorter offsets of a blendshape are left out."""

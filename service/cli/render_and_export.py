@@ -54,8 +54,9 @@ def render(
         "scene": None if text is None else Scene.from_json(text), "size": size, "view": view,
         "background": background, "samples": samples, "tolerance": tolerance,
     }  # fmt: skip
+    from service.archive.images import encode_png
+    from service.archive.rendering import render_archive
     from service.light.plan import report
-    from service.render.render import render_archive
     from service.render.request import RenderRequest
 
     request = RenderRequest(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
@@ -64,12 +65,14 @@ def render(
         return
     source: Path | IO[bytes] = io.BytesIO(read_file(PIPE, MAX_ARCHIVE, "archive")) if archive == PIPE else Path(archive)
     picture = render_archive(source, request)
-    write_bytes(output, picture.png)
+    png = encode_png(picture.pixels, srgb=True)
+    write_bytes(output, png)
     typer.echo(report(picture.plan), err=True)
     for code in picture.fallbacks:
         typer.echo(f"avatarme: fallback: {code}", err=True)
     if as_json:
-        facts = {"image": output, **picture.facts(), "seconds": round(time.perf_counter() - begin, 3)}
+        seconds = round(time.perf_counter() - begin, 3)
+        facts = {"image": output, "bytes": len(png), **picture.facts(), "seconds": seconds}
         typer.echo(json.dumps(facts, allow_nan=False))
     elif output != PIPE:
         typer.echo(os.fsencode(output))
@@ -79,7 +82,7 @@ def _film(
     archive: str, output: str, request: RenderRequest, count: int, begin: float, *, as_json: bool
 ) -> None:
     """Render a turntable, with a progress bar, and report it."""
-    from service.render.turntable import turntable
+    from service.archive.rendering import turntable
 
     if PIPE in (archive, output):
         raise UsageError("a turntable is made from a file to a file, not through pipes", field="turntable")

@@ -37,7 +37,7 @@ def sample_chart(image: UInt8 | Float32, uv: Float32) -> Float32:
         for first in range(0, rows, _ROWS)
     ]
     values = np.concatenate([np.asarray(piece).reshape(-1, *image.shape[2:]) for piece in pieces])
-    return np.asarray(values[: len(uv)].reshape(len(uv), -1), np.float32)
+    return np.asarray(values[: len(uv)].reshape(len(uv), *(image.shape[2:] or (1,))), np.float32)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 What is made of a finished avatar is *derived*: it has no photo, belongs to the avatar and goes with it, and is kept by
 its content, so that the same request for the same result is computed once. A further kind needs an entry here
-with its settings, a program that computes it, as :mod:`service.render.child` and :mod:`service.jobs.kit_process` are,
-and its routes, on :mod:`service.api.renders_and_exports`.
+with its settings, a program that computes it, as :mod:`service.jobs.render_process` is, and its routes, on
+:mod:`service.api.renders_and_exports`.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class Settings:
     webhook_secret: str = ""
     webhook_private: bool = False
     program: str = "service.jobs.avatar_process"
-    render_program: str = "service.render.child"
+    render_program: str = "service.jobs.render_process"
     export_program: str = "service.jobs.kit_process"
 
     def __post_init__(self) -> None:

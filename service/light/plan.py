@@ -161,7 +161,7 @@ _COST = {
     "occlusion": 3.0, "reflection": 4.0, "second_lobe": 1.0, "fresnel": 0.3, "scattering": 10.0, "shadows": 12.0,
     "relief_shadows": 3.0, "specular": 1.5,
 }  # fmt: skip
-"""Relative time of the effects (``models.lightstage.light.skipping`` measures it); orders omissions."""
+"""Relative time of the effects (``models.lightstage.light.skipping``); decides only the order of leaving out."""
 
 
 @dataclass(frozen=True)

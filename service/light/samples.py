@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float64, Int64
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
 
 RING_MM = (0.0, *(0.6,) * 4, *(1.8,) * 4, *(3.8,) * 4)
 """Distance of each place of a sample from its centre, mm: the centre and three rings of four places."""
@@ -68,37 +68,37 @@ class LitChart:
         alpha: (h, w, 2) GGX alpha of both lobes; ``share`` (h, w) weight of the first.
         texels_per_mm: square root of texels per mm^2.
         skin: (h, w) bool, texels where light scatters.
-        weight: (h, w) >= 0 sampling density.
     """
 
-    position_m: AnyFloat
-    normal: AnyFloat
-    tangent: AnyFloat
-    bitangent: AnyFloat
-    diffuse_normal: AnyFloat
-    specular_normal: AnyFloat
-    albedo: AnyFloat
-    specular: AnyFloat
-    alpha: AnyFloat
-    share: AnyFloat
-    texels_per_mm: AnyFloat
+    position_m: Float32
+    normal: Float32
+    tangent: Float32
+    bitangent: Float32
+    diffuse_normal: Float32
+    specular_normal: Float32
+    albedo: Float32
+    specular: Float32
+    alpha: Float32
+    share: Float32
+    texels_per_mm: Float32
     skin: Bool
-    weight: AnyFloat
 
 
 def survey(
-    chart: LitChart, offsets: Float64, visible: Callable[[Index], Float64], horizon: Callable[[Index], Float64]
-) -> SurfaceSamples:
+    chart: LitChart, weight: AnyFloat, offsets: Float64, visible: Callable[[Index], Float64],
+    horizon: Callable[[Index], Float64],
+) -> SurfaceSamples:  # fmt: skip
     """Stratified samples of the texels by weight; where all weights are 0, of the skin; without skin, of all texels.
 
     Args:
         chart: the surface at the resolution that is lit, as coarse maps have no relief shadows.
+        weight: (h, w) >= 0, sampling density.
         offsets: (K,) in [0, 1), position of each sample within its stratum.
         visible: (K,) flat texels -> (K, D) in [0, 1], visibility of the spread directions.
         horizon: (K,) flat texels -> (K, 16) slope of the fine relief's horizon.
     """
     height, width = chart.skin.shape
-    weight = np.asarray(chart.weight, np.float64)
+    weight = np.asarray(weight, np.float64)
     for fallback in (chart.skin.astype(np.float64), np.ones((height, width))):
         if weight.sum() < 1e-3:
             weight = fallback

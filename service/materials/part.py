@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Int32, UInt8
+from service.arrays import AnyFloat, AnyInt, Float32, Int32, UInt8
 from service.errors import NumericFault
+from service.geometry.normals import area_normals, normalise
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap, checked_name
 
@@ -142,6 +143,42 @@ def _reduced(pixels: UInt8, step: int) -> UInt8:
     weight = rows[..., 3:] + np.float32(1e-3)
     colour = (rows[..., :3] * weight).sum((1, 3)) / weight.sum((1, 3))
     return np.asarray(np.rint(np.concatenate([colour, rows[..., 3:].mean((1, 3))], -1)), np.uint8)
+
+
+ROUND = 0.6
+"""Share of the direction from the part's middle in the normals of masked cards."""
+
+
+def part_triangles(polygons: Int32, like: Int32 | None = None) -> Int32:
+    """(T, 3) triangles of polygons (F, 4), in their order; ``like``, of the same length, says which are triangles."""
+    quads = (polygons if like is None else like)[:, 3] >= 0
+    both = np.stack([polygons[:, [0, 1, 2]], polygons[:, [0, 2, 3]]], 1)
+    return np.ascontiguousarray(both[np.stack([np.ones_like(quads), quads], 1)])
+
+
+def is_cards(part: MeshPart) -> bool:
+    """Whether a part is masked cards, which are lit with other normals than those of their surface."""
+    return part.material.alpha == "mask"
+
+
+def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
+    """(..., N, 3) unit normals that a part is lit with.
+
+    Those of its surface; of masked cards, which lie at all angles, those of the body that they make up: with their own,
+    hair has facets and slits.
+
+    Args:
+        part: whose material says whether it is cards.
+        vertices: (..., N, 3) metres, of any number of poses.
+        triangles: (T, 3) its faces.
+    """
+    normals = area_normals(vertices, triangles)
+    if not is_cards(part):
+        return normals
+    points = np.asarray(vertices, np.float64)
+    away = normalise(points - points.mean(-2, keepdims=True), (0.0, 1.0, 0.0))
+    outward = np.where((normals * away).sum(-1, keepdims=True) < 0, -normals, normals)
+    return np.asarray(normalise((1 - ROUND) * outward + ROUND * away, (0.0, 1.0, 0.0)), np.float32)
 
 
 def framed(vertices: AnyFloat, parts: Sequence[MeshPart]) -> AnyFloat:

@@ -1,4 +1,4 @@
-"""Shading: diffuse light on the chart, where it scatters, and specular light at the samples of the picture."""
+"""Shading: diffuse light on the chart, where it scatters, and specular light at the points that are seen."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from service.light.formulas import F0_SCALE, Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
 from service.light.plan import Plan
 from service.light.scene import PointLight, Triple
+from service.render.draw import Seen
 from service.render.surface import Surface
-from service.render.view import Samples
 from service.render.visibility import Visibility
 
 SCATTER_MM = 8.2
@@ -55,12 +55,12 @@ class Shader:
     graphs: Graphs
     clock: Clock
 
-    def radiance(self, samples: Samples, viewpoint: Triple) -> Float32:
-        """(N, 3) linear radiance >= 0 of the samples towards a viewpoint."""
+    def radiance(self, seen: Seen, viewpoint: Triple) -> Float32:
+        """(N, 3) linear radiance >= 0 of the points on the head towards a viewpoint."""
         shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
-        diffuse = samples.read(self._diffuse(shades, samples))
+        diffuse = seen.read(self._diffuse(shades, seen))
         with self.clock.step("gloss"):
-            return self._glossy(samples, viewpoint, diffuse, shades)
+            return self._glossy(seen, viewpoint, diffuse, shades)
 
     def _shade(self, light: PointLight, index: int) -> Float32:
         """(H, W) visible share of a lamp in [0, 1]."""
@@ -70,7 +70,7 @@ class Shader:
         with self.clock.step("shadows"):
             return self.visibility.shadow(light, (width, height))
 
-    def _diffuse(self, shades: list[Float32], samples: Samples) -> Float32:
+    def _diffuse(self, shades: list[Float32], seen: Seen) -> Float32:
         """(H, W, 3) diffuse radiance after scattering, before specular reflection is subtracted."""
         s = self.surface
         with self.clock.step("diffuse"):
@@ -86,18 +86,18 @@ class Shader:
         radiosity = albedo * arriving
         if self.plan.runs("scattering"):
             with self.clock.step("scattering"):
-                radiosity = self._scattered(albedo, arriving, samples)
+                radiosity = self._scattered(albedo, arriving, seen)
         return np.ascontiguousarray(np.moveaxis(self._padded(radiosity) / np.float32(math.pi), 0, 2))
 
-    def _scattered(self, albedo: Float32, arriving: Float32, samples: Samples) -> Float32:
-        """(3, H, W) radiosity, scattered on the skin that samples read; elsewhere albedo times irradiance.
+    def _scattered(self, albedo: Float32, arriving: Float32, seen: Seen) -> Float32:
+        """(3, H, W) radiosity, scattered on the skin that is seen; elsewhere albedo times irradiance.
 
         Computed in tiles with padding as wide as the profile, as the blurs of a whole chart would need gigabytes.
         """
         s, radiosity = self.surface, albedo * arriving
         padding = int(np.ceil(SCATTER_MM * float(s.texels_per_mm.max()) / ALIGNED)) * ALIGNED
         height, width = s.skin.shape
-        for top, left in _seen_tiles(samples, height, width):
+        for top, left in _seen_tiles(seen, height, width):
             inner = (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))
             outer = (_grown(inner[0], padding, height), _grown(inner[1], padding, width))
             if not s.skin[inner].any():
@@ -127,16 +127,16 @@ class Shader:
         vector = self.visibility.sky_light(self.light.sky, (width, height))
         return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
 
-    def _glossy(self, samples: Samples, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
+    def _glossy(self, seen: Seen, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
         """(N, 3) radiance: ``diffuse`` less the specular albedo, highlights, and the reflection of the sky."""
         s, plan = self.surface, self.plan
-        specular, alphas, share = samples.read(s.specular)[:, 0], samples.read(s.alpha), samples.read(s.share)[:, 0]
+        specular, alphas, share = seen.read(s.specular)[:, 0], seen.read(s.alpha), seen.read(s.share)[:, 0]
         mirrors = plan.runs("reflection") and not self.light.dark
         shining = [i for i in range(len(shades)) if plan.runs("specular", i)]
         if not (mirrors or shining):
             return diffuse * (1.0 - np.float32(F0_SCALE) * specular)[:, None]
-        offset = np.asarray(viewpoint, np.float32) - samples.position_m
-        view, normal = (_unit(v).T for v in (offset, samples.read(s.specular_normal)))
+        offset = np.asarray(viewpoint, np.float32) - seen.position_m
+        view, normal = (_unit(v).T for v in (offset, seen.read(s.specular_normal)))
         flat = "" if plan.runs("fresnel") else "_flat"
         ones = np.ones_like(share)
         lobes = [(alphas[:, 0], share), (alphas[:, 1], 1.0 - share)]
@@ -144,7 +144,7 @@ class Shader:
             lobes = [(alphas[:, 1] + (alphas[:, 0] - alphas[:, 1]) * share, ones)]
         openness = ones
         if mirrors and plan.runs("occlusion"):
-            openness = samples.read(self.visibility.openness(s.normal))[:, 0]
+            openness = seen.read(self.visibility.openness(s.normal))[:, 0]
         total, taken = np.zeros((3, len(ones)), np.float32), np.zeros_like(ones)
         levels = prefiltered(self.light.sky) if mirrors else None
         for alpha, weight in lobes:
@@ -153,7 +153,7 @@ class Shader:
             taken += part
             for i in shining:
                 points = {
-                    "position": samples.position_m.T * np.float32(1000), "shade": samples.read(shades[i])[:, 0],
+                    "position": seen.position_m.T * np.float32(1000), "shade": seen.read(shades[i])[:, 0],
                 } | common  # fmt: skip
                 shine = self.graphs.at_points(f"highlight{flat}", points, **lamp_numbers(self.light.lights[i]))
                 total += weight * shine
@@ -163,13 +163,13 @@ class Shader:
         return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T
 
 
-def _seen_tiles(samples: Samples, height: int, width: int) -> list[tuple[int, int]]:
-    """Top left corners of the tiles that contain texels read by samples."""
+def _seen_tiles(seen: Seen, height: int, width: int) -> list[tuple[int, int]]:
+    """Top left corners of the tiles of the texels that are seen."""
     tiles = set()
     for down in (-1.5, 1.5):
         for right in (-1.5, 1.5):
-            row = np.clip((1 - samples.uv[:, 1]) * height + down, 0, height - 1).astype(np.int64) // TILE
-            column = np.clip(samples.uv[:, 0] * width + right, 0, width - 1).astype(np.int64) // TILE
+            row = np.clip((1 - seen.uv[:, 1]) * height + down, 0, height - 1).astype(np.int64) // TILE
+            column = np.clip(seen.uv[:, 0] * width + right, 0, width - 1).astype(np.int64) // TILE
             tiles |= set(np.unique((row << 16) | column).tolist())
     return [((tile >> 16) * TILE, (tile & 0xFFFF) * TILE) for tile in sorted(tiles)]
 

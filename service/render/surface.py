@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from service.archive.reading import StoredMap, unpack_map
-from service.arrays import AnyFloat, Bool, Float32
+from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import bytes_to_linear
 from service.errors import BadArchive
 from service.geometry.chart import NO_PART, Chart
 from service.head.model import HeadModel
-from service.materials.of_head import material_of
+from service.light.samples import LitChart
 
 Size = tuple[int, int]
 
@@ -36,35 +36,35 @@ _DENSEST = 12.0
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Maps on the chart, (H, W) texels, filled outside the islands.
+class StoredMap:
+    """A map of an avatar, still encoded.
+
+    Attributes:
+        codes: decodes it: (H, W, 3) uint8, of 16 bits code / 257, rounded.
+        bits: per component as stored.
+        zero, scale: value = (code - zero) / scale at ``bits``.
+        frame: of normals.
+        changed: whether it is another than the one that was made.
+    """
+
+    codes: Callable[[], UInt8]
+    bits: Literal[8, 16]
+    zero: float
+    scale: float
+    frame: Literal["object", "tangent"] | None = None
+    changed: bool = False
+
+
+@dataclass(frozen=True)
+class Surface(LitChart):
+    """The surface on the chart, (H, W) texels, filled outside the islands.
 
     Attributes:
         chart: rasterised at this size.
-        position_m: (H, W, 3) metres, head space.
-        normal, tangent, bitangent: (H, W, 3) smooth unit frame, head space.
-        diffuse_normal, specular_normal: (H, W, 3) unit, head space.
-        albedo: (H, W, 3) linear in [0, 1].
-        specular: (H, W) in [0, 1].
-        alpha: (H, W, 2) GGX alpha of both lobes; ``share`` (H, W) weight of the first, 1 where there is one only.
-        texels_per_mm: (H, W).
-        skin: (H, W) bool, texels where light scatters.
         fallbacks: stable codes of missing or changed maps.
     """
 
     chart: Chart
-    position_m: Float32
-    normal: Float32
-    tangent: Float32
-    bitangent: Float32
-    diffuse_normal: Float32
-    specular_normal: Float32
-    albedo: Float32
-    specular: Float32
-    alpha: Float32
-    share: Float32
-    texels_per_mm: Float32
-    skin: Bool
     fallbacks: tuple[str, ...]
 
 
@@ -72,7 +72,7 @@ def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, Stored
     """Decode the maps and reduce them to a size: colours as linear light, normals with their variance.
 
     Args:
-        head: topology and chart.
+        head: the skin, with its chart.
         vertices: (V, 3) metres.
         maps: by role; see ``ROLES``.
         size: (width, height) of the result.
@@ -83,74 +83,63 @@ def build_surface(head: HeadModel, vertices: AnyFloat, maps: Mapping[str, Stored
     chart = Chart.build(head, *size)
     frame = chart.frame(vertices)
     axes = tuple(chart.fill_outside(axis) for axis in (frame.tangent, frame.bitangent, frame.normal))
-    fallbacks: list[str] = [f"{role}-changed" for role, stored in maps.items() if stored.changed]
-    albedo = _albedo(maps, size, fallbacks)
-    specular_normal, spread = _normals(maps.get("specular_normal"), axes, size)
-    diffuse_normal, _ = _normals(maps.get("diffuse_normal"), axes, size)
+    coloured = next((role for role in ("diffuse_albedo", "texture") if role in maps), None)
+    if coloured is None:
+        raise BadArchive(
+            "the archive has neither maps/diffuse_albedo.png nor maps/texture.png; a picture needs one of them",
+            map="diffuse_albedo",
+        )
+    fallbacks = [f"{role}-changed" for role, stored in maps.items() if stored.changed]
+    fallbacks += ["diffuse_albedo-from-texture"] if coloured == "texture" else []
     fallbacks += [f"{role}-from-mesh" for role in ("diffuse_normal", "specular_normal") if role not in maps]
     fallbacks += [f"{role}-at-8-bits" for role, stored in maps.items() if stored.bits == 16]
+    specular_normal, spread = _normals(maps.get("specular_normal"), axes, size)
     specular = np.full(size[::-1], SPECULAR, np.float32)
     if "specular_albedo" in maps:
-        specular = _reduced(maps["specular_albedo"], size)[..., 0]
+        specular = _reduced(maps["specular_albedo"].codes(), size, lambda codes: codes * np.float32(1 / 255))[..., 0]
     else:
         fallbacks.append("specular_albedo-constant")
-    alpha, share = _lobes(chart, spread)
+    # The variance of normals widens the lobes (LEAN mapping).
+    lobes = [np.sqrt(alpha * alpha + 2.0 * spread) for alpha in LOBES[:2]]
+    metric = chart.metric(vertices)
+    area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
     return Surface(
-        chart=chart,
         position_m=chart.fill_outside(chart.interpolate(vertices)),
         normal=axes[2],
         tangent=axes[0],
         bitangent=axes[1],
-        diffuse_normal=diffuse_normal,
+        diffuse_normal=_normals(maps.get("diffuse_normal"), axes, size)[0],
         specular_normal=specular_normal,
-        albedo=albedo,
+        albedo=_reduced(maps[coloured].codes(), size, bytes_to_linear),
         specular=specular,
-        alpha=alpha,
-        share=share,
-        texels_per_mm=_density(chart, vertices),
-        skin=_is_skin(chart),
+        alpha=np.asarray(np.clip(np.stack(lobes, -1), 0.0, 1.0), np.float32),
+        share=np.full(spread.shape, LOBES[2], np.float32),
+        texels_per_mm=np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), _DENSEST), np.float32),
+        skin=np.asarray(chart.part != NO_PART),
+        chart=chart,
         fallbacks=tuple(fallbacks),
     )
 
 
-def _albedo(maps: Mapping[str, StoredMap], size: Size, fallbacks: list[str]) -> Float32:
-    if "diffuse_albedo" in maps:
-        return _reduced(maps["diffuse_albedo"], size, colours=True)
-    if "texture" in maps:
-        fallbacks.append("diffuse_albedo-from-texture")
-        return _reduced(maps["texture"], size, colours=True)
-    raise BadArchive(
-        "the archive has neither maps/diffuse_albedo.png nor maps/texture.png; a picture needs one of them",
-        map="diffuse_albedo",
-    )
-
-
-def _reduced(stored: StoredMap, size: Size, *, colours: bool = False) -> Float32:
-    """(H, W, 3) float32 means over the area of each texel: linear light of sRGB colours, else code / 255."""
+def _reduced(codes: UInt8, size: Size, values: Callable[[UInt8], Float32]) -> Float32:
+    """(H, W, 3) float32 means of values of codes over the area of each texel."""
     import cv2
 
-    codes = unpack_map(stored.png, stored.role)
+    small = _halved(codes, size, values)
     way = cv2.INTER_AREA if codes.shape[1] > size[0] else cv2.INTER_LINEAR
-    step = _step(codes.shape, size)
-    small = np.zeros((codes.shape[0] // step, codes.shape[1] // step, 3), np.float32)
-    for first in range(0, codes.shape[0], _BAND * step):
-        band = codes[first : first + _BAND * step]
-        values = bytes_to_linear(band) if colours else band * np.float32(1 / 255)
-        small[first // step : first // step + _BAND] = _means(values, step)
     return np.asarray(cv2.resize(small, size, interpolation=way), np.float32).reshape(size[1], size[0], 3)
 
 
-def _step(shape: tuple[int, ...], size: Size) -> int:
-    """Largest power of two that divides the map and leaves it no smaller than ``size``."""
-    step = 1
-    while shape[1] >= 2 * step * size[0] and shape[0] % (2 * step) == 0 and shape[1] % (2 * step) == 0:
+def _halved(codes: UInt8, size: Size, values: Callable[[UInt8], Float32]) -> Float32:
+    """(h, w, 3) means, in bands, over squares whose side is the largest power of two that leaves at least ``size``."""
+    step, (height, width) = 1, codes.shape[:2]
+    while width >= 2 * step * size[0] and height % (2 * step) == 0 and width % (2 * step) == 0:
         step *= 2
-    return step
-
-
-def _means(values: Float32, step: int) -> Float32:
-    height, width = values.shape[0] // step, values.shape[1] // step
-    return np.asarray(values.reshape(height, step, width, step, -1).mean((1, 3)), np.float32)
+    bands = []
+    for first in range(0, height, _BAND * step):
+        band = values(codes[first : first + _BAND * step])
+        bands.append(band.reshape(len(band) // step, step, width // step, step, -1).mean((1, 3)))
+    return np.asarray(np.concatenate(bands), np.float32)
 
 
 def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) -> tuple[Float32, Float32]:
@@ -162,19 +151,10 @@ def _normals(stored: StoredMap | None, axes: tuple[Float32, ...], size: Size) ->
 
     if stored is None:
         return axes[2], np.zeros(size[::-1], np.float32)
-    codes = unpack_map(stored.png, stored.role)
-    step = _step(codes.shape, size)
-    small = np.zeros((codes.shape[0] // step, codes.shape[1] // step, 3), np.float32)
-    # 16-bit codes are decoded as code / 257, rounded.
-    unit = 257.0 if stored.bits == 16 else 1.0
-    for first in range(0, codes.shape[0], _BAND * step):
-        vectors = (codes[first : first + _BAND * step] * np.float32(unit) - np.float32(stored.zero)) / np.float32(
-            stored.scale
-        )
-        small[first // step : first // step + _BAND] = _means(_unit(vectors)[0], step)
+    unit, zero, scale = (np.float32(v) for v in (257.0 if stored.bits == 16 else 1.0, stored.zero, stored.scale))
+    small = _halved(stored.codes(), size, lambda codes: _unit((codes * unit - zero) / scale)[0])
     way = cv2.INTER_AREA if small.shape[1] > size[0] else cv2.INTER_LINEAR
-    mean = np.asarray(cv2.resize(small, size, interpolation=way), np.float32)
-    local, length = _unit(mean)
+    local, length = _unit(np.asarray(cv2.resize(small, size, interpolation=way), np.float32))
     spread = np.clip(1.0 / np.clip(length, 0.5, 1.0) - 1.0, 0.0, 1.0)
     if stored.frame == "tangent":
         local = sum((local[..., i : i + 1] * axes[i] for i in range(3)), np.zeros_like(local))
@@ -189,29 +169,3 @@ def _unit(vectors: Float32, fallback: Float32 | None = None) -> tuple[Float32, F
     other = np.array([0, 0, 1], np.float32) if fallback is None else fallback
     made = np.where(sound, vectors / np.maximum(length, np.float32(1e-3))[..., None], other)
     return np.asarray(made, np.float32), np.asarray(length, np.float32)
-
-
-def _lobes(chart: Chart, spread: Float32) -> tuple[Float32, Float32]:
-    """(H, W, 2) alpha and (H, W) weight by part; the variance of normals widens the lobes (LEAN mapping)."""
-    first, second, share = (np.full(spread.shape, value, np.float32) for value in LOBES)
-    part = chart.fill_outside(chart.part)
-    for index, name in enumerate(chart.head.part_names):
-        material = material_of(name)
-        if not material.detailed:
-            here = part == index
-            first[here] = second[here] = material.roughness**2
-            share[here] = 1.0
-    alphas = [np.sqrt(alpha * alpha + 2.0 * spread) for alpha in (first, second)]
-    return np.asarray(np.clip(np.stack(alphas, -1), 0.0, 1.0), np.float32), share
-
-
-def _density(chart: Chart, vertices: AnyFloat) -> Float32:
-    """(H, W) square root of texels per mm^2, at most ``_DENSEST``."""
-    metric = chart.metric(vertices)
-    area = np.sqrt(np.maximum(metric[..., 0] * metric[..., 2] - metric[..., 1] ** 2, 1e-8))
-    return np.asarray(np.minimum(1.0 / np.sqrt(chart.fill_outside(area)), _DENSEST), np.float32)
-
-
-def _is_skin(chart: Chart) -> Bool:
-    detailed = [i for i, name in enumerate(chart.head.part_names) if material_of(name).detailed]
-    return np.asarray(np.isin(chart.part, detailed) & (chart.part != NO_PART))

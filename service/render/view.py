@@ -1,26 +1,21 @@
-"""Placement of the camera, and the visible surface point of each sample of the picture."""
+"""Placement of the camera."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64, Int64
+from service.arrays import AnyFloat, Float64
 from service.errors import UsageError
 from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.normals import normalise
-from service.geometry.raster import interpolate, rasterise
-from service.geometry.sampling import sample_chart
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
-from service.materials.of_head import material_of
 
 VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
 """Azimuth of the camera in degrees, positive towards the subject's left."""
 
-FILLED = 0.92
-"""Fraction of the picture's width or height that the head fills."""
+FILLED, TURNED_FILLED = 0.92, 0.86
+"""Fraction of the picture's width or height that the head fills; for cameras at one scale that of its bounding box."""
 
 
 def viewpoint_of(view: str | None, viewpoints: tuple[Triple, ...]) -> Triple:
@@ -77,43 +72,19 @@ def camera_at(viewpoint: Triple, vertices: AnyFloat, width: int, height: int) ->
     return Camera(width, height, focal, principal, camera.rotation, camera.translation)
 
 
-@dataclass(frozen=True)
-class Samples:
-    """The N samples of a picture that show the head.
+def turned_camera(vertices: AnyFloat, yaw_deg: float, width: int, height: int) -> Camera:
+    """Camera in front of a head that is turned by ``yaw_deg`` (> 0: to the image right) and all in the picture.
 
-    Attributes:
-        shape: rows and columns of samples, ``supersampling`` per pixel and axis.
-        index: (N,) flat position among them.
-        uv: (N, 2) on the chart.
-        position_m: (N, 3) head space.
+    The scale depends on the head alone and not on the yaw, so that views side by side have the same one.
     """
-
-    shape: tuple[int, int]
-    index: Int64
-    uv: Float32
-    position_m: Float32
-
-    @classmethod
-    def of(cls, head: HeadModel, vertices: AnyFloat, camera: Camera, supersampling: int) -> Samples:
-        """Rasterise a head; parts of opacity 0 are left out."""
-        width, height = camera.width * supersampling, camera.height * supersampling
-        drawn = np.array([material_of(name).opacity > 0 for name in head.part_names])[head.triangle_part]
-        triangles, chart = head.triangles[drawn], head.triangle_uv[drawn]
-        depth = camera.to_camera(vertices)[:, 2]
-        raster = rasterise(
-            camera.project(vertices) * supersampling, depth, triangles, width, height, cull=True, perspective=True
-        )
-        index = np.flatnonzero(raster.triangle >= 0)
-        triangle, weights = raster.triangle.ravel()[index], raster.barycentric.reshape(-1, 3)[index]
-        uv, position = (
-            interpolate(np.asarray(source, np.float32), corners[triangle], weights)
-            for source, corners in ((head.uv, chart), (vertices, triangles))
-        )
-        return cls((height, width), index, uv, position)
-
-    def read(self, image: Float32) -> Float32:
-        """(N, C) of a chart image (H, W, C) or (H, W), bilinear, borders repeated."""
-        return sample_chart(image, self.uv)
+    low, high = vertices.min(0).astype(np.float64), vertices.max(0).astype(np.float64)
+    angle = np.radians(yaw_deg)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rotation = np.diag([1.0, -1.0, -1.0]) @ np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+    translation = np.array([0.0, 0.0, DEFAULT_VIEW[2]]) - rotation @ ((low + high) / 2)
+    extent = max(float(high[1] - low[1]) / height, float(max(high[0] - low[0], high[2] - low[2])) / width, 1e-6)
+    focal = TURNED_FILLED * DEFAULT_VIEW[2] / extent
+    return Camera(width, height, focal, np.array([width / 2, height / 2]), rotation, translation)
 
 
 def pixel_on_chart(head: HeadModel, vertices: AnyFloat, camera: Camera) -> float:

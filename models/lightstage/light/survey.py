@@ -56,10 +56,10 @@ def survey(skin: LitMaps, geometry: Geometry, window: ChartWindow, count: int = 
         share=rough[..., 2],
         texels_per_mm=flat(site.texels_per_mm[None])[..., 0],
         skin=skinned.cpu().numpy(),
-        weight=flat(enlarged(geometry.face, window).clamp(0.0, 1.0) * skinned)[..., 0],
     )
     return sampled(
         chart,
+        flat(enlarged(geometry.face, window).clamp(0.0, 1.0) * skinned)[..., 0],
         Stream(seed, "survey").uniform(size=count),
         lambda at: _visible(geometry, window, there(at // window.width), there(at % window.width)),
         lambda at: _horizons(skin.height_mm[0].float(), site.step, there(at)),

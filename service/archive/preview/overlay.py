@@ -8,12 +8,12 @@ import numpy as np
 
 from service.archive.avatar import Avatar
 from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
-from service.archive.preview.quick import render
-from service.archive.surfaces import vertex_normals
+from service.archive.preview.sheet import clay_picture
 from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
+from service.render.draw import over
 
 PANEL = (520, 640)
 """Largest width and height of each of the three panels, pixels."""
@@ -97,10 +97,9 @@ def _panel_camera(camera: Camera, corner: tuple[int, int], zoom: Float64, size: 
 
 def _over(avatar: Avatar, cut: Image, camera: Camera) -> Image:
     """The untextured head blended over the photo, so that eyes, lips and silhouette can be compared."""
-    normals = vertex_normals(avatar.fit.vertices, avatar.head.triangles)
-    drawn = render(avatar.head, avatar.fit.vertices, normals, camera, supersampling=1)
     photo = np.asarray(cut, np.float32) / np.float32(255)
-    return to_pixels(photo + np.float32(0.72) * (drawn.over(photo) - photo))
+    head = over(*clay_picture(avatar, avatar.fit.vertices, camera, 1.0), photo)
+    return to_pixels(photo + np.float32(0.72) * (head - photo))
 
 
 def _landmarks(avatar: Avatar, cut: Image, corner: Int64, zoom: Float64) -> Image:

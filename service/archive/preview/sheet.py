@@ -13,15 +13,23 @@ from service.anatomy.hair.worn import to_albedo
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
-from service.archive.preview.quick import Shown, render, side_lamp, turned_camera
-from service.archive.surfaces import vertex_normals
 from service.arrays import Float32, UInt8, UInt16
+from service.colour import bytes_to_linear
+from service.geometry.camera import Camera
+from service.geometry.normals import normalise
+from service.light.environment import Illumination
+from service.light.scene import WHITE, PointLight, Triple
 from service.materials.part import framed
+from service.render.draw import Model, over, see, sketch
+from service.render.view import turned_camera
 
 What = TypeVar("What")
+View = tuple[str, Image]
 
 TILE = (256, 306)
 """Width and height of a view of the head."""
+SAMPLES = 1.5
+"""Samples per pixel and axis: antialiases at half the cost of 2."""
 
 TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 """Yaw of the head in the textured views, degrees."""
@@ -29,54 +37,110 @@ TEXTURED_YAWS = (-90, -45, 0, 45, 90)
 RELIT = ((-45, -80), (0, -70), (0, 0), (0, 70), (45, 80))
 """Yaw of the head and azimuth of the lamp in the relit views, degrees."""
 
-VIEWED = (768, 512)
-"""Width and height of the albedo in relit views: a texel is smaller than their pixels."""
+SEEN_SIZE = (768, 512)
+"""Width and height of the colours in views: a texel is smaller than their pixels."""
+
+LAMP_M, LAMP_RADIUS_M = 2.0, 0.7
+"""Distance of lamps from the head, and their radius: the terminator is soft under large ones."""
+STUDIO = (
+    ((-0.55, -0.60, -0.58), (0.86, 0.84, 0.80)),
+    ((0.80, -0.15, -0.58), (0.16, 0.18, 0.22)),
+    ((0.30, -0.45, 0.84), (0.30, 0.32, 0.36)),
+)
+"""Key, fill and rim: direction in camera axes (x right, y down, z away) and linear RGB on a white surface."""
+
+CLAY = (0.50, 0.47, 0.44)
+"""Linear albedo of the untextured skin."""
+_PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": (0.42, 0.28, 0.26)}
 
 
-def textured(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+def textured(avatar: Avatar) -> Iterator[View]:
     """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
-    fit = avatar.fit
-    normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind, around = backdrop(*TILE), framed(avatar.fit.vertices, avatar.parts)
-    parts = Shown(avatar.parts, avatar.texture.texture, None, photo_light(avatar))
+    colours = bytes_to_linear(_small(avatar.texture.texture, SEEN_SIZE))
+    model, tint = Model.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
 
-    def view(yaw: int) -> tuple[str, Image]:
-        camera = turned_camera(around, yaw, *TILE)
-        drawn = render(avatar.head, fit.vertices, normals, camera, avatar.texture.texture, parts=parts)
+    def view(yaw: int) -> View:
         side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
-        return side, to_pixels(drawn.over(behind))
+        return side, _picture(model, yaw, colours, None, tint)
 
     yield from _side_by_side(view, TEXTURED_YAWS)
 
 
-def relit(avatar: Avatar) -> Iterator[tuple[str, Image]]:
+def relit(avatar: Avatar) -> Iterator[View]:
     """Captions and pictures of the diffuse albedo under other lamps; nothing without albedo."""
-    made, fit = avatar.reflectance, avatar.fit
+    made = avatar.reflectance
     if made is None or made.diffuse_albedo is None:
         return
-    albedo = small_albedo(made.diffuse_albedo, VIEWED)
-    normals = vertex_normals(fit.vertices, avatar.head.triangles)
-    behind, around = backdrop(*TILE), framed(avatar.fit.vertices, avatar.parts)
+    colours = bytes_to_linear(small_albedo(made.diffuse_albedo, SEEN_SIZE))
+    model = Model.of(avatar.head, avatar.fit.vertices, avatar.parts)
 
-    def view(what: tuple[int, int]) -> tuple[str, Image]:
-        yaw, azimuth = what
-        camera, lamps = turned_camera(around, yaw, *TILE), side_lamp(azimuth)
-        parts = Shown(avatar.parts, albedo, lamps, np.ones(3, np.float32))
-        drawn = render(avatar.head, fit.vertices, normals, camera, albedo, lamps=lamps, parts=parts)
-        side = "in front" if azimuth == 0 else "on the right" if azimuth > 0 else "on the left"
-        return f"Albedo, lamp {side}", to_pixels(drawn.over(behind))
+    def view(what: tuple[int, int]) -> View:
+        side = "in front" if what[1] == 0 else "on the right" if what[1] > 0 else "on the left"
+        return f"Albedo, lamp {side}", _picture(model, what[0], colours, what[1])
 
     yield from _side_by_side(view, RELIT)
 
 
-def photo_light(avatar: Avatar) -> Float32:
-    """(3,) factors from the parts' albedo to their colours in the photo's light, in which the texture is."""
+def _picture(
+    model: Model, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE
+) -> Image:
+    """The avatar in linear colours (h, w, 3) of its chart, under a lamp or with light in them."""
+    camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
+    seen = see(model, camera, SAMPLES, colours)
+    light = None if azimuth is None else side_lamp(camera, azimuth)
+    return to_pixels(over(*sketch(seen, seen.read(colours), light, tint), backdrop(*TILE)))
+
+
+def clay(avatar: Avatar) -> Iterator[View]:
+    """Captions and pictures of the shape, in the photo's expression and neutral."""
+    views = (
+        ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
+        ("Shape, neutral", avatar.fit.neutral, 0),
+        ("Shape, neutral, 45°", avatar.fit.neutral, 45),
+    )
+
+    def view(what: tuple[str, Float32, int]) -> View:
+        camera = turned_camera(what[1], what[2], *TILE)
+        return what[0], to_pixels(over(*clay_picture(avatar, what[1], camera, SAMPLES), backdrop(*TILE)))
+
+    yield from _side_by_side(view, views)
+
+
+def clay_picture(avatar: Avatar, vertices: Float32, camera: Camera, samples: float) -> tuple[Float32, Float32]:
+    """The untextured head, as of :meth:`service.render.draw.Seen.resolved`."""
+    seen = see(Model.of(avatar.head, vertices), camera, samples)
+    for one in seen.parts:
+        one.colour[:] = _PART_CLAY.get(one.part.material.name, CLAY)
+    colour = np.broadcast_to(np.array(CLAY, np.float32), seen.position_m.shape)
+    return sketch(seen, colour, lamps(camera, STUDIO, (0.15, 0.15, 0.17)))
+
+
+def lamps(camera: Camera, towards: Sequence[tuple[Triple, Triple]], ambient: Triple) -> Illumination:
+    """Large lamps around the head: direction in camera axes and linear RGB of each, and linear RGB from all sides."""
+    lights = []
+    for direction, colour in towards:
+        x, y, z = (float(v) for v in normalise(np.array(direction)) @ camera.rotation * LAMP_M)
+        red, green, blue = (np.pi * value * LAMP_M**2 for value in colour)
+        lights.append(PointLight((x, y, z), (red, green, blue), LAMP_RADIUS_M))
+    return Illumination(tuple(lights), np.tile(np.array(ambient), (16, 32, 1)))
+
+
+def side_lamp(camera: Camera, azimuth_deg: float) -> Illumination:
+    """A strong lamp above eye level, ``azimuth_deg`` from the camera (> 0: at the image's right), and a dim sky."""
+    angle = np.radians(azimuth_deg)
+    key = (0.9 * float(np.sin(angle)), -0.45, -0.9 * float(np.cos(angle)))
+    return lamps(camera, ((key, (1.5, 1.46, 1.4)), ((0.0, -1.0, 0.3), (0.25, 0.27, 0.31))), (0.12, 0.125, 0.14))
+
+
+def photo_light(avatar: Avatar) -> Triple:
+    """Factors from the parts' albedo to their colours in the photo's light, in which the texture is."""
     made, texture = avatar.reflectance, avatar.texture
     if made is None or made.diffuse_albedo is None:
-        return np.ones(3, np.float32)
+        return WHITE
     height, width = texture.texture.shape[:2]
     light = to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
-    return np.asarray(1 / light, np.float32)
+    red, green, blue = (1 / float(value) for value in light)
+    return red, green, blue
 
 
 def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
@@ -87,26 +151,16 @@ def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
     return np.rint(small / 257).astype(np.uint8)
 
 
-def clay(avatar: Avatar) -> Iterator[tuple[str, Image]]:
-    """Captions and pictures of the shape, in the photo's expression and neutral."""
-    behind = backdrop(*TILE)
-    views = (
-        ("Shape" if avatar.given else "Shape, photo's expression", avatar.fit.vertices, 0),
-        ("Shape, neutral", avatar.fit.neutral, 0),
-        ("Shape, neutral, 45°", avatar.fit.neutral, 45),
-    )
+def _small(texture: UInt8, size: tuple[int, int]) -> UInt8:
+    import cv2
 
-    def view(what: tuple[str, Float32, int]) -> tuple[str, Image]:
-        caption, vertices, yaw = what
-        normals = vertex_normals(vertices, avatar.head.triangles)
-        drawn = render(avatar.head, vertices, normals, turned_camera(vertices, yaw, *TILE))
-        return caption, to_pixels(drawn.over(behind))
-
-    yield from _side_by_side(view, views)
+    if texture.shape[1] <= size[0]:
+        return texture
+    return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _side_by_side(view: Callable[[What], tuple[str, Image]], what: Sequence[What]) -> Iterator[tuple[str, Image]]:
-    """Views in order, rendered on two threads: most of the time is spent in numpy, which releases the GIL."""
+def _side_by_side(view: Callable[[What], View], what: Sequence[What]) -> Iterator[View]:
+    """Views in order, drawn on two threads: most of the time is spent in numpy, which releases the GIL."""
     with ThreadPoolExecutor(2) as pool:
         yield from pool.map(view, what)
 

@@ -19,13 +19,12 @@ from service.api.keys import new_key
 from service.api.renders_and_exports import MAX_BODY
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
-from service.jobs import attempts
+from service.jobs import attempts, render_process
 from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
 from service.jobs.kinds import RENDER
 from service.jobs.settings import Settings
 from service.jobs.workflow import Runner
-from service.render import child
 from service.render.render import Picture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
@@ -127,13 +126,13 @@ def test_the_child_writes_the_picture_and_says_its_facts(
         head = avatar.mesh.as_head("toy", "CC0-1.0")
         return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)
 
-    monkeypatch.setattr("service.render.render.render_archive", rough)
+    monkeypatch.setattr("service.archive.rendering.render_archive", rough)
     ask(api, {"avatar": finished, **WANTED}, Prefer="respond-async")
     (row,) = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued")
     source = api.context.store.get(finished)
     assert source is not None
     said = Said()
-    child.run(attempts.task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
+    render_process.run(attempts.task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
     png = (tmp_path / RENDER.file).read_bytes()
     assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
     assert said.facts["exposure"] == 0.5
@@ -142,7 +141,7 @@ def test_the_child_writes_the_picture_and_says_its_facts(
 
 @pytest.mark.slow
 def test_a_picture_from_a_process_of_its_own(api: Api, finished: str) -> None:
-    is_picture(api, later(api, {"avatar": finished, **WANTED}, render_program="service.render.child"))
+    is_picture(api, later(api, {"avatar": finished, **WANTED}, render_program="service.jobs.render_process"))
 
 
 def test_a_picture_is_a_job_and_made_once(api: Api, finished: str) -> None:
@@ -235,7 +234,7 @@ def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
     """Found by the child only: it knows the names of environments."""
     content = {"avatar": finished, "scene": {"environment": {"name": "nowhere"}}}
     job = ask(api, content, Prefer="respond-async").json()["id"]
-    worked(api, render_program="service.render.child")
+    worked(api, render_program="service.jobs.render_process")
     error = api.client.get(f"/v1/renders/{job}").json()["error"]
     assert (error["code"], error["status"]) == ("usage", 422)
     assert "apartment" in error["detail"]

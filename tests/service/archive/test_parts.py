@@ -13,8 +13,8 @@ import pytest
 
 from service.archive.container import in_order
 from service.archive.pack import archive_members
-from service.archive.surfaces import part_normals
 from service.materials.material import Material
+from service.materials.part import part_normals
 from tests.service.archive.test_meshes import Glb, read_obj, validator_report
 from tests.service.archive.toys import toy_avatar, toy_part
 

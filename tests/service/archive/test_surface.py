@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.archive.surfaces import part_normals, vertex_normals
+from service.archive.surfaces import vertex_normals
 from service.materials.material import Material
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, part_normals
 from tests.service.archive.toys import toy_part
 
 

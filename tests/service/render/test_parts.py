@@ -13,13 +13,13 @@ import pytest
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar, unpack_texture
+from service.archive.rendering import smoothed, stored_part
 from service.errors import BadArchive
-from service.head.files import triangle_fields
-from service.head.model import HeadModel
+from service.head.files import load_head
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.parts import NO_SHADOWS, mesh_part
-from service.render.render import render_head, smoothed
+from service.render.draw import Model, see, without_parts
+from service.render.render import NO_SHADOWS, render_head
 from service.render.request import RenderRequest
 from service.render.view import camera_at
 from tests.service.archive.toys import toy_avatar, toy_part
@@ -56,7 +56,9 @@ def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
     """At one sample a pixel, or beside a border that was smoothed, the background would show between the two."""
     middle_of = HEAD.mean[HEAD.polygons].mean(1) @ [0.7, 1.0, 0.0]
     low = middle_of < np.median(middle_of)  # along steps, which would be cut off
-    upper, vertices = smoothed(without_polygons(HEAD, low), HEAD.mean)
+    marked = np.where(low, len(HEAD.part_names), HEAD.polygon_part).astype(np.uint8)
+    cut = dataclasses.replace(HEAD, part_names=(*HEAD.part_names, "lower"), polygon_part=marked)
+    upper, vertices = smoothed(without_parts(cut, {"lower"}), HEAD.mean)
     chart = Material("chart", colour_map=ChartMap("diffuse_albedo"))
     lower = MeshPart("bust", HEAD.mean, HEAD.mean, HEAD.polygons[low], HEAD.uv, chart, uv_faces=HEAD.polygon_uv[low])
     request = RenderRequest(scene=scene(EVEN), size=(96, 112), background="transparent")
@@ -70,13 +72,16 @@ def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
     np.testing.assert_allclose(split.covered[inside], 1.0, atol=1e-6)
 
 
-def without_polygons(head: HeadModel, gone: np.ndarray) -> HeadModel:
-    rows = head.polygons[~gone], head.polygon_uv[~gone], head.polygon_part[~gone]
-    split = triangle_fields(*rows)
-    return dataclasses.replace(
-        head, polygons=rows[0], polygon_uv=rows[1], polygon_part=rows[2], triangles=split["triangles"],
-        triangle_uv=split["triangle_uv"], triangle_part=split["triangle_part"],
-    )  # fmt: skip
+def test_the_heads_own_eyes_teeth_and_tongue_are_drawn_as_parts() -> None:
+    head = load_head(None)
+    model = Model.of(head, head.mean)
+    assert {one.part.name for one in model.parts} == set(head.part_names) - {"skin", "lashes"}
+    camera = camera_at((0.0, 0.0, 1.2), head.mean, 192, 256)
+    seen = see(model, camera, 1.0, np.full((8, 12, 3), 0.5, np.float32))
+    eyes = [one for one in seen.parts if one.part.name.startswith("eye")]
+    assert len(eyes) == 2 and all(len(one.pixel) > 8 for one in eyes)
+    lids = np.sort(np.concatenate([one.pixel for one in eyes]))
+    assert not np.isin(lids, seen.index[seen.position_m[:, 2] > 0.02]).any(), "an eye lies behind the nose and brows"
 
 
 def test_parts_come_out_of_the_archive_as_they_went_in() -> None:
@@ -87,7 +92,7 @@ def test_parts_come_out_of_the_archive_as_they_went_in() -> None:
             archive.writestr(name, data)
     avatar = open_avatar(stream, ())
     assert [stored.name for stored in avatar.parts] == [part.name]
-    read = mesh_part(avatar.parts[0])
+    read = stored_part(avatar.parts[0])
     np.testing.assert_allclose(np.sort(read.vertices, 0), np.sort(part.vertices, 0), atol=2e-6)
     assert (read.material.alpha, read.material.cutoff, read.material.double_sided) == ("mask", 0.4, True)
     picture, source = read.material.colour_map, part.material.colour_map

@@ -14,9 +14,11 @@ from service.light.plan import Plan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
-from service.render.recess import Arriving, Nodes, Recess, recess_of, skin_around
+from service.render.draw import recess_of
+from service.render.recess import Arriving, Nodes, PartLight, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
+from service.render.visibility import Detail, Occluders
 from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
 
 GRAPHS = Graphs(1)
@@ -45,9 +47,9 @@ def lit(
     points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None, plan: Plan | None = None
 ) -> Arriving:
     what = what or scene(EVEN)
-    recess = Recess(np.ascontiguousarray(occluders.T, np.float32), 0.45, 128)
-    made = plan or Plan.everything(what)
-    found = recess.arriving(points, normals, (0.0, 0.0, 1.2), illumination(what), made, GRAPHS)
+    around = Occluders(np.ascontiguousarray(occluders.T, np.float32), 0.45, GRAPHS)
+    light = PartLight(illumination(what), plan or Plan.everything(what), GRAPHS, Detail(128), (0.0, 0.0, 1.2))
+    found = light.arriving(points, normals, around)
     for values in dataclasses.astuple(found):
         assert np.isfinite(values).all()
     return found
@@ -112,26 +114,15 @@ def test_a_lamp_is_hidden_as_the_sky_is() -> None:
     assert free.lamps[0, 0] > 0.99 and under.lamps[0, 0] < 0.01 and under.irradiance.max() < 0.01
 
 
-@pytest.mark.parametrize("size", [0.0005, 0.004, 1.0])
-def test_a_grid_holds_what_is_linear(size: float) -> None:
+@pytest.mark.parametrize("size", [0.0001, 0.004, 0.05])
+def test_what_varies_slowly_is_interpolated_between_few_points(size: float) -> None:
     rng = np.random.default_rng(3)
-    points = rng.normal(0, size, (6, 3))
-    triangles = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 5], [0, 0, 1]])
-    inside = np.concatenate([rng.dirichlet(np.ones(3), 200), np.eye(3), np.full((1, 3), 1 / 3), [[0.5, 0.5, 0.0]]])
-    triangle = rng.integers(0, 4, len(inside))
-    nodes = Nodes.of(points, np.tile(FORWARD, (6, 1)), triangles, triangle, inside.astype(np.float32))
-    there = np.einsum("nk,nkc->nc", inside, points[triangles[triangle]])
-    np.testing.assert_allclose(nodes.read(nodes.points), there, atol=2e-6 * max(size, 1))
+    points = (rng.uniform(0, size, (3000, 3)) * [1, 1, 0]).astype(np.float32)
+    nodes = Nodes.of(points)
+    assert len(nodes.index) <= (size / 0.0006 + 2) ** 2
+    np.testing.assert_allclose(nodes.read(points[nodes.index]), points, atol=0.0007)
     np.testing.assert_allclose(nodes.weights.sum(1), 1, atol=1e-5)
     assert nodes.weights.min() >= 0
-
-
-def test_triangles_share_the_points_on_their_side() -> None:
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) * 0.0015
-    triangles = np.array([[0, 1, 2], [2, 1, 3]])
-    side = np.array([[0.0, 0.3, 0.7], [0.7, 0.3, 0.0]], np.float32)
-    nodes = Nodes.of(points, np.tile(FORWARD, (4, 1)), triangles, np.array([0, 1]), side)
-    assert len(np.unique(nodes.points.round(8), axis=0)) == len(nodes.points)
 
 
 def test_no_skin_near_sends_no_light() -> None:

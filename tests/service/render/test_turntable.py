@@ -10,9 +10,10 @@ import pytest
 from PIL import Image, ImageSequence
 
 from service.archive.pack import write_archive
+from service.archive.rendering import turntable
 from service.errors import UsageError
 from service.render.request import RenderRequest
-from service.render.turntable import around, turntable
+from service.render.view import turned_camera
 from tests.service.archive.toys import whole_avatar
 
 SMALL = RenderRequest(size=(64, 80), samples=1)
@@ -48,7 +49,7 @@ def test_an_mp4_opens(archive: Path, tmp_path: Path) -> None:
 
 def test_cameras_go_round_at_one_scale() -> None:
     vertices = whole_avatar().fit.vertices
-    cameras = around(vertices, SMALL, [0.0, 90.0, 180.0, 270.0])
+    cameras = [turned_camera(vertices, yaw, *SMALL.size) for yaw in (0.0, 90.0, 180.0, 270.0)]
     assert len({camera.focal_px for camera in cameras}) == 1
     for camera in cameras:
         flat = camera.project(vertices)

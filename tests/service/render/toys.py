@@ -6,24 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from service.archive.images import encode_normals8, encode_png
-from service.archive.reading import StoredMap
+from service.archive.images import encode_normals8
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.render.render import Picture, render_head
 from service.render.request import RenderRequest
+from service.render.surface import StoredMap
 from service.render.visibility import Detail
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(16, 24)
-ROUGH = Detail(directions=64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3.0, 5.0), eyes_mm=2.0, narrowest=96)
+ROUGH = Detail(directions=64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3, 5), recess_mm=2.0, narrowest=96)
 EVEN = Environment(zenith=(1.0,) * 3, horizon=(1.0,) * 3, ground=(1.0,) * 3)
 LAMP = PointLight((0.5, 0.3, 0.9), (2.0, 1.6, 1.2), 0.05)
 
 
 def stored(role: str, image: np.ndarray, *, frame: str | None = None) -> StoredMap:
     normal = role.endswith("normal")
-    png = encode_png(image, srgb=role == "diffuse_albedo")
-    return StoredMap(role, png, frame, 8, 128.0 if normal else 0.0, 127.0 if normal else 255.0, False)  # type: ignore[arg-type]
+    codes = np.repeat(image[..., None], 3, 2) if image.ndim == 2 else image
+    return StoredMap(lambda: codes, 8, 128.0 if normal else 0.0, 127.0 if normal else 255.0, frame)  # type: ignore[arg-type]
 
 
 def albedo(code: int = 180) -> dict[str, StoredMap]:

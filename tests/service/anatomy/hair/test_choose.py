@@ -10,10 +10,10 @@ import pytest
 from service.anatomy.hair.find_hair import BALD, CROPPED_MM, UNSEEN, choose
 from service.anatomy.hair.tailored import thickness_mm
 from service.anatomy.hair.wearables import CLEARANCE_M, Cut, Frame, Skull, agreement, fits, hair_on, read_items
-from service.archive.preview.quick import turned_camera
 from service.arrays import Float32
 from service.head.files import load_head
 from service.head.regions import vertex_mask
+from service.render.view import turned_camera
 from tests.toyhead import sphere_head
 
 HEAD, ITEMS = load_head(), read_items()

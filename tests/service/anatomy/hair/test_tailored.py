@@ -7,10 +7,10 @@ import pytest
 
 from service.anatomy.hair.tailored import Tailored, tailored
 from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, Frame, Item, Skull, agreement, hair_on, read_items
-from service.archive.preview.quick import turned_camera
 from service.arrays import Float32, Int32
 from service.head.files import load_head
 from service.head.regions import vertex_mask
+from service.render.view import turned_camera
 
 HEAD, ITEMS = load_head(), read_items()
 NEUTRAL = HEAD.shape(np.array([0.8, -0.6, 0.4]))

@@ -10,7 +10,6 @@ import pytest
 
 from service.archive.preview import page
 from service.archive.preview.overlay import PANEL, crop_box, fitted_landmarks, overlay
-from service.archive.preview.quick import Lamps, render, side_lamp, turned_camera
 from service.archive.preview.sheet import (
     INPAINTED_COLOUR,
     MIRRORED_COLOUR,
@@ -18,39 +17,44 @@ from service.archive.preview.sheet import (
     TEXTURED_YAWS,
     TILE,
     confidence_colours,
+    lamps,
     sheet,
+    side_lamp,
 )
-from service.archive.surfaces import vertex_normals
-from service.colour import srgb_to_linear
+from service.colour import bytes_to_linear, srgb_to_linear
 from service.geometry.camera import Camera
+from service.light.environment import Illumination
 from service.map_registry import MIRRORED, SEEN
+from service.render.draw import Model, over, see, sketch
+from service.render.view import turned_camera
 from tests.service.archive.toys import toy_avatar, toy_head
 from tests.toyhead import CENTRE, RADIUS
 
 HEAD = toy_head()
-NORMALS = vertex_normals(HEAD.mean, HEAD.triangles)
 FRONT = Camera(160, 120, 400.0, np.array([80.0, 60.0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.6]))
 
 
+def drawn(
+    texture: np.ndarray | None = None, light: Illumination | None = None, camera: Camera = FRONT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coded colours (h, w, 3) over black, and coverage (h, w), of the toy in a texture of its chart."""
+    colours = bytes_to_linear(np.full((4, 6, 3), 128, np.uint8) if texture is None else texture)
+    seen = see(Model.of(HEAD, HEAD.mean), camera, 1.5, colours)
+    picture = sketch(seen, seen.read(colours), light)
+    return over(*picture, np.zeros((1, 1, 3), np.float32)), picture[1]
+
+
 def test_the_drawn_ball_is_where_the_camera_puts_it() -> None:
-    drawn = render(HEAD, HEAD.mean, NORMALS, FRONT)
+    colour, coverage = drawn()
     middle = FRONT.project(CENTRE[None])[0]
     depth = FRONT.to_camera(CENTRE[None])[0, 2]
     radius = FRONT.focal_px * RADIUS / np.sqrt(depth**2 - RADIUS**2)  # outline of a ball in perspective
     y, x = np.mgrid[0:120, 0:160] + 0.5
     away = np.hypot(x - middle[0], y - middle[1])
-    coverage = drawn.coverage[..., 0]
-    assert (coverage[away < radius - 2] == 1).all()
+    np.testing.assert_allclose(coverage[away < radius - 2], 1, atol=1e-6)
     assert (coverage[away > radius + 1] == 0).all()
     assert coverage.sum() == pytest.approx(np.pi * radius**2, rel=0.02)
-    assert np.isfinite(drawn.colour).all() and drawn.colour.min() >= 0 and drawn.colour.max() <= 1
-
-
-def test_over_a_background_only_the_head_hides_it() -> None:
-    drawn = render(HEAD, HEAD.mean, NORMALS, FRONT)
-    white = drawn.over(np.ones((120, 160, 3), np.float32))
-    black = drawn.over(np.zeros((120, 160, 3), np.float32))
-    np.testing.assert_allclose(white - black, np.repeat(1 - drawn.coverage, 3, 2), atol=1e-6)
+    assert np.isfinite(colour).all() and colour.min() >= 0 and colour.max() <= 1
 
 
 def test_the_texture_is_the_right_way_round() -> None:
@@ -59,36 +63,27 @@ def test_the_texture_is_the_right_way_round() -> None:
     texture[:, 48:, 0] = 255
     texture[:, :48, 1] = 255
     texture[:26, :, 2] = 255
-    drawn = render(HEAD, HEAD.mean, NORMALS, FRONT, texture).colour
-    assert drawn[80, 110, 0] > 0.5 > drawn[80, 110, 1], "image right is the subject's left"
-    assert drawn[80, 50, 1] > 0.5 > drawn[80, 50, 0]
-    assert drawn[25, 110, 2] > 0.5 > drawn[95, 110, 2], "up is up"
+    colour = drawn(texture)[0]
+    assert colour[80, 110, 0] > 0.5 > colour[80, 110, 1], "image right is the subject's left"
+    assert colour[80, 50, 1] > 0.5 > colour[80, 50, 0]
+    assert colour[25, 110, 2] > 0.5 > colour[95, 110, 2], "up is up"
 
 
 @pytest.mark.parametrize(("azimuth", "brighter"), [(-70, slice(30, 60)), (70, slice(100, 130))])
 def test_albedo_is_lit_from_where_the_lamp_stands(azimuth: int, brighter: slice) -> None:
-    white = np.full((16, 24, 3), 200, np.uint8)
-    drawn = render(HEAD, HEAD.mean, NORMALS, FRONT, white, lamps=side_lamp(azimuth)).colour[60, :, 1]
+    row = drawn(np.full((16, 24, 3), 200, np.uint8), side_lamp(FRONT, azimuth))[0][60, :, 1]
     darker = slice(160 - brighter.stop, 160 - brighter.start)
-    assert drawn[brighter].mean() > drawn[darker].mean() + 0.2
+    assert row[brighter].mean() > row[darker].mean() + 0.2
 
 
 def test_lit_albedo_is_albedo_times_light() -> None:
-    """Ambient light alone, without gloss: the linear colour is that of the albedo times that of the light."""
     albedo = np.full((16, 24, 3), (200, 120, 60), np.uint8)
-    even = Lamps((((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),), (0.5, 0.25, 1.0))  # the lamp is behind the head, and dark
-    found = srgb_to_linear(render(HEAD, HEAD.mean, NORMALS, FRONT, albedo, lamps=even).colour[60, 80])
+    found = srgb_to_linear(drawn(albedo, lamps(FRONT, (), (0.5, 0.25, 1.0)))[0][60, 80])
     wanted = srgb_to_linear(albedo[0, 0] / np.float32(255)) * np.array([0.5, 0.25, 1.0])
     np.testing.assert_allclose(found, wanted, atol=2e-3)
-
-
-def test_a_lamp_at_the_surface_itself_and_vertices_at_the_camera_give_no_nan() -> None:
-    """Directions of length 0 would divide by 0, and the whole view would be black or white."""
-    points, sheets = HEAD.mean * np.float32(0), np.zeros((len(HEAD.mean), 1), bool)
-    light, gloss = side_lamp(180).on(points, np.zeros_like(points), sheets)
-    assert np.isfinite(light).all() and np.isfinite(gloss).all() and gloss.max() <= 1
-    none = Lamps((((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), (0.1, 0.1, 0.1))
-    assert all(np.isfinite(values).all() for values in none.on(HEAD.mean, NORMALS, sheets))
+    towards = lamps(FRONT, [((0.0, 0.0, -1.0), (0.4, 0.4, 0.4))], (0.0, 0.0, 0.0))
+    facing = srgb_to_linear(drawn(albedo, towards)[0][60, 80]) / srgb_to_linear(albedo[0, 0] / np.float32(255))
+    np.testing.assert_allclose(facing, 0.4, rtol=0.15)
 
 
 @pytest.mark.parametrize("yaw", TEXTURED_YAWS)
@@ -110,14 +105,14 @@ def test_a_view_from_the_right_shows_the_right_side() -> None:
 def test_a_head_behind_or_beside_the_camera_draws_nothing() -> None:
     for shift in ([0.0, 0.0, -5.0], [50.0, 0.0, 0.0], [0.0, 1e12, 0.0]):
         camera = replace(FRONT, translation=FRONT.translation + shift)
-        assert render(HEAD, HEAD.mean, NORMALS, camera).coverage.max() == 0
+        assert drawn(camera=camera)[1].max() == 0
 
 
 def test_a_head_that_is_a_single_point() -> None:
     points = np.zeros_like(HEAD.mean)
     camera = turned_camera(points, 30, *TILE)
     assert np.isfinite(camera.focal_px)
-    assert render(HEAD, points, vertex_normals(points, HEAD.triangles), camera).coverage.max() == 0
+    assert see(Model.of(HEAD, points), camera, 1.0).index.size == 0
 
 
 def test_overlay_has_three_panels_and_fits() -> None:

@@ -11,7 +11,7 @@ from service.jobs.process import Program, Reporter, Task, serve_one
 
 def load() -> Program:
     """Import the renderer."""
-    import service.render.render  # noqa: F401
+    import service.archive.rendering  # noqa: F401
 
     return run
 
@@ -24,16 +24,18 @@ def run(task: Task, reporter: Reporter) -> None:
         reporter: for the answer.
 
     Raises:
-        AvatarError: as ``service.render.render.render_archive``.
+        AvatarError: as ``service.archive.rendering.render_archive``.
     """
+    from service.archive.images import encode_png
+    from service.archive.rendering import render_archive
     from service.jobs.artifacts import Artifacts
-    from service.render.render import render_archive
     from service.render.request import parse_request
 
     with Artifacts(task.artifacts).open(str(task.options["archive"])) as stream:
         picture = render_archive(stream, parse_request(task.options["request"]))
-    Path(task.output).write_bytes(picture.png)
-    reporter.done(picture.facts())
+    png = encode_png(picture.pixels, srgb=True)
+    Path(task.output).write_bytes(png)
+    reporter.done({**picture.facts(), "bytes": len(png)})
 
 
 if __name__ == "__main__":

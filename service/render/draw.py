@@ -1,0 +1,325 @@
+"""What a camera sees of a head and of the parts beside it: points of both, and their light made pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from service.arrays import AnyFloat, Float32, Float64, Int32, Int64
+from service.colour import linear_to_srgb, srgb_to_linear
+from service.geometry.camera import Camera
+from service.geometry.normals import area_normals, normalise
+from service.geometry.raster import (
+    composite,
+    fragments,
+    interpolate,
+    rasterise,
+    signed_area,
+    transmittances,
+)
+from service.geometry.sampling import sample_chart
+from service.head.files import triangle_fields
+from service.head.model import HeadModel
+from service.light.environment import Illumination
+from service.light.formulas import Graphs, lamp_numbers
+from service.light.harmonics import irradiance, project
+from service.light.scene import WHITE, Triple
+from service.materials.material import ChartMap, OwnMap
+from service.materials.of_head import head_parts, material_of
+from service.materials.part import MeshPart, part_normals, part_triangles
+
+MOUTH = frozenset({"teeth_upper", "teeth_lower", "teeth_upper_gums", "teeth_lower_gums", "tongue", "tongue_body"})
+"""Names of the parts in the mouth."""
+RECESSES = ("eyes", "mouth")
+
+EDGE = 0.15
+"""Width of the ramp of alpha around the cutoff of a masked part: a hard step would flicker."""
+DARKEST = 0.65
+"""Factor on linear colours with the photo's light in them at grazing angles; 1 where they face the camera."""
+
+
+def recess_of(name: str) -> str | None:
+    """The recess that a part lies in, "eyes" or "mouth"; None for parts in the open."""
+    if name in MOUTH:
+        return "mouth"
+    return "eyes" if name.startswith("eye_") else None
+
+
+@dataclass(frozen=True)
+class DrawnPart:
+    """A part with its triangles (T, 3), their places (T, 3) on its texture, and unit normals (V, 3)."""
+
+    part: MeshPart
+    triangles: Int32
+    places: Int32
+    normals: Float32
+
+
+@dataclass(frozen=True)
+class Model:
+    """A head and everything beside it, as they are drawn.
+
+    Attributes:
+        head: the skin alone.
+        vertices: (V, 3) metres.
+        parts: all others that are visible.
+    """
+
+    head: HeadModel
+    vertices: AnyFloat
+    parts: tuple[DrawnPart, ...]
+
+    @classmethod
+    def of(cls, head: HeadModel, vertices: AnyFloat, parts: Sequence[MeshPart] = ()) -> Model:
+        """Split a head into its skin and the rest.
+
+        What is invisible or replaced by a part is left out. The head's own eyes, teeth and tongue become parts, as they
+        are lit where they lie (``service.render.recess``).
+        """
+        replaced = {name for part in parts for name in part.replaces}
+        inside = {name for name in head.part_names if recess_of(name)} - replaced
+        still = dataclasses.replace(head, expression_names=(), expression=head.expression[:0])
+        own = [part for part in head_parts(still, vertices, vertices) if part.name in inside] if inside else []
+        drawn = []
+        for part in (*own, *(part for part in parts if part.material.opacity > 0)):
+            triangles = part_triangles(part.polygons)
+            places = part_triangles(part.polygons_uv, part.polygons)
+            drawn.append(DrawnPart(part, triangles, places, part_normals(part, part.vertices, triangles)))
+        hidden = {name for name in head.part_names if material_of(name).opacity <= 0}
+        return cls(without_parts(head, replaced | inside | hidden), vertices, tuple(drawn))
+
+    @cached_property
+    def normals(self) -> Float32:
+        """(V, 3) unit normals of the head's vertices."""
+        return area_normals(self.vertices, self.head.triangles)
+
+
+def without_parts(head: HeadModel, names: Collection[str]) -> HeadModel:
+    """The head without some of its parts; its vertices and chart stay as they are."""
+    gone = [index for index, name in enumerate(head.part_names) if name in names]
+    kept = ~np.isin(head.polygon_part, gone)
+    if kept.all() or not kept.any():
+        return head
+    polygons, places, part = head.polygons[kept], head.polygon_uv[kept], head.polygon_part[kept]
+    fields: dict[str, Any] = triangle_fields(polygons, places, part)
+    return dataclasses.replace(head, polygons=polygons, polygon_uv=places, polygon_part=part, **fields)
+
+
+@dataclass
+class SeenPart:
+    """Fragments of a part, F of them, hidden ones too.
+
+    Attributes:
+        drawn: the part.
+        corners: (F, 3) its vertices around each fragment, with barycentric ``weights`` (F, 3).
+        pixel: (F,) flat position among the picture's samples.
+        colour: (F, 3) linear albedo, and their opacity ``alpha`` (F,).
+        radiance: (F, 3) linear; black until somebody lights the part.
+    """
+
+    drawn: DrawnPart
+    corners: Int32
+    weights: Float32
+    pixel: Int64
+    colour: Float32
+    alpha: Float32
+    radiance: Float32
+
+    @property
+    def part(self) -> MeshPart:
+        """What is seen."""
+        return self.drawn.part
+
+    def between(self, values: Float32) -> Float32:
+        """(F, C) of values (V, C) at the part's vertices."""
+        return interpolate(values, self.corners, self.weights)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The points that a picture shows, N of them on the head.
+
+    Attributes:
+        model: what is seen.
+        camera: of the picture.
+        shape: rows and columns of samples, several per pixel.
+        index: (N,) flat position among them.
+        corners: (N, 3) vertices around each point, and its barycentric ``weights`` (N, 3).
+        uv: (N, 2) on the chart.
+        position_m: (N, 3) head space.
+        parts: what lies before the head.
+        order: of the fragments of all parts, by sample and there from near to far.
+    """
+
+    model: Model
+    camera: Camera
+    shape: tuple[int, int]
+    index: Int64
+    corners: Int32
+    weights: Float32
+    uv: Float32
+    position_m: Float32
+    parts: tuple[SeenPart, ...]
+    order: Int64
+
+    def read(self, image: Float32) -> Float32:
+        """(N, C) of a chart image (H, W, C) or (H, W), bilinear, borders repeated."""
+        return sample_chart(image, self.uv)
+
+    def between(self, values: Float32) -> Float32:
+        """(N, C) of values (V, C) at the head's vertices."""
+        return interpolate(values, self.corners, self.weights)
+
+    def reached(self) -> list[Float32]:
+        """(F,) share in [0, 1] of each part's fragments that others leave open."""
+        pixel, alpha = self._in_order([one.pixel for one in self.parts]), [one.alpha for one in self.parts]
+        share = np.zeros(len(pixel), np.float32)
+        share[self.order] = transmittances(pixel, self._in_order(alpha))
+        return np.split(share, np.cumsum([len(one) for one in alpha])[:-1])
+
+    def resolved(self, radiance: Float32) -> tuple[Float32, Float32]:
+        """(h, w, 3) linear radiance times coverage, and (h, w) coverage in [0, 1]: means over each pixel.
+
+        A sample shows either the head or what goes on from it, as the bust does: no gap is left between two edges that
+        are half covered.
+
+        Args:
+            radiance: (N, 3) linear, of the head.
+        """
+        import cv2
+
+        rows, columns = self.shape
+        picture = np.zeros((rows * columns, 4), np.float32)
+        picture[self.index, :3], picture[self.index, 3] = radiance, 1.0
+        if self.parts:
+            pixel, colour, alpha = (
+                self._in_order(each)
+                for each in zip(*((one.pixel, one.radiance, one.alpha) for one in self.parts), strict=True)
+            )
+            over = composite(pixel, colour, alpha, len(picture))
+            picture *= 1 - over[:, 3:]
+            picture += over
+        size = (self.camera.width, self.camera.height)
+        whole = picture.reshape(rows, columns, 4)
+        small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.float32)
+        return small[..., :3], small[..., 3]
+
+    def _in_order(self, each: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate(each)[self.order]
+
+
+def see(model: Model, camera: Camera, samples: float, chart: Float32 | None = None) -> Seen:
+    """Rasterise a head and the parts beside it.
+
+    Args:
+        model: what is drawn.
+        camera: of the picture.
+        samples: per pixel and axis, at least 1; 1.5 antialiases at half the cost of 2.
+        chart: (h, w, 3) linear colours, for parts that have theirs on the chart.
+    """
+    width, height = round(camera.width * samples), round(camera.height * samples)
+
+    def projected(points: AnyFloat) -> tuple[Float64, Float64]:
+        flat = camera.project(points) * (width / camera.width, height / camera.height)
+        return flat, camera.to_camera(points)[:, 2]
+
+    head, vertices = model.head, np.asarray(model.vertices, np.float32)
+    raster = rasterise(*projected(model.vertices), head.triangles, width, height, cull=True, perspective=True)
+    index = np.flatnonzero(raster.mask)
+    triangle, weights = raster.triangle.ravel()[index], raster.barycentric.reshape(-1, 3)[index]
+    corners = head.triangles[triangle]
+    uv = interpolate(head.uv, head.triangle_uv[triangle], weights)
+    position = interpolate(vertices, corners, weights)
+    parts, keys = [], [np.zeros(0, np.int64)]
+    for drawn in model.parts:
+        flat, depth = projected(drawn.part.vertices)
+        double = drawn.part.material.double_sided
+        front = np.flatnonzero(double | (signed_area(flat, drawn.triangles) < 0))
+        found = fragments(flat, depth, drawn.triangles[front], width, height, nearer=raster.depth)
+        if not len(found.pixel):
+            continue
+        shown, inside = front[found.triangle], found.barycentric
+        colour, alpha = painted(drawn.part, interpolate(drawn.part.uv, drawn.places[shown], inside), chart)
+        own = SeenPart(drawn, drawn.triangles[shown], inside, found.pixel, colour, alpha, np.zeros_like(colour))
+        parts.append(own)
+        keys.append((found.pixel << 32) | found.depth.view(np.int32))
+    # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
+    order = np.argsort(np.concatenate(keys), kind="stable")
+    return Seen(model, camera, (height, width), index, corners, weights, uv, position, tuple(parts), order)
+
+
+def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> tuple[Float32, Float32]:
+    """(N, 3) linear albedo and (N,) alpha in [0, 1] of a part at places (N, 2) of its texture, or of the chart's."""
+    material, picture = part.material, part.material.colour_map
+    alpha = np.full(len(uv), material.opacity, np.float32)
+    colour = np.tile(np.array(material.colour, np.float32), (len(uv), 1))
+    if isinstance(picture, ChartMap) and chart is not None:
+        colour = sample_chart(chart, uv)
+    elif isinstance(picture, OwnMap):
+        values = sample_chart(picture.pixels, uv) / np.float32(255)
+        colour = srgb_to_linear(values[:, :3] if values.shape[1] >= 3 else np.repeat(values[:, :1], 3, 1))
+        if picture.has_alpha and material.alpha != "opaque":
+            alpha = alpha * values[:, 3]
+    if material.alpha == "mask":
+        alpha = np.clip((alpha - material.cutoff) / np.float32(EDGE) + np.float32(0.5), 0, 1)
+    return np.asarray(colour, np.float32), np.asarray(alpha, np.float32)
+
+
+def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: AnyFloat) -> Float32:
+    """(N, 3) linear radiance of a white diffuse surface in the open, where nothing throws shadows.
+
+    Args:
+        light: of the scene.
+        graphs: the formulas.
+        points: (N, 3) metres, head space.
+        normals: (N, 3) unit.
+    """
+    arriving = np.zeros((3, len(points)), np.float32)
+    if not light.dark:
+        arriving += irradiance(project(light.sky), normals).T.astype(np.float32)
+    at = {
+        "position": np.ascontiguousarray(points.T * np.float32(1000)),
+        "normal": np.ascontiguousarray(np.asarray(normals, np.float32).T),
+        "shade": np.ones(len(points), np.float32),
+    }
+    for lamp in light.lights:
+        arriving += graphs.at_points("irradiance", at, **lamp_numbers(lamp))
+    return np.asarray(arriving.T / np.float32(np.pi), np.float32)
+
+
+def sketch(
+    seen: Seen, colour: Float32, light: Illumination | None = None, tint: Triple = WHITE
+) -> tuple[Float32, Float32]:
+    """A quick picture, lit at the vertices: no shadows, no reflections. As :meth:`Seen.resolved`.
+
+    Args:
+        seen: what is drawn.
+        colour: (N, 3) linear, of the points on the head.
+        light: None for colours with the photo's light in them, which are only darkened at grazing angles.
+        tint: (3,) factors from parts' own colours to those in the photo's light.
+    """
+    graphs = Graphs(1)
+
+    def at(points: AnyFloat, normals: Float32) -> Float32:
+        plain = np.asarray(points, np.float32)
+        if light is not None:
+            return open_light(light, graphs, plain, normals)
+        cosine = np.abs((normals * normalise(seen.camera.centre - plain)).sum(1, keepdims=True))
+        return np.asarray(DARKEST + (1 - DARKEST) * cosine, np.float32)
+
+    for one in seen.parts:
+        one.alpha *= one.part.material.transmission == 0  # what is clear adds reflections only
+        own = np.ones(3) if one.part.material.textured else np.asarray(tint)
+        one.radiance = one.colour * own.astype(np.float32) * one.between(at(one.part.vertices, one.drawn.normals))
+    return seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))
+
+
+def over(light: Float32, covered: Float32, backdrop: Float32) -> Float32:
+    """(h, w, 3) coded sRGB in [0, 1] of a picture, see :meth:`Seen.resolved`, over a coded backdrop."""
+    behind = srgb_to_linear(np.clip(backdrop, 0, 1))
+    return linear_to_srgb(np.clip(light + (1 - covered)[..., None] * behind, 0, 1))
