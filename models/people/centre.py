@@ -23,7 +23,7 @@ from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.fit_face import prior_for
-from service.face.fit.landmark_fit import fit_landmarks
+from service.face.fit.landmark_fit import Observed, fit_landmarks
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import project
 from service.face.reading.scores import Landmarker, Scores
@@ -53,7 +53,8 @@ def residual(head: HeadModel, photo: Photo, face: Face, scores: Scores | None) -
     """(468, 2) metres along the head's x and y from its landmarks to those of a photo; None where it does not fit."""
     settings = FitSettings(refine="landmarks")
     model, middle = LandmarkModel(head, settings.identity_components), 0.5 * np.array(photo.size, np.float64)
-    found = fit_landmarks(model, face.landmarks, middle, prior_for(photo, model, settings, scores), settings)
+    observed, prior = Observed.of(face.landmarks, middle), prior_for(photo, model, settings, scores)
+    found = fit_landmarks(model, observed, prior, settings)
     yaw, pitch, _ = found.state.camera(*photo.size).yaw_pitch_roll_deg()
     off = face.landmarks[:, :2] - middle - project(found.state, found.basis.points(found.state.coefficients)).uv
     off = off / found.state.scale

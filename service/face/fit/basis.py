@@ -166,4 +166,5 @@ def extended(head: HeadModel, components: int, beyond: int) -> HeadModel:
         components: as in ``FitSettings``; more than the head has means all.
         beyond: number of modes.
     """
-    return replace(head, identity=np.concatenate([head.identity[:components], modes(head, beyond)]))
+    further = [modes(head, beyond)] if beyond else []
+    return replace(head, identity=np.concatenate([head.identity[:components], *further]))

@@ -1,32 +1,27 @@
-"""Stage C of the fit: the landmark fit refined by what the reader sees at every pixel.
+"""What the reader saw, as terms of the fit: where places of the head lie in the photo, and how they are turned.
 
 Dense landmarks with a Gaussian uncertainty each (Wood et al., "3D face reconstruction with dense landmarks", ECCV 2022)
 and per-pixel chart coordinates and normals (Giebenhain et al., "Pixel3DMM", 2025), in the same normal equations as the
-landmarks. Pose, identity, expression and free form are solved together, on landmarks, correspondences, normals, outline
-and shading; every round weighs them anew at the state that the round before has found.
+landmarks.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Bool, Float64, Int32, UInt8
-from service.face.fit.basis import LandmarkModel, at_barycentric, extended
-from service.face.fit.edges_and_shading import REACH_M, EdgeAndShadingFit, softened, vertices_at
-from service.face.fit.landmark_fit import LandmarkFit, bounds, weigh
-from service.face.fit.settings import FitSettings
-from service.face.fit.shading import normal_derivative
-from service.face.fit.solver import Damping, PointTerm, Prior, Term, minimise
+from service.arrays import AnyFloat, Float32, Float64, Int32
+from service.face.fit.basis import at_barycentric
+from service.face.fit.solver import PointTerm
 from service.face.fit.state import POSE, State, project
 from service.face.reading.parts import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.camera import nearest_rotation, skew
 from service.geometry.chart import Chart
-from service.geometry.normals import area_normals
+from service.geometry.normals import area_normals, cross
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
 
@@ -144,8 +139,46 @@ class NormalTerm:
         gradient += j.T @ ((turned - self.target) * root).ravel()
 
 
+def normal_derivative(
+    vertices: Float64,
+    modes: Float32,
+    triangles: Int32,
+    chosen: npt.NDArray[np.intp],
+) -> Float64:
+    """(N, 3, K) derivative of the area-weighted unit normals of chosen vertices by the modes' coefficients.
+
+    Args:
+        vertices: (V, 3) metres.
+        modes: (K, V, 3) metres per unit.
+        triangles: (T, 3).
+        chosen: (N,) vertex indices; a vertex without area gets zero.
+    """
+    from scipy.sparse import csr_matrix
+
+    row_of = np.full(len(vertices), -1)
+    row_of[chosen] = np.arange(len(chosen))
+    near = triangles[(row_of[triangles] >= 0).any(1)]
+    if not len(near):
+        return np.zeros((len(chosen), 3, len(modes)))
+    a, b, c = vertices[near].transpose(1, 0, 2)
+    da, db, dc = (np.ascontiguousarray(np.moveaxis(modes[:, near[:, i]], 0, 1)) for i in range(3))  # (T, K, 3)
+    change = cross(db - da, (c - a)[:, None]) + cross((b - a)[:, None], dc - da)
+    rows = row_of[near].ravel()
+    columns = np.repeat(np.arange(len(near)), 3)
+    inside = rows >= 0
+    gather = csr_matrix((np.ones(int(inside.sum())), (rows[inside], columns[inside])), (len(chosen), len(near)))
+    total = gather @ np.cross(b - a, c - a)
+    length = np.linalg.norm(total, axis=1)
+    flat = length < 1e-15
+    unit = total / np.where(flat, 1.0, length)[:, None]
+    slope = np.asarray(gather @ change.reshape(len(near), -1)).reshape(len(chosen), len(modes), 3)
+    slope -= (slope @ unit[:, :, None]) * unit[:, None]
+    slope /= np.where(flat, np.inf, length)[:, None, None]
+    return np.ascontiguousarray(np.moveaxis(slope, 1, 2))
+
+
 class DenseTerms:
-    """The terms of one reading for one head model with some of its components.
+    """The terms of one reading for one head model.
 
     Args:
         head: whose identity is fitted whole (``service.face.fit.basis.extended`` cuts and extends it).
@@ -199,87 +232,10 @@ def _bases(head: HeadModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.flo
     return head.identity, head.expression
 
 
-def seen_share(found: Correspondences, state: State, terms: DenseTerms) -> float:
-    """Share of the cells that agree with a state to within ``GATE`` standard deviations; 0 where there are none."""
+def agreement(found: Correspondences, state: State, vertices: AnyFloat) -> float:
+    """Share of the cells within ``GATE`` standard deviations of a head (V, 3) at a state; 0 where there are none."""
     if not len(found.pixels):
         return 0.0
     sigma = state.scale * 1e-3 * found.sigma_mm
-    points = terms._mean + np.tensordot(state.coefficients, terms._modes, 1)
-    agrees: Bool = np.asarray(np.linalg.norm(project(state, points).uv - found.pixels, axis=1) < GATE * sigma)
-    return float(agrees.mean())
-
-
-STEPS = 4
-"""Solver steps of each round."""
-FEWEST_CELLS = 150
-"""Fewest cells with a place on the head from which a reading is followed."""
-LEAST_AGREEMENT = 0.3
-"""Least share of them that has to agree with the landmark fit: below it, reader and landmarks see different faces."""
-
-
-class DenseFit:
-    """Refines landmark fits of one head model by readings.
-
-    Args:
-        head: the head model.
-        settings: identity components, number of the modes beyond them, whether normals are followed.
-    """
-
-    def __init__(self, head: HeadModel, settings: FitSettings) -> None:
-        self.plain, self.normals = head, settings.normals
-        self.components = min(settings.identity_components, len(head.identity))
-        self.head = extended(head, self.components, settings.beyond if settings.refine == "full" else 0)
-        self.beyond = len(self.head.identity) - self.components
-        self.model = LandmarkModel(self.head, len(self.head.identity))
-        self.edges = EdgeAndShadingFit(self.head, self.model)
-
-    def refine(
-        self, initial: LandmarkFit, face: Float64, photo: UInt8, reading: Reading, prior: Prior
-    ) -> LandmarkFit | None:
-        """The refined fit, its coefficients those of the extended head; None where the reading is not understood.
-
-        Args:
-            initial: the landmark fit of the plain head.
-            face: (L, 3) landmarks, photo pixels.
-            photo: (H, W, 3) uint8 sRGB; the principal point is its middle.
-            reading: of the same photo.
-            prior: of the plain head's fit.
-        """
-        middle = np.array([photo.shape[1] / 2, photo.shape[0] / 2])
-        state = self._widened(initial.state)
-        found = correspondences(self.head, reading, state, middle)
-        if len(found.pixels) < FEWEST_CELLS:
-            return None
-        dense = DenseTerms(self.head, found)
-        if seen_share(found, state, dense) < LEAST_AGREEMENT:
-            return None
-        prior = self._prior(prior)
-        good: Bool = np.asarray(np.isfinite(face).all(1))
-        known = np.where(good[:, None], face, 0.0)
-        trust = good.astype(np.float64)
-        lower, upper = bounds(self.model)
-        soft = softened(photo, middle, state, vertices_at(self.head, state).astype(np.float64))
-        for reach in REACH_M:
-            vertices = vertices_at(self.head, state)
-            basis = self.model.at_yaw(state.yaw_deg)
-            near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)[1]
-            read = (dense.points(state), *((dense.normals(state, vertices),) if self.normals else ()))
-            terms: tuple[Term, ...] = (*near, prior, *read, *self.edges.terms(soft, middle, state, reach))
-            active = np.ones(POSE + self.model.shape_count, bool)
-            state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
-        basis = self.model.at_yaw(state.yaw_deg)
-        weight, near = weigh(state, basis, known[:, :2] - middle, known[:, 2], trust, 2.5)
-        return LandmarkFit(state, basis, weight, (*near, prior))
-
-    def _widened(self, state: State) -> State:
-        identity, expression = np.split(state.coefficients, [self.components])
-        return replace(state, coefficients=np.concatenate([identity, np.zeros(self.beyond), expression]))
-
-    def _prior(self, prior: Prior) -> Prior:
-        def widened(values: Float64, beyond: float) -> Float64:
-            identity, expression = np.split(values, [self.components])
-            return np.concatenate([identity, np.full(self.beyond, beyond), expression])
-
-        return replace(
-            prior, shape_precision=widened(prior.shape_precision, 1.0), shape_mean=widened(prior.shape_mean, 0.0)
-        )
+    points = at_barycentric(vertices, found.corners, found.weights)
+    return float((np.linalg.norm(project(state, points).uv - found.pixels, axis=1) < GATE * sigma).mean())

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from service.arrays import Float64
 from service.errors import FitFailed
 from service.face.face import Face
 from service.face.features.eye_colours import eye_colours
@@ -16,9 +17,9 @@ from service.face.features.teeth import ROW as UPPER_ROW
 from service.face.features.teeth import measure_teeth, teeth_drop
 from service.face.features.white_reference import cheek_colour, light_from_sclera_and_teeth
 from service.face.fit.basis import LandmarkModel
-from service.face.fit.dense import DenseFit
-from service.face.fit.edges_and_shading import EdgeAndShadingFit, light_of
-from service.face.fit.landmark_fit import LandmarkFit, fit_landmarks
+from service.face.fit.dense import Correspondences, agreement, correspondences
+from service.face.fit.landmark_fit import LandmarkFit, Observed, fit_landmarks
+from service.face.fit.pixel_fit import PixelFit
 from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Prior
@@ -46,6 +47,10 @@ WIDE_YAW_DEG = 60.0
 """Yaw in degrees above which a fit gets the warning ``extreme-pose``."""
 FEWEST_LANDMARKS = 30
 """Fewest finite landmarks that a fit needs."""
+FEWEST_CELLS = 150
+"""Fewest cells with a place on the head from which a reading is followed."""
+LEAST_AGREEMENT = 0.3
+"""Least share of them that has to agree with the landmark fit: below it, reader and landmarks see different faces."""
 
 
 def prior_for(photo: Photo, model: LandmarkModel, settings: FitSettings, scores: Scores | None = None) -> Prior:
@@ -86,8 +91,8 @@ def fit_face(
         settings: iterations, size of the basis, weights of the prior.
         reading: what was read off the photo (:func:`service.face.reading.read.read_face`). Its scores are the prior of
             the expression, its openings place lids and lips; what is missing comes from the landmarks. Without places
-            of pixels, or where these and the landmarks see different faces, silhouette and shading alone refine the
-            landmark fit.
+            of pixels, or where these and the landmarks see different faces, the silhouette alone refines the landmark
+            fit.
 
     Returns:
         A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where no reading
@@ -108,22 +113,30 @@ def fit_face(
     scores = reading.scores if reading is not None and settings.scores else None
     openings = {} if reading is None else reading.openings
     prior = prior_for(photo, model, settings, scores)
-    initial = fit_landmarks(model, face.landmarks, middle, prior, settings)
+    observed = Observed.of(face.landmarks, middle)
+    initial = fit_landmarks(model, observed, prior, settings)
     if settings.refine == "landmarks":
         return _result(face, photo, head, model, initial, openings)
-    if reading is not None:
-        refiner = DenseFit(head, settings)
-        found = refiner.refine(initial, face.landmarks, photo.pixels, reading, prior)
-        if found is not None:
-            fit = _result(face, photo, refiner.head, refiner.model, found, openings)
-            light = light_of(refiner.head, found.state, photo.pixels, middle)
-            return replace(
-                fit, identity=fit.identity[: model.identity_count], light=light,
-                warnings=fit.warnings if light is not None else (*fit.warnings, "no-light"),
-            )  # fmt: skip
-    state, light = EdgeAndShadingFit(head, model).refine(initial, photo.pixels, middle)
-    fit = _result(face, photo, head, model, replace(initial, state=state), openings)
-    return replace(fit, light=light, warnings=(*fit.warnings, "not-read", *(("no-light",) if light is None else ())))
+    found = None if reading is None else _understood(head, model, reading, initial, middle)
+    beyond = settings.beyond if found is not None and settings.refine == "full" else 0
+    pixel_fit = PixelFit(head, settings.identity_components, beyond)
+    refined, light = pixel_fit.refine(initial, observed, photo.pixels, prior, found, settings.normals)
+    fit = _result(face, photo, pixel_fit.head, pixel_fit.model, refined, openings)
+    doubts = {"not-read": found is None, "no-light": light is None}
+    return replace(
+        fit, identity=fit.identity[: model.identity_count], light=light,
+        warnings=(*fit.warnings, *(code for code, true in doubts.items() if true)),
+    )  # fmt: skip
+
+
+def _understood(
+    head: HeadModel, model: LandmarkModel, reading: Reading, initial: LandmarkFit, middle: Float64
+) -> Correspondences | None:
+    """Places of the head that were read, None where they are few or the landmarks show another face."""
+    found = correspondences(head, reading, initial.state, middle)
+    vertices = head.shape(*np.split(initial.state.coefficients, [model.identity_count]))
+    agrees = len(found.pixels) >= FEWEST_CELLS and agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
+    return found if agrees else None
 
 
 def _result(

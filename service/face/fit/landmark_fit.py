@@ -41,13 +41,33 @@ class LandmarkFit:
         state: pose and coefficients.
         basis: landmark basis at the final yaw.
         weight: (L,) in [0, 1] of each landmark: visibility times robust weight; 0 where it is not finite.
-        terms: of the final energy, to which the next stage adds its own.
     """
 
     state: State
     basis: LandmarkBasis
     weight: Float64
-    terms: tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Landmarks as the fit takes them.
+
+    Attributes:
+        pixels: (L, 2) relative to the principal point; 0 where one is not finite.
+        depth: (L,) pixels at the head's scale, growing away from the camera.
+        trust: (L,) 1, or 0 where one is not finite.
+    """
+
+    pixels: Float64
+    depth: Float64
+    trust: Float64
+
+    @classmethod
+    def of(cls, landmarks: Float64, middle: Float64) -> Observed:
+        """From (L, 3) photo pixels, z in the same unit, and the principal point (2,)."""
+        good: Bool = np.asarray(np.isfinite(landmarks).all(1))
+        known = np.where(good[:, None], landmarks, 0.0)
+        return cls(known[:, :2] - middle, known[:, 2], good.astype(np.float64))
 
 
 def facing(normals: Float64, positions: Float64, rotation: Float64) -> Float64:
@@ -88,54 +108,44 @@ def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     return lower, upper
 
 
-def weigh(
-    state: State, basis: LandmarkBasis, pixels: Float64, depth: Float64, trust: Float64, c: float
-) -> tuple[Float64, tuple[Term, Term]]:
+def weigh(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple[Float64, tuple[Term, Term]]:
     """(L,) weights of the landmarks at a state, and the landmark terms with these weights."""
     points = basis.points(state.coefficients)
     projection = project(state, points)
-    residual = np.linalg.norm(projection.uv - pixels, axis=1)
+    residual = np.linalg.norm(projection.uv - seen.pixels, axis=1)
     sigma = state.scale * np.hypot(basis.sigma, DETECTOR_SIGMA_M)
     # Where all landmarks are off by more than expected (blur, sketches), the scale of the weights follows.
-    typical = float(np.median(residual[trust > 0])) if (trust > 0).any() else 0.0
+    typical = float(np.median(residual[seen.trust > 0])) if (seen.trust > 0).any() else 0.0
     robust = geman_mcclure(residual, c * np.maximum(np.maximum(sigma, 0.5 * typical), 1e-12))
-    weight = trust * robust * facing(basis.normals, projection.position, state.rotation)
+    weight = seen.trust * robust * facing(basis.normals, projection.position, state.rotation)
     precision = EFFECTIVE_SHARE * weight / np.maximum(sigma, 1e-9) ** 2
     depth_precision = EFFECTIVE_SHARE * weight / max(state.scale * DEPTH_SIGMA_M, 1e-9) ** 2
-    flat = PointTerm(basis.mean, basis.modes, pixels, precision)
-    return weight, (flat, DepthTerm(basis.mean, basis.modes, depth, depth_precision))
+    flat = PointTerm(basis.mean, basis.modes, seen.pixels, precision)
+    return weight, (flat, DepthTerm(basis.mean, basis.modes, seen.depth, depth_precision))
 
 
-def fit_landmarks(
-    model: LandmarkModel, landmarks: Float64, middle: Float64, prior: Prior, settings: FitSettings
-) -> LandmarkFit:
+def fit_landmarks(model: LandmarkModel, observed: Observed, prior: Prior, settings: FitSettings) -> LandmarkFit:
     """Fit the head to landmarks.
 
     Args:
         model: landmark bases of the head.
-        landmarks: (L, 3) photo pixels, z in the same unit away from the camera; rows that are not finite are ignored.
-        middle: (2,) principal point in pixels.
+        observed: the landmarks.
         prior: on distance, focal length and shape.
         settings: number of iterations.
 
     Returns:
         A finite fit.
     """
-    good: Bool = np.asarray(np.isfinite(landmarks).all(1))
-    trust: Float64 = good.astype(np.float64)
-    known = np.where(good[:, None], landmarks, 0.0)
-    pixels, depth = known[:, :2] - middle, known[:, 2]
-    state = start_state(model, pixels, trust, prior.log_distance)
+    state = start_state(model, observed.pixels, observed.trust, prior.log_distance)
     lower, upper = bounds(model)
     damping = Damping()
     share = -(-settings.iterations // (len(ANNEAL) - 1))
     for round_, c in enumerate(ANNEAL):
         active = np.ones(len(lower), bool)
         active[POSE:] = round_ > 0
-        terms = (*weigh(state, model.at_yaw(state.yaw_deg), pixels, depth, trust, c)[1], prior)
+        terms = (*weigh(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
         state = minimise(
             state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
         )
     basis = model.at_yaw(state.yaw_deg)
-    weight, final = weigh(state, basis, pixels, depth, trust, ANNEAL[-1])
-    return LandmarkFit(state, basis, weight, (*final, prior))
+    return LandmarkFit(state, basis, weigh(state, basis, observed, ANNEAL[-1])[0])

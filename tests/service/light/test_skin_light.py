@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from service.light.harmonics import estimate_light, sh_basis
+from service.geometry.normals import normalise
+from service.light.harmonics import BAND_GAIN, estimate_light, gradient, sh_basis
 
 RNG = np.random.default_rng(5)
 
@@ -50,3 +51,11 @@ def test_one_normal_only_stays_finite() -> None:
     """All normals equal: the normal equations have rank one."""
     light = estimate_light(np.tile([0.0, 0, 1], (200, 1)), np.full((200, 3), 0.4), np.ones(200))
     assert light is not None and np.isfinite(light).all()
+
+
+def test_gradient_of_spherical_harmonics() -> None:
+    random = np.random.default_rng(9)
+    n = normalise(random.normal(size=(20, 3)))
+    light = random.normal(size=9)
+    numeric = [((sh_basis(n + e) - sh_basis(n - e)) @ light) / 2e-6 for e in np.eye(3) * 1e-6]
+    np.testing.assert_allclose(gradient(n, BAND_GAIN * light), np.stack(numeric, 1), atol=1e-6)

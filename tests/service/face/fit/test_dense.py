@@ -9,7 +9,7 @@ import pytest
 from service.arrays import Float64
 from service.face.face import Face
 from service.face.fit.basis import RIGID, LandmarkModel, extended, modes
-from service.face.fit.dense import DenseTerms, correspondences
+from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit_face import fit_face
 from service.face.fit.settings import FitSettings
 from service.face.fit.state import POSE, State
@@ -18,7 +18,7 @@ from service.face.reading.parts import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
 from service.face.reading.scores import Scores
 from service.geometry.camera import Camera, ahead, exp_rotation
-from service.geometry.normals import area_normals
+from service.geometry.normals import area_normals, normalise
 from service.geometry.raster import rasterise
 from service.head.model import HeadModel
 from service.head.regions import lid_edges
@@ -248,3 +248,21 @@ def test_lids_close_where_their_edges_meet(head: HeadModel, side: str) -> None:
 
     assert height_mm(opened.vertices) > 4.0
     assert height_mm(closed.vertices) < 1.5
+
+
+def test_derivative_of_normals() -> None:
+    """A fan of triangles around one vertex; a second vertex has no area at all and must not give NaN."""
+    ring = np.array([[np.cos(t), np.sin(t), 0.1 * np.sin(3 * t)] for t in np.linspace(0, 2 * np.pi, 6, endpoint=False)])
+    vertices = np.vstack([[0.0, 0, 0.3], ring, [[5.0, 5, 5]] * 3])
+    triangles = np.array([[0, 1 + i, 1 + (i + 1) % 6] for i in range(6)] + [[7, 8, 9]], np.int32)
+    moves = np.random.default_rng(9).normal(size=(4, len(vertices), 3)).astype(np.float32)
+    moves[:, 7:] = 0
+
+    def normal(v: np.ndarray) -> np.ndarray:
+        p = v[triangles[:6]]
+        return normalise(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]).sum(0))
+
+    found = normal_derivative(vertices, moves, triangles, np.array([0, 7]))
+    numeric = [(normal(vertices + 1e-6 * m) - normal(vertices - 1e-6 * m)) / 2e-6 for m in moves.astype(float)]
+    np.testing.assert_allclose(found[0], np.stack(numeric, 1), atol=1e-5)
+    assert not found[1].any()
