@@ -154,7 +154,7 @@ def make_avatar(
 
     if reflectance is not None and reflectance.diffuse_albedo is not None:
         parts = in_albedo(parts, hair, head, texture.texture, texture.lit_skin, reflectance.diffuse_albedo)
-    parts += (*mouth_parts(head, fit, texture.parts), *eye_parts(head, fit, texture.iris))
+    parts += (*mouth_parts(head, fit, texture.tooth), *eye_parts(head, fit, texture.iris))
     return Avatar(
         photo=photo,
         face=face,

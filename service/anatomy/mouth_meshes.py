@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from service.anatomy.canvas import Canvas, PartTexels, grain
-from service.anatomy.mouth import GUMS, TONGUE, crown_share
+from service.anatomy.canvas import Canvas, grain
+from service.anatomy.mouth import GUMS, TONGUE
 from service.arrays import AnyFloat, Float32, Int32, UInt8
-from service.colour import bytes_to_linear, luma
 from service.errors import ModelFault
 from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
@@ -92,9 +91,6 @@ REPLACES = {"teeth_upper_gums": "teeth_upper", "teeth_lower_gums": "teeth_lower"
 FITS_M = 0.02
 """Largest distance of a mean head's vertices from those of the head that the meshes were made for."""
 
-FRONT_M, LEAST_CROWN, LEAST_TEXELS = 0.008, 0.9, 20
-"""Depth behind the frontmost tooth and share of crown of texels that tell the tooth's colour; their least number."""
-
 NECK, NECK_COLOUR = (0.62, 1.0), (0.10, 0.16, 0.26)
 """Places along a crown between which dentine shows through, and the share of red, green and blue that is lost there."""
 EDGE, EDGE_COLOUR = 0.16, (0.16, 0.10, 0.04)
@@ -110,22 +106,21 @@ ROOT = 0.35
 """Share of the tongue's light that is lost at its root, which is coated and lies in the throat."""
 
 
-def mouth_parts(head: HeadModel, fit: Fit, parts: UInt8 | None) -> tuple[MeshPart, ...]:
+def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None) -> tuple[MeshPart, ...]:
     """Teeth, gums and tongue; nothing for a head that they were not made for.
 
     Args:
         head: topology, chart and units.
         fit: vertices of the head.
-        parts: (h, w, 3) uint8 sRGB-coded albedo of its parts on the chart, which has the photo's tooth colour; None:
-            the usual colour.
+        tooth: (3,) linear albedo of the teeth; None: the usual one.
     """
     insets = read_insets()
     if not fits(insets, head):
         return ()
-    tooth = TOOTH if parts is None else tooth_colour(head, parts)
     rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
     tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
-    enamel = Material("teeth", colour_map=OwnMap("teeth", teeth_picture(rows, tooth)), roughness=0.18, ior=1.6)
+    crowns = teeth_picture(rows, TOOTH if tooth is None else tooth)
+    enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6)
     flesh = Material("tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4)
     return tuple(following(mesh, insets, head, fit, flesh if mesh is tongue else enamel) for mesh in (*rows, tongue))
 
@@ -150,20 +145,6 @@ def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: 
         bone="jaw" if mesh.name != "teeth_upper_gums" else "head",
         replaces=(REPLACES[mesh.name],),
     )
-
-
-def tooth_colour(head: HeadModel, parts: UInt8) -> Float32:
-    """(3,) linear albedo of the front teeth on a map (h, w, 3) of sRGB codes: median of their brighter half."""
-    place = PartTexels.of(head, "teeth_upper", (parts.shape[1], parts.shape[0]))
-    if place is None:
-        return TOOTH
-    front = place.points[:, 2] > place.points[:, 2].max() - FRONT_M
-    crown = crown_share(place.points, place.vertices, upper=True) > LEAST_CROWN
-    shown = bytes_to_linear(parts[place.box][place.inside][front & crown])
-    if len(shown) < LEAST_TEXELS:
-        return TOOTH
-    order = np.argsort(luma(shown), kind="stable")
-    return np.asarray(np.median(shown[order[len(order) // 2 :]], 0), np.float32)
 
 
 def teeth_picture(rows: list[Inset], tooth: Float32) -> UInt8:

@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 
 from service.arrays import Float64, UInt8
-from service.colour import bytes_to_linear
+from service.colour import luma, srgb_to_linear
 from service.face.detector import INPUT_SIZE as DETECTOR_SIZE
 from service.face.detector import Detection, Detector, merge, overlap
 from service.face.face import RIVAL_AREA, Face
+from service.face.features.rims import inside_rim
 from service.face.landmarks import REGION_SCALE, STRONG, Mesh, MeshNetwork, locate
 from service.face.region import Region
-from service.light.harmonics import LUMINANCE
 
 Pixels = UInt8
 
@@ -77,15 +76,7 @@ def _covered(pixels: Pixels, eye: Float64, cheek: Float64) -> bool:
 
 def _luminance(pixels: Pixels, polygon: Float64) -> Float64:
     """(M,) linear luminance in [0, 1] of the pixels inside an (N, 2) polygon; empty where it lies outside the photo."""
-    height, width = pixels.shape[:2]
-    x0, y0 = np.clip(np.floor(polygon.min(0)), 0, [width, height]).astype(int)
-    x1, y1 = np.clip(np.ceil(polygon.max(0)), 0, [width, height]).astype(int)
-    if x1 <= x0 or y1 <= y0:
-        return np.zeros(0)
-    mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
-    corners = np.round(polygon - [x0, y0] - 0.5).astype(np.int32)  # OpenCV puts pixel centres at integers
-    cv2.fillPoly(mask, [corners], [1])
-    return np.asarray(bytes_to_linear(pixels[y0:y1, x0:x1][mask > 0]) @ LUMINANCE)
+    return np.asarray(luma(srgb_to_linear(inside_rim(pixels, polygon, 0.0)[0])), np.float64)
 
 
 SMALLEST_SOUGHT = 24.0

@@ -87,13 +87,14 @@ class Parts:
         colour: (N, 3) sRGB in the photo's light: the parts painted over the skin.
         code: (N,) confidence, see ``service.texture.texture_maps``.
         albedo: (H, W, 3) sRGB-coded albedo of all parts but skin, extended over the chart.
-        iris: (3,) linear albedo of the irises (:func:`likely_iris`), the usual one where none was seen.
+        iris, tooth: (3,) linear albedo of irises (:func:`likely_iris`) and teeth, the usual one where none were seen.
     """
 
     colour: Float32
     code: Float32
     albedo: Float32
     iris: Float32
+    tooth: Float32
 
 
 def paint_parts(
@@ -138,16 +139,15 @@ def paint_parts(
         else:
             painted = paint_tongue(chart, index, texels) if name == "tongue" else linear_to_srgb(LASH)[None]
             work.part(texels, painted, None, np.zeros(len(texels), np.float32), unwrapped.colour)
-    teeth = Teeth(chart)
+    teeth, tooth = Teeth(chart), linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
     if len(teeth.own):
-        _paint_teeth(work, teeth, fit, unwrapped, seen * shown[:, labels.MOUTH])
-    return Parts(work.colour, work.code, work.everywhere(), iris)
+        _paint_teeth(work, teeth, tooth, unwrapped, seen * shown[:, labels.MOUTH])
+    return Parts(work.colour, work.code, work.everywhere(), iris, srgb_to_linear(no_bluer(tooth[None])[0]))
 
 
-def _paint_teeth(work: _Work, teeth: Teeth, fit: Fit, unwrapped: Unwrapped, seen: Float32) -> None:
-    """Teeth in the measured colour, blended with the photo where it shows teeth."""
+def _paint_teeth(work: _Work, teeth: Teeth, tooth: Float32, unwrapped: Unwrapped, seen: Float32) -> None:
+    """Teeth of a sRGB-coded albedo (3,), blended with the photo where it shows teeth."""
     light, shown = work.light, unwrapped.colour[teeth.own]
-    tooth = linear_to_srgb(TOOTH) if fit.tooth is None else light.off(fit.tooth)
     share = seen[teeth.own] * teeth.shows(shown, light.on(tooth))
     painted = teeth.paint(tooth)
     painted += share[:, None] * (light.off(shown) - painted)

@@ -154,7 +154,7 @@ def make_texture(
     warnings += () if reading is None else worn_before(part, weight, zones)
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
-        to_bytes(parts.albedo), parts.iris, roots,
+        to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
     )  # fmt: skip
 
 

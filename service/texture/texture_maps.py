@@ -38,7 +38,7 @@ class Texture:
             a fifth of the face, ``not-segmented`` when no part was read off the photo.
         parts: (H, W, 3) uint8 sRGB-coded diffuse albedo of eyes, eye sockets, teeth, tongue, mouth lining and lashes,
             extended over the chart; None for an external texture.
-        iris: (3,) float32 linear RGB >= 0, albedo of the irises; None for an external texture.
+        iris, tooth: (3,) float32 linear RGB >= 0, albedo of irises and teeth; None for an external texture.
         roots: (H, W, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the skin albedo; None: it has
             none, or the hair stays on the skin.
     """
@@ -54,6 +54,7 @@ class Texture:
     warnings: tuple[str, ...] = field(default=())
     parts: UInt8 | None = None
     iris: Float32 | None = None
+    tooth: Float32 | None = None
     roots: UInt8 | None = None
 
 
