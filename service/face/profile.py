@@ -88,7 +88,9 @@ def _inside(detection: Detection, pixels: UInt8) -> float:
     return float(np.prod(high - low)) / max(float(np.prod(detection.box[2:] - detection.box[:2])), 1e-9)
 
 
-def look(pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork) -> Seen | None:
+def look(
+    pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork
+) -> Seen | None:
     """The face in a square of the photo, read ``LOOKS`` times; None where the reader finds no place of the head."""
     seen = None
     crop: Region | None = region

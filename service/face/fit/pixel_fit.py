@@ -67,7 +67,8 @@ class PixelFit:
         soft = Softened.around(photo, middle, state, self._vertices(state))
         for reach in REACH_M:
             vertices = self._vertices(state)
-            terms: list[Term] = [*weigh(state, self.model.at_yaw(state.yaw_deg), observed, ANNEAL[-1])[1], prior]
+            basis = self.model.at_yaw(state.yaw_deg)
+            terms: list[Term] = [*weigh(state, basis, observed, ANNEAL[-1])[1], prior]
             if dense is not None:
                 terms += [dense.points(state), *([dense.normals(state, vertices)] if normals else [])]
             outline = self.outline.term(soft, middle, state, vertices, reach)
