@@ -13,7 +13,7 @@ import numpy as np
 from service.arrays import Bool, Float64
 from service.face.fit.basis import LandmarkBasis, LandmarkModel
 from service.face.fit.settings import FitSettings
-from service.face.fit.solver import Damping, DepthTerm, PointTerm, Prior, Term, minimise
+from service.face.fit.solver import Damping, PointTerm, Prior, minimise
 from service.face.fit.state import POSE, State, project, weak_pose
 from service.robust import geman_mcclure
 
@@ -29,8 +29,6 @@ ANNEAL = (6.0, 6.0, 4.0, 3.0, 2.5)
 """Geman-McClure scale in standard deviations of each round; the first round moves the pose alone."""
 GRAZING = 0.1
 """Half width of the ramp from hidden (0) to visible (1), in the cosine between normal and viewing direction."""
-DEPTH_SIGMA_M = 0.03
-"""Scatter of the landmark network's relative depth, metres."""
 
 
 @dataclass(frozen=True)
@@ -54,20 +52,18 @@ class Observed:
 
     Attributes:
         pixels: (L, 2) relative to the principal point; 0 where one is not finite.
-        depth: (L,) pixels at the head's scale, growing away from the camera.
         trust: (L,) 1, or 0 where one is not finite.
     """
 
     pixels: Float64
-    depth: Float64
     trust: Float64
 
     @classmethod
     def of(cls, landmarks: Float64, middle: Float64) -> Observed:
-        """From (L, 3) photo pixels, z in the same unit, and the principal point (2,)."""
+        """From (L, 3) photo pixels and the principal point (2,); the networks' depth is not followed: it misleads."""
         good: Bool = np.asarray(np.isfinite(landmarks).all(1))
         known = np.where(good[:, None], landmarks, 0.0)
-        return cls(known[:, :2] - middle, known[:, 2], good.astype(np.float64))
+        return cls(known[:, :2] - middle, good.astype(np.float64))
 
 
 def facing(normals: Float64, positions: Float64, rotation: Float64) -> Float64:
@@ -108,8 +104,8 @@ def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     return lower, upper
 
 
-def weigh(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple[Float64, tuple[Term, Term]]:
-    """(L,) weights of the landmarks at a state, and the landmark terms with these weights."""
+def weigh(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple[Float64, PointTerm]:
+    """(L,) weights of the landmarks at a state, and their term with these weights."""
     points = basis.points(state.coefficients)
     projection = project(state, points)
     residual = np.linalg.norm(projection.uv - seen.pixels, axis=1)
@@ -119,9 +115,7 @@ def weigh(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple
     robust = geman_mcclure(residual, c * np.maximum(np.maximum(sigma, 0.5 * typical), 1e-12))
     weight = seen.trust * robust * facing(basis.normals, projection.position, state.rotation)
     precision = EFFECTIVE_SHARE * weight / np.maximum(sigma, 1e-9) ** 2
-    depth_precision = EFFECTIVE_SHARE * weight / max(state.scale * DEPTH_SIGMA_M, 1e-9) ** 2
-    flat = PointTerm(basis.mean, basis.modes, seen.pixels, precision)
-    return weight, (flat, DepthTerm(basis.mean, basis.modes, seen.depth, depth_precision))
+    return weight, PointTerm(basis.mean, basis.modes, seen.pixels, precision)
 
 
 def fit_landmarks(model: LandmarkModel, observed: Observed, prior: Prior, settings: FitSettings) -> LandmarkFit:
@@ -143,7 +137,7 @@ def fit_landmarks(model: LandmarkModel, observed: Observed, prior: Prior, settin
     for round_, c in enumerate(ANNEAL):
         active = np.ones(len(lower), bool)
         active[POSE:] = round_ > 0
-        terms = (*weigh(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
+        terms = (weigh(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
         state = minimise(
             state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
         )

@@ -24,12 +24,8 @@ SIGMA_M = 0.0008
 """Standard deviation of the distance from the contour to its edge, metres on the face."""
 CONTRAST = 0.04
 """Edge strength (norm of the sRGB difference, components in [0, 1]) at which an edge gets half weight."""
-_PROBE_M = 0.006
-"""Distance outside a contour point at which other parts of the head are looked for, metres."""
 _INDEPENDENT = 0.1
 """Weight of one contour point: neighbours see the same edge."""
-_DEPTH_MAP = 256
-"""Side of the coarse depth map in which silhouettes are told from inner folds, pixels."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ class OutlineFinder:
         self.triangles = head.triangles
 
     def find(self, state: State, vertices: Float64) -> Outline:
-        """The visible occluding contour of (V, 3) vertices in a pose."""
+        """The occluding contour of (V, 3) vertices in a pose, folds within the face's outline included."""
         projection = project(state, vertices)
         uv, position = projection.uv, projection.position
         p = position[self.triangles]
@@ -81,24 +77,8 @@ class OutlineFinder:
         inside = uv[self.triangles[near]].mean(1) - middle
         across *= -np.sign((across * inside).sum(1, keepdims=True))
         length = np.linalg.norm(across, axis=1)
-        keep = (length > 1e-6) & self._silhouette(state, uv, position, middle, across, length)
+        keep = length > 1e-6
         return Outline(edges[keep], middle[keep], across[keep] / length[keep, None])
-
-    def _silhouette(
-        self, state: State, uv: Float64, position: Float64, middle: Float64, across: Float64, length: Float64
-    ) -> Bool:
-        """(N,) True where no part of the head lies just outside the contour point: a silhouette, not an inner fold."""
-        from service.geometry.raster import rasterise
-
-        if not len(middle):
-            return np.zeros(0, bool)
-        low, high = uv.min(0), uv.max(0)
-        shrink = (_DEPTH_MAP - 1.0) / max(float((high - low).max()), 1e-6)
-        small = (uv - low) * shrink + 1.0
-        raster = rasterise(small, position[:, 2], self.triangles, _DEPTH_MAP + 2, _DEPTH_MAP + 2)
-        probe = (middle + across / np.maximum(length, 1e-9)[:, None] * _PROBE_M * state.scale - low) * shrink + 1.0
-        x, y = np.clip(probe.astype(int), 0, _DEPTH_MAP + 1).T
-        return np.asarray(raster.triangle[y, x] < 0)
 
     def term(
         self, photo: Softened, middle: Float64, state: State, vertices: Float64, reach_m: float

@@ -68,7 +68,7 @@ class PixelFit:
         for reach in REACH_M:
             vertices = self._vertices(state)
             basis = self.model.at_yaw(state.yaw_deg)
-            terms: list[Term] = [*weigh(state, basis, observed, ANNEAL[-1])[1], prior]
+            terms: list[Term] = [weigh(state, basis, observed, ANNEAL[-1])[1], prior]
             if dense is not None:
                 terms += [dense.points(state), *([dense.normals(state, vertices)] if normals else [])]
             outline = self.outline.term(soft, middle, state, vertices, reach)

@@ -69,47 +69,6 @@ class PointTerm:
 
 
 @dataclass(frozen=True)
-class DepthTerm:
-    """Error of the relative depth of points, up to a common offset.
-
-    Attributes:
-        mean, modes: as in PointTerm.
-        depth: (N,) pixels at the head's scale, growing away from the camera.
-        precision: (N,) 1 / px^2.
-    """
-
-    mean: Float64
-    modes: Float64
-    depth: Float64
-    precision: Float64
-
-    def _share(self) -> Float64:
-        return np.asarray(self.precision / max(float(self.precision.sum()), 1e-12))
-
-    def _residual(self, state: State) -> tuple[Float64, Float64]:
-        turned = (self.mean + np.tensordot(state.coefficients, self.modes, 1)) @ state.rotation.T
-        r = turned[:, 2] * state.scale - self.depth
-        return turned, np.asarray(r - self._share() @ r)
-
-    def cost(self, state: State) -> float:
-        """Half the weighted sum of squares."""
-        return 0.5 * float((self.precision * self._residual(state)[1] ** 2).sum())
-
-    def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
-        """Add J^T J and J^T r in place."""
-        turned, r = self._residual(state)
-        jacobian = np.zeros((len(r), len(gradient)))
-        jacobian[:, 0], jacobian[:, 1] = turned[:, 1], -turned[:, 0]
-        jacobian[:, 5] = turned[:, 2]
-        jacobian[:, POSE:] = (self.modes @ state.rotation[2]).T
-        jacobian *= state.scale
-        jacobian -= self._share() @ jacobian
-        weighted = jacobian * self.precision[:, None]
-        hessian += weighted.T @ jacobian
-        gradient += weighted.T @ r
-
-
-@dataclass(frozen=True)
 class Prior:
     """Gaussian prior on log distance, log focal length and the shape coefficients.
 

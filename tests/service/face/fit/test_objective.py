@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from service.face.fit.solver import DepthTerm, PointTerm, Prior, Term, energy, linearise
-from service.face.fit.state import POSE, State
+from service.face.fit.solver import PointTerm, Prior, Term, energy, linearise
+from service.face.fit.state import State
 from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5
@@ -16,7 +16,6 @@ NORMAL = np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
 TERMS: dict[str, Term] = {
     "points": PointTerm(MEAN, MODES, TARGET, WEIGHT),
     "contour": PointTerm(MEAN, MODES, TARGET, WEIGHT, NORMAL),
-    "depth": DepthTerm(MEAN, MODES, RNG.normal(size=COUNT) * 40, WEIGHT),
     "prior": Prior(0.1, 0.4, 7.0, 0.3, np.linspace(0.5, 3, SHAPES), np.linspace(-1, 1, SHAPES)),
 }
 
@@ -36,15 +35,6 @@ def test_gradient_agrees_with_finite_differences(name: str, state: State) -> Non
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-5 * np.abs(gradient).max())
     assert np.allclose(hessian, hessian.T)
     assert np.linalg.eigvalsh(hessian).min() > -1e-6 * np.abs(hessian).max()
-
-
-def test_without_belief_only_the_prior_is_left(state: State) -> None:
-    """All landmarks disbelieved: without guards the weighted mean depth would divide zero by zero."""
-    none = np.zeros(COUNT)
-    terms: list[Term] = [PointTerm(MEAN, MODES, TARGET, none), DepthTerm(MEAN, MODES, none, none), TERMS["prior"]]
-    hessian, gradient = linearise(terms, state)
-    assert np.isfinite(hessian).all() and np.isfinite(gradient).all()
-    assert np.allclose(gradient[:5], 0) and (np.diag(hessian)[POSE:] > 0).all()
 
 
 def test_a_point_behind_the_camera_stays_finite() -> None:
