@@ -42,7 +42,7 @@ AVERAGE = "average head, pose only"
 SETTINGS: dict[str, dict[str, Any]] = {
     AVERAGE: {"identity_components": 0, "refine": "landmarks"},
     "landmarks": {"refine": "landmarks", "scores": False},
-    "landmarks, outline, shading (not read)": {},
+    "landmarks, outline (not read)": {},
     "landmarks + scores": {"refine": "landmarks"},
     "+ places": {"refine": "dense", "normals": False},
     "+ normals (dense)": {"refine": "dense"},

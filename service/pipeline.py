@@ -62,7 +62,7 @@ BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
 
 READERS = networks_of("read")
-"""Networks that read a face; without them the fit follows landmarks, outline and shading."""
+"""Networks that read a face; without them the fit follows landmarks and outline."""
 
 SMALL_TILES = "small-tiles"
 """Warning: the networks saw smaller tiles than usual."""
