@@ -88,7 +88,7 @@ def test_a_perfect_reading_brings_the_shape_back(head: HeadModel, yaw: float) ->
     points = fit_face(face, photo, head, FitSettings(refine="landmarks"))
     dense = fit_face(face, photo, head, FitSettings(refine="dense"), reading)
     assert "not-read" not in dense.warnings
-    assert error_mm(head, dense.neutral, truth) < min(1.0, 0.6 * error_mm(head, points.neutral, truth))
+    assert error_mm(head, dense.neutral, truth) < min(1.1, 0.6 * error_mm(head, points.neutral, truth))
 
 
 def test_a_child_keeps_its_proportions(head: HeadModel) -> None:
