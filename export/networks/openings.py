@@ -17,12 +17,12 @@ from export.networks.whole import convert
 from models.networks.openings import STATIONS, OpeningNetwork
 from service.archive.container import replace_file
 from service.errors import ModelFault
-from service.face.reading.openings import KINDS, Kind
+from service.face.reading.openings import KINDS, OpeningKind
 
 OUTPUTS = ("heights", "scatter")
 
 
-def write(folder: Path, kind: Kind, output: Path) -> str:
+def write(folder: Path, kind: OpeningKind, output: Path) -> str:
     """Convert, check, write and register one kind; a line that says what was done.
 
     Raises:

@@ -23,7 +23,7 @@ SIDE = 256
 CELL, PART_CELL = 4, 2
 """Pixels along each side of a cell of chart coordinates and normals, and of parts."""
 PARTS = 13
-"""Of ``service.face.reading.parts``."""
+"""Of ``service.face.reading.part_labels``."""
 CHART_MM = (410.0, 273.0)
 """Millimetres of face that one unit of u and of v stands for, about (15 texels per mm of 6144 x 4096)."""
 LEAST_MM, LEAST_SINE = 0.3, 0.02

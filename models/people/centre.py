@@ -24,8 +24,8 @@ from service.face.finder import FaceFinder
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.fit_face import prior_for
 from service.face.fit.landmark_fit import Observed, fit_landmarks
+from service.face.fit.pose_state import project_points
 from service.face.fit.settings import FitSettings
-from service.face.fit.state import project
 from service.face.reading.scores import Landmarker, Scores
 from service.face.topology import MIRROR
 from service.head.files import DEFAULT_HEAD, load_head
@@ -56,7 +56,7 @@ def residual(head: HeadModel, photo: Photo, face: Face, scores: Scores | None) -
     observed, prior = Observed.of(face.landmarks, middle), prior_for(photo, model, settings, scores)
     found = fit_landmarks(model, observed, prior, settings)
     yaw, pitch, _ = found.state.camera(*photo.size).yaw_pitch_roll_deg()
-    off = face.landmarks[:, :2] - middle - project(found.state, found.basis.points(found.state.coefficients)).uv
+    off = face.landmarks[:, :2] - middle - project_points(found.state, found.basis.points(found.state.coefficients)).uv
     off = off / found.state.scale
     rms = float(np.sqrt((off**2).sum(1).mean()))
     if abs(yaw) > MOST_YAW_DEG or abs(pitch) > MOST_PITCH_DEG or not rms < MOST_RMS_M:

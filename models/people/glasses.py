@@ -10,7 +10,7 @@ from models.lightstage.skin.streams import Stream
 from models.people.draw import Mesh
 from models.people.figure import layouts, smooth_normals
 from models.people.person import the_head
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 
 Float = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]

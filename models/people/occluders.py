@@ -14,7 +14,7 @@ from models.people.develop import clutter
 from models.people.draw import Mesh
 from models.people.figure import smooth_normals
 from service.anatomy.hair.wearables import Items
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 
 Float = npt.NDArray[np.float32]
 Truth = dict[str, npt.NDArray[Any]]

@@ -13,7 +13,7 @@ from models.people.draw import Mesh
 from models.people.figure import layouts, smooth_normals
 from models.people.glasses import tube
 from models.people.person import the_head
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 from service.geometry.normals import vertex_normals
 
 Float = npt.NDArray[np.float32]

@@ -12,7 +12,7 @@ from models.people.make import portrait
 from models.people.person import draw_person
 from models.people.shards import EYE_STATES
 from models.people.skins import default_folder, load_skin
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 
 
 def statistics(start: int, count: int, size: int) -> str:

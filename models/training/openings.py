@@ -36,8 +36,8 @@ from models.training.reader import shards
 from models.training.restore import weights_of
 from service.errors import ModelFault
 from service.face.reading import openings
-from service.face.reading.openings import KINDS, Kind
-from service.face.reading.parts import MOUTH
+from service.face.reading.openings import KINDS, OpeningKind
+from service.face.reading.part_labels import MOUTH
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import OpeningEdges, lid_edges, lip_edges
@@ -84,7 +84,7 @@ def edges_of(head: HeadModel, name: str) -> OpeningEdges:
     return found
 
 
-def gather(paths: list[Path], kind: Kind, head: HeadModel) -> tuple[list[Picture], list[Picture], list[Sample]]:
+def gather(paths: list[Path], kind: OpeningKind, head: HeadModel) -> tuple[list[Picture], list[Picture], list[Sample]]:
     """Pictures, where they show the inside of a mouth, and all openings of a kind whose corners the camera may see."""
     images: list[Picture] = []
     mouths: list[Picture] = []
@@ -143,7 +143,7 @@ class Patches:
 
 
 def cut(
-    kind: Kind, images: list[Picture], mouths: list[Picture], samples: list[Sample], times: int, jitter: float,
+    kind: OpeningKind, images: list[Picture], mouths: list[Picture], samples: list[Sample], times: int, jitter: float,
     random: np.random.Generator,
 ) -> Patches:  # fmt: skip
     """Each opening so many times, its corners shaken as a landmark network shakes them."""
@@ -204,7 +204,7 @@ def graded(image: Tensor, generator: torch.Generator) -> Tensor:
     return value.clamp(0, 1)
 
 
-def measure(network: OpeningNetwork, apart: Patches, kind: Kind) -> dict[str, float]:
+def measure(network: OpeningNetwork, apart: Patches, kind: OpeningKind) -> dict[str, float]:
     """Errors on held-out patches."""
     with torch.no_grad():
         answers = [network(part.float() / 255) for part in apart.image.split(256)]
@@ -221,7 +221,7 @@ def measure(network: OpeningNetwork, apart: Patches, kind: Kind) -> dict[str, fl
 
 
 def train(
-    kind: Kind, data: Path, out: Path, minutes: float, seed: int = 0, *, shipped: bool = False
+    kind: OpeningKind, data: Path, out: Path, minutes: float, seed: int = 0, *, shipped: bool = False
 ) -> dict[str, float]:
     """Train one kind for so many minutes, from the weights of the service if they are asked for, and save it."""
     torch.manual_seed(seed)
@@ -263,7 +263,7 @@ def train(
     return found
 
 
-def _tell(kind: Kind, step: int, value: float, found: dict[str, float]) -> None:
+def _tell(kind: OpeningKind, step: int, value: float, found: dict[str, float]) -> None:
     numbers = {"loss": value, **found}
     line = {"kind": kind.name, "step": step, **{name: round(number, 4) for name, number in numbers.items()}}
     sys.stderr.write(json.dumps(line) + "\n")

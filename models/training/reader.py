@@ -28,7 +28,7 @@ from models.training.moving_average import follow
 from models.training.reader_data import Batch, Pool, augmented, batch_of, read_cells, shard_seed
 from models.training.restore import weights_of
 from service.errors import ModelFault
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 from service.runtime.sessions import MODELS
 
 HELD_OUT_BELOW = 2048

@@ -20,7 +20,7 @@ from models.networks.reader import CELL, PART_CELL, PARTS
 from models.people.develop import decoded
 from models.people.shards import load
 from service.errors import ModelFault
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 from service.geometry.camera import ahead
 
 Cells = dict[str, npt.NDArray[Any]]

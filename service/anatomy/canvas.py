@@ -105,7 +105,7 @@ class Canvas:
         return np.asarray(np.rint(255 * coded), np.uint8)
 
 
-def grain(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
+def smooth_noise(places: AnyFloat, scales: Sequence[float], seed: int) -> Float32:
     """(N,) smooth noise about 0 with a standard deviation near 0.5, of points (N, 3): waves of random directions.
 
     Args:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from service.anatomy.canvas import Canvas
-from service.anatomy.eyes import DrawnEye, eye_albedo
+from service.anatomy.eye_painting import DrawnEye, eye_albedo
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.face.features.eye_colours import IRIS
 from service.face.fit.result import Fit

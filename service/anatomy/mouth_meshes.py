@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from service.anatomy.canvas import Canvas, grain
-from service.anatomy.mouth import GUMS, TONGUE
+from service.anatomy.canvas import Canvas, smooth_noise
+from service.anatomy.mouth_painting import GUMS, TONGUE
 from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.errors import ModelFault
 from service.face.features.teeth import TOOTH
@@ -115,23 +115,23 @@ def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None) -> tuple[MeshP
         tooth: (3,) linear albedo of the teeth; None: the usual one.
     """
     insets = read_insets()
-    if not fits(insets, head):
+    if not _fits(insets, head):
         return ()
     rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
     tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
     crowns = teeth_picture(rows, TOOTH if tooth is None else tooth)
     enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6)
     flesh = Material("tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4)
-    return tuple(following(mesh, insets, head, fit, flesh if mesh is tongue else enamel) for mesh in (*rows, tongue))
+    return tuple(_following(mesh, insets, head, fit, flesh if mesh is tongue else enamel) for mesh in (*rows, tongue))
 
 
-def fits(insets: Insets, head: HeadModel) -> bool:
+def _fits(insets: Insets, head: HeadModel) -> bool:
     """Whether a head has the vertices that the meshes follow; other heads keep their own parts."""
     same = insets.fitted_head.shape == head.mean.shape
     return bool(same and np.abs(insets.fitted_head - head.mean).max() < FITS_M)
 
 
-def following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: Material) -> MeshPart:
+def _following(mesh: Inset, insets: Insets, head: HeadModel, fit: Fit, material: Material) -> MeshPart:
     """A mesh on the fitted head, with the units that move it."""
     return MeshPart(
         name=mesh.name,
@@ -163,7 +163,7 @@ def teeth_picture(rows: list[Inset], tooth: Float32) -> UInt8:
         between = ((1 - np.clip(shade, 0, 1)) ** 1.5)[:, None]
         enamel = tooth * (1 - neck * np.array(NECK_COLOUR)) * (1 - edge * np.array(EDGE_COLOUR))
         enamel = enamel * (1 - between * np.array(BETWEEN))
-        noise = grain(place, (0.5, 1.1, 2.4), seed=1)[:, None]
+        noise = smooth_noise(place, (0.5, 1.1, 2.4), seed=1)[:, None]
         gums = GUMS * (1 + MARGIN_LIGHT * noise) * (1 + MARGIN * np.clip(1 + along, 0, 1)[:, None])
         canvas.put(at, np.where(along[:, None] < 0, gums, enamel))
     return canvas.picture()
@@ -176,7 +176,7 @@ def tongue_picture(tongue: Inset) -> UInt8:
     along, place = values[:, 0], values[:, 1:]
     below = (at % TONGUE_SIZE) >= TONGUE_SIZE // 2
     groove = GROOVE * np.exp(-((place[:, 0] / 1.2) ** 2)) * np.clip(along * 4, 0, 1)
-    papillae = PAPILLAE * grain(place, (4.5, 7.0, 11.0), seed=2)
+    papillae = PAPILLAE * smooth_noise(place, (4.5, 7.0, 11.0), seed=2)
     light = (1 - groove) * (1 + papillae) * (1 - ROOT * along**2)
     top = TONGUE * light[:, None]
     under = TONGUE * np.array(UNDERSIDE) * (1 - ROOT * along[:, None] ** 2)

@@ -70,7 +70,7 @@ def anchors(size: int = INPUT_SIZE, strides: tuple[int, ...] = STRIDES) -> Float
     return np.concatenate(parts)
 
 
-def decode(regressors: AnyFloat, logits: AnyFloat, grid: Float64, threshold: float) -> tuple[Float64, Float64]:
+def decode_boxes(regressors: AnyFloat, logits: AnyFloat, grid: Float64, threshold: float) -> tuple[Float64, Float64]:
     """Boxes and keypoints in input pixels.
 
     Args:
@@ -140,7 +140,7 @@ class Detector:
         crop = region.cut(pixels, INPUT_SIZE)
         image = crop.astype(np.float32)[None] / 127.5 - 1
         regressors, logits = self._session.run({"image": image})
-        points, scores = decode(regressors[0], logits[0, :, 0], self._anchors, threshold)
+        points, scores = decode_boxes(regressors[0], logits[0, :, 0], self._anchors, threshold)
         scale = region.side / INPUT_SIZE
         found = []
         for row, score in zip(points, scores, strict=True):

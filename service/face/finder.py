@@ -138,22 +138,22 @@ class FaceFinder:
         """
         height, width = pixels.shape[:2]
         found: list[Detection] = []
-        for side in list(passes(width, height))[:DOUBTED_PASSES]:
-            for region in tiles(width, height, side):
+        for side in list(tile_sides(width, height))[:DOUBTED_PASSES]:
+            for region in photo_tiles(width, height, side):
                 found.extend(self._detector(pixels, region, CERTAIN))
         return merge(found)[:MOST_DOUBTED]
 
     def _search(self, pixels: Pixels) -> list[Face]:
         height, width = pixels.shape[:2]
         faces: list[Face] = []
-        for side in passes(width, height):
+        for side in tile_sides(width, height):
             largest = max((float(np.sqrt(face.area)) for face in faces), default=0.0)
             if largest * RIVAL_AREA**0.5 > 2 * side * SMALLEST_IN_CROP / DETECTOR_SIZE:
                 break  # the pass before, with tiles of twice the side, found every face large enough to count
             faces = self._scan(pixels, side, 0.0, faces)
         for turn in (0.5, 1.5, 1.0):
             if not faces:
-                for side in list(passes(width, height))[1:3]:
+                for side in list(tile_sides(width, height))[1:3]:
                     faces = self._scan(pixels, side, turn * np.pi, faces)
         return faces
 
@@ -161,7 +161,7 @@ class FaceFinder:
         """One pass over tiles; returns ``faces`` with the new ones that do not overlap them."""
         height, width = pixels.shape[:2]
         found: list[Detection] = []
-        for region in tiles(width, height, side, angle):
+        for region in photo_tiles(width, height, side, angle):
             found.extend(self._detector(pixels, region, HINT))
         for candidate in merge(found)[:MOST_CANDIDATES]:
             if _found_before(candidate.box, faces):
@@ -207,10 +207,10 @@ class FaceFinder:
         return merge(found)[0] if found else None
 
 
-def passes(width: int, height: int) -> Iterator[float]:
+def tile_sides(width: int, height: int) -> Iterator[float]:
     """Tile sides in pixels, coarse to fine: 1.5 and 1 times the longer side, then halved down to the finest needed.
 
-    >>> [round(side) for side in passes(1600, 1200)]
+    >>> [round(side) for side in tile_sides(1600, 1200)]
     [2400, 1600, 800, 439]
     """
     longest = float(max(width, height))
@@ -224,7 +224,7 @@ def passes(width: int, height: int) -> Iterator[float]:
     yield min(finest, longest)
 
 
-def tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Region]:
+def photo_tiles(width: int, height: int, side: float, angle: float = 0.0) -> list[Region]:
     """Squares of ``side`` that cover a photo and overlap by a third; a square as large as the photo is centred."""
 
     def centres(length: int) -> Float64:

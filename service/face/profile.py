@@ -17,7 +17,7 @@ from service.face.face import LANDMARK_COUNT, Face
 from service.face.finder import photo_warnings
 from service.face.fit.basis import LandmarkModel, at_barycentric
 from service.face.fit.dense import Correspondences, correspondences
-from service.face.fit.state import State, WeakPose, weak_pose
+from service.face.fit.pose_state import State, WeakPose, weak_pose
 from service.face.reading.reader import ReaderNetwork, crop_of
 from service.face.region import Region
 from service.head.model import HeadModel
@@ -42,7 +42,7 @@ REACH_M = 0.012
 
 
 @dataclass(frozen=True)
-class Seen:
+class Profile:
     """A face as the reader sees it.
 
     Attributes:
@@ -90,7 +90,7 @@ def _inside(detection: Detection, pixels: UInt8) -> float:
 
 def look(
     pixels: UInt8, region: Region, head: HeadModel, model: LandmarkModel, network: ReaderNetwork
-) -> Seen | None:
+) -> Profile | None:
     """The face in a square of the photo, read ``LOOKS`` times; None where the reader finds no place of the head."""
     seen = None
     crop: Region | None = region
@@ -110,7 +110,7 @@ def look(
     return seen
 
 
-def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Seen | None:
+def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Profile | None:
     """Pose of the average head on the cells, and its landmarks in that pose, moved with the cells around them."""
     if len(found.pixels) < 4:
         return None
@@ -135,7 +135,7 @@ def _seen(head: HeadModel, model: LandmarkModel, found: Correspondences) -> Seen
     total = near.sum(1, keepdims=True)
     typical = float(np.median(certain))  # a landmark without cells around it stays where the pose has it
     landmarks[:, :2] += near @ off / (total + max(typical, 1e-12))
-    return Seen(landmarks, float(agrees.mean()), len(points), yaw)
+    return Profile(landmarks, float(agrees.mean()), len(points), yaw)
 
 
 def _shown(pose: WeakPose, points: Float64) -> Float64:

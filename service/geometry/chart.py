@@ -23,7 +23,7 @@ NO_PART = 255
 
 
 @dataclass(frozen=True)
-class Frame:
+class TangentFrame:
     """Right-handed unit axes at each texel, each (H, W, 3) float32 in head space: u to the right, v up, normal out."""
 
     tangent: Float32
@@ -124,9 +124,9 @@ class Chart:
 
     def normals(self, vertices: AnyFloat) -> Float32:
         """(H, W, 3) float32 unit normals in the frame of ``vertices`` (V, 3); (0, 0, 1) outside the islands."""
-        return self.spread(unit(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
+        return self.spread(unit_vectors(self.inside(vertex_normals(vertices, self.head.triangles)), _Z), _Z)
 
-    def frame(self, vertices: AnyFloat, vertex_normal: AnyFloat | None = None) -> Frame:
+    def frame(self, vertices: AnyFloat, vertex_normal: AnyFloat | None = None) -> TangentFrame:
         """Tangent frame per texel: normal interpolated from the vertices, tangent along +u made orthogonal to it.
 
         A tangent-space normal (x, y, z) means x * tangent + y * bitangent + z * normal: +Y up as in OpenGL and glTF.
@@ -137,15 +137,15 @@ class Chart:
             vertex_normal: (V, 3) unit normals to build on; those of ``vertices`` where left out.
         """
         n = vertex_normals(vertices, self.head.triangles) if vertex_normal is None else vertex_normal
-        normal = unit(self.inside(n), _Z)
+        normal = unit_vectors(self.inside(n), _Z)
         along = self.inside(tangents(self.head, vertices), on_chart=True)
         along -= normal * dot(along, normal)
         degenerate = dot(along, along)[:, 0] < 1e-12
         if degenerate.any():
             along[degenerate] = any_orthogonal(normal[degenerate])
-        tangent = unit(along, _X)
+        tangent = unit_vectors(along, _X)
         bitangent = np.cross(normal, tangent)
-        return Frame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
+        return TangentFrame(self.spread(tangent, _X), self.spread(bitangent, _Y), self.spread(normal, _Z))
 
     def metric(self, vertices: AnyFloat) -> Float32:
         """(H, W, 3) float32 first fundamental form E, F, G in mm^2 per texel^2 of ``vertices`` in metres; 0 outside.
@@ -168,7 +168,7 @@ def chart_points(head: HeadModel, width: int, height: int) -> Float64:
     return head.uv.astype(np.float64) * [width, -height] + [0.0, height]
 
 
-def mirrored(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+def mirrored_map(image: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     """The same map with left and right of the head swapped (u <-> 1 - u); valid because charts are mirror-symmetric."""
     return np.flip(image, 1)
 
@@ -193,7 +193,7 @@ def dot(a: Float32, b: Float32) -> Float32:
     return np.asarray(a[:, :1] * b[:, :1] + a[:, 1:2] * b[:, 1:2] + a[:, 2:] * b[:, 2:])
 
 
-def unit(vectors: Float32, fallback: tuple[float, float, float] = _Z) -> Float32:
+def unit_vectors(vectors: Float32, fallback: tuple[float, float, float] = _Z) -> Float32:
     """Unit vectors (N, 3) float32 of averaged unit vectors; ``fallback`` where the length is below 1e-6."""
     length = np.sqrt(dot(vectors, vectors))
     sound = length > 1e-6

@@ -107,7 +107,7 @@ def _sum(index: Int64, rows: Float64, count: int) -> Float64:
     return np.stack([np.bincount(index, rows[:, i], count) for i in range(rows.shape[1])], 1)
 
 
-def split(columns: Float64, triangles: Int64, chosen: Bool) -> tuple[Float64, Int64]:
+def split_in_four(columns: Float64, triangles: Int64, chosen: Bool) -> tuple[Float64, Int64]:
     """The chosen triangles in four at the middles of their edges; columns (N, k) are interpolated."""
     own = triangles[chosen]
     if not len(own):

@@ -19,8 +19,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.eyes import draw_eyes
-from service.anatomy.mouth import draw_teeth
+from service.anatomy.eye_painting import draw_eyes
+from service.anatomy.mouth_painting import draw_teeth
 from service.arrays import UInt8
 from service.colour import Codes
 from service.geometry.chart import NO_PART

@@ -17,7 +17,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64
 from service.colour import luma
-from service.geometry.chart import Chart, mirrored
+from service.geometry.chart import Chart, mirrored_map
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
 
@@ -236,7 +236,7 @@ def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32)
 
 def _flip(chart: Chart, values: Float32) -> Float32:
     """(N, C) values at the mirrored texels; border texels without a mirror image read the nearest one."""
-    flipped = mirrored(chart.fill_outside(chart.spread(values))).reshape(-1, values.shape[1])
+    flipped = mirrored_map(chart.fill_outside(chart.spread(values))).reshape(-1, values.shape[1])
     return flipped[chart.texels]
 
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.anatomy.eyes import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
+from service.anatomy.eye_painting import BRIGHTEST, SOCKET, lid_shade, on_eyeball, paint_eye, sight_angle
 from service.anatomy.hair.worn import LASH
-from service.anatomy.mouth import Teeth, no_bluer, paint_lining, paint_tongue
+from service.anatomy.mouth_painting import Teeth, no_bluer, paint_lining, paint_tongue
 from service.arrays import Bool, Float32, Int64
 from service.colour import linear_to_srgb, luma, srgb_to_linear
 from service.face.features.eye_colours import IRIS, SCLERA, likely_iris
 from service.face.features.teeth import TOOTH
 from service.face.fit.result import Fit
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart, nearest_inside
 from service.map_registry import SEEN
 from service.texture.inpainting import opacity

@@ -15,7 +15,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32
 from service.face.fit.result import Fit
-from service.face.reading.parts import (
+from service.face.reading.part_labels import (
     BACKGROUND,
     BEARD,
     BROW,

@@ -17,7 +17,7 @@ from service.arrays import AnyFloat, Bool, Float32, Float64
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
 from service.face.fit.result import Fit
-from service.face.reading.parts import HAIR, SKIN
+from service.face.reading.part_labels import HAIR, SKIN
 from service.face.reading.reader import Reading
 from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh_field import laplacian, smooth_fit, splat

@@ -10,7 +10,7 @@ from service.arrays import Bool, Float32, Float64, Int64
 from service.colour import bytes_to_linear, linear_to_srgb
 from service.face.fit.result import Fit
 from service.geometry.camera import NEAREST_M, Camera
-from service.geometry.chart import Chart, chart_points, dot, solve_affine, unit
+from service.geometry.chart import Chart, chart_points, dot, solve_affine, unit_vectors
 from service.geometry.normals import vertex_normals
 from service.geometry.raster import rasterise
 from service.geometry.sampling import Pyramid, sample_area
@@ -61,8 +61,8 @@ def unwrap(photo: Photo, fit: Fit, chart: Chart) -> Unwrapped:
     """Project every texel into the photo, test it against the z-buffer of the whole head and read its colour."""
     camera, head = fit.camera, chart.head
     both = chart.inside(np.c_[fit.vertices, vertex_normals(fit.vertices, head.triangles)])
-    position, normal = both[:, :3], unit(both[:, 3:])
-    facing = dot(normal, unit(camera.centre.astype(np.float32) - position))[:, 0]
+    position, normal = both[:, :3], unit_vectors(both[:, 3:])
+    facing = dot(normal, unit_vectors(camera.centre.astype(np.float32) - position))[:, 0]
     front = np.flatnonzero(facing > 0)  # the back half needs no further look
     depth = camera.to_camera(position[front])[:, 2]
     pixel = camera.project(position[front])

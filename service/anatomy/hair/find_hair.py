@@ -30,7 +30,7 @@ from service.anatomy.hair.wearables import (
 from service.arrays import Bool, Float32
 from service.colour import bytes_to_linear, srgb_to_linear
 from service.face.fit.result import Fit
-from service.face.reading.parts import BEARD, BROW, HAIR, HAT, IRIS, OTHER, SCLERA, SKIN
+from service.face.reading.part_labels import BEARD, BROW, HAIR, HAT, IRIS, OTHER, SCLERA, SKIN
 from service.face.reading.reader import PART_CELLS, Reading, middles, parts_at_pixels
 from service.face.region import Region
 from service.head.model import HeadModel

@@ -16,7 +16,7 @@ import numpy as np
 
 from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, REACH_M, Frame, Item, Skull
 from service.arrays import Bool, Float32, Float64, Int32, Int64
-from service.geometry.subdivide import clipped, split
+from service.geometry.subdivide import clipped, split_in_four
 
 RAYS = 72
 """Directions in the picture in which outlines are compared."""
@@ -230,10 +230,10 @@ def tailored(item: Item, points: Float32, skull: Skull, frame: Frame, shown: Flo
     # Split first where it is moved, and beyond: what is split along still edges has no cracks.
     soft = np.asarray(_blurred(free, ROOTED_CELLS), np.float64)
     near = _nearness(columns[:, :3], frame, soft)[triangles].max(1)
-    columns, triangles = split(columns, triangles, np.asarray(near > 1e-3))
+    columns, triangles = split_in_four(columns, triangles, np.asarray(near > 1e-3))
     columns[:, :3] = _rooted(columns[:, :3], skull, frame, soft)
     for _ in range(SPLITS):
-        columns, triangles = split(columns, triangles, _near_cut(field(columns), triangles))
+        columns, triangles = split_in_four(columns, triangles, _near_cut(field(columns), triangles))
     cut, left = clipped(columns, triangles, field(columns))
     if len(left) < LEAST_LEFT * len(triangles):
         cut, left, ends = columns, triangles, None  # this photo has no such hair at all

@@ -22,7 +22,7 @@ from service.geometry.mesh_field import laplacian, smooth_fit
 from service.geometry.normals import area_normals, face_normals
 from service.geometry.raster import interpolate, rasterise
 from service.geometry.sampling import sample_chart
-from service.geometry.subdivide import split
+from service.geometry.subdivide import split_in_four
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.materials.material import Material, OwnMap
@@ -267,7 +267,7 @@ def _tangent(part: MeshPart, item: Item, head: HeadModel, fit: Fit) -> MeshPart:
     rim, normals = fit.neutral[of].astype(np.float64), area_normals(fit.neutral, head.triangles)[of].astype(np.float64)
     tree = cKDTree(rim)
     for _ in range(SPLITS):
-        columns, triangles = split(columns, triangles, np.ones(len(triangles), bool))
+        columns, triangles = split_in_four(columns, triangles, np.ones(len(triangles), bool))
     away, which = tree.query(columns[:, :3], min(NEIGHBOURS, len(rim)))
     away, which = away.reshape(len(columns), -1), which.reshape(len(columns), -1)
     share = 1 / (away + 1e-6) ** 4

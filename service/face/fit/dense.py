@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, Float64, Int32
 from service.face.fit.basis import at_barycentric
+from service.face.fit.pose_state import POSE, State, project_points
 from service.face.fit.solver import PointTerm
-from service.face.fit.state import POSE, State, project
-from service.face.reading.parts import READ
+from service.face.reading.part_labels import READ
 from service.face.reading.reader import CELLS, Reading
 from service.geometry.camera import nearest_rotation, skew
 from service.geometry.chart import Chart
@@ -204,7 +204,7 @@ class DenseTerms:
         found = self.found
         points = self._mean + np.tensordot(state.coefficients, self._modes, 1)
         sigma = state.scale * 1e-3 * found.sigma_mm
-        residual = np.linalg.norm(project(state, points).uv - found.pixels, axis=1)
+        residual = np.linalg.norm(project_points(state, points).uv - found.pixels, axis=1)
         weight = POINT_SHARE * found.sure * geman_mcclure(residual, GATE * np.maximum(sigma, 1e-9))
         return PointTerm(self._mean, self._modes, found.pixels, weight / np.maximum(sigma, 1e-9) ** 2)
 
@@ -232,10 +232,10 @@ def _bases(head: HeadModel) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.flo
     return head.identity, head.expression
 
 
-def agreement(found: Correspondences, state: State, vertices: AnyFloat) -> float:
+def reading_agreement(found: Correspondences, state: State, vertices: AnyFloat) -> float:
     """Share of the cells within ``GATE`` standard deviations of a head (V, 3) at a state; 0 where there are none."""
     if not len(found.pixels):
         return 0.0
     sigma = state.scale * 1e-3 * found.sigma_mm
     points = at_barycentric(vertices, found.corners, found.weights)
-    return float((np.linalg.norm(project(state, points).uv - found.pixels, axis=1) < GATE * sigma).mean())
+    return float((np.linalg.norm(project_points(state, points).uv - found.pixels, axis=1) < GATE * sigma).mean())

@@ -12,7 +12,7 @@ import numpy as np
 from service.arrays import AnyFloat, Bool, Float32, Float64, UInt8
 from service.colour import srgb_to_linear
 from service.face.fit.landmark_fit import facing
-from service.face.fit.state import State, project
+from service.face.fit.pose_state import State, project_points
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.light.harmonics import estimate_light
@@ -70,7 +70,7 @@ class Softened:
     @classmethod
     def around(cls, pixels: UInt8, middle: Float64, state: State, vertices: Float64) -> Softened:
         """A photo blurred by ``BLUR_M`` around the head whose vertices (V, 3) are those at a state."""
-        return cls.of(pixels, BLUR_M * state.scale, project(state, vertices).uv + middle)
+        return cls.of(pixels, BLUR_M * state.scale, project_points(state, vertices).uv + middle)
 
     def at(self, position: AnyFloat) -> Float64:
         """(..., 2) positions in its pixels of photo pixels (..., 2), centres at +0.5 in both."""
@@ -104,7 +104,7 @@ def light_on_face(head: HeadModel, state: State, vertices: Float64, pixels: UInt
     """
     photo = Softened.around(pixels, middle, state, vertices)
     height, width = photo.image.shape[:2]
-    projection = project(state, vertices)
+    projection = project_points(state, vertices)
     normals = vertex_normals(vertices, head.triangles).astype(np.float64)
     where = np.floor(photo.at(projection.uv + middle)).astype(int)
     inside: Bool = np.asarray(((where >= 0) & (where < (width, height))).all(1))

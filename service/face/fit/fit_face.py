@@ -17,7 +17,7 @@ from service.face.features.teeth import ROW as UPPER_ROW
 from service.face.features.teeth import measure_teeth, teeth_drop
 from service.face.features.white_reference import cheek_colour, light_from_sclera_and_teeth
 from service.face.fit.basis import LandmarkModel
-from service.face.fit.dense import Correspondences, agreement, correspondences
+from service.face.fit.dense import Correspondences, correspondences, reading_agreement
 from service.face.fit.landmark_fit import LandmarkFit, Observed, fit_landmarks
 from service.face.fit.pixel_fit import PixelFit
 from service.face.fit.result import Fit
@@ -135,7 +135,7 @@ def _understood(
     """Places of the head that were read, None where they are few or the landmarks show another face."""
     found = correspondences(head, reading, initial.state, middle)
     vertices = head.shape(*np.split(initial.state.coefficients, [model.identity_count]))
-    agrees = len(found.pixels) >= FEWEST_CELLS and agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
+    agrees = len(found.pixels) >= FEWEST_CELLS and reading_agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
     return found if agrees else None
 
 

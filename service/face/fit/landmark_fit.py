@@ -12,9 +12,9 @@ import numpy as np
 
 from service.arrays import Bool, Float64
 from service.face.fit.basis import LandmarkBasis, LandmarkModel
+from service.face.fit.pose_state import POSE, State, project_points, weak_pose
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Damping, PointTerm, Prior, minimise
-from service.face.fit.state import POSE, State, project, weak_pose
 from service.robust import geman_mcclure
 
 DISTANCE_M = (0.15, 20.0)
@@ -104,10 +104,10 @@ def bounds(model: LandmarkModel) -> tuple[Float64, Float64]:
     return lower, upper
 
 
-def weigh(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple[Float64, PointTerm]:
+def weigh_landmarks(state: State, basis: LandmarkBasis, seen: Observed, c: float) -> tuple[Float64, PointTerm]:
     """(L,) weights of the landmarks at a state, and their term with these weights."""
     points = basis.points(state.coefficients)
-    projection = project(state, points)
+    projection = project_points(state, points)
     residual = np.linalg.norm(projection.uv - seen.pixels, axis=1)
     sigma = state.scale * np.hypot(basis.sigma, DETECTOR_SIGMA_M)
     # Where all landmarks are off by more than expected (blur, sketches), the scale of the weights follows.
@@ -137,9 +137,9 @@ def fit_landmarks(model: LandmarkModel, observed: Observed, prior: Prior, settin
     for round_, c in enumerate(ANNEAL):
         active = np.ones(len(lower), bool)
         active[POSE:] = round_ > 0
-        terms = (weigh(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
+        terms = (weigh_landmarks(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
         state = minimise(
             state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
         )
     basis = model.at_yaw(state.yaw_deg)
-    return LandmarkFit(state, basis, weigh(state, basis, observed, ANNEAL[-1])[0])
+    return LandmarkFit(state, basis, weigh_landmarks(state, basis, observed, ANNEAL[-1])[0])

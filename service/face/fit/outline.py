@@ -13,8 +13,8 @@ import numpy as np
 
 from service.arrays import Bool, Float64, Int32
 from service.face.fit.face_light import Softened
+from service.face.fit.pose_state import State, project_points
 from service.face.fit.solver import PointTerm
-from service.face.fit.state import State, project
 from service.head.model import HeadModel
 from service.robust import geman_mcclure
 
@@ -63,7 +63,7 @@ class OutlineFinder:
 
     def find(self, state: State, vertices: Float64) -> Outline:
         """The occluding contour of (V, 3) vertices in a pose, folds within the face's outline included."""
-        projection = project(state, vertices)
+        projection = project_points(state, vertices)
         uv, position = projection.uv, projection.position
         p = position[self.triangles]
         normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])

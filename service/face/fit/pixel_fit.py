@@ -14,10 +14,10 @@ from service.arrays import Float64, UInt8
 from service.face.fit.basis import LandmarkModel, extended
 from service.face.fit.dense import Correspondences, DenseTerms
 from service.face.fit.face_light import Softened, light_on_face
-from service.face.fit.landmark_fit import ANNEAL, LandmarkFit, Observed, bounds, weigh
+from service.face.fit.landmark_fit import ANNEAL, LandmarkFit, Observed, bounds, weigh_landmarks
 from service.face.fit.outline import OutlineFinder
+from service.face.fit.pose_state import POSE, State
 from service.face.fit.solver import Damping, Prior, Term, minimise
-from service.face.fit.state import POSE, State
 from service.head.model import HeadModel
 
 REACH_M = (0.008, 0.004)
@@ -68,7 +68,7 @@ class PixelFit:
         for reach in REACH_M:
             vertices = self._vertices(state)
             basis = self.model.at_yaw(state.yaw_deg)
-            terms: list[Term] = [weigh(state, basis, observed, ANNEAL[-1])[1], prior]
+            terms: list[Term] = [weigh_landmarks(state, basis, observed, ANNEAL[-1])[1], prior]
             if dense is not None:
                 terms += [dense.points(state), *([dense.normals(state, vertices)] if normals else [])]
             outline = self.outline.term(soft, middle, state, vertices, reach)
@@ -77,7 +77,7 @@ class PixelFit:
             state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
         basis = self.model.at_yaw(state.yaw_deg)
         light = light_on_face(self.head, state, self._vertices(state), photo, middle)
-        return LandmarkFit(state, basis, weigh(state, basis, observed, ANNEAL[-1])[0]), light
+        return LandmarkFit(state, basis, weigh_landmarks(state, basis, observed, ANNEAL[-1])[0]), light
 
     def _widened(self, coefficients: Float64, beyond: float) -> Float64:
         """Values (K + E,) of the plain head's coefficients with one for each mode beyond its components."""

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from service.arrays import Bool, Float64
-from service.face.fit.state import POSE, State, motion, pixel_jacobian, project
+from service.face.fit.pose_state import POSE, State, motion, pixel_jacobian, project_points
 
 
 class Term(Protocol):
@@ -53,12 +53,12 @@ class PointTerm:
 
     def cost(self, state: State) -> float:
         """Half the weighted sum of squares."""
-        r = self._residual(project(state, self._points(state)).uv)
+        r = self._residual(project_points(state, self._points(state)).uv)
         return 0.5 * float((self.precision[:, None] * r**2).sum())
 
     def add(self, state: State, hessian: Float64, gradient: Float64) -> None:
         """Add J^T J and J^T r in place."""
-        projection = project(state, self._points(state))
+        projection = project_points(state, self._points(state))
         jacobian = pixel_jacobian(state, projection, motion(state, projection, self.modes))
         if self.normal is not None:
             jacobian = (jacobian * self.normal[:, :, None]).sum(1, keepdims=True)

@@ -27,7 +27,7 @@ UNSURE = 0.09
 
 
 @dataclass(frozen=True)
-class Kind:
+class OpeningKind:
     """How the patch of one kind of opening is cut: the corners lie level in it.
 
     Attributes:
@@ -58,8 +58,8 @@ class Kind:
         return Region(float(middle[0]), float(middle[1]), self.side * scale, angle)
 
 
-EYE = Kind("lids", 48, 26.0, 24.0, {"right": (33, 133), "left": (362, 263)}, ("left",))
-MOUTH = Kind("lips", 64, 36.0, 26.0, {"mouth": (78, 308)})
+EYE = OpeningKind("lids", 48, 26.0, 24.0, {"right": (33, 133), "left": (362, 263)}, ("left",))
+MOUTH = OpeningKind("lips", 64, 36.0, 26.0, {"mouth": (78, 308)})
 KINDS = (EYE, MOUTH)
 
 
@@ -127,7 +127,7 @@ class OpeningsNetwork:
                     found[name] = _placed(kind, self._heights(kind, patch, name in kind.flipped), left, right)
         return found
 
-    def _heights(self, kind: Kind, patch: UInt8, flipped: bool) -> Float64:
+    def _heights(self, kind: OpeningKind, patch: UInt8, flipped: bool) -> Float64:
         """(4, 9): heights of upper and lower edge over the length, then their standard deviations."""
         views = [patch[:, ::-1] if flipped else patch]
         if not kind.flipped:  # an opening with two like sides is read from both
@@ -143,7 +143,7 @@ class OpeningsNetwork:
         return np.asarray(mean[:, ::-1] if flipped else mean)
 
 
-def _placed(kind: Kind, read: Float64, left: Float64, right: Float64) -> Opening:
+def _placed(kind: OpeningKind, read: Float64, left: Float64, right: Float64) -> Opening:
     across = right - left
     up = np.array([across[1], -across[0]])
     base = left + STATIONS[:, None] * across

@@ -14,7 +14,7 @@ import numpy as np
 
 from service.arrays import Bool, Float32, Float64, UInt8
 from service.errors import NumericFault
-from service.face.reading.parts import BACKGROUND, BEARD, BROW, IRIS, LIP, MOUTH, OTHER, PARTS, SCLERA, SKIN
+from service.face.reading.part_labels import BACKGROUND, BEARD, BROW, IRIS, LIP, MOUTH, OTHER, PARTS, SCLERA, SKIN
 from service.face.reading.reader import PART_CELLS, Reading, middles
 from service.face.region import Region
 from service.runtime.sessions import Session, load_session
@@ -70,7 +70,7 @@ def with_person(pixels: UInt8, reading: Reading, network: PersonNetwork) -> Read
 
     def weighed(one: Reading) -> Reading:
         shown = sampled(seen, wide.region, middles(one.region, PART_CELLS))
-        return replace(one, parts=weigh(one.parts, shown, *rates))
+        return replace(one, parts=weigh_parts(one.parts, shown, *rates))
 
     around = None if reading.around is None else weighed(reading.around)
     return replace(weighed(reading), around=around)
@@ -98,7 +98,7 @@ def error_rates(parts: Float32, person: Float32, inside: Bool) -> tuple[float, f
     return float(low), float(high)
 
 
-def weigh(parts: Float32, person: Float32, missed: float, false: float) -> Float32:
+def weigh_parts(parts: Float32, person: Float32, missed: float, false: float) -> Float32:
     """Probabilities of the parts after what the network says: odds of the person times a likelihood ratio.
 
     What a cell shows in part counts in part, as the logarithm of the ratio is averaged. The network takes away only:

@@ -13,7 +13,7 @@ import numpy as np
 from service.arrays import Float32, Float64, UInt8
 from service.face.landmarks import face_roll
 from service.face.reading.openings import Openings
-from service.face.reading.parts import BACKGROUND, HAIR
+from service.face.reading.part_labels import BACKGROUND, HAIR
 from service.face.reading.scores import Scores
 from service.face.region import Region, level_square
 from service.geometry.camera import ahead
@@ -41,7 +41,7 @@ class Reading:
         chart_mm: (64, 64) float64 its standard deviation, millimetres on the face.
         normal: (64, 64, 3) float64 unit, axes of the photo's x, y and of the ray to the crop's middle.
         normal_sine: (64, 64) float64 standard deviation of its components.
-        parts: (128, 128, 13) float32 probabilities of ``service.face.reading.parts``.
+        parts: (128, 128, 13) float32 probabilities of ``service.face.reading.part_labels``.
         openings: edges of lids and lips; those that could not be read are missing.
         scores: of the expression; None where they could not be read.
         around: the same network's answer to a wider crop, which holds the hair; None where there is none.

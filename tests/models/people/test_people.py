@@ -19,7 +19,7 @@ from models.people.person import draw_person, lid_openings, the_head
 from models.people.skins import BEARDS, HEIGHT, WIDTH, Skin
 from models.people.wardrobe import load_wardrobe
 from service.errors import ModelFault
-from service.face.reading import parts as labels
+from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart
 
 pytestmark = pytest.mark.train

@@ -15,7 +15,7 @@ from models.people.make import Portrait  # noqa: E402
 from models.people.shards import encode, save  # noqa: E402
 from models.training.reader import Run, losses, train  # noqa: E402
 from models.training.reader_data import Batch, augmented, batch_of, read_cells, shard_seed  # noqa: E402
-from service.face.reading import parts as labels  # noqa: E402
+from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
 
 pytestmark = pytest.mark.train

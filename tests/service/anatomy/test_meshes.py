@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.anatomy.canvas import Canvas, grain
+from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.eye_meshes import SEGMENTS, cornea, eye_parts, eye_picture, globe
 from service.anatomy.mouth_meshes import FILE, mouth_parts, read_insets, teeth_picture
 from service.colour import bytes_to_linear, luma
@@ -143,4 +143,4 @@ def test_an_empty_canvas_is_black_and_a_painted_one_is_extended() -> None:
     picture = canvas.picture()
     assert (picture == picture[1, 1]).all()
     assert picture[0, 0, 0] > picture[0, 0, 2] > 0
-    assert np.abs(grain(np.zeros((3, 3)), (1.0,), 1)).max() < 3.0
+    assert np.abs(smooth_noise(np.zeros((3, 3)), (1.0,), 1)).max() < 3.0

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.detector import Detection, anchors, decode, merge
+from service.face.detector import Detection, anchors, decode_boxes, merge
 
 
 def detection(x: float, y: float, size: float, score: float) -> Detection:
@@ -26,7 +26,7 @@ def test_decode_adds_anchors_and_sorts() -> None:
     raw = np.zeros((3, 16))
     raw[:, 2:4] = 30.0
     raw[1, 0], raw[1, 4] = 5.0, -7.0
-    points, scores = decode(raw, np.array([1.0, 3.0, -4.0]), grid, 0.5)
+    points, scores = decode_boxes(raw, np.array([1.0, 3.0, -4.0]), grid, 0.5)
     assert np.allclose(points[0, 0], [105, 50])
     assert np.allclose(points[0, 1], [30, 30])
     assert np.allclose(points[0, 2], [93, 50])
@@ -37,10 +37,10 @@ def test_decode_survives_huge_logits_and_empty_boxes() -> None:
     """Raw scores reach tens of thousands on flat pictures; exp would overflow. Boxes of no size are no faces."""
     raw = np.zeros((2, 16))
     raw[0, 2:4] = 10.0
-    points, scores = decode(raw, np.array([3e4, 3e4]), np.zeros((2, 2)), 0.5)
+    points, scores = decode_boxes(raw, np.array([3e4, 3e4]), np.zeros((2, 2)), 0.5)
     assert len(points) == 1
     assert scores[0] == pytest.approx(1.0)
-    assert len(decode(raw, np.array([-3e4, -3e4]), np.zeros((2, 2)), 0.5)[0]) == 0
+    assert len(decode_boxes(raw, np.array([-3e4, -3e4]), np.zeros((2, 2)), 0.5)[0]) == 0
 
 
 def test_two_half_off_boxes_become_one_between_them() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from service.errors import FaceCutOff, NoFace
 from service.face.face import Face, choose_face
-from service.face.finder import FaceFinder, passes, tiles
+from service.face.finder import FaceFinder, photo_tiles, tile_sides
 from tests.service.face.conftest import Pixels
 from tests.service.face.geometry import inter_ocular, rms
 
@@ -151,17 +151,17 @@ def test_sunglasses_are_noticed(finder: FaceFinder, portrait: Pixels, face: Face
 @pytest.mark.parametrize("size", [(512, 512), (3000, 4000), (100, 4000), (12000, 9000)])
 def test_passes_go_from_coarse_to_fine_within_bounds(size: tuple[int, int]) -> None:
     width, height = size
-    sides = list(passes(width, height))
+    sides = list(tile_sides(width, height))
     assert sides == sorted(sides, reverse=True)
     assert sides[0] == 1.5 * max(size)
-    assert len(tiles(width, height, sides[-1])) <= 220
+    assert len(photo_tiles(width, height, sides[-1])) <= 220
 
 
 @pytest.mark.parametrize("size", [(700, 500), (500, 701), (300, 300)])
 def test_tiles_cover_the_photo_with_overlap(size: tuple[int, int]) -> None:
     """A face of a third of the tile lies whole in one of them, wherever it is."""
     width, height = size
-    regions = tiles(width, height, 300.0)
+    regions = photo_tiles(width, height, 300.0)
     for x in range(50, width - 49, 25):
         for y in range(50, height - 49, 25):
             assert any(abs(r.x - x) <= 100.5 and abs(r.y - y) <= 100.5 for r in regions), (x, y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.geometry.chart import NO_PART, Chart, mirrored, nearest_inside, solve_affine
+from service.geometry.chart import NO_PART, Chart, mirrored_map, nearest_inside, solve_affine
 from tests.toyhead import CENTRE, RADIUS, SKIN_U, SKIN_V, sphere_head
 
 WIDTH, HEIGHT = 192, 128
@@ -76,10 +76,10 @@ def test_metric_of_the_sphere(chart: Chart) -> None:
 
 def test_chart_is_mirror_symmetric(chart: Chart) -> None:
     position = chart.interpolate(chart.head.mean)
-    other = mirrored(chart.mask).astype(bool)
+    other = mirrored_map(chart.mask).astype(bool)
     both = chart.mask & other
     assert (chart.mask != other).sum() < 0.02 * chart.mask.sum()
-    assert np.abs(mirrored(position) * [-1, 1, 1] - position)[both].max() < 2e-3
+    assert np.abs(mirrored_map(position) * [-1, 1, 1] - position)[both].max() < 2e-3
 
 
 def test_bands_are_the_whole(chart: Chart) -> None:

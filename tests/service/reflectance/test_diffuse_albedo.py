@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.anatomy.eyes import BRIGHTEST
+from service.anatomy.eye_painting import BRIGHTEST
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.face.features.eye_colours import SCLERA
 from service.reflectance.albedo.diffuse_albedo import light_between_lids, without

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.anatomy.eyes import BRIGHTEST
+from service.anatomy.eye_painting import BRIGHTEST
 from service.colour import linear_to_srgb, srgb_to_linear
 from service.errors import ModelFault, NumericFault
 from service.reflectance.plan import ROLES, STAGES, Plan

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from service.face.fit.result import Fit
-from service.face.reading.parts import BACKGROUND, PARTS
-from service.face.reading.parts import SKIN as SKIN_PART
+from service.face.reading.part_labels import BACKGROUND, PARTS
+from service.face.reading.part_labels import SKIN as SKIN_PART
 from service.face.reading.reader import CELLS, PART_CELLS, Reading
 from service.face.region import Region
 from service.geometry.camera import Camera

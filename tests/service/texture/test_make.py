@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.parts import SCLERA
-from service.face.reading.parts import SKIN as SKIN_READ
-from service.geometry.chart import Chart, mirrored
+from service.face.reading.part_labels import SCLERA
+from service.face.reading.part_labels import SKIN as SKIN_READ
+from service.geometry.chart import Chart, mirrored_map
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.texture.texture import make_texture
@@ -72,7 +72,7 @@ def test_mirrored_side_continues_the_light_of_its_surroundings() -> None:
     from_mirror = SKIN_MASK & (texture.confidence < SEEN) & (texture.confidence >= 40)
     near = from_mirror & (POINTS[..., 0] > 0.02) & (POINTS[..., 0] < 0.06)
     assert near.sum() > 200
-    unmatched = np.abs(mirrored(truth)[near] - truth[near]).max(-1).mean()
+    unmatched = np.abs(mirrored_map(truth)[near] - truth[near]).max(-1).mean()
     assert unmatched > 0.2
     assert _error(texture, near, truth).mean() < 0.5 * unmatched
     step = np.abs(np.diff(texture.texture[..., 0].astype(float) / 255, axis=1))
@@ -177,7 +177,7 @@ def test_confidence_has_three_bands() -> None:
     assert (code[SKIN_MASK & (POINTS[..., 2] < -0.15)] == 0).all()
     reflected = SKIN_MASK & (code < SEEN) & (code >= MIRRORED)
     assert (POINTS[..., 0][reflected] > 0.0).mean() > 0.9
-    assert (mirrored(code)[reflected] >= SEEN).mean() > 0.9
+    assert (mirrored_map(code)[reflected] >= SEEN).mean() > 0.9
 
 
 def test_grey_photo_gives_grey_maps_also_where_made_up() -> None:

@@ -14,7 +14,7 @@ from service.face.finder import FaceFinder
 from service.face.fit.fit_face import fit_face
 from service.face.fit.result import Fit
 from service.face.profile import faces_by_reading
-from service.face.reading.parts import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN
+from service.face.reading.part_labels import BEARD, GLASSES, HAIR, HAT, OTHER, SKIN
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import Reading
 from service.head.files import load_head

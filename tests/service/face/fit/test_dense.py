@@ -11,10 +11,10 @@ from service.face.face import Face
 from service.face.fit.basis import RIGID, LandmarkModel, extended, modes
 from service.face.fit.dense import DenseTerms, correspondences, normal_derivative
 from service.face.fit.fit_face import fit_face
+from service.face.fit.pose_state import POSE, State
 from service.face.fit.settings import FitSettings
-from service.face.fit.state import POSE, State
 from service.face.reading.openings import EYE, STATIONS, Opening
-from service.face.reading.parts import PARTS, SKIN
+from service.face.reading.part_labels import PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, crop_of
 from service.face.reading.scores import Scores
 from service.geometry.camera import Camera, ahead, exp_rotation

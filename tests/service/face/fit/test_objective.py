@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from service.face.fit.pose_state import State
 from service.face.fit.solver import PointTerm, Prior, Term, energy, linearise
-from service.face.fit.state import State
 from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from service.face.fit.pose_state import POSE, State, weak_pose
 from service.face.fit.solver import Damping, PointTerm, Prior, minimise, solve_step
-from service.face.fit.state import POSE, State, weak_pose
 from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(3)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from service.errors import NumericFault
-from service.face.reading.parts import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
-from service.face.reading.person import LEAST_RATE, SIDE, PersonNetwork, error_rates, weigh, with_person
+from service.face.reading.part_labels import BACKGROUND, CLOTH, HAIR, OTHER, PARTS, SKIN
+from service.face.reading.person import LEAST_RATE, SIDE, PersonNetwork, error_rates, weigh_parts, with_person
 from service.face.reading.reader import CELLS, PART_CELLS, Reading, parts_at_pixels
 from service.face.region import Region
 
@@ -105,14 +105,14 @@ def test_error_rates_are_those_of_the_photo() -> None:
 def test_odds_are_multiplied_by_the_likelihood_ratio() -> None:
     parts = np.zeros((1, len(PARTS)), np.float32)
     parts[0, [HAIR, CLOTH, BACKGROUND, OTHER]] = 0.4, 0.2, 0.3, 0.1
-    found = weigh(parts, np.zeros(1, np.float32), missed=0.1, false=0.2)[0]
+    found = weigh_parts(parts, np.zeros(1, np.float32), missed=0.1, false=0.2)[0]
     odds = (0.6 / 0.4) * (0.1 / 0.8)
     assert found[HAIR] + found[CLOTH] == pytest.approx(odds / (1 + odds), rel=1e-5)
     assert found[HAIR] / found[CLOTH] == pytest.approx(2.0), "which part of the person it is stays as it was"
     assert found[BACKGROUND] / found[OTHER] == pytest.approx(3.0), "what hides a face need not be a person"
-    np.testing.assert_allclose(weigh(parts, np.ones(1, np.float32), 0.1, 0.2), parts, rtol=1e-5)
+    np.testing.assert_allclose(weigh_parts(parts, np.ones(1, np.float32), 0.1, 0.2), parts, rtol=1e-5)
     certain = np.eye(len(PARTS), dtype=np.float32)[[HAIR]]
-    np.testing.assert_allclose(weigh(certain, np.zeros(1, np.float32), LEAST_RATE, LEAST_RATE), certain)
+    np.testing.assert_allclose(weigh_parts(certain, np.zeros(1, np.float32), LEAST_RATE, LEAST_RATE), certain)
 
 
 def test_without_numbers_the_reading_stays_and_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:

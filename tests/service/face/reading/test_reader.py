@@ -9,7 +9,7 @@ import pytest
 
 from service.errors import NumericFault
 from service.face.reading.openings import OpeningsNetwork
-from service.face.reading.parts import BACKGROUND, HAIR, PARTS, SKIN
+from service.face.reading.part_labels import BACKGROUND, HAIR, PARTS, SKIN
 from service.face.reading.person import PersonNetwork
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import (

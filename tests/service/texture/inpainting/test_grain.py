@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.geometry.chart import Chart, mirrored
+from service.geometry.chart import Chart, mirrored_map
 from service.head.files import load_head
 from service.texture.inpainting import grain
 
@@ -35,8 +35,8 @@ def test_grain_is_no_streak_where_the_chart_is_stretched() -> None:
 
 def test_grain_is_symmetric_seeded_and_of_mean_magnitude_one() -> None:
     assert abs(float(np.abs(GRAIN).mean()) - 1) < 1e-3 and np.isfinite(GRAIN).all()
-    both = SKIN & mirrored(SKIN)
-    assert np.corrcoef(MAP[both], mirrored(MAP)[both])[0, 1] > 0.8, "both ends of the chart meet behind the head"
+    both = SKIN & mirrored_map(SKIN)
+    assert np.corrcoef(MAP[both], mirrored_map(MAP)[both])[0, 1] > 0.8, "both ends of the chart meet behind the head"
     assert np.array_equal(grain(CHART, 0), GRAIN) and not np.array_equal(grain(CHART, 1), GRAIN)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from service.face.reading.parts import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, OTHER, PARTS, SKIN
+from service.face.reading.part_labels import BACKGROUND, CLOTH, GLASSES, HAIR, HAT, OTHER, PARTS, SKIN
 from service.face.reading.reader import CELLS, PART_CELLS, Reading
 from service.face.region import Region
 from service.geometry.chart import Chart

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial import cKDTree
 
-from service.face.reading.parts import BEARD, BROW, CLOTH, GLASSES, HAT, IRIS, OTHER, PARTS, SKIN
+from service.face.reading.part_labels import BEARD, BROW, CLOTH, GLASSES, HAT, IRIS, OTHER, PARTS, SKIN
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.map_registry import SEEN

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.anatomy.eyes import LEAST_TEXELS, RING, draw_eyes, eyeballs
+from service.anatomy.eye_painting import LEAST_TEXELS, RING, draw_eyes, eyeballs
 from service.colour import FULL_CODE, linear_to_srgb
 from service.face.features.eye_colours import SCLERA
 from service.head.files import load_head

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.anatomy.canvas import PartTexels, part_points
-from service.anatomy.mouth import (
+from service.anatomy.mouth_painting import (
     WHITEST,
     WIDTHS_MM,
     Teeth,

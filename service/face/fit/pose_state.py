@@ -87,7 +87,7 @@ class Projection:
     uv: Float64
 
 
-def project(state: State, points: Float64) -> Projection:
+def project_points(state: State, points: Float64) -> Projection:
     """Project (N, 3) head-space metres."""
     turned = points @ state.rotation.T
     position = turned + state.translation
