@@ -21,7 +21,7 @@ from benchmarks.corrections.photos import QUICK, photos
 from benchmarks.corrections.score import Judge, Score
 from benchmarks.shoot import data_folder
 from models.tables import tell
-from service.bench.pareto import pareto
+from service.bench.losses import pareto
 from service.colour import FULL_CODE
 from service.levels import LEVELS
 from service.options import Options

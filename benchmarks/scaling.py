@@ -20,7 +20,7 @@ from typing import Annotated
 import typer
 
 from models.tables import tell
-from service.bench.pareto import Line, line
+from service.bench.losses import Line, line
 
 MARK = ("<!-- scaling -->", "<!-- /scaling -->")
 SETTLED = 3

@@ -8,20 +8,42 @@ from __future__ import annotations
 import platform
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from service import diagnosis
-from service.bench import material, rates
-from service.bench.launch import isolated
-from service.bench.result import Bench
-from service.bench.setting import Launch, Progress, Setting
-from service.bench.stage_rows import marked, measure_stages, rule_notes
-from service.bench.variants import NETWORKS, STAGES, Extent, Family, StageName
-from service.bench.whole_rows import marked_wholes, measure_wholes, straight
-from service.errors import ModelFault
+from service.bench.sample_head import SampleHead, from_photo
+from service.bench.stages import marked, measure_stages, rule_notes
+from service.bench.variants import NETWORKS, STAGES, Bench, Extent, Family, Launch, Progress, Setting, StageName
+from service.bench.whole import marked_wholes, measure_wholes, straight
+from service.errors import Crashed, ModelFault
 from service.runtime.networks import choose_engine, describe
+
+T = TypeVar("T")
+
+
+def isolated(work: Callable[..., T], *arguments: Any) -> T:
+    """``work(*arguments)`` in a separate process, so that caches are cold and its peak memory is measured alone.
+
+    Args:
+        work: a function at the top level of a module.
+        arguments: of ``work``, picklable.
+
+    Raises:
+        Crashed: the process ended without a result, for example for want of memory.
+        Exception: as ``work`` raises it.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        try:
+            return pool.submit(work, *arguments).result()
+        except BrokenProcessPool as error:
+            raise Crashed(
+                f"the process of {work.__name__} ended without a result; there may be too little memory"
+            ) from error
 
 
 def bench(
@@ -57,16 +79,13 @@ def bench(
         folder = Path(scratch)
         progress("photo", 0.0)
         size = describe("zeta_body", first.folder).whole if "zeta_body" in first.networks else None
-        launch(material.from_photo, data, size, extent.side, folder)
-        progress("machine", 0.02)
-        found = launch(rates.measure, threads, blas_threads=threads)
-        at = Setting(extent, families, folder, launch, data, threads, found, material.Material.load(folder))
+        launch(from_photo, data, size, extent.side, folder)
+        at = Setting(extent, families, folder, launch, data, threads, SampleHead.load(folder))
         rows = measure_stages(at, chosen, progress)
         at.notes.extend(rule_notes(rows, threads, first))
         wholes = measure_wholes(at, progress)
     return Bench(
         machine=_machine(threads, families),
-        rates=found,
         rows=marked(rows),
         wholes=marked_wholes(wholes),
         line=straight(wholes, extent),

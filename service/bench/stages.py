@@ -1,9 +1,9 @@
-"""Run and time one variant of one stage, and keep its map."""
+"""Run and time every variant of every stage, and compare its map with the reference's."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,39 +12,39 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
-from service.bench.material import Material
-from service.bench.variants import CLIFFS, TRANSLATORS, Variant, reference
+from service.bench.losses import Kind, compare, pareto
+from service.bench.sample_head import SampleHead, resized_mask
+from service.bench.variants import (
+    CLIFFS,
+    NETWORKS,
+    STAGES,
+    STAGES_SHARE,
+    TRANSLATORS,
+    Family,
+    Measured,
+    Progress,
+    Row,
+    Setting,
+    StageName,
+    Variant,
+    reference,
+    variants,
+)
 from service.colour import to_codes
 from service.diagnosis import peak_rss_mb
+from service.errors import AvatarError, ModelFault
 from service.levels import FULL_SIZE
 from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK, found_by, needs_context
 from service.reflectance.planes import Planes
 from service.reflectance.relief.normal_inputs import drawn_detail, shaded_grey
 from service.runtime.network_registry import DRAWN_DETAIL, SHADED_GREY
-from service.runtime.networks import Description, Engine, Network, open_network
+from service.runtime.networks import Description, Engine, Network, choose_engine, open_network
 from service.runtime.tiles import Tile, run_tiles, tiles
 
 Result = npt.NDArray[Any]
 
 LONG_S = 4.0
 """Runs that take longer are not repeated, as start-up is a small part of them."""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Time and memory of a variant.
-
-    Attributes:
-        seconds: for the whole chart, extrapolated from the window by the number of pixels computed, padding included.
-        window_s: as measured.
-        peak_mb: largest resident memory of the process.
-        megabytes: of the file, where the stage writes one.
-    """
-
-    seconds: float
-    window_s: float
-    peak_mb: float
-    megabytes: float | None = None
 
 
 def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeats: int) -> Measured:
@@ -61,7 +61,7 @@ def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeat
     Raises:
         AvatarError: as the stage raises it.
     """
-    material = Material.load(folder)
+    material = SampleHead.load(folder)
     ways: dict[str, Callable[[], _Workload]] = {
         "zeta": lambda: _zeta(variant, engine, material),
         "integration": lambda: _integration(variant, material),
@@ -101,7 +101,7 @@ def _timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float]:
     return result, min(seconds[1:] or seconds)
 
 
-def _zeta(variant: Variant, engine: Engine, material: Material) -> _Workload:
+def _zeta(variant: Variant, engine: Engine, material: SampleHead) -> _Workload:
     from service.reflectance.super_resolution import Grain, enlarge, resample
 
     if variant.knob:
@@ -112,7 +112,7 @@ def _zeta(variant: Variant, engine: Engine, material: Material) -> _Workload:
     return _Workload(lambda: enlarge(material.whole_texture(), Grain(), engine, variant.tile))
 
 
-def _translation(variant: Variant, engine: Engine, network: Network, material: Material) -> _Workload:
+def _translation(variant: Variant, engine: Engine, network: Network, material: SampleHead) -> _Workload:
     what = network.description
     if variant.halo < 1:
         what = replace(what, halo=int(what.halo * variant.halo) // what.stride * what.stride)
@@ -146,7 +146,7 @@ def computed(size: tuple[int, int], tile: int, what: Description) -> int:
     )
 
 
-def inputs(variant: Variant, engine: Engine, material: Material, what: Description) -> tuple[Planes, float]:
+def inputs(variant: Variant, engine: Engine, material: SampleHead, what: Description) -> tuple[Planes, float]:
     """Input of a translator in the window, and the seconds of delta's context, which runs once on the whole chart."""
     planes = material.map_planes(variant.width)
     seconds = 0.0
@@ -168,8 +168,7 @@ def inputs(variant: Variant, engine: Engine, material: Material, what: Descripti
     return planes, seconds
 
 
-def _integration(variant: Variant, material: Material) -> _Workload:
-    from service.bench.material import resized_mask
+def _integration(variant: Variant, material: SampleHead) -> _Workload:
     from service.reflectance.relief.displacement import displacement
     from service.reflectance.relief.integration import MOST_STEPS
 
@@ -197,7 +196,7 @@ def _shrunk(normals: Result, side: int) -> npt.NDArray[np.int16]:
     return np.asarray(np.rint(small), np.int16)
 
 
-def _encoding(variant: Variant, material: Material) -> _Workload:
+def _encoding(variant: Variant, material: SampleHead) -> _Workload:
     from service.archive.images import Rows, encode_png, encode_png_rows, quantise_normals, to_8_bits
     from service.reflectance.reflectance_maps import unpack_normals
 
@@ -239,3 +238,109 @@ def _decoded(variant: Variant, data: bytes) -> Result:
         values = (image.astype(np.float32) - zero) / np.float32(scale)
         return pack_normals(*np.moveaxis(values, 2, 0))
     return image.copy() if bits == 16 else image.astype(np.uint16) * np.uint16(257)
+
+
+KINDS: dict[StageName, Kind] = {
+    "zeta": "colour", "delta": "colour", "psi": "colour", "rho": "normal", "sigma": "normal", "integration": "height",
+    "encoding": "normal",
+}  # fmt: skip
+
+BEATEN = 1.1
+"""Factor by which another runtime has to be faster for a note that ``--runtime auto`` chose wrong."""
+
+
+def _with_sources(chosen: Sequence[StageName], at: Setting) -> list[StageName]:
+    """Stages to run: those that are chosen and possible, and those that compute their inputs."""
+    sources: dict[StageName, tuple[StageName, ...]] = {
+        "delta": ("zeta",), "psi": ("delta",), "rho": ("delta",), "sigma": ("delta",), "integration": ("rho",),
+        "encoding": ("delta", "rho"),
+    }  # fmt: skip
+    wanted = set(chosen)
+    for stage in reversed(STAGES):
+        wanted |= set(sources.get(stage, ())) if stage in wanted else set()
+    possible: list[StageName] = []
+    for stage in STAGES:
+        missing = [name for name in NETWORKS[stage] if name not in at.first.networks and name != "delta_context"]
+        short = [source for source in sources.get(stage, ()) if source not in possible]
+        if stage in ("integration", "encoding") and short:
+            missing += short
+        if stage in wanted and missing:
+            at.notes.append(f"{stage} was left out: {at.first.folder} has no {', '.join(missing)}")
+        elif stage in wanted:
+            possible.append(stage)
+    return possible
+
+
+def measure_stages(at: Setting, chosen: Sequence[StageName], progress: Progress) -> list[Row]:
+    """A row for each variant of the chosen stages, with the fault of those that fail.
+
+    Raises:
+        ModelFault: a reference fails.
+    """
+    wanted = _with_sources(chosen, at)
+    names = [family.name for family in at.families[1:]]
+    todo = list(variants(at.extent, [stage for stage in wanted if stage in chosen], names))
+    rows = [_measure(at, reference(stage)) for stage in wanted]
+    failed = [row for row in rows if row.fault]
+    if failed:
+        raise ModelFault(f"the reference of {failed[0].variant.stage} failed: {failed[0].fault}")
+    by_variant = {row.variant: row for row in rows}
+    for index, variant in enumerate(todo):
+        progress(f"{variant.stage}, {variant.label}", 0.05 + (STAGES_SHARE - 0.05) * index / len(todo))
+        if variant not in by_variant:
+            by_variant[variant] = _measure(at, variant)
+    return [by_variant[variant] for variant in todo]
+
+
+def _measure(at: Setting, variant: Variant) -> Row:
+    output = at.folder / (f"{variant.stage}.npy" if variant.reference else "variant.npy")
+    try:
+        taken = at.launch(measure, variant, at.engine(variant), at.folder, output, at.extent.repeats)
+    except AvatarError as error:
+        return Row(variant, fault=error.message)
+    source = variant.stage
+    kind = KINDS[variant.stage]
+    if variant.stage == "encoding":
+        what, _, _ = coding(variant.knob)
+        source, kind = ("rho", "normal") if what == "normals" else ("delta", "colour")
+    best = at.head.result(source)
+    loss = compare(kind, np.load(output), best, resized_mask(at.head.skin, best.shape[0]))
+    return Row(variant, taken, loss)
+
+
+def rule_notes(rows: Sequence[Row], threads: int, first: Family) -> list[str]:
+    """Notes on stages where ``auto`` chooses a runtime that another one outran by more than a tenth."""
+    found = []
+    for stage in (*TRANSLATORS, "zeta"):
+        taken = {
+            f"{row.variant.runtime} {row.variant.precision}": row.measured.seconds
+            for row in rows
+            if row.measured is not None and row.variant == replace(
+                reference(row.variant.stage), runtime=row.variant.runtime, precision=row.variant.precision
+            ) and row.variant.stage == stage
+        }  # fmt: skip
+        auto = choose_engine(threads=threads, folder=first.folder).told([NETWORKS[stage][-1]])
+        chosen = next(iter(auto.values()))
+        if chosen in taken and taken[chosen] > BEATEN * min(taken.values()):
+            best = min(taken, key=taken.__getitem__)
+            times = taken[chosen] / taken[best]
+            found.append(f"{stage}: --runtime auto takes {chosen}; {best} was {times:.2f} times as fast in this run")
+    return found
+
+
+def marked(rows: list[Row]) -> list[Row]:
+    """Rows with the Pareto front of their stage (of their kind of map, for the encoding)."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for index, row in enumerate(rows):
+        if row.measured is not None and row.loss is not None:
+            groups.setdefault((row.variant.stage, row.loss.kind), []).append(index)
+    marked = list(rows)
+    for members in groups.values():
+        points = []
+        for index in members:
+            measured, loss = rows[index].measured, rows[index].loss
+            assert measured is not None and loss is not None  # noqa: S101 - only such were gathered
+            points.append((measured.seconds, loss.at_full, measured.megabytes or 0.0))
+        for index, front in zip(members, pareto(points), strict=True):
+            marked[index] = replace(rows[index], front=front)
+    return marked

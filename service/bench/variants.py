@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from service.bench.losses import UNITS, Line, Loss
+from service.bench.sample_head import SampleHead
 from service.levels import FULL_SIZE
 from service.runtime.network_registry import networks_of
-from service.runtime.networks import RuntimeName, has_bf16
+from service.runtime.networks import Engine, RuntimeName, has_bf16
 from service.runtime.sessions import has_openvino
 from service.runtime.tiles import DEFAULT_TILE
 
 StageName = Literal["zeta", "delta", "psi", "rho", "sigma", "integration", "encoding"]
-Precision = Literal["fp32", "bf16", "int8 dynamic", "int8 static"]
+Precision = Literal["fp32", "bf16"]
 
 STAGES: tuple[StageName, ...] = ("zeta", "delta", "psi", "rho", "sigma", "integration", "encoding")
 TRANSLATORS: tuple[StageName, ...] = ("delta", "psi", "rho", "sigma")
@@ -30,8 +33,6 @@ NETWORKS: dict[StageName, tuple[str, ...]] = {
 
 SHIPPED = "shipped"
 """Name of the reference family of networks."""
-
-INT8: tuple[Precision, ...] = ("int8 dynamic", "int8 static")
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,6 @@ class Extent:
         tiles: other than the reference's.
         halo_tile: tile at which smaller padding is tried.
         halos: padding shares, other than 1.
-        int8: ways to quantise networks.
         levels: of quality, run from the photo to the archive.
         sizes: widths of maps for the fit of time against size.
         draft: whether draft quality is run with other runtimes, precisions and tiles.
@@ -116,7 +116,6 @@ class Extent:
     tiles: tuple[int, ...]
     halo_tile: int
     halos: tuple[float, ...]
-    int8: tuple[Precision, ...]
     levels: tuple[str, ...]
     sizes: tuple[int, ...]
     draft: bool
@@ -125,11 +124,10 @@ class Extent:
 
 
 FULL = Extent(
-    1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("int8 static",), ("draft", "standard", "high", "reference"),
+    1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("draft", "standard", "high", "reference"),
     (1536, 3072, 6144), True, 1,
 )  # fmt: skip
-"""Without dynamic quantisation, whose convolutions are as slow as fp32."""
-QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (), (384, 768, 1536), False, 0, 1)
+QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (384, 768, 1536), False, 0, 1)
 
 
 def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str]) -> Iterator[Variant]:
@@ -145,17 +143,16 @@ def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str
         yield from (replace(first, knob=knob) for knob in knobs[: extent.knobs])
 
 
-def precisions(extent: Extent) -> Iterator[tuple[RuntimeName, Precision]]:
+def precisions() -> Iterator[tuple[RuntimeName, Precision]]:
     """Runtimes and precisions of this machine and installation, other than the reference's."""
     if has_openvino():
         yield "openvino", "fp32"
         if has_bf16():
             yield "openvino", "bf16"
-    yield from (("onnxruntime", precision) for precision in extent.int8)
 
 
 def _of_networks(extent: Extent, first: Variant, families: Sequence[str]) -> Iterator[Variant]:
-    for runtime, precision in precisions(extent):
+    for runtime, precision in precisions():
         yield replace(first, runtime=runtime, precision=precision)
     yield from (replace(first, family=family) for family in families)
     yield from (replace(first, tile=tile) for tile in extent.tiles)
@@ -170,3 +167,175 @@ class Family:
     name: str
     folder: Path
     networks: tuple[str, ...]
+
+
+Progress = Callable[[str, float], None]
+Launch = Callable[..., Any]
+
+STAGES_SHARE = 0.5
+"""Share of the progress bar for the stages; the rest is for whole runs."""
+
+
+@dataclass
+class Setting:
+    """Context of the measurements of one run: extent, networks, material, machine; notes and caches are added to."""
+
+    extent: Extent
+    families: Sequence[Family]
+    folder: Path
+    launch: Launch
+    photo: bytes
+    threads: int
+    head: SampleHead
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def first(self) -> Family:
+        """The family that is the reference."""
+        return self.families[0]
+
+    def family(self, variant: Variant) -> Family:
+        """The family of a variant's networks."""
+        return next((family for family in self.families if family.name == variant.family), self.first)
+
+    def engine(self, variant: Variant) -> Engine:
+        """Engine of a variant's networks."""
+        return Engine(variant.runtime, variant.precision, self.threads, self.family(variant).folder)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Time and memory of a variant.
+
+    Attributes:
+        seconds: for the whole chart, extrapolated from the window by the number of pixels computed, padding included.
+        window_s: as measured.
+        peak_mb: largest resident memory of the process.
+        megabytes: of the file, where the stage writes one.
+    """
+
+    seconds: float
+    window_s: float
+    peak_mb: float
+    megabytes: float | None = None
+
+
+@dataclass(frozen=True)
+class Whole:
+    """One run.
+
+    Attributes:
+        label: its name.
+        quality: a level, which decides on super-resolution, bits and the fine mesh.
+        width: of the maps; None for the level's.
+        engine: of the networks.
+        tile: inner side of tiles.
+    """
+
+    label: str
+    quality: str
+    engine: Engine
+    width: int | None = None
+    tile: int = DEFAULT_TILE
+
+
+@dataclass(frozen=True)
+class Made:
+    """Result of a run: seconds in total and by stage, peak memory in MiB, archive in MB, width of the maps."""
+
+    seconds: float
+    timings_s: Mapping[str, float]
+    peak_mb: float
+    megabytes: float
+    width: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """One variant of one stage.
+
+    Attributes:
+        variant: what was run.
+        measured: time and memory; None where it failed.
+        loss: against the stage's reference; None where it failed.
+        front: whether it is on the Pareto front of its stage.
+        fault: why it failed.
+    """
+
+    variant: Variant
+    measured: Measured | None = None
+    loss: Loss | None = None
+    front: bool = False
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class WholeRow:
+    """One run from photo to archive; ``losses`` by map, against the reference run."""
+
+    run: Whole
+    made: Made | None = None
+    losses: Mapping[str, Loss] | None = None
+    front: bool = False
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All results of one benchmark.
+
+    Attributes:
+        machine: facts of machine and installation.
+        rows: of all stages.
+        wholes: runs from photo to archive.
+        line: seconds without super-resolution against megatexels of the map.
+        notes: what was left out, and why.
+        seconds: duration of the benchmark.
+    """
+
+    machine: Mapping[str, Any]
+    rows: Sequence[Row]
+    wholes: Sequence[WholeRow]
+    line: Line | None
+    notes: Sequence[str]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON values; numbers that are not finite are null."""
+        return {
+            "machine": dict(self.machine),
+            "stages": [_row(row) for row in self.rows],
+            "whole": [_whole(row) for row in self.wholes],
+            "line": None if self.line is None else asdict(self.line),
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+        }
+
+
+def _row(row: Row) -> dict[str, Any]:
+    return {
+        **asdict(row.variant),
+        "label": row.variant.label,
+        **(_taken(row.measured, row.fault)),
+        "loss": None if row.loss is None else loss_json(row.loss),
+        "pareto": row.front,
+    }
+
+
+def _whole(row: WholeRow) -> dict[str, Any]:
+    engine = row.run.engine
+    return {
+        "label": row.run.label, "quality": row.run.quality, "runtime": engine.runtime, "precision": engine.precision,
+        "tile": row.run.tile, **_taken(row.made, row.fault),
+        "loss": {name: loss_json(loss) for name, loss in (row.losses or {}).items()}, "pareto": row.front,
+    }  # fmt: skip
+
+
+def _taken(taken: Measured | Made | None, fault: str) -> dict[str, Any]:
+    return {"fault": fault} if taken is None else asdict(taken)
+
+
+def loss_json(loss: Loss) -> dict[str, Any]:
+    """Numbers and their unit."""
+    shown = {"at_own_size": loss.shown(loss.at_own), "at_full_size": loss.shown(loss.at_full)}
+    return {"unit": UNITS[loss.kind], **{key: value if math.isfinite(value) else None for key, value in shown.items()}}

@@ -1,26 +1,27 @@
-"""One run from a photo to an archive, timed by stage, and the window of its maps for comparison."""
+"""Runs from a photo to an archive: all levels, other sizes, and draft quality with other engines."""
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from service.bench.loss import Kind
-from service.bench.material import Material
+from service.bench.losses import Kind, Line, compare, line, pareto
+from service.bench.sample_head import SampleHead, resized_mask
+from service.bench.variants import STAGES_SHARE, Extent, Family, Made, Progress, Setting, Whole, WholeRow, precisions
 from service.diagnosis import peak_rss_mb
-from service.levels import SMALLEST_ENLARGED
+from service.errors import AvatarError
+from service.levels import FULL_SIZE, LEVELS, SMALLEST_ENLARGED
 from service.reflectance.plan import ROLES, Plan
 from service.runtime.network_registry import networks_of
-from service.runtime.networks import Engine
+from service.runtime.networks import Engine, choose_engine
 from service.runtime.sessions import model_table
-from service.runtime.tiles import DEFAULT_TILE
 
 COMPARED: dict[str, Kind] = {
     "diffuse_albedo": "colour", "specular_albedo": "colour", "specular_normal": "normal", "diffuse_normal": "normal",
@@ -29,36 +30,6 @@ COMPARED: dict[str, Kind] = {
 
 WRITING = "write"
 """Name of the time of writing the archive."""
-
-
-@dataclass(frozen=True)
-class Whole:
-    """One run.
-
-    Attributes:
-        label: its name.
-        quality: a level, which decides on super-resolution, bits and the fine mesh.
-        width: of the maps; None for the level's.
-        engine: of the networks.
-        tile: inner side of tiles.
-    """
-
-    label: str
-    quality: str
-    engine: Engine
-    width: int | None = None
-    tile: int = DEFAULT_TILE
-
-
-@dataclass(frozen=True)
-class Made:
-    """Result of a run: seconds in total and by stage, peak memory in MiB, archive in MB, width of the maps."""
-
-    seconds: float
-    timings_s: Mapping[str, float]
-    peak_mb: float
-    megabytes: float
-    width: int
 
 
 def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
@@ -98,9 +69,103 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     end = time.perf_counter()
     timings = {**avatar.timings_s, **reflectance.timings_s, WRITING: end - writing}
     peak = peak_rss_mb()
-    window = Material.load(folder).window
+    window = SampleHead.load(folder).window
     maps: dict[str, npt.NDArray[Any]] = {
         name: window.of(values) for name in COMPARED if (values := getattr(reflectance, name)) is not None
     }
     np.savez(output, **maps)  # type: ignore[arg-type]
     return Made(end - begin, timings, peak, megabytes, options.map_size[0])
+
+
+def whole_runs(at: Extent, families: Sequence[Family], threads: int) -> list[Whole]:
+    """Whole runs; the last is the reference. Levels with equal settings on this machine share one run."""
+    folder = families[0].folder
+    runs: dict[tuple[object, ...], Whole] = {}
+    for name in at.levels:
+        level = LEVELS[name]
+        engine = choose_engine(threads=threads, precision=level.precision, folder=folder)
+        key = (level.size, level.super_resolution, level.normal_bits, level.fine_mesh, level.keep_cliffs, engine)
+        runs[key] = Whole(f"{runs[key].label}, {name}" if key in runs else name, name, engine)
+    levels = list(runs.values())
+    engine = choose_engine(threads=threads, folder=folder)
+    quality = "standard" if "standard" in at.levels else "draft"
+    widths = [width for width in at.sizes if not ("standard" in at.levels and width == FULL_SIZE[0])]
+    sizes = [Whole(f"{quality}, {width} wide", quality, engine, width) for width in widths]
+    others = _draft_runs(at, families, engine) if at.draft else []
+    return [*others, *sizes, *levels]
+
+
+def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine) -> list[Whole]:
+    """Draft quality with other engines, tiles and networks."""
+    found = []
+    networks = Plan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
+    for runtime, precision in [("onnxruntime", "fp32"), *precisions()]:
+        other = Engine(runtime, precision, engine.threads, engine.folder)
+        if any(other.of(name) != engine.of(name) for name in networks):
+            found.append(Whole(f"draft, {runtime} {precision}", "draft", other))
+    found += [Whole(f"draft, tile {tile}", "draft", engine, tile=tile) for tile in at.tiles[:1]]
+    found += [Whole(f"draft, {family.name}", "draft", replace(engine, folder=family.folder)) for family in families[1:]]
+    return found
+
+
+def measure_wholes(at: Setting, progress: Progress) -> list[WholeRow]:
+    """A row for each whole run; losses are against the last, the reference."""
+    runs = whole_runs(at.extent, at.families, at.threads)
+    rows = []
+    for index, run in enumerate(runs):
+        progress(run.label, STAGES_SHARE + (1 - STAGES_SHARE) * index / len(runs))
+        try:
+            made: Made = at.launch(make, run, at.photo, at.folder, at.folder / f"whole{index}.npz")
+            rows.append(WholeRow(run, made))
+        except AvatarError as error:
+            rows.append(WholeRow(run, fault=error.message))
+    if not rows:
+        return rows
+    if rows[-1].fault:
+        at.notes.append("whole runs have no losses: the reference run failed")
+        return rows
+    with np.load(at.folder / f"whole{len(rows) - 1}.npz") as file:
+        best = {name: file[name] for name in file.files}
+    for index, row in enumerate(rows):
+        if row.made is not None:
+            with np.load(at.folder / f"whole{index}.npz") as file:
+                losses = {
+                    name: compare(
+                        COMPARED[name], file[name], best[name],
+                        resized_mask(at.head.skin, best[name].shape[0]),
+                    )
+                    for name in file.files if name in best
+                }  # fmt: skip
+            rows[index] = replace(row, losses=losses)
+    return rows
+
+
+def marked_wholes(rows: list[WholeRow]) -> list[WholeRow]:
+    """Rows with the Pareto front of time and the losses of all maps."""
+    points = []
+    for row in rows:
+        losses = row.losses or {}
+        errors = [losses[name].at_full if name in losses else float("nan") for name in _told(rows)]
+        points.append((row.made.seconds if row.made else float("nan"), *errors))
+    return [replace(row, front=front) for row, front in zip(rows, pareto(points), strict=True)] if rows else []
+
+
+def _told(rows: Sequence[WholeRow]) -> list[str]:
+    return [name for name in COMPARED if any(name in (row.losses or {}) for row in rows)]
+
+
+def straight(rows: Sequence[WholeRow], extent: Extent) -> Line | None:
+    """Line through seconds without super-resolution, whose cost does not depend on the size of the map."""
+    points = dict(sized(rows, extent))
+    return line(*zip(*sorted(points.items()), strict=True)) if len(points) > 2 else None
+
+
+def sized(rows: Sequence[WholeRow], extent: Extent | None = None) -> list[tuple[float, float]]:
+    """(megatexels, seconds without super-resolution) of the runs at different sizes."""
+    found = []
+    for row in rows:
+        if row.made is None or not (row.run.width or row.run.label.split(", ")[0] == "standard"):
+            continue
+        seconds = row.made.seconds - row.made.timings_s.get("super_resolution", 0.0)
+        found.append((row.made.width**2 * 2 / 3 / 1e6, seconds))
+    return found

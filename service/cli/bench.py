@@ -32,7 +32,7 @@ def bench(*, quick: bool, as_json: bool, output: str | None, networks: str | Non
     families = find_families(None if networks is None else Path(networks))
     target = None if output is None else Path(output)
     if target is not None:
-        from service.bench.plot import require_matplotlib
+        from service.bench.report import require_matplotlib
 
         require_matplotlib()
         if not target.is_dir():
@@ -42,8 +42,7 @@ def bench(*, quick: bool, as_json: bool, output: str | None, networks: str | Non
 
         found = run(QUICK if quick else FULL, families, progress=progress)
     if target is not None:
-        from service.bench.plot import draw
-        from service.bench.report import as_markdown, put
+        from service.bench.report import as_markdown, draw, put
 
         path = target / f"{NAME}.md"
         try:

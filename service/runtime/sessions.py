@@ -240,35 +240,6 @@ def native_session(
         raise ModelFault(f"{folder / name}: the runtime cannot load this model ({error})") from error
 
 
-def profile(
-    name: str,
-    data: bytes,
-    inputs: dict[str, npt.NDArray[Any]],
-    outputs: list[str],
-    scratch: Path,
-    folder: Path = MODELS,
-) -> tuple[list[npt.NDArray[Any]], str]:
-    """Outputs of one run of the graph as it stands in the file, and the runtime's profile of it (JSON).
-
-    Raises:
-        ModelFault: the runtime cannot load or run the graph.
-    """
-    ort = _runtime()
-    options = ort.SessionOptions()
-    options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
-    options.log_severity_level = 3
-    options.intra_op_num_threads = 1
-    options.enable_profiling = True
-    options.profile_file_prefix = str(scratch / "profile")
-    try:
-        session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        results = session.run(outputs, inputs)
-        text = Path(session.end_profiling()).read_text(encoding="utf-8")
-    except Exception as error:  # the runtime's own exception types are not public
-        raise ModelFault(f"{folder / name}: the runtime cannot profile this model ({error})") from error
-    return list(results), text
-
-
 def fold(name: str, data: bytes, target: Path, folder: Path = MODELS) -> None:
     """Write the graph with what is constant computed and weights as float32, for tools that look for weights.
 

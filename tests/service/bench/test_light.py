@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from service.archive.avatar import Avatar
-from service.bench import material, stages
-from service.bench.variants import reference
-from service.bench.whole import Whole, make
+from service.bench.sample_head import SampleHead, from_photo
+from service.bench.stages import measure
+from service.bench.variants import Whole, reference
+from service.bench.whole import make
 from service.colour import Codes
 from service.reflectance.plan import Plan
 from service.reflectance.reflectance import make_reflectance
@@ -65,9 +66,9 @@ def test_the_stage_takes_the_light_of_the_photo(
     """Light that is found on hair and made-up parts would be measured as if it were to be believed there."""
     # The stage is the network; what becomes of highlights afterwards is the whole's.
     monkeypatch.setattr("service.reflectance.reflectance.without_highlights", lambda albedo, *_: albedo)
-    material.from_photo(b"", None, SIDE, tmp_path)
-    stages.measure(replace(reference("delta"), width=WIDTH), engine, tmp_path, tmp_path / "delta.npy", 0)
-    window = material.Material.load(tmp_path).window
+    from_photo(b"", None, SIDE, tmp_path)
+    measure(replace(reference("delta"), width=WIDTH), engine, tmp_path, tmp_path / "delta.npy", 0)
+    window = SampleHead.load(tmp_path).window
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     skin = window.of(subject.skin((WIDTH, WIDTH * 2 // 3))) == 255
     inside = np.zeros_like(skin)
@@ -86,8 +87,8 @@ def test_the_whole_is_the_product(
         target.write_bytes(b"zip")
 
     monkeypatch.setattr("service.archive.pack.write_archive", written)
-    material.from_photo(b"", None, SIDE, tmp_path)
+    from_photo(b"", None, SIDE, tmp_path)
     make(Whole("toy", "draft", engine, WIDTH), b"", tmp_path, tmp_path / "maps.npz")
     with np.load(tmp_path / "maps.npz") as maps:
-        expected = material.Material.load(tmp_path).window.of(product(avatar, engine))
+        expected = SampleHead.load(tmp_path).window.of(product(avatar, engine))
         np.testing.assert_array_equal(maps["diffuse_albedo"], expected)

@@ -7,15 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.bench.launch import isolated
-from service.bench.loss import SAME_DB, compare, decibels, degrees
-from service.bench.material import Window
-from service.bench.pareto import line, pareto
-from service.bench.rates import Rates, measure
+from service.bench.losses import SAME_DB, compare, decibels, degrees, line, pareto
 from service.bench.report import MARK, engine_in_words, put
+from service.bench.run import isolated
+from service.bench.sample_head import Window
 from service.bench.stages import coding, computed
 from service.bench.variants import CODINGS, FULL, QUICK, STAGES, reference, variants
-from service.bench.work import count, multiply_adds
 from service.cli.bench import find_families
 from service.diagnosis import peak_rss_mb
 from service.errors import Crashed, UsageError
@@ -25,32 +22,6 @@ from service.runtime.networks import Description, Engine
 from tests.service.runtime.toynets import toy_net, write_models
 
 EVERYTHING = np.ones((8, 8), np.uint8)
-
-
-def test_work_is_the_closed_form_of_the_convolutions(tmp_path: Path) -> None:
-    """The toy has 3 x 3 kernels: C -> 6 at full size; 6 -> 6 and 6 -> 24 at half; 6 -> K at full."""
-    write_models(tmp_path, {"toy": toy_net("toy", ["a", "b", "c"], ["x", "y"])})
-    found = count("toy", tmp_path)
-    assert found.multiply_adds == 9 * (3 * 6 + (6 * 6 + 6 * 24) / 4 + 6 * 2)
-    assert found.numbers == 3 + 2
-    assert found.weights == (tmp_path / "toy.onnx").stat().st_size
-
-
-def test_work_of_a_network_that_takes_a_whole_map_is_that_of_one_run(tmp_path: Path) -> None:
-    models = {"whole": toy_net("whole", ["a"], ["x"], whole=(48, 32)), "tiles": toy_net("tiles", ["a"], ["x"])}
-    write_models(tmp_path, models)
-    assert count("whole", tmp_path).multiply_adds == count("tiles", tmp_path).multiply_adds * 48 * 32
-
-
-def test_work_of_products_and_grouped_convolutions() -> None:
-    nodes = [
-        {"op_name": "MatMul", "input_type_shape": [{"float": [5, 7]}, {"float": [7, 3]}],
-         "output_type_shape": [{"float": [5, 3]}]},
-        {"op_name": "Conv", "input_type_shape": [{"float": [1, 4, 9, 9]}, {"float": [4, 1, 3, 3]}],
-         "output_type_shape": [{"float": [1, 4, 9, 9]}]},
-        {"op_name": "Relu", "input_type_shape": [{"float": [5, 3]}], "output_type_shape": [{"float": [5, 3]}]},
-    ]  # fmt: skip
-    assert multiply_adds(nodes) == 5 * 7 * 3 + 4 * 81 * 9
 
 
 def test_pareto_front() -> None:
@@ -140,20 +111,6 @@ def test_windows_lie_within_the_chart_on_whole_texels() -> None:
     for width in (6144, 3072, 1536, 768, 576, 288):
         part = middle.of(np.zeros((width * 2 // 3, width)))
         assert part.shape == (middle.pixels(width),) * 2
-
-
-def test_the_floor_is_the_slower_of_both_rates() -> None:
-    rates = Rates({"fp32": 100.0}, 10.0)
-    assert rates.floor(1000, 10, "fp32") == 10
-    assert rates.floor(10, 1000, "fp32") == 100
-    assert rates.floor(10, 1000, "int8 static") is None
-    assert rates.floor(0, 1000, "int8 static") == 100
-
-
-def test_rates_are_measured() -> None:
-    found = measure(1, side=64, copied=1 << 20)
-    assert found.bytes > 1e6
-    assert min(found.operations.values()) > 1e6
 
 
 @pytest.mark.parametrize("extent", [FULL, QUICK])

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from service.bench.loss import degrees
+from service.bench.losses import degrees
 from service.reflectance.planes import Planes
 from service.runtime.networks import Engine, has_bf16, open_network
 from service.runtime.sessions import has_openvino, model_table
@@ -82,21 +80,6 @@ def test_bf16_is_near_fp32(name: str) -> None:
         assert degrees_apart(found, exact).mean() < 0.5
     else:
         assert np.abs(found - exact).mean() <= 2 * 2 / 255
-
-
-@pytest.mark.parametrize("name", ["rho", "sigma"])
-def test_eight_bits_are_near_fp32(name: str, tmp_path: Path) -> None:
-    """Normals of the statically quantised networks, which the benchmark offers, within half a degree."""
-    pytest.importorskip("onnx")
-    from service.bench.quantise import write_folder
-
-    with open_network(name, ENGINE) as network:
-        maps = like_maps(network.description.channels, 256, 256)
-        exact = untiled(network, maps)
-    write_folder([(name, maps[None])], ENGINE, tmp_path)
-    with open_network(name, Engine(threads=2, folder=tmp_path)) as network:
-        found = untiled(network, maps)
-    assert 0 < degrees_apart(found, exact).mean() < 0.5
 
 
 @pytest.mark.parametrize("name", ["rho", "sigma"])

@@ -27,7 +27,7 @@ GRID = 64
 FILE = "material.npz"
 
 ARRAYS = ("texture", "geometry", "clues", "steps", "skin")
-"""Fields of :class:`Material` in the file, besides the window."""
+"""Fields of :class:`SampleHead` in the file, besides the window."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Material:
+class SampleHead:
     """One head.
 
     Attributes:
@@ -99,7 +99,7 @@ class Material:
         np.savez(self.folder / FILE, window=window, **arrays)
 
     @classmethod
-    def load(cls, folder: Path) -> Material:
+    def load(cls, folder: Path) -> SampleHead:
         """Read ``FILE``."""
         with np.load(folder / FILE) as file:
             window = Window(*(int(value) for value in file["window"]))
@@ -164,7 +164,7 @@ def prepare(subject: Subject, texture: UInt8, seen: npt.NDArray[Any], side: int,
     codes = texture.astype(np.uint16) * np.uint16(257)
     side = window.pixels(FULL_SIZE[0])
     mask = np.asarray(resized_mask(skin, side))
-    Material(folder, window, codes, subject.geometry, subject.clues, steps, mask).save()
+    SampleHead(folder, window, codes, subject.geometry, subject.clues, steps, mask).save()
 
 
 def resized_mask(mask: UInt8, side: int) -> UInt8:

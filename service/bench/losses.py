@@ -1,4 +1,4 @@
-"""Difference of two maps: PSNR for albedo, degrees for normals, micrometres for heights.
+"""Loss of a map against another, and the Pareto front of cost against loss.
 
 Maps of different sizes are compared at both sizes: at the smaller one, for uses that need no more resolution, and at
 the larger one, which counts the missing detail.
@@ -6,6 +6,7 @@ the larger one, which counts the missing detail.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -106,3 +107,44 @@ def _resized(values: Float32, size: tuple[int, int]) -> Float32:
 
     way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(values, size, interpolation=way), np.float32)
+
+
+def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
+    """Whether each point (every coordinate: smaller is better) is on the Pareto front.
+
+    A point is dominated where another is at least as good in every coordinate and better in one. Equal points are all
+    on the front. A point with a NaN is never on it.
+    """
+    if not points:
+        return []
+    table = np.asarray(points, np.float64)
+    sound = np.asarray(~np.isnan(table).any(1))
+    front = []
+    for index, point in enumerate(table):
+        others = table[sound]
+        dominated = (others <= point).all(1) & (others < point).any(1)
+        front.append(bool(sound[index] and not dominated.any()))
+    return front
+
+
+@dataclass(frozen=True)
+class Line:
+    """Least-squares line ``start + slope x``, and the largest relative deviation of a point from it."""
+
+    start: float
+    slope: float
+    worst: float
+
+
+def line(x: Sequence[float], y: Sequence[float]) -> Line | None:
+    """Least-squares line through points weighted by 1 / y, which minimises relative errors.
+
+    None with fewer than three points, which a line fits exactly, or with a y that is not above 0.
+    """
+    across, up = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    if len(across) < 3 or not (up > 0).all() or np.ptp(across) == 0:
+        return None
+    design = np.stack([1 / up, across / up], 1)
+    start, slope = np.linalg.lstsq(design, np.ones_like(up), rcond=None)[0]
+    worst = float(np.abs((start + slope * across) / up - 1).max())
+    return Line(float(start), float(slope), worst)
