@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import types
 from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -51,13 +52,19 @@ def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
     if name not in hints or name not in values:
         known = ", ".join(field for field in hints if not field.startswith("_"))
         return UsageError(f"{kind.__name__} has no {name!r}; it has {known}, each by its name", field=name)
-    return UsageError(f"{name} is {values[name]!r}; it has to be {_right(hints[name])}", field=name)
+    return UsageError(f"{name} is {shown(values[name])}; it has to be {_right(hints[name])}", field=name)
+
+
+def shown(value: object) -> str:
+    """A value for a message, as JSON writes it but for text, which has single quotes; at most 60 characters."""
+    words = repr(value) if isinstance(value, str) else json.dumps(value, default=repr)
+    return words if len(words) <= 60 else f"{words[:57]}..."
 
 
 def _right(hint: Any) -> str:
     """What a value of this type has to be."""
     words = [note.words for note in getattr(hint, "__metadata__", ()) if isinstance(note, Right)]
-    return words[0] if words else f"one of {', '.join(map(str, _choices(hint)))}"
+    return words[0] if words else f"one of {', '.join(str(choice) for choice in _choices(hint) if choice is not None)}"
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, AllowInfNan, Strict, ValidationInfo
 from pydantic.dataclasses import dataclass
 
 from service.anatomy.hair.names import HairName
-from service.checks import CHECKED, Checked, Right
+from service.checks import CHECKED, Checked, Right, shown
 from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
@@ -34,7 +34,7 @@ def _in_order(maps: tuple[str, ...]) -> tuple[str, ...]:
     if unknown:
         raise UsageError(f"maps has {unknown[0]!r}; there are {', '.join(MAP_NAMES)}", field="maps")
     if not maps or len(set(maps)) != len(maps):
-        raise UsageError(f"maps is {list(maps)!r}; name at least one map, and each once", field="maps")
+        raise UsageError(f"maps is {shown(maps)}; name at least one map, and each once", field="maps")
     return tuple(name for name in MAP_NAMES if name in maps)
 
 
@@ -59,7 +59,7 @@ def _known(without: tuple[str, ...]) -> tuple[str, ...]:
 
     unknown = [name for name in without if name not in NAMES]
     if unknown or len(set(without)) != len(without):
-        wrong = repr(unknown[0]) if unknown else f"{list(without)!r}, some of them twice"
+        wrong = repr(unknown[0]) if unknown else f"{shown(without)}, some of them twice"
         raise UsageError(f"without has {wrong}; there are {', '.join(NAMES)}", field="without")
     return without
 
@@ -75,7 +75,7 @@ _Maps = Annotated[tuple[str, ...], AfterValidator(_in_order), Right(f"names out 
 _Without = Annotated[tuple[str, ...], AfterValidator(_known), Right("names of corrections")]
 _MapSize = Annotated[tuple[_Whole, _Whole], AfterValidator(_on_the_chart)]
 _Seconds = Annotated[float, Strict(), Gt(0), AllowInfNan(False)]
-_FaceIndex = Annotated[int, Strict(), Ge(0)]
+_FaceIndex = Annotated[int, Strict(), Ge(0), Le(9999)]
 
 
 @dataclass(frozen=True, kw_only=True, config=CHECKED)
@@ -102,8 +102,8 @@ class Options(Checked):
         seed: of every random choice, in [0, 2**32 - 1].
         fit: "landmarks" stops after the landmarks, "dense" follows what the reader sees at every pixel, "full" bends
             the head beyond its components as well.
-        identity_components: identity components to fit, >= 0; more than the head has means all.
-        iterations: least-squares steps of the landmark stage, >= 1.
+        identity_components: identity components to fit, in [0, 10000]; more than the head has means all.
+        iterations: least-squares steps of the landmark stage, in [1, 1000].
         hair: "auto" wears the style that agrees best with the photo, or none on a bald head; "none"; or a style's name.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 

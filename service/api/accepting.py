@@ -6,8 +6,7 @@ import contextlib
 import hashlib
 import json
 import secrets
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ from starlette.concurrency import run_in_threadpool
 from service.api.context import Context
 from service.api.decoding import cost
 from service.api.keys import Tenant
-from service.api.parameters import parse_metadata
-from service.api.problem_responses import ProblemError, not_found
+from service.api.problem_responses import ProblemError
 from service.api.uploads import Upload
-from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom
+from service.errors import UnreadableInput
+from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom, count_refusal
 from service.jobs.artifacts import artifact_name
 from service.jobs.database import now
 from service.jobs.erasure import checkpoint, let_go
@@ -48,9 +47,7 @@ def erase(context: Context, job: str, tenant: Tenant, kind: str) -> None:
     Raises:
         ProblemError: there is no such job, or it belongs to somebody else.
     """
-    row = context.store.get(job) if len(job) == 32 else None
-    if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
-        raise not_found()
+    row = context.job(job, tenant, kind, gone=True)
     expires = now() + context.settings.result_hours * 3600
     for one in let_go(context.store, row, "erased", expires):
         sweep(context, one)
@@ -79,24 +76,27 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
     Raises:
         ProblemError, AvatarError: the photo cannot be used, a value is not possible, or the tenant may have no more.
     """
-    options = upload.chosen().to_json()
-    metadata = parse_metadata(upload.metadata)
+    options = upload.options.to_json()
     if upload.webhook_url:
         target(upload.webhook_url, context.settings.webhook_hosts, private=context.settings.webhook_private)
-    digest = _digest(upload, options, metadata)
+    digest = _digest(upload, options)
     if key is not None:
         known = await run_in_threadpool(context.store.by_key, tenant.name, key)
         if known is not None:
             return _same(known, digest)
-    share = await run_in_threadpool(_cost, context, upload.path)
-    async with context.decoding.taken(share):
-        await run_in_threadpool(_look_through, context, upload.path)
+    try:
+        share = await run_in_threadpool(lambda: cost(upload.path.read_bytes(), context.limits))
+        async with context.decoding.taken(share, tenant.name):
+            await run_in_threadpool(lambda: check_photo(upload.path.read_bytes(), context.limits))
+    except UnreadableInput:
+        if tenant.per_day is not None:
+            await run_in_threadpool(count_refusal, context.engine, tenant.name)
+        raise
     job = secrets.token_hex(16)
     new = NewJob(
         id=job, tenant=tenant.name, options=options, photo=artifact_name(job, "photo", upload.sha256, "bin"),
         photo_sha256=upload.sha256, photo_bytes=upload.size, keep_photo=upload.keep_photo, key=key, digest=digest,
-        priority=upload.priority, metadata=metadata, trace=trace,
-        webhook=upload.webhook_url or None,
+        priority=upload.priority, metadata=upload.metadata, trace=trace, webhook=upload.webhook_url or None,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
 
@@ -117,14 +117,6 @@ def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:
         raise
 
 
-def _cost(context: Context, path: Path) -> int:
-    return cost(path.read_bytes(), context.limits)
-
-
-def _look_through(context: Context, path: Path) -> None:
-    check_photo(path.read_bytes(), context.limits)
-
-
 def admit(context: Context, tenant: Tenant, key: str | None) -> None:
     """Refuse at the door what could not be done.
 
@@ -142,20 +134,24 @@ def admit(context: Context, tenant: Tenant, key: str | None) -> None:
         raise no_room(full) from full
 
 
-@asynccontextmanager
-async def slot(context: Context) -> AsyncIterator[None]:
+@contextlib.contextmanager
+def place(context: Context, tenant: Tenant) -> Iterator[None]:
     """One of the uploads that are received at the same time.
+
+    Where there are keys, a tenant gets at most half of the places that the others leave, so that there is always one
+    for somebody else.
 
     Raises:
         ProblemError: there are as many as there may be.
     """
-    if context.uploads >= context.settings.uploads:
+    own, left = context.uploads[tenant.name], context.settings.uploads - context.uploads.total()
+    if left < 1 or (context.keys and own >= left):
         raise ProblemError("busy", 503, headers={"Retry-After": "2"})
-    context.uploads += 1
+    context.uploads[tenant.name] += 1
     try:
         yield
     finally:
-        context.uploads -= 1
+        context.uploads[tenant.name] -= 1
 
 
 def _same(row: Row, digest: str) -> Row:
@@ -166,10 +162,12 @@ def _same(row: Row, digest: str) -> Row:
     return row
 
 
-def _digest(upload: Upload, options: dict[str, Any], metadata: dict[str, Any]) -> str:
-    content = [upload.sha256, upload.keep_photo, options]
-    if metadata:
-        content.append(metadata)
+def _digest(upload: Upload, options: dict[str, Any]) -> str:
+    content: list[Any] = [upload.sha256, upload.keep_photo, options]
+    if upload.metadata:
+        content.append(upload.metadata)
+    if upload.webhook_url or upload.priority != "normal":
+        content.append([upload.priority, upload.webhook_url])
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -15,7 +15,6 @@ from starlette.staticfiles import StaticFiles
 
 from service import __version__
 from service.api import avatars, downloads, info, problem_responses, renders_and_exports
-from service.api.avatars import QuickState
 from service.api.context import Context
 from service.api.front import Front, Heads, no_strange_parameters
 from service.api.openapi import described
@@ -49,14 +48,10 @@ def create_app(settings: Settings, page: Path = PAGE) -> FastAPI:
         description="One photo of a face in, a renderable head out.", redirect_slashes=False,
     )  # fmt: skip
     problem_responses.install(app)
-    app.add_middleware(QuickState)
     app.add_middleware(Heads)
     app.add_middleware(Front, settings=settings)
-    routers = (
-        avatars.router, avatars.events_router, downloads.router, renders_and_exports.renders,
-        renders_and_exports.exports, info.router,
-    )  # fmt: skip
-    for router in routers:
+    derived = (renders_and_exports.renders, renders_and_exports.exports)
+    for router in (avatars.router, downloads.router, *derived, info.router):
         app.include_router(router, dependencies=[Depends(no_strange_parameters)])
     _serve_page(app, page)
     app.openapi = lambda: described(app)  # type: ignore[method-assign]

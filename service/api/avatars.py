@@ -6,20 +6,18 @@ import asyncio
 import base64
 import contextlib
 import json
-import re
-from collections.abc import AsyncIterator
-from dataclasses import dataclass
-from typing import Annotated
+import logging
+import math
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import Headers
-from starlette.responses import JSONResponse, Response, StreamingResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.responses import Response, StreamingResponse
 
-from service.api.accepting import accept, admit, erase, idempotency_key, slot
-from service.api.context import Asking, Context, Here
-from service.api.front import host_name
+from service.api.accepting import accept, admit, erase, idempotency_key, place
+from service.api.context import JOB_ID, Asking, Context, Here, Json
+from service.api.front import host_name, is_head
 from service.api.keys import ANYBODY, LOOPBACK
 from service.api.openapi import Job, JobPage, State
 from service.api.problem_responses import ProblemError
@@ -27,6 +25,8 @@ from service.api.uploads import QUERY, received
 from service.jobs.store import Row
 from service.jobs.telemetry import traceparent
 from service.jobs.view import FINAL, job_json
+
+log = logging.getLogger(__name__)
 
 FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
 
@@ -51,10 +51,11 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     """
     key = idempotency_key(request)
     await run_in_threadpool(admit, context, tenant, key)
-    async with slot(context), received(request, context.settings, context.limits.max_bytes) as upload:
-        row = await accept(context, tenant, key, upload, traceparent(request.headers))
+    with place(context, tenant):
+        async with received(request, context.settings, context.limits.max_bytes) as upload:
+            row = await accept(context, tenant, key, upload, traceparent(request.headers))
     body = job_json(row)
-    return JSONResponse(body, 202, {"Location": body["links"]["self"], "Retry-After": "1", "Cache-Control": "no-store"})
+    return Json(body, 202, {"Location": body["links"]["self"], "Retry-After": "1"})
 
 
 post.more_parameters = QUERY  # type: ignore[attr-defined]  # of a photo that is the body
@@ -74,21 +75,25 @@ def listing(
         raise ProblemError("listing-needs-key", 403)
     rows = context.store.page(tenant.name, limit + 1, _place(cursor), state)
     following = _cursor(rows[limit - 1]) if len(rows) > limit else None
-    headers = {"Cache-Control": "no-store"}
-    if following is not None:
-        more = f"&state={state}" if state else ""
-        headers["Link"] = f'</v1/avatars?limit={limit}&cursor={following}{more}>; rel="next"'
-    return JSONResponse({"items": [job_json(row) for row in rows[:limit]], "next": following}, 200, headers)
+    more = f"&state={state}" if state else ""
+    link = {"Link": f'</v1/avatars?limit={limit}&cursor={following}{more}>; rel="next"'} if following else {}
+    return Json({"items": [_shown(row) for row in rows[:limit]], "next": following}, 200, link)
+
+
+def _shown(row: Row) -> dict[str, Any]:
+    """State of a job; what of it cannot be read is left out, so that the job does not hide others and can be erased."""
+    try:
+        return job_json(row)
+    except ValueError:
+        log.exception("a job cannot be shown whole", extra={"job": row["id"]})
+        return job_json({**row, "options": "{}", "metadata": "{}", "warnings": "[]", "error": None})
 
 
 @router.get("/{job}", response_model=Job, operation_id="get_avatar", summary="State of a job.")
 def state(job: str, tenant: Asking, context: Here) -> Response:
     """The same JSON as in events."""
     row = context.job(job, tenant)
-    headers = {"Cache-Control": "no-store"}
-    if row["state"] not in FINAL:
-        headers["Retry-After"] = "1"
-    return JSONResponse(job_json(row), 200, headers)
+    return Json(_shown(row), 200, {} if row["state"] in FINAL else {"Retry-After": "1"})
 
 
 @router.delete("/{job}", status_code=204, operation_id="delete_avatar", summary="Cancel a job, or erase its result.")
@@ -114,22 +119,20 @@ def _place(cursor: str | None) -> tuple[float, str] | None:
         return None
     try:
         moment, job = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
-        if not isinstance(moment, float) or not isinstance(job, str):
+        if not (isinstance(moment, float) and math.isfinite(moment) and JOB_ID.match(job)):
             raise ValueError
-    except (ValueError, TypeError) as error:
-        raise ProblemError(
-            "invalid-parameter", 422, "cursor is none of this server's", pointer="/query/cursor"
-        ) from error
+    except (ValueError, TypeError, RecursionError) as error:
+        words = "cursor is none of this server's"
+        raise ProblemError("invalid-parameter", 422, words, pointer="/query/cursor") from error
     return moment, job
 
 
 HEARTBEAT = 15.0
+"""Seconds of silence after which an event stream says that it is still there."""
+
 _EVENT_HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
 
-events_router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
-
-
-@events_router.get(
+@router.get(
     "/{job}/events",
     operation_id="follow_avatar",
     response_class=StreamingResponse,
@@ -149,13 +152,16 @@ async def events(job: str, request: Request, tenant: Asking, context: Here) -> R
     last = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
     if row["state"] in FINAL and last >= row["events"]:
         return Response(status_code=204)
-    return StreamingResponse(_stream(context, job, last), 200, _EVENT_HEADERS, "text/event-stream")
+    if is_head(request):
+        return Response(None, 200, _EVENT_HEADERS, "text/event-stream")
+    stream = _stream(context, job, last, lambda: context.keys.tenant(request.headers) == tenant)
+    return StreamingResponse(stream, 200, _EVENT_HEADERS, "text/event-stream")
 
 
-async def _stream(context: Context, job: str, last: int) -> AsyncIterator[bytes]:
+async def _stream(context: Context, job: str, last: int, allowed: Callable[[], bool]) -> AsyncIterator[bytes]:
     yield b"retry: 2000\n\n"
     with context.watcher.listening(job) as changed:
-        while not context.draining.is_set():
+        while not context.draining.is_set() and allowed():
             changed.clear()
             for event in await run_in_threadpool(context.store.events, job, last):
                 last = event["n"]
@@ -169,49 +175,3 @@ async def _stream(context: Context, job: str, last: int) -> AsyncIterator[bytes]
                 await asyncio.wait_for(changed.wait(), HEARTBEAT)
                 continue
             yield b": still here\n\n"
-
-
-_ADDRESS = re.compile(r"/v1/avatars/([0-9a-f]{32})\Z")
-
-
-@dataclass(frozen=True)
-class _Route:
-    """What the log and the numbers call these requests."""
-
-    path: str
-
-
-_ROUTE = _Route("/v1/avatars/{job}")
-
-
-class QuickState:
-    """The layer that answers such requests, around the application."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or pass on."""
-        plain = scope["type"] == "http" and scope["method"] == "GET" and not scope["query_string"]
-        match = _ADDRESS.match(scope["path"]) if plain else None
-        found = _look(scope, match[1]) if match is not None else None
-        if found is None:
-            await self._app(scope, receive, send)
-            return
-        body, final = found
-        headers = [
-            (b"content-type", b"application/json"),
-            (b"content-length", str(len(body)).encode()),
-            (b"cache-control", b"no-store"),
-        ]
-        if not final:
-            headers.append((b"retry-after", b"1"))
-        scope["route"] = _ROUTE
-        await send({"type": "http.response.start", "status": 200, "headers": headers})
-        await send({"type": "http.response.body", "body": body})
-
-
-def _look(scope: Scope, job: str) -> tuple[bytes, bool] | None:
-    context: Context = scope["app"].state.context
-    tenant = context.keys.tenant(Headers(scope=scope))
-    return None if tenant is None else context.glance.state(job, tenant.name)

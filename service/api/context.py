@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
+import re
 import shutil
-import sqlite3
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
 
 import sqlalchemy as sa
 from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
+from starlette.responses import JSONResponse
 
 from service.api.decoding import DecodingMemory, budget
 from service.api.keys import Keys, Tenant
@@ -26,20 +28,40 @@ from service.jobs.database import WORKERS, connect, create_tables, seconds_of_da
 from service.jobs.machine import memory_bytes, processors
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
-from service.jobs.view import FINAL
 from service.photo.limits import Limits
 
+JOB_ID = re.compile(r"[0-9a-f]{32}\Z")
+
 INTERVAL = 0.25
+"""Seconds between two looks at the database for new events."""
+
 _CHUNK = 500
 
 log = logging.getLogger(__name__)
 
 
-class Watcher:
-    """Wakes listeners; jobs nobody listens to are not looked at."""
+class Json(JSONResponse):
+    """JSON that nobody on the way keeps, in ASCII: text that cannot be encoded leaves escaped as it came in."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, content: Any, status_code: int = 200, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(content, status_code, {"Cache-Control": "no-store", **(headers or {})})
+
+    def render(self, content: Any) -> bytes:
+        """The bytes."""
+        return json.dumps(content).encode("ascii")
+
+
+class Watcher:
+    """Wakes listeners when their job has new events, or when the keys have changed.
+
+    Args:
+        store: where jobs are looked up; those that nobody listens to are not.
+        keys: looked at as often.
+    """
+
+    def __init__(self, store: Store, keys: Keys) -> None:
         self._store = store
+        self._keys = keys
         self._listeners: dict[str, set[asyncio.Event]] = {}
         self._known: dict[str, int] = {}
         self._task: asyncio.Task[None] | None = None
@@ -60,7 +82,7 @@ class Watcher:
                 self._known.pop(job, None)
 
     def wake_all(self) -> None:
-        """Wake every listener, for the end of the server."""
+        """Wake every listener."""
         for events in self._listeners.values():
             for event in events:
                 event.set()
@@ -71,7 +93,10 @@ class Watcher:
         return sum(len(events) for events in self._listeners.values())
 
     async def _watch(self) -> None:
+        edition = self._keys.edition()
         while self._listeners:
+            if edition != (edition := self._keys.edition()):
+                self.wake_all()
             jobs = list(self._listeners)
             for start in range(0, len(jobs), _CHUNK):
                 try:
@@ -86,60 +111,6 @@ class Watcher:
                         for event in self._listeners.get(job, ()):
                             event.set()
             await asyncio.sleep(INTERVAL)
-
-
-_STATE_QUERY = (
-    "select j.tenant, j.state, j.gone, e.body from avatarme_jobs j "
-    "join avatarme_events e on e.job = j.id and e.n = j.events where j.id = ? and j.kind = 'avatar'"
-)
-
-_BUSY_S = 0.02
-"""Longest time in seconds that a look-up may hold up all other requests."""
-
-
-class Glance:
-    """Looks at jobs without a thread: a connection of its own for reading, to a SQLite file on this machine.
-
-    A database that is reached over a network may take its time, which would hold up all other requests; it is never
-    asked in this way.
-
-    Args:
-        path: of the SQLite file, "" for another kind of database.
-    """
-
-    def __init__(self, path: str) -> None:
-        self._path = path
-        self._connection: sqlite3.Connection | None = None
-
-    def state(self, job: str, tenant: str) -> tuple[bytes, bool] | None:
-        """JSON of a job and whether it has ended; None where the long way has to answer.
-
-        Args:
-            job: 32 hex digits.
-            tenant: who asks.
-        """
-        if not self._path:
-            return None
-        try:
-            if self._connection is None:
-                self._connection = sqlite3.connect(
-                    f"{Path(self._path).resolve().as_uri()}?mode=ro", timeout=_BUSY_S, uri=True, isolation_level=None,
-                    check_same_thread=False,
-                )  # fmt: skip
-            rows = self._connection.execute(_STATE_QUERY, (job,)).fetchall()
-        except sqlite3.Error:
-            self.close()
-            return None
-        if not rows or rows[0][0] != tenant or rows[0][2] is not None:
-            return None
-        return rows[0][3].encode(), rows[0][1] in FINAL
-
-    def close(self) -> None:
-        """Let go of the file; it is opened again when it is needed."""
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            with contextlib.suppress(sqlite3.Error):
-                connection.close()
 
 
 FRESH = 20.0
@@ -166,24 +137,30 @@ class Context:
         self.engine = connect(settings.database_url, pool=16)
         create_tables(self.engine, settings)
         self.store = Store(self.engine)
-        self.glance = Glance(self.engine.url.database or "" if self.engine.dialect.name == "sqlite" else "")
         self.artifacts = Artifacts(settings.artifacts_url)
-        self.watcher = Watcher(self.store)
+        self.watcher = Watcher(self.store, self.keys)
         self.draining = threading.Event()
-        self.uploads = 0
-        self.decoding = DecodingMemory(budget(memory_bytes(), settings.decode_mb), max(2, processors()))
+        self.uploads: Counter[str] = Counter()
+        at_once = max(2, processors()) + bool(self.keys)  # with keys one place is always left to the next tenant
+        self.decoding = DecodingMemory(budget(memory_bytes(), settings.decode_mb), at_once, shared=bool(self.keys))
         self._workers: tuple[float, list[dict[str, object]]] = (float("-inf"), [])
 
-    def job(self, job: str, tenant: Tenant, kind: str = "avatar") -> Row:
+    def job(self, job: str, tenant: Tenant, kind: str = "avatar", *, gone: bool = False) -> Row:
         """The row of a tenant's job.
+
+        Args:
+            job: its id, as a stranger says it.
+            tenant: who asks.
+            kind: of the job.
+            gone: also one that has expired or was erased.
 
         Raises:
             ProblemError: there is none, or it belongs to somebody else, which is the same to the caller; or it is gone.
         """
-        row = self.store.get(job) if len(job) == 32 else None
+        row = self.store.get(job) if JOB_ID.match(job) else None
         if row is None or row["tenant"] != tenant.name or row["kind"] != kind:
             raise not_found()
-        if row["gone"] is not None:
+        if row["gone"] is not None and not gone:
             raise ProblemError("gone", 410, reason=row["gone"])
         return row
 
@@ -214,7 +191,6 @@ class Context:
 
     def close(self) -> None:
         """Let go of the database."""
-        self.glance.close()
         self.engine.dispose()
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections import deque
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 
 from service.api.problem_responses import ProblemError
 from service.photo.container import Codec
@@ -37,22 +37,34 @@ progressive 7.8; PNG of 8 bits 4.6 to 5.2, with alpha 12.3, of 16 bits 8.3 (grey
 """
 
 
+@dataclass(eq=False)
+class _Share:
+    """Memory that a photo wants, or has."""
+
+    tenant: str
+    cost: int
+    turn: asyncio.Future[None]
+
+
 class DecodingMemory:
-    """A budget that photos share, first come first served.
+    """A budget that photos share, in turns of their tenants: whoever has least decoded now comes first.
 
     Args:
         total: bytes.
         most: photos at a time.
+        shared: between tenants. Then what one of them takes beyond its first photo leaves half of the bytes and one
+            place to the others, so that nobody waits behind the large photos of somebody else.
     """
 
-    def __init__(self, total: int, most: int) -> None:
+    def __init__(self, total: int, most: int, *, shared: bool = False) -> None:
         self.total = total
         self._most = most
-        self._used = self._count = 0
-        self._waiting: deque[tuple[int, asyncio.Future[None]]] = deque()
+        self._shared = shared
+        self._held: list[_Share] = []
+        self._waiting: list[_Share] = []
 
     @contextlib.asynccontextmanager
-    async def taken(self, cost: int) -> AsyncIterator[None]:
+    async def taken(self, cost: int, tenant: str = "") -> AsyncIterator[None]:
         """Hold ``cost`` bytes, as soon as they are free.
 
         Raises:
@@ -64,36 +76,37 @@ class DecodingMemory:
                 "needs-memory", 413, f"{words} for it; send one with fewer pixels, or of 8 bits without transparency",
                 needed_mib=cost // MIB, limit_mib=self.total // MIB,
             )  # fmt: skip
-        turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append((cost, turn))
+        share = _Share(tenant, cost, asyncio.get_running_loop().create_future())
+        self._waiting.append(share)
         self._next()
         try:
-            await turn
-        except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():
-                self._release(cost)
-            else:
-                self._waiting.remove((cost, turn))
-                self._next()
-            raise
-        try:
+            await share.turn
             yield
         finally:
-            self._release(cost)
-
-    def _release(self, cost: int) -> None:
-        self._used -= cost
-        self._count -= 1
-        self._next()
+            (self._held if share in self._held else self._waiting).remove(share)
+            self._next()
 
     def _next(self) -> None:
-        while self._waiting and self._count < self._most and self._used + self._waiting[0][0] <= self.total:
-            cost, turn = self._waiting.popleft()
-            if turn.cancelled():
-                continue
-            self._used += cost
-            self._count += 1
-            turn.set_result(None)
+        """Let those in whose turn it is; a tenant that may have no more now holds up nobody else."""
+        while True:
+            able = [share for share in self._waiting if self._may(share)]
+            first = min(able, key=lambda share: len(self._of(share.tenant)), default=None)
+            bytes_held = sum(share.cost for share in self._held)
+            if first is None or len(self._held) >= self._most or bytes_held + first.cost > self.total:
+                return
+            self._waiting.remove(first)
+            self._held.append(first)
+            if not first.turn.done():
+                first.turn.set_result(None)
+
+    def _may(self, share: _Share) -> bool:
+        own = self._of(share.tenant)
+        if not self._shared or not own:
+            return True
+        return len(own) < self._most - 1 and sum(other.cost for other in own) + share.cost <= self.total // 2
+
+    def _of(self, tenant: str) -> list[_Share]:
+        return [share for share in self._held if share.tenant == tenant]
 
 
 def budget(memory: int, stated_mb: int) -> int:

@@ -14,9 +14,10 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import Response, StreamingResponse
 
-from service.api.context import Asking, Context, Here
+from service.api.context import Asking, Context, Here, Json
+from service.api.front import is_head
 from service.api.keys import Tenant
 from service.api.openapi import FileList
 from service.api.problem_responses import ProblemError, not_found
@@ -120,11 +121,11 @@ def member(context: Context, row: Row, path: str) -> Extent:
 def answer_with(request: Request, context: Context, extent: Extent, headers: dict[str, str]) -> Response:
     """The file that a request asks for, a range of it, or that it is as it was."""
     headers = {
-        **headers,
         "Accept-Ranges": "bytes",
         "ETag": extent.etag,
-        "Cache-Control": "private, max-age=3600",
+        "Cache-Control": "private, no-cache",  # asked for again each time, so that what is erased is gone
         "Content-Type": media_type(extent.name),
+        **headers,
     }
     if not_modified(request.headers, extent.etag):
         return Response(status_code=304, headers=headers)
@@ -134,7 +135,7 @@ def answer_with(request: Request, context: Context, extent: Extent, headers: dic
     if part is not None:
         headers["Content-Range"] = f"bytes {first}-{first + count - 1}/{extent.size}"
     status = 200 if part is None else 206
-    if request.method == "HEAD":
+    if is_head(request):
         return Response(status_code=status, headers=headers)
     pieces = _pieces(context, extent.artifact, extent.start + first, count)
     return StreamingResponse(pieces, status, headers)
@@ -164,28 +165,30 @@ SIGNED_S = 300
 
 router = APIRouter(prefix="/v1/avatars", tags=["results"])
 
-_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_BINARY = {"type": "string", "format": "binary"}
+_SCHEMAS: dict[str, dict[str, Any]] = {TYPES["json"]: {}, "text/markdown": {"type": "string"}}
+"""What a whole file of a media type is, other than bytes."""
 
 
-def _answers(*kinds: str) -> dict[int | str, dict[str, Any]]:
+def download(*kinds: str) -> dict[int | str, dict[str, Any]]:
     """For the description: what a download of one of these media types is answered with."""
-    content = {kind.partition(";")[0]: _BINARY for kind in kinds}
+    names = [kind.partition(";")[0] for kind in kinds]
+    whole = {name: {"schema": _SCHEMAS.get(name, _BINARY)} for name in names}
     return {
-        200: {"description": "The file.", "content": content},
-        206: {"description": "A range of the file.", "content": content},
+        200: {"description": "The file.", "content": whole},
+        206: {"description": "A range of the file.", "content": {name: {"schema": _BINARY} for name in names}},
         304: {"description": "As it was."},
     }
 
 
-@router.head("/{job}/archive.zip", include_in_schema=False)
 @router.get(
     "/{job}/archive.zip",
     response_class=Response,
     operation_id="download_archive",
-    responses=_answers(TYPES["zip"]),
+    responses={**download(TYPES["zip"]), 307: {"description": "At the store, for five minutes."}},
     summary="The whole result as a zip.",
 )
-async def archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+async def download_archive(job: str, request: Request, tenant: Asking, context: Here) -> Response:
     """With ``Range``, ``If-Range`` and a strong ``ETag``, so that a download can go on where it was cut off.
 
     307 where the operator lets the store give files out: its address is in ``Location`` and holds for five minutes.
@@ -194,9 +197,9 @@ async def archive(job: str, request: Request, tenant: Asking, context: Here) -> 
     digest = row["archive_sha256"]
     whole = Extent(row["archive"], 0, row["archive_bytes"], f'"{digest}"', "archive.zip")
     disposition = {"Content-Disposition": f'attachment; filename="avatar-{job[:8]}.zip"'}
-    if context.settings.signed_downloads and request.method == "GET":
+    if context.settings.signed_downloads:
         words = disposition["Content-Disposition"]
-        place = await run_in_threadpool(context.artifacts.signed, row["archive"], SIGNED_S, words)
+        place = await run_in_threadpool(context.artifacts.signed, row["archive"], SIGNED_S, words, is_head(request))
         if place is not None:
             headers = {"Location": place, "Cache-Control": "no-store", "Repr-Digest": _repr_digest(digest)}
             return Response(status_code=307, headers=headers)
@@ -221,38 +224,37 @@ def list_files(job: str, tenant: Asking, context: Here) -> Response:
         }
         for info in members(context, row)
     ]
-    return JSONResponse({"items": items}, headers={"Cache-Control": "no-store"})
+    return Json({"items": items})
 
 
-@router.head("/{job}/files/{path:path}", include_in_schema=False)
 @router.get(
     "/{job}/files/{path:path}",
     response_class=Response,
     operation_id="download_file",
-    responses=_answers(OTHER, *(kind for name, kind in TYPES.items() if name != "zip")),
+    responses=download(OTHER, *(kind for name, kind in TYPES.items() if name != "zip")),
     summary="One file of the result.",
 )
-async def file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
+async def download_file(job: str, path: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As the whole archive, with ranges."""
     row = await run_in_threadpool(finished, context, job, tenant)
     return answer_with(request, context, await run_in_threadpool(member, context, row, path), {})
 
 
-@router.head("/{job}/photo", include_in_schema=False)
 @router.get(
     "/{job}/photo",
     response_class=Response,
     operation_id="download_photo",
-    responses=_answers(OTHER),
+    responses=download(OTHER),
     summary="The photo as it was sent, where it was to be kept.",
 )
-async def photo(job: str, request: Request, tenant: Asking, context: Here) -> Response:
+async def download_photo(job: str, request: Request, tenant: Asking, context: Here) -> Response:
     """As bytes to be stored, never as something that a browser shows: it may be more things than a picture."""
     row = await run_in_threadpool(context.job, job, tenant)
     if not row["keep_photo"] or not row["photo"] or not await run_in_threadpool(context.artifacts.exists, row["photo"]):
         raise not_found()
     whole = Extent(row["photo"], 0, row["photo_bytes"], f'"{row["photo_sha256"]}"', "photo.bin")
-    return answer_with(request, context, whole, {"Content-Disposition": f'attachment; filename="photo-{job[:8]}.bin"'})
+    words = f'attachment; filename="photo-{job[:8]}.bin"'
+    return answer_with(request, context, whole, {"Content-Disposition": words, "Cache-Control": "no-store"})
 
 
 def finished(context: Context, job: str, tenant: Tenant, kind: str = "avatar") -> Row:

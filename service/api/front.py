@@ -53,12 +53,6 @@ def _same_origin(origin: str, host: str) -> bool:
         return False
 
 
-_OWN_HEAD = re.compile(
-    r"/v1/(avatars/[^/]+/(archive\.zip|files/.+|photo|events)|renders/[^/]+/picture\.png|exports/[^/]+/kit\.zip)\Z"
-)
-"""Addresses whose HEAD is not a GET without its body: downloads answer it themselves, a stream of events has none."""
-
-
 async def no_strange_parameters(request: Request) -> None:
     """Refuse parameters of the address that the route does not take: a misspelt one would be passed over in silence.
 
@@ -76,15 +70,20 @@ async def no_strange_parameters(request: Request) -> None:
             raise ProblemError("invalid-parameter", 422, words, pointer=f"/query/{name[:40]}")
 
 
+def is_head(request: Request) -> bool:
+    """Whether only the head of the answer is wanted, so that its body need not be made."""
+    return bool(request.scope.get("asked_for_head"))
+
+
 class Heads:
-    """Answers HEAD wherever GET is answered (RFC 9110, section 9.3.2), and takes addresses with scheme and host."""
+    """Answers HEAD wherever GET is answered (RFC 9110, section 9.3.2)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, as GET where HEAD is asked for, and its answer back without the body."""
-        if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
+        if scope["type"] != "http" or scope["method"] != "HEAD":
             await self._app(scope, receive, send)
             return
 
@@ -93,7 +92,8 @@ class Heads:
                 message = {**message, "body": b""}
             await send(message)
 
-        await self._app({**scope, "method": "GET"}, receive, bodiless)
+        scope["method"], scope["asked_for_head"] = "GET", True
+        await self._app(scope, receive, bodiless)
 
 
 def in_origin_form(scope: Scope) -> Scope:
@@ -207,6 +207,10 @@ class Front:
         if head.count(b"content-length") and head.count(b"transfer-encoding"):
             detail = "Content-Length and Transfer-Encoding exclude each other"
             return ProblemError("bad-request", 400, detail, {"Connection": "close"})
+        if head.first(b"content-encoding").strip().lower() not in ("", "identity"):
+            words = "a body is taken as it is, without Content-Encoding"
+            headers = {"Accept-Encoding": "identity", "Connection": "close"}
+            return ProblemError("unsupported-media-type", 415, words, headers)
         if head.size() > MAX_HEAD:
             detail = f"address and headers may have {MAX_HEAD} bytes"
             return ProblemError("bad-request", 431, detail, {"Connection": "close"})
@@ -247,6 +251,7 @@ class _Exchange:
 
     def __init__(self, scope: Scope, receive: Receive, send: Send, request_id: str) -> None:
         self._scope, self._receive, self._send, self._id = scope, receive, send, request_id
+        self._method = scope["method"] if scope["method"] in _METHODS else "other"
         self._begin = time.perf_counter()
         self._status, self._bytes_in, self._bytes_out, self._head = 0, 0, 0, 0.0
 
@@ -269,18 +274,16 @@ class _Exchange:
 
     def log(self) -> None:
         route = getattr(self._scope.get("route"), "path", None) or "none"
-        method = self._scope["method"] if self._scope["method"] in _METHODS else "other"
-        REQUESTS.labels(method, route, str(self._status)).inc()
+        REQUESTS.labels(self._method, route, str(self._status)).inc()
         DURATION.labels(route).observe(self._head)
         UPLOAD_BYTES.inc(self._bytes_in)
         facts = {
-            "request": self._id, "method": method, "route": route, "status": self._status,
+            "request": self._id, "method": self._method, "route": route, "status": self._status,
             "seconds": round(time.perf_counter() - self._begin, 4), "bytes_in": self._bytes_in,
             "bytes_out": self._bytes_out,
         }  # fmt: skip
-        level = logging.DEBUG if route in _QUIET else logging.INFO
-        log.log(level, "%s %s %d", method, route, self._status, extra=facts)
+        level = logging.DEBUG if route in PROBES else logging.INFO
+        log.log(level, "%s %s %d", self._method, route, self._status, extra=facts)
 
 
 _METHODS = ("GET", "HEAD", "POST", "DELETE", "OPTIONS", "PUT", "PATCH")
-_QUIET = ("/livez", "/readyz", "/metrics")

@@ -1,9 +1,9 @@
 """Who is asking: API keys with quotas, from a file that holds their hashes only.
 
 The file is JSON: ``{"keys": [{"name": "studio", "sha256": "...", "max_unfinished": 20, "per_day": 500}]}``; the two
-quotas may be left out. It is read again when it changes, so keys come and go without a restart; two entries of one name
-are two keys of one tenant, which is how a key is replaced. ``python -m service.api.keys NAME`` makes a key and prints
-it with its entry.
+quotas may be left out, other fields are refused. It is read again when it changes, so keys come and go without a
+restart; two entries of one name are two keys of one tenant, which is how a key is replaced. ``python -m
+service.api.keys NAME`` makes a key and prints it with its entry.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ import secrets
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from service.errors import UsageError
 
@@ -33,19 +35,37 @@ LOOK_S = 1.0
 """Seconds between two looks at the file of keys."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tenant:
+_Count = Annotated[int, Field(strict=True, ge=1)]
+
+
+class Tenant(BaseModel):
     """Somebody who may post photos and sees the jobs of these.
 
     Attributes:
-        name: as in the file of keys.
+        name: as in the file of keys; what the database tells tenants apart by, so it is never cut.
         max_unfinished: jobs that may be unfinished at a time, None for the server's own limit.
-        per_day: jobs in 24 hours, None for no limit.
+        per_day: jobs in 24 hours and photos that were refused after a look at them, None for no limit.
     """
 
-    name: str
-    max_unfinished: int | None = None
-    per_day: int | None = None
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(pattern=r"^[^\x00-\x1f]{1,64}$")]
+    max_unfinished: _Count | None = None
+    per_day: _Count | None = None
+
+
+class _Entry(Tenant):
+    """One key of the file."""
+
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-fA-F]{64}$")]
+
+
+class _File(BaseModel):
+    """The file of keys."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    keys: Annotated[list[_Entry], Field(min_length=1)]
 
 
 class Keys:
@@ -71,24 +91,29 @@ class Keys:
         """Whose key the headers carry, None for none of ours; everybody is ``ANYBODY`` where there are no keys."""
         if self._path is None:
             return Tenant(name=ANYBODY)
-        self._refresh(self._path)
+        self._refresh()
         scheme, _, key = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             key = headers.get("x-api-key", "")
         # Looked up by hash: how long the look-up takes tells nothing about the keys.
         return self._tenants.get(_hash(key.strip()))
 
-    def _refresh(self, path: Path) -> None:
+    def edition(self) -> object:
+        """What differs when the keys have changed."""
+        self._refresh()
+        return self._seen
+
+    def _refresh(self) -> None:
         """Read the file again if it has changed. One that is damaged or gone changes nothing: nobody is locked out."""
-        if time.monotonic() - self._looked < LOOK_S:
+        if self._path is None or time.monotonic() - self._looked < LOOK_S:
             return
         self._looked = time.monotonic()
-        version = _version(path)
+        version = _version(self._path)
         if version == self._seen:
             return
         self._seen = version
         try:
-            self._tenants = _read(path)
+            self._tenants = _read(self._path)
         except UsageError as error:
             log.error("the keys stay as they were: %s", error.message)
         else:
@@ -114,13 +139,18 @@ def make_first_key(path: Path) -> Path | None:
             return None
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         for file, text in ((told, key), (path, json.dumps({"keys": [entry]}))):
-            with os.fdopen(
-                os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii"
-            ) as stream:
+            with open(file, "w", encoding="ascii", opener=_own) as stream:
                 stream.write(text + "\n")
     except OSError as error:
         raise UsageError(f"the first key cannot be written: {error}", field="keys") from error
     return told
+
+
+def _own(path: str, flags: int) -> int:
+    """Open a file for its owner only, whatever the mode of one that was there."""
+    handle = os.open(path, flags, 0o600)
+    os.chmod(path, 0o600)
+    return handle
 
 
 def check_exposed(host: str, keys: str, *, anybody: bool) -> None:
@@ -149,40 +179,34 @@ def _version(path: Path | None) -> tuple[int, int, int] | None:
 
 
 def _read(path: Path) -> dict[str, Tenant]:
-    tenants: dict[str, Tenant] = {}
+    """Tenants by the hash of their key.
+
+    Raises:
+        UsageError: the file cannot be read, has another form, or gives one key to two tenants.
+    """
     try:
-        for entry in json.loads(path.read_text("utf-8"))["keys"]:
-            digest = str(entry["sha256"])
-            if len(digest) != 64 or not entry["name"]:
-                raise ValueError("an entry has no name or no sha256 of 64 hex digits")
-            tenants[digest.lower()] = Tenant(
-                name=str(entry["name"])[:64],
-                max_unfinished=_count(entry.get("max_unfinished")),
-                per_day=_count(entry.get("per_day")),
-            )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"the file of keys {path} cannot be used: {error}", field="keys") from error
-    if not tenants:
-        raise UsageError(f"the file of keys {path} has no key; without the setting nobody needs one", field="keys")
+        entries = _File.model_validate_json(path.read_bytes()).keys
+    except OSError as error:
+        raise UsageError(f"the file of keys {path} cannot be read: {error}", field="keys") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise UsageError(f"the file of keys {path} cannot be used: {words}", field="keys") from error
+    tenants: dict[str, Tenant] = {}
+    for entry in entries:
+        if tenants.setdefault(entry.sha256.lower(), entry) != entry:
+            raise UsageError(f"the file of keys {path} has one key for {entry.name!r} and another", field="keys")
     return tenants
 
 
 def new_key(name: str) -> tuple[str, dict[str, str]]:
     """A new key, and its entry for the file."""
     key = secrets.token_urlsafe(32)
-    return key, {"name": name, "sha256": _hash(key)}
+    return key, {"name": Tenant(name=name).name, "sha256": _hash(key)}
 
 
 def _hash(key: str) -> str:
     return hashlib.sha256(key.encode("utf-8", "replace")).hexdigest()
-
-
-def _count(value: object) -> int | None:
-    if value is None:
-        return None
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-        raise ValueError(f"a quota is {value!r}; it has to be a whole number from 1")
-    return value
 
 
 if __name__ == "__main__":

@@ -11,9 +11,8 @@ import re
 from typing import Any, Literal
 
 from fastapi import FastAPI
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from service.api.parameters import adapter
 from service.api.problem_responses import MEDIA_TYPE
 from service.jobs.admission import PRIORITIES
 from service.kits.export import TOOLS
@@ -274,7 +273,7 @@ def _options() -> Json:
     from service.map_registry import MAP_NAMES
     from service.options import Options
 
-    schema = adapter().json_schema(ref_template=_REF)
+    schema = TypeAdapter(Options).json_schema(ref_template=_REF)
     definitions: Json = schema.pop("$defs", {})
     told = attributes(Options)
     for name, property_ in schema["properties"].items():
@@ -291,8 +290,6 @@ def _options() -> Json:
 
 def _render() -> Json:
     """Schemas of a picture's request and of scenes."""
-    from pydantic import TypeAdapter
-
     from service.render.request import RenderRequest
 
     schema = TypeAdapter(RenderRequest).json_schema(ref_template=_REF)

@@ -1,4 +1,4 @@
-"""The part ``options`` of a request: JSON from a stranger, turned into checked options."""
+"""JSON and words from strangers, turned into checked values."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from functools import lru_cache
-from typing import Any, cast
-
-from pydantic import TypeAdapter, ValidationError
+from typing import Any
 
 from service.api.problem_responses import ProblemError
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size
@@ -20,13 +17,23 @@ MAX_METADATA = 2 << 10
 
 _MAX_DEPTH = 8
 
+NAMES = frozenset(field.name for field in fields(Options))
+
+_WORDS: dict[str, Callable[[str], Any]] = {
+    "maps": parse_maps,
+    "size": parse_size,
+    "texture_size": parse_texture_size,
+    "face": parse_face,
+}
+"""Options that the command line writes in words of their own."""
+
 
 def parse_options(text: bytes) -> Options:
     """JSON object -> options; names and values are those of the command line.
 
     Raises:
-        ProblemError: it is no JSON object, has a name that is not an option, or a value of the wrong kind.
-        UsageError: a value is out of range.
+        ProblemError: it is no JSON object, or has a name that is not an option.
+        UsageError: a value is of the wrong kind or out of range.
     """
     return checked_options(parse_object(text) if text.strip() else {})
 
@@ -52,37 +59,15 @@ def checked_options(values: Mapping[str, Any]) -> Options:
     """JSON values -> options.
 
     Raises:
-        ProblemError: there is no such option, or a value is of the wrong kind.
-        UsageError: a value is out of range; in the words of the command line.
+        ProblemError: there is no such option.
+        UsageError: a value is of the wrong kind or out of range; in the words of the command line.
     """
     for name in values:
         if name not in NAMES:
-            where = f"/{name[:40]}"
             detail = f"there is no option {name[:40]!r}; there are {', '.join(sorted(NAMES))}"
-            raise ProblemError("unknown-field", 422, detail, pointer=where)
-    try:
-        # Options checks kinds as well as ranges, and true is no 1 to it. What it cannot even look at is the adapter's.
-        return Options(**{name: _shaped(name, value) for name, value in values.items()})
-    except TypeError:
-        return _described(values)
-
-
-def _described(values: Mapping[str, Any]) -> Options:
-    try:
-        return adapter().validate_python(dict(values))
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = "/" + "/".join(str(part) for part in first["loc"])
-        raise ProblemError("usage", 422, f"{where[1:]}: {first['msg']}", pointer=where) from error
-
-
-def _shaped(name: str, value: Any) -> Any:
-    """Words as on the command line, and lists as tuples."""
-    if isinstance(value, str) and name in _WORDS:
-        return _WORDS[name](value)
-    if isinstance(value, list) and name in ("maps", "size", "texture_size"):
-        return tuple(value)
-    return value
+            raise ProblemError("unknown-field", 422, detail, pointer=f"/{_escaped(name)}")
+    words = {name: _WORDS[name](value) for name, value in values.items() if name in _WORDS and isinstance(value, str)}
+    return Options(**{**values, **words})
 
 
 def _from_text(name: str, text: str) -> Any:
@@ -95,46 +80,55 @@ def _from_text(name: str, text: str) -> Any:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else text
 
 
-NAMES = frozenset(field.name for field in fields(Options))
-
-_WORDS: dict[str, Callable[[str], Any]] = {
-    "maps": parse_maps,
-    "size": parse_size,
-    "texture_size": parse_texture_size,
-    "face": parse_face,
-}
-"""Options that the command line writes in words of their own."""
-
-
-@lru_cache(maxsize=1)
-def adapter() -> TypeAdapter[Options]:
-    """Checks kinds of values and describes them for OpenAPI; ``Options`` itself checks the ranges."""
-    return TypeAdapter(Options)
-
-
 def parse_object(text: bytes, code: str = "malformed-options") -> dict[str, Any]:
-    """A JSON object without NaN and without deep nesting.
+    """A JSON object that can be stored and given back: numbers are finite, text is Unicode, nesting is not deep.
+
+    Args:
+        text: as a stranger sent it.
+        code: of the problem, "malformed-" and what the object is.
 
     Raises:
-        ProblemError: it is none; with ``code``.
+        ProblemError: it is none; says what is wrong, and where.
     """
+    what = code.removeprefix("malformed-")
     try:
         values = json.loads(text.decode("utf-8"))
+    except json.JSONDecodeError as error:
+        raise ProblemError(code, 422, f"{what} is no JSON: {error}", pointer="") from error
     except (ValueError, RecursionError) as error:
-        raise ProblemError(code, 422, pointer="") from error
-    where = "" if not isinstance(values, dict) else _unusable(values, 0)
-    if where is not None:
-        raise ProblemError(code, 422, pointer=where)
-    return cast(dict[str, Any], values)
+        words = "is not UTF-8, is nested too deeply, or has a number of too many digits"
+        raise ProblemError(code, 422, f"{what} {words}", pointer="") from error
+    if not isinstance(values, dict):
+        raise ProblemError(code, 422, f"{what} has to be a JSON object", pointer="")
+    fault = _fault(values, 0)
+    if fault is not None:
+        where, words = fault
+        raise ProblemError(code, 422, f"{what}{where} {words}", pointer=where)
+    return values
 
 
-def _unusable(value: Any, depth: int) -> str | None:
-    """Pointer to a number that is not finite or to what is nested too deeply; None where there is none."""
-    if depth > _MAX_DEPTH or (isinstance(value, float) and not math.isfinite(value)):
-        return ""
+def _fault(value: Any, depth: int) -> tuple[str, str] | None:
+    """(pointer, what is wrong there) of the first value that cannot be used; None where there is none."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "", "is not a finite number"
+    if isinstance(value, str) and not _is_unicode(value):
+        return "", "has half of a surrogate pair, which is no character"
+    if depth > _MAX_DEPTH:
+        return "", f"is nested more than {_MAX_DEPTH} levels deep"
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for name, item in items:
-        where = _unusable(item, depth + 1)
-        if where is not None:
-            return f"/{str(name)[:40].replace('~', '~0').replace('/', '~1')}{where}"
+        if isinstance(name, str) and not _is_unicode(name):
+            return "", "has a name with half of a surrogate pair, which is no character"
+        fault = _fault(item, depth + 1)
+        if fault is not None:
+            return f"/{_escaped(str(name))}{fault[0]}", fault[1]
     return None
+
+
+def _escaped(name: str) -> str:
+    """A name as a part of a JSON pointer (RFC 6901)."""
+    return name[:40].replace("~", "~0").replace("/", "~1")
+
+
+def _is_unicode(text: str) -> bool:
+    return not any("\ud800" <= character <= "\udfff" for character in text)

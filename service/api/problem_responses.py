@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import logging
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,27 +20,11 @@ from service.errors import AvatarError
 from service.jobs.artifacts import StoreFault
 from service.jobs.view import from_error, problem
 
-METHODS = ("GET", "HEAD", "POST", "DELETE")
-
-_STREAM = re.compile(r"/v1/avatars/[^/]+/events\Z")
-
-
-def allowed_methods(scope: Scope) -> list[str]:
-    """Methods that the address of a request takes, over all routes."""
-    routes: list[Any] = scope["app"].router.routes
-    taken = []
-    for method in METHODS:
-        asked = {**scope, "method": method}
-        if any(route.matches(asked)[0] == Match.FULL for route in routes):
-            taken.append(method)
-    if "GET" in taken and "HEAD" not in taken and not _STREAM.match(scope["path"]):
-        taken.insert(1, "HEAD")
-    return taken
-
-
 MEDIA_TYPE = "application/problem+json"
 
 log = logging.getLogger(__name__)
+
+_OBJECT = "It has to be a JSON object of finite numbers and Unicode text, without deep nesting; 'detail' says more."
 
 EXPLANATIONS = {
     "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
@@ -50,12 +33,12 @@ EXPLANATIONS = {
     "part-too-large": "Parts other than the photo are limited to 16 KiB.",
     "one-file-only": "One request makes one avatar of one photo.",
     "unknown-field": "There is no such part or option. Photos are never fetched from an address.",
-    "malformed-options": "The part 'options' has to be a JSON object without NaN and without deep nesting.",
-    "malformed-metadata": "The part 'metadata' has to be a JSON object without NaN and without deep nesting.",
+    "malformed-options": _OBJECT,
+    "malformed-metadata": _OBJECT,
     "usage": "An option is out of its range; 'pointer' names it.",
-    "malformed-render": "The body has to be a JSON object without NaN and without deep nesting.",
+    "malformed-render": _OBJECT,
     "render-timeout": "The picture took too long; a smaller one, or one with fewer samples, takes less.",
-    "malformed-export": "The body has to be a JSON object without NaN and without deep nesting.",
+    "malformed-export": _OBJECT,
     "export-timeout": "The kit took too long; an avatar with smaller maps takes less.",
     "unsupported-media-type": "Photos are multipart/form-data or image/jpeg, image/png, image/webp; the rest is JSON.",
     "not-found": "There is nothing at this address, or it is not yours.",
@@ -128,6 +111,14 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(StoreFault, _database)
     app.add_exception_handler(sa.exc.SQLAlchemyError, _database)
     app.add_exception_handler(Exception, _unexpected)
+
+
+def allowed_methods(scope: Scope) -> list[str]:
+    """Methods that an address takes, over all routes: the framework lists those of the first route that fits."""
+    routes: list[Any] = scope["app"].router.routes
+    asked = ({**scope, "method": method} for method in ("GET", "POST", "DELETE"))
+    taken = [one["method"] for one in asked if any(route.matches(one)[0] == Match.FULL for route in routes)]
+    return [name for method in taken for name in ((method, "HEAD") if method == "GET" else (method,))]
 
 
 def _problem(request: Request, error: Exception) -> Response:

@@ -12,18 +12,19 @@ import hashlib
 import json
 import secrets
 import time
+from collections.abc import Callable
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from service import GENERATOR
 from service.api.accepting import bounds_of, erase, no_room
-from service.api.context import Asking, Context, Here
-from service.api.downloads import Extent, answer_with, finished
+from service.api.context import Asking, Context, Here, Json
+from service.api.downloads import Extent, answer_with, download, finished, media_type
 from service.api.keys import Tenant
 from service.api.openapi import ExportJob, RenderJob
 from service.api.parameters import parse_object
@@ -39,6 +40,7 @@ from service.render.request import parse_request
 MAX_BODY = 1 << 20
 
 _LOOK_S = 1.0
+"""Seconds between two looks whether the caller of a picture is still there."""
 
 
 async def asked(request: Request, context: Context, kind: Kind) -> tuple[str, dict[str, Any]]:
@@ -80,7 +82,7 @@ async def made(
         row = await _ended(request, context, row, seconds)
     if row["state"] not in FINAL:
         place = f"/v1/{kind.place}/{row['id']}"
-        return JSONResponse(job_json(row), 202, {"Location": place, "Retry-After": "2", "Cache-Control": "no-store"})
+        return Json(job_json(row), 202, {"Location": place, "Retry-After": "2"})
     if row["state"] == "failed":
         raise _failure(row)
     if row["state"] == "cancelled":
@@ -169,19 +171,65 @@ FACTS = "Render-Facts"
 
 _SHOWN = ("exposure", "effects", "left_out_costs_at_most", "fallbacks")
 
-renders = APIRouter(prefix="/v1/renders", tags=["renders"])
 
-_PICTURE_CONTENT = {"image/png": {"schema": {"type": "string", "format": "binary"}}}
-_FACTS_HEADER = {FACTS: {"schema": {"type": "string"}, "description": "JSON: what was computed and left out."}}
-_PNG: dict[int | str, dict[str, Any]] = {
-    200: {"description": "The picture.", "content": _PICTURE_CONTENT, "headers": _FACTS_HEADER},
-    202: waiting("picture", RenderJob),
+def routes(kind: Kind, schema: type[BaseModel], what: str, headers: Callable[[Row], dict[str, str]]) -> APIRouter:
+    """The addresses of a derived kind, but for the one where it is asked for: state, file, deletion.
+
+    Args:
+        kind: of the jobs.
+        schema: of their state.
+        what: they make, in a word.
+        headers: of the file.
+    """
+    router = APIRouter(prefix=f"/v1/{kind.place}", tags=[kind.place])
+    address = f"/{{{kind.name}}}"
+    job_id = Path(alias=kind.name)
+
+    @router.get(
+        address, response_model=schema, operation_id=f"get_{kind.name}", summary=f"State of a {what}'s job."
+    )
+    def state(tenant: Asking, context: Here, job: str = job_id) -> Response:
+        """Whether it is there, and where."""
+        return Json(job_json(context.job(job, tenant, kind.name)))
+
+    @router.get(
+        f"{address}/{kind.file}", response_class=Response, operation_id=f"download_{kind.name}",
+        responses=download(media_type(kind.file)), summary=f"The {what}.",
+    )  # fmt: skip
+    async def file(request: Request, tenant: Asking, context: Here, job: str = job_id) -> Response:
+        """With ranges and ``ETag``, as an archive."""
+        row = await run_in_threadpool(finished, context, job, tenant, kind.name)
+        extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', kind.file)
+        return answer_with(request, context, extent, headers(row))
+
+    @router.delete(
+        address, status_code=204, operation_id=f"delete_{kind.name}", summary=f"Cancel or erase a {what}."
+    )
+    def delete(tenant: Asking, context: Here, job: str = job_id) -> Response:
+        """As for an avatar."""
+        erase(context, job, tenant, kind.name)
+        return Response(status_code=204)
+
+    return router
+
+
+def _render_headers(row: Row) -> dict[str, str]:
+    facts = json.loads(row["metadata"])
+    return {FACTS: json.dumps({name: facts.get(name) for name in _SHOWN})}
+
+
+renders = routes(RENDER, RenderJob, "picture", _render_headers)
+
+_PICTURE = {
+    "description": "The picture.",
+    "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+    "headers": {FACTS: {"schema": {"type": "string"}, "description": "JSON: what was computed and left out."}},
 }
 
 
 @renders.post(
-    "", response_class=Response, operation_id="render_avatar", responses=_PNG,
-    summary="Render a finished avatar under a scene.",
+    "", response_class=Response, operation_id="render_avatar",
+    responses={200: _PICTURE, 202: waiting("picture", RenderJob)}, summary="Render a finished avatar under a scene.",
 )  # fmt: skip
 async def render_avatar(request: Request, tenant: Asking, context: Here) -> Response:
     """Takes a JSON object: ``avatar``, the id of a job that has succeeded; ``scene``, see docs/render.md; ``size``,
@@ -190,52 +238,18 @@ async def render_avatar(request: Request, tenant: Asking, context: Here) -> Resp
     """
     avatar, values = await asked(request, context, RENDER)
     parse_request(values)
-    wait = context.settings.render_wait_seconds
-    row = await made(request, context, tenant, RENDER, avatar, values, wait)
+    row = await made(request, context, tenant, RENDER, avatar, values, context.settings.render_wait_seconds)
     if isinstance(row, Response):
         return row
-    return await run_in_threadpool(whole, context, row, "image/png", {FACTS: _render_facts(row)})
+    return await run_in_threadpool(whole, context, row, "image/png", _render_headers(row))
 
 
-@renders.get("/{render}", response_model=RenderJob, operation_id="get_render", summary="State of a picture's job.")
-def render_state(render: str, tenant: Asking, context: Here) -> Response:
-    """Whether the picture is there, and where."""
-    row = context.job(render, tenant, "render")
-    return JSONResponse(job_json(row), 200, {"Cache-Control": "no-store"})
+def _kit_headers(row: Row) -> dict[str, str]:
+    return {"Content-Disposition": f'attachment; filename="avatar-{row["source"][:8]}-kit.zip"'}
 
 
-@renders.head("/{render}/picture.png", include_in_schema=False)
-@renders.get(
-    "/{render}/picture.png", response_class=Response, operation_id="download_render",
-    responses={
-        200: _PNG[200],
-        206: {"description": "A range of it.", "content": _PICTURE_CONTENT},
-        304: {"description": "As it was."},
-    },
-    summary="The picture.",
-)  # fmt: skip
-async def picture(render: str, request: Request, tenant: Asking, context: Here) -> Response:
-    """With ranges and ``ETag``, as an archive."""
-    row = await run_in_threadpool(finished, context, render, tenant, "render")
-    extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', RENDER.file)
-    return answer_with(request, context, extent, {FACTS: _render_facts(row)})
+exports = routes(EXPORT, ExportJob, "kit", _kit_headers)
 
-
-@renders.delete("/{render}", status_code=204, operation_id="delete_render", summary="Cancel or erase a picture.")
-def delete_render(render: str, tenant: Asking, context: Here) -> Response:
-    """As for an avatar."""
-    erase(context, render, tenant, "render")
-    return Response(status_code=204)
-
-
-def _render_facts(row: Row) -> str:
-    facts = json.loads(row["metadata"])
-    return json.dumps({name: facts.get(name) for name in _SHOWN})
-
-
-exports = APIRouter(prefix="/v1/exports", tags=["exports"])
-
-_KIT_CONTENT = {"application/zip": {"schema": {"type": "string", "format": "binary"}}}
 _ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "The kit is there: its job, whose links lead to it."},
     202: waiting("kit", ExportJob),
@@ -259,37 +273,4 @@ async def export_avatar(request: Request, tenant: Asking, context: Here) -> Resp
     row = await made(request, context, tenant, EXPORT, avatar, {"for": known_tool(values["for"])}, 0.0)
     if isinstance(row, Response):
         return row
-    place = f"/v1/{EXPORT.place}/{row['id']}"
-    return JSONResponse(job_json(row), 200, {"Content-Location": place, "Cache-Control": "no-store"})
-
-
-@exports.get("/{export}", response_model=ExportJob, operation_id="get_export", summary="State of a kit's job.")
-def export_state(export: str, tenant: Asking, context: Here) -> Response:
-    """Whether the kit is there, and where."""
-    row = context.job(export, tenant, EXPORT.name)
-    return JSONResponse(job_json(row), 200, {"Cache-Control": "no-store"})
-
-
-@exports.head("/{export}/kit.zip", include_in_schema=False)
-@exports.get(
-    "/{export}/kit.zip", response_class=Response, operation_id="download_export",
-    responses={
-        200: {"description": "The kit.", "content": _KIT_CONTENT},
-        206: {"description": "A range of it.", "content": _KIT_CONTENT},
-        304: {"description": "As it was."},
-    },
-    summary="The kit as a zip.",
-)  # fmt: skip
-async def kit(export: str, request: Request, tenant: Asking, context: Here) -> Response:
-    """With ranges and ``ETag``, as an archive."""
-    row = await run_in_threadpool(finished, context, export, tenant, EXPORT.name)
-    extent = Extent(row["archive"], 0, row["archive_bytes"], f'"{row["archive_sha256"]}"', EXPORT.file)
-    name = f"avatar-{row['source'][:8]}-kit.zip"
-    return answer_with(request, context, extent, {"Content-Disposition": f'attachment; filename="{name}"'})
-
-
-@exports.delete("/{export}", status_code=204, operation_id="delete_export", summary="Cancel or erase a kit.")
-def delete_export(export: str, tenant: Asking, context: Here) -> Response:
-    """As for an avatar."""
-    erase(context, export, tenant, EXPORT.name)
-    return Response(status_code=204)
+    return Json(job_json(row), 200, {"Content-Location": f"/v1/{EXPORT.place}/{row['id']}"})

@@ -1,5 +1,8 @@
-"""Receiving a photo and what is said beside it: taken apart and counted as it streams to
-the disk, with a deadline, and gone again if anything fails.
+"""Receiving a photo and what is said beside it: taken apart and counted as it streams to the disk, with a deadline and
+a least speed, and gone again if anything fails.
+
+The form is taken apart by ``python_multipart`` and not by the framework's parser: that one keeps photos in a temporary
+file of its own, takes text of any name, and does not see that the end is missing.
 """
 
 from __future__ import annotations
@@ -13,13 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from python_multipart.exceptions import MultipartParseError
+from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
-from service.api.parameters import MAX_BYTES as MAX_OPTIONS
-from service.api.parameters import NAMES, parse_options, query_options
+from service.api.parameters import MAX_BYTES, NAMES, parse_metadata, parse_options, query_options
 from service.api.problem_responses import ProblemError
-from service.errors import TooManyBytes
+from service.errors import AvatarError, TooManyBytes
 from service.jobs.admission import PRIORITIES
 from service.jobs.settings import Settings
 from service.options import Options
@@ -30,6 +34,16 @@ PARTS = ("options", "keep_photo", "metadata", "priority", "webhook_url")
 QUERY = frozenset(PARTS) - {"options"} | NAMES
 """Parameters of the address of a photo that is the body."""
 
+IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
+MAX_PARTS = 8
+
+LEAST_SPEED = 4096
+"""Bytes a second that a body has to bring after its first seconds, or its place is given to somebody else."""
+
+_MAX_HEADER = 8 << 10
+_FRAME = 64 << 10
+_BATCH = 256 << 10
+
 
 @dataclass
 class Upload:
@@ -37,50 +51,44 @@ class Upload:
 
     Attributes:
         path: file of the photo, in the folder of uploads.
+        max_bytes: that the photo may have.
         sha256: hex digest of the photo.
         size: bytes of the photo.
-        options: the part ``options``, empty without one.
-        named: options by name as text, where the photo is the body.
-        keep_photo: the part ``keep_photo``.
-        metadata: the part ``metadata``, empty without one.
-        priority: the part ``priority``.
-        webhook_url: the part ``webhook_url``, empty without one.
+        options: what to make.
+        keep_photo, metadata, priority, webhook_url: the parts of these names; without one, what is here.
     """
 
     path: Path
+    max_bytes: int
     sha256: str = ""
     size: int = 0
-    options: bytes = b""
-    named: dict[str, str] = field(default_factory=dict)
+    options: Options = field(default_factory=Options)
     keep_photo: bool = False
-    metadata: bytes = b""
+    metadata: dict[str, Any] = field(default_factory=dict)
     priority: str = "normal"
     webhook_url: str = ""
-
-    def chosen(self) -> Options:
-        """The options.
-
-        Raises:
-            ProblemError, UsageError: as ``service.api.parameters.parse_options``.
-        """
-        return query_options(self.named) if self.named else parse_options(self.options)
 
     def set(self, name: str, value: bytes) -> None:
         """Take a part other than the photo.
 
         Raises:
-            ProblemError: its value is not possible.
+            ProblemError, UsageError: its value is not possible.
         """
         if name == "options":
-            self.options = value
+            self.options = parse_options(value)
         elif name == "metadata":
-            self.metadata = value
+            self.metadata = parse_metadata(value)
         elif name == "webhook_url":
             self.webhook_url = value.decode("utf-8", "replace").strip()
         elif name == "keep_photo":
             self.keep_photo = _one_of(name, value, ("true", "false")) == "true"
         elif name == "priority":
             self.priority = _one_of(name, value, PRIORITIES)
+
+    def too_large(self) -> TooManyBytes:
+        """The fault of a photo that has too many bytes."""
+        words = f"the photo has more than {self.max_bytes} bytes, which is the most that is accepted"
+        return TooManyBytes(words, limit=self.max_bytes)
 
 
 def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
@@ -91,53 +99,37 @@ def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
     return text
 
 
-MAX_PARTS = 8
-_MAX_HEADER = 8 << 10
-
-
-def too_large(max_bytes: int) -> TooManyBytes:
-    """The fault of a photo that has more than so many bytes."""
-    return TooManyBytes(
-        f"the photo has more than {max_bytes} bytes, which is the most that is accepted", limit=max_bytes
-    )
-
-
 class Body:
-    """Takes the photo, a piece at a time, in worker threads."""
+    """A body that is the photo itself, taken a piece at a time, in worker threads.
 
-    def __init__(self, upload: Upload, stream: IO[bytes], max_bytes: int) -> None:
-        self.upload, self._stream, self._max_bytes = upload, stream, max_bytes
-        self._hash = hashlib.sha256()
+    Args:
+        upload: to be filled.
+        stream: where the photo goes.
+    """
+
+    def __init__(self, upload: Upload, stream: IO[bytes]) -> None:
+        self.upload, self._stream, self._hash = upload, stream, hashlib.sha256()
 
     def write(self, data: bytes) -> None:
         """A piece of the body."""
-        raise NotImplementedError
+        self._photo(data)
 
-    def finish(self, data: bytes) -> None:
-        """The last piece; checks that the body is whole."""
-        self.write(data)
+    def finish(self) -> None:
+        """Check that the body is whole.
+
+        Raises:
+            ProblemError: it is not.
+        """
+        if not self.upload.size:
+            raise ProblemError("missing-file", 400)
         self.upload.sha256 = self._hash.hexdigest()
 
     def _photo(self, data: bytes) -> None:
         self.upload.size += len(data)
-        if self.upload.size > self._max_bytes:
-            raise too_large(self._max_bytes)
+        if self.upload.size > self.upload.max_bytes:
+            raise self.upload.too_large()
         self._hash.update(data)
         self._stream.write(data)
-
-
-class Raw(Body):
-    """The photo itself."""
-
-    def write(self, data: bytes) -> None:
-        """As :meth:`Body.write`."""
-        self._photo(data)
-
-    def finish(self, data: bytes) -> None:
-        """As :meth:`Body.finish`."""
-        super().finish(data)
-        if not self.upload.size:
-            raise ProblemError("missing-file", 400)
 
 
 class Multipart(Body):
@@ -146,52 +138,46 @@ class Multipart(Body):
     Args:
         upload: to be filled.
         stream: where the photo goes.
-        max_bytes: of the photo.
         kind: header Content-Type, with the boundary.
 
     Raises:
         ProblemError: there is no usable boundary; so do :meth:`write` and :meth:`finish` for what breaks the form.
-        TooManyBytes: the photo is larger.
+        TooManyBytes: the photo is larger than it may be.
     """
 
-    def __init__(self, upload: Upload, stream: IO[bytes], max_bytes: int, kind: str) -> None:
-        from python_multipart.multipart import MultipartParser, parse_options_header
-
-        super().__init__(upload, stream, max_bytes)
-        self._options_header = parse_options_header
+    def __init__(self, upload: Upload, stream: IO[bytes], kind: str) -> None:
+        super().__init__(upload, stream)
         boundary = parse_options_header(kind)[1].get(b"boundary")
         if not boundary or len(boundary) > 70:
             raise ProblemError("malformed-multipart", 400, "the Content-Type has no usable boundary")
+        self._key, self._content, self._disposition = bytearray(), bytearray(), b""
         callbacks: Any = {
             "on_part_begin": self._begin,
             "on_part_data": self._data,
             "on_part_end": self._end,
-            "on_header_field": self._field,
-            "on_header_value": self._value,
+            "on_header_field": lambda data, start, end: self._grow(self._key, data[start:end]),
+            "on_header_value": lambda data, start, end: self._grow(self._content, data[start:end]),
             "on_header_end": self._header_end,
             "on_headers_finished": self._headers_end,
             "on_end": self._close,
         }
         self._parser = MultipartParser(boundary, callbacks)
         self._names: list[str] = []
-        self._name, self._text, self._closed = "", bytearray(), False
+        self._name, self._text, self._empty, self._closed = "", bytearray(), True, False
         self._is_file, self._files, self._dropped = False, 0, 0
-        self._fault: ProblemError | None = None
-        self._key, self._content, self._disposition = bytearray(), bytearray(), b""
+        self._fault: ProblemError | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
         """As :meth:`Body.write`."""
-        from python_multipart.exceptions import MultipartParseError
-
+        self._empty = self._empty and not data
         try:
             self._parser.write(data)
         except MultipartParseError as error:
             raise ProblemError("malformed-multipart", 400) from error
 
-    def finish(self, data: bytes) -> None:
+    def finish(self) -> None:
         """As :meth:`Body.finish`."""
-        super().finish(data)
-        if not self._names and not self._closed and not self._parser_started(data):
+        if self._empty:
             raise ProblemError("missing-file", 400)
         if not self._closed:
             raise ProblemError("malformed-multipart", 400, "the body ends before its closing boundary")
@@ -199,21 +185,13 @@ class Multipart(Body):
             raise self._fault
         if "image" not in self._names:
             raise ProblemError("missing-file", 400)
-
-    def _parser_started(self, data: bytes) -> bool:
-        return bool(data) or self.upload.size > 0
+        self.upload.sha256 = self._hash.hexdigest()
 
     def _begin(self) -> None:
         if len(self._names) >= MAX_PARTS:
             raise ProblemError("too-many-parts", 400)
-        self._name, self._disposition = "", b""
+        self._disposition = b""
         self._text.clear()
-
-    def _field(self, data: bytes, start: int, end: int) -> None:
-        self._grow(self._key, data[start:end])
-
-    def _value(self, data: bytes, start: int, end: int) -> None:
-        self._grow(self._content, data[start:end])
 
     def _grow(self, buffer: bytearray, data: bytes) -> None:
         buffer += data
@@ -228,21 +206,24 @@ class Multipart(Body):
 
     def _headers_end(self) -> None:
         # The name of the file is never looked at, only whether there is one: names are made by this server.
-        words = self._options_header(self._disposition)[1]
-        self._name = words.get(b"name", b"").decode("utf-8", "replace")
-        known = self._name == "image" or self._name in PARTS
-        self._is_file = self._name == "image" or (not known and b"filename" in words)
+        words = parse_options_header(self._disposition)[1]
+        if not words.get(b"name"):
+            raise ProblemError("malformed-multipart", 400, "a part has no name in its Content-Disposition")
+        self._name = name = words[b"name"].decode("utf-8", "replace")
+        known = name == "image" or name in PARTS
+        self._is_file = name == "image" or (not known and b"filename" in words)
         self._files += self._is_file
         if self._files > 1:
             raise ProblemError("one-file-only", 400)
-        if known and self._name in self._names:
+        if known and name in self._names:
             raise ProblemError("too-many-parts", 400)
         if not known:
-            name = self._name[:40]
-            self._later(ProblemError("unknown-field", 422, f"there is no part {name!r}", pointer=f"/{name}"))
-        self._names.append(self._name)
+            self._later(
+                ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}")
+            )
+        self._names.append(name)
 
-    def _later(self, fault: ProblemError) -> None:
+    def _later(self, fault: ProblemError | AvatarError) -> None:
         """Keep the first fault of a value for the end: one of the form, which the rest may show, comes before it."""
         self._fault = self._fault or fault
 
@@ -251,29 +232,22 @@ class Multipart(Body):
             self._photo(data[start:end])
         elif self._is_file:  # under a name that there is not
             self._dropped += end - start
-            if self._dropped > self._max_bytes:
-                raise too_large(self._max_bytes)
+            if self._dropped > self.upload.max_bytes:
+                raise self.upload.too_large()
         else:
             self._text += data[start:end]
-            if len(self._text) > MAX_OPTIONS:
+            if len(self._text) > MAX_BYTES:
                 raise ProblemError("part-too-large", 400)
 
     def _end(self) -> None:
         if self._name in PARTS:
             try:
                 self.upload.set(self._name, bytes(self._text))
-            except ProblemError as fault:
+            except (ProblemError, AvatarError) as fault:
                 self._later(fault)
 
     def _close(self) -> None:
         self._closed = True
-
-
-IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
-_MOST_DIGITS = 18
-"""Of a length that is worth reading; Python refuses to read thousands."""
-_FRAME = 64 << 10
-_BATCH = 256 << 10
 
 
 @contextlib.asynccontextmanager
@@ -287,21 +261,23 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
 
     Raises:
         ProblemError: the request is not of that form or does not arrive in time.
+        UsageError: a value beside the photo is not possible.
         TooManyBytes: the photo is larger.
     """
-    kind = request.headers.get("content-type", "")
-    _check_length(request, max_bytes)
+    header = request.headers.get("content-type", "")
+    kind = header.partition(";")[0].strip().lower()
+    form = kind == "multipart/form-data"
+    upload = Upload(settings.incoming / f"{secrets.token_hex(16)}.part", max_bytes)
+    length = request.headers.get("content-length", "")  # the server has refused what is no length
+    if length.isdigit() and (len(length) > len(str(max_bytes)) + 9 or int(length) > max_bytes + _FRAME):
+        raise upload.too_large()
+    _take_parameters(request, upload, form=form)
+    if not form and kind not in IMAGE_TYPES:
+        raise ProblemError("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})
     settings.incoming.mkdir(parents=True, exist_ok=True, mode=0o700)
-    upload = Upload(settings.incoming / f"{secrets.token_hex(16)}.part")
-    _take_parameters(request, upload, form=_is_form(kind))
     try:
         with upload.path.open("xb") as stream:
-            sink: Body = (
-                Multipart(upload, stream, max_bytes, kind) if _is_form(kind) else Raw(upload, stream, max_bytes)
-            )
-            if not _is_form(kind) and kind.partition(";")[0].strip().lower() not in IMAGE_TYPES:
-                raise ProblemError("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})
-            await _pump(request, sink, settings)
+            await _pump(request, Multipart(upload, stream, header) if form else Body(upload, stream), settings)
         yield upload
     finally:
         upload.path.unlink(missing_ok=True)
@@ -309,6 +285,7 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
 
 def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
     """What the address says beside a photo that is the body; a form says it in parts."""
+    named = {}
     for name, text in request.query_params.items():
         if form:
             words = f"a form has {name} as a part, an option in the part 'options'; not in its address"
@@ -316,37 +293,27 @@ def _take_parameters(request: Request, upload: Upload, *, form: bool) -> None:
         if name in PARTS:
             upload.set(name, text.encode())
         else:
-            upload.named[name] = text
+            named[name] = text
+    if named:
+        upload.options = query_options(named)
 
 
-async def _pump(request: Request, sink: Body, settings: Settings) -> None:
-    batch = bytearray()
-    stream = request.stream().__aiter__()
+async def _pump(request: Request, body: Body, settings: Settings) -> None:
+    loop = asyncio.get_running_loop()
+    begin, count, batch = loop.time(), 0, bytearray()
     try:
-        async with asyncio.timeout(settings.body_seconds):
-            while True:
-                try:
-                    chunk = await asyncio.wait_for(stream.__anext__(), settings.idle_seconds)
-                except StopAsyncIteration:
-                    break
+        async with asyncio.timeout(settings.idle_seconds) as limit:
+            async for chunk in request.stream():
+                count += len(chunk)
+                slowest = begin + settings.idle_seconds + count / LEAST_SPEED
+                limit.reschedule(min(slowest, loop.time() + settings.idle_seconds, begin + settings.body_seconds))
                 batch += chunk
                 if len(batch) >= _BATCH:
-                    await run_in_threadpool(sink.write, bytes(batch))
+                    await run_in_threadpool(body.write, bytes(batch))
                     batch.clear()
     except TimeoutError:
         raise ProblemError("request-timeout", 408, headers={"Connection": "close"}) from None
     except ClientDisconnect:
         raise ProblemError("malformed-multipart", 400, "the connection closed before the body was complete") from None
-    await run_in_threadpool(sink.finish, bytes(batch))
-
-
-def _check_length(request: Request, max_bytes: int) -> None:
-    text = request.headers.get("content-length")
-    if text is None or not (text.isascii() and text.isdigit()):
-        return  # the server has refused what is no length
-    if len(text) > _MOST_DIGITS or int(text) > max_bytes + _FRAME:
-        raise too_large(max_bytes)
-
-
-def _is_form(kind: str) -> bool:
-    return kind.partition(";")[0].strip().lower() == "multipart/form-data"
+    await run_in_threadpool(body.write, bytes(batch))
+    await run_in_threadpool(body.finish)

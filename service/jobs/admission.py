@@ -15,7 +15,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.jobs import telemetry
-from service.jobs.database import IS_SERVED, IS_UNFINISHED, IS_URGENT, IS_WAITING, JOBS, now
+from service.jobs.database import IS_SERVED, IS_UNFINISHED, IS_URGENT, IS_WAITING, JOBS, TALLIES, now
 
 UNFINISHED = ("queued", "running")
 
@@ -26,6 +26,9 @@ LOW = 1 << 30
 """Turns from here on are those of low priority: whatever waits before them comes first."""
 
 DAY_S = 86400.0
+
+_REFUSED = "refused"
+"""Name of the tally of refused photos: by tenant and hour."""
 
 _LOCK = 4242002
 """Advisory lock of Postgres that makes admissions one after the other; SQLite has one writer at a time anyway."""
@@ -38,7 +41,7 @@ class Bounds:
     Attributes:
         queued: jobs that may wait, all tenants together.
         unfinished: jobs of this tenant that may be unfinished.
-        per_day: jobs of this tenant in 24 hours, those that are gone included; None for no limit.
+        per_day: jobs of this tenant in 24 hours, those that are gone and refused photos included; None for no limit.
     """
 
     queued: int
@@ -92,9 +95,28 @@ def check(connection: sa.Connection, tenant: str, bounds: Bounds, *, counted: in
         raise NoRoom("queue-full", queued=queued)
     if own >= bounds.unfinished and reached(bounds.unfinished, IS_UNFINISHED, JOBS.c.tenant == tenant):
         raise NoRoom("quota", unfinished=own, max_unfinished=bounds.unfinished)
-    lately = (JOBS.c.tenant == tenant, JOBS.c.created_at >= now() - DAY_S)
-    if bounds.per_day is not None and reached(bounds.per_day, *lately):
-        raise NoRoom("quota", per_day=bounds.per_day)
+    if bounds.per_day is not None:
+        lately = (JOBS.c.tenant == tenant, JOBS.c.created_at >= now() - DAY_S)
+        refused = sa.select(sa.func.sum(TALLIES.c.value)).where(*_refusals(tenant), TALLIES.c.bucket > _hour(-24))
+        left = bounds.per_day - int(connection.execute(refused).scalar_one() or 0)
+        if left <= 0 or reached(left, *lately):
+            raise NoRoom("quota", per_day=bounds.per_day)
+
+
+def count_refusal(engine: sa.Engine, tenant: str) -> None:
+    """Count a photo that was looked at and refused in the daily quota of its tenant: it was work, and made no job."""
+    with engine.begin() as connection:
+        connection.execute(sa.delete(TALLIES).where(*_refusals(tenant), TALLIES.c.bucket <= _hour(-24)))
+        telemetry.count(connection, _REFUSED, tenant, bucket=_hour())
+
+
+def _refusals(tenant: str) -> tuple[sa.ColumnElement[bool], ...]:
+    return TALLIES.c.name == _REFUSED, TALLIES.c.label == tenant
+
+
+def _hour(offset: int = 0) -> str:
+    """Hours since 1970, the bucket of refusals; as many digits for the next century."""
+    return str(int(now() // 3600) + offset)
 
 
 def turn(connection: sa.Connection, tenant: str, job: str, priority: str) -> int:

@@ -153,20 +153,22 @@ class Artifacts:
         with self._asking():
             return cast(IO[bytes], Stream(self._fs.open(address, "rb", block_size=BLOCK)))
 
-    def signed(self, name: str, seconds: int, disposition: str) -> str | None:
+    def signed(self, name: str, seconds: int, disposition: str, head: bool = False) -> str | None:
         """An address at the store that gives out a file for so long; None where the store cannot sign.
 
         Args:
             name: of the file.
             seconds: for which the address holds.
             disposition: header ``Content-Disposition`` of the answer.
+            head: the address is for HEAD, and not for GET; one does not hold for the other.
         """
         address = self._address(name)
         if self._local is not None or "s3" not in _protocols(self._fs):
             return None
         with self._asking():
             # A parameter of GetObject; whoever changes it breaks the signature.
-            return str(self._fs.sign(address, expiration=seconds, ResponseContentDisposition=disposition))
+            more = {"client_method": "head_object"} if head else {"ResponseContentDisposition": disposition}
+            return str(self._fs.sign(address, expiration=seconds, **more))
 
     def read(self, name: str) -> bytes:
         """The whole content; as :meth:`open`."""

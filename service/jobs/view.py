@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,7 +18,7 @@ FINAL = ("succeeded", "failed", "cancelled")
 STATES = ("queued", "running", *FINAL)
 
 
-def job_json(row: sa.RowMapping) -> dict[str, Any]:
+def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
     """State of a job.
 
     Args:
@@ -53,7 +54,7 @@ def job_json(row: sa.RowMapping) -> dict[str, Any]:
     }
 
 
-def _derived_json(row: sa.RowMapping, kind: Kind, address: str) -> dict[str, Any]:
+def _derived_json(row: sa.RowMapping | Mapping[str, Any], kind: Kind, address: str) -> dict[str, Any]:
     done = row["state"] == "succeeded" and row["gone"] is None
     error = json.loads(row["error"]) if row["error"] else None
     times = {name: stamp(row[name]) for name in ("created_at", "started_at", "finished_at", "expires_at")}

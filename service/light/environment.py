@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Float32, Float64
+from service.checks import shown
 from service.errors import ModelFault, UsageError
 from service.light.scene import Environment, PointLight, Scene
 
@@ -109,6 +110,17 @@ def names() -> tuple[str, ...]:
     return tuple(_shipped())
 
 
+def check_name(environment: Environment) -> None:
+    """Refuse a name that no shipped environment has.
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    if environment.name is not None and environment.name not in _shipped():
+        words = f"no environment {shown(environment.name)}; there are {', '.join(names())}"
+        raise UsageError(words, field="environment/name")
+
+
 def radiance(environment: Environment) -> Float64:
     """(64, 128, 3) float64 linear radiance >= 0, rotated and scaled as the scene says.
 
@@ -116,9 +128,8 @@ def radiance(environment: Environment) -> Float64:
         UsageError: no environment of that name.
     """
     made = _sky(environment)
+    check_name(environment)
     if environment.name is not None:
-        if environment.name not in _shipped():
-            raise UsageError(f"no environment {environment.name!r}; there are {', '.join(names())}")
         made = made + _shipped()[environment.name].astype(np.float64)
     return turned(made, environment.rotation_deg) * environment.strength
 

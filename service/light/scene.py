@@ -6,13 +6,15 @@ Radiance is linear sRGB in an arbitrary unit, as the response's exposure scales 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from service.checks import shown
 from service.errors import UsageError
 
 Triple = tuple[float, float, float]
@@ -21,8 +23,20 @@ WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
 
 
-def _fault(what: str, value: object, wanted: str) -> UsageError:
-    return UsageError(f"scene: {what} is {value!r}; it should be {wanted}")
+def _fault(what: str, value: object, wanted: str, place: str | None = None) -> UsageError:
+    """What is wrong with a value; its place in the scene is its name, the last word, unless that is given."""
+    if place is None:
+        place = what.rpartition(" ")[2].replace("[", "/").replace("]", "")
+    return UsageError(f"scene: {what} is {shown(value)}; it should be {wanted}", field=place)
+
+
+@contextlib.contextmanager
+def _within(place: str) -> Iterator[None]:
+    """Let faults know that they are in a part of the scene."""
+    try:
+        yield
+    except UsageError as fault:
+        raise UsageError(fault.message, field=f"{place}/{fault.extra.get('field', '')}".strip("/")) from fault
 
 
 def _number(value: object, what: str, low: float, high: float) -> float:
@@ -174,15 +188,25 @@ class Scene:
             raise UsageError(f"scene: not JSON: {fault}") from fault
         fields = _known(data, cls, "scene")
         if "environment" in fields:
-            fields["environment"] = _environment(fields["environment"])
+            with _within("environment"):
+                fields["environment"] = _environment(fields["environment"])
         if "lights" in fields:
-            fields["lights"] = tuple(_build(item, PointLight, "light") for item in _list(fields["lights"], "lights"))
+            fields["lights"] = _all(fields["lights"], PointLight, "lights", "light")
         if "viewpoints" in fields:
-            points = _list(fields["viewpoints"], "viewpoints")
-            fields["viewpoints"] = tuple(_triple(point, "viewpoint", -1e3, 1e3) for point in points)
+            points = enumerate(_list(fields["viewpoints"], "viewpoints"))
+            fields["viewpoints"] = tuple(_triple(point, f"viewpoints[{n}]", -1e3, 1e3) for n, point in points)
         if "response" in fields:
-            fields["response"] = _build(fields["response"], Response, "response")
+            with _within("response"):
+                fields["response"] = _build(fields["response"], Response, "response")
         return cls(**fields)
+
+
+def _all(data: object, kind: type, what: str, one: str) -> tuple[Any, ...]:
+    built = []
+    for number, item in enumerate(_list(data, what)):
+        with _within(f"{what}/{number}"):
+            built.append(_build(item, kind, one))
+    return tuple(built)
 
 
 def _list(value: object, what: str) -> list[Any]:
@@ -193,11 +217,12 @@ def _list(value: object, what: str) -> list[Any]:
 
 def _known(data: object, kind: type, what: str) -> dict[str, Any]:
     if not isinstance(data, Mapping):
-        raise _fault(what, data, "an object with named fields")
+        raise _fault(what, data, "an object with named fields", "")
     names = [field.name for field in dataclasses.fields(kind)]
     unknown = sorted(set(data) - set(names))
     if unknown:
-        raise UsageError(f"scene: {what} has no field {', '.join(map(repr, unknown))}; it has {', '.join(names)}")
+        words = f"scene: {what} has no field {unknown[0][:40]!r}; it has {', '.join(names)}"
+        raise UsageError(words, field=unknown[0][:40])
     return dict(data)
 
 
@@ -206,16 +231,15 @@ def _build(data: object, kind: type, what: str) -> Any:
     for name, value in fields.items():
         if isinstance(value, list):
             fields[name] = tuple(value)
-    try:
-        return kind(**fields)
-    except TypeError as fault:
-        raise UsageError(f"scene: {what}: {fault}") from fault
+    for field in dataclasses.fields(kind):
+        if field.default is dataclasses.MISSING and field.name not in fields:
+            raise UsageError(f"scene: {what} has no {field.name}, which it needs", field=field.name)
+    return kind(**fields)
 
 
 def _environment(data: object) -> Environment:
     fields = _known(data, Environment, "environment")
-    boxes = _list(fields.get("softboxes", []), "softboxes")
-    fields["softboxes"] = tuple(_build(box, Softbox, "softbox") for box in boxes)
+    fields["softboxes"] = _all(fields.get("softboxes", []), Softbox, "softboxes", "softbox")
     built: Environment = _build(fields, Environment, "environment")
     return built
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from service.checks import shown
 from service.errors import UsageError
 from service.light.scene import Environment, Scene
 
@@ -49,16 +50,14 @@ class RenderRequest:
         """Check the ranges."""
         width, height = self.size
         if not all(SMALLEST_SIDE <= side <= LARGEST_SIDE for side in self.size):
-            raise UsageError(
-                f"size is {width}x{height}; each side has to be {SMALLEST_SIDE} to {LARGEST_SIDE} pixels", field="size"
-            )
+            words = f"size is {shown(self.size)}; each side has to be {SMALLEST_SIDE} to {LARGEST_SIDE} pixels"
+            raise UsageError(words, field="size")
         if self.background not in BACKGROUNDS:
-            raise UsageError(
-                f"background is {self.background!r}; it has to be one of {', '.join(BACKGROUNDS)}", field="background"
-            )
+            words = f"background is {shown(self.background)}; it has to be one of {', '.join(BACKGROUNDS)}"
+            raise UsageError(words, field="background")
         if self.samples not in range(1, FINEST + 1):
             raise UsageError(
-                f"samples is {self.samples!r}; it has to be 1 to {FINEST} per pixel and axis", field="samples"
+                f"samples is {shown(self.samples)}; it has to be 1 to {FINEST} per pixel and axis", field="samples"
             )
         if width * height * self.samples**2 > LARGEST_PIXELS:
             raise UsageError(
@@ -67,7 +66,30 @@ class RenderRequest:
                 field="size",
             )
         if not 0.0 <= self.tolerance <= 255.0:
-            raise UsageError(f"tolerance is {self.tolerance!r}; it has to be 0 to 255, in 1/255", field="tolerance")
+            words = f"tolerance is {shown(self.tolerance)}; it has to be 0 to 255, in 1/255"
+            raise UsageError(words, field="tolerance")
+        if self.view is not None:
+            degrees_of(self.view)
+
+
+VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
+"""Azimuth of the camera in degrees, positive towards the subject's left."""
+
+
+def degrees_of(view: str) -> float:
+    """Azimuth of a named view, or of one in degrees as text.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    try:
+        degrees = VIEWS[view] if view in VIEWS else float(view)
+    except ValueError:
+        degrees = float("nan")
+    if not -360.0 <= degrees <= 360.0:
+        words = f"view is {shown(view)}; it has to be {', '.join(VIEWS)}, or degrees from -360 to 360"
+        raise UsageError(words, field="view")
+    return degrees
 
 
 _KINDS: dict[str, tuple[type, ...]] = {
@@ -91,12 +113,18 @@ def parse_request(values: Mapping[str, Any]) -> RenderRequest:
         raise UsageError(f"there is no field {unknown[0][:40]!r}; there are {', '.join(FIELDS)}", field=unknown[0][:40])
     given = {name: value for name, value in values.items() if value is not None}
     if "scene" in given:
-        given["scene"] = Scene.from_json(json.dumps(given["scene"]))
+        from service.light.environment import check_name  # loads the shipped images
+
+        try:
+            given["scene"] = scene = Scene.from_json(json.dumps(given["scene"]))
+            check_name(scene.environment)
+        except UsageError as fault:
+            raise UsageError(fault.message, field=f"scene/{fault.extra.get('field', '')}".rstrip("/")) from fault
     if "size" in given:
         given["size"] = _size(given["size"])
     for name, kinds in _KINDS.items():
         if name in given and (isinstance(given[name], bool) or not isinstance(given[name], kinds)):
-            raise UsageError(f"{name} is {given[name]!r:.60}, which is of the wrong type", field=name)
+            raise UsageError(f"{name} is {shown(given[name])}, which is of the wrong type", field=name)
     if "view" in given:
         given["view"] = str(given["view"])
     return RenderRequest(**given)
@@ -105,5 +133,5 @@ def parse_request(values: Mapping[str, Any]) -> RenderRequest:
 def _size(value: Any) -> tuple[int, int]:
     whole = isinstance(value, list) and all(isinstance(side, int) and not isinstance(side, bool) for side in value)
     if not whole or len(value) != 2:
-        raise UsageError(f"size is {value!r:.60}; it has to be two whole numbers, [width, height]", field="size")
+        raise UsageError(f"size is {shown(value)}; it has to be two whole numbers, [width, height]", field="size")
     return value[0], value[1]

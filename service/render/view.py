@@ -10,9 +10,7 @@ from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.normals import normalise
 from service.head.model import HeadModel
 from service.light.scene import DEFAULT_VIEW, Triple
-
-VIEWS = {"front": 0.0, "three-quarter": 35.0, "left": 90.0, "right": -90.0, "back": 180.0}
-"""Azimuth of the camera in degrees, positive towards the subject's left."""
+from service.render.request import degrees_of
 
 FILLED, TURNED_FILLED = 0.92, 0.86
 """Fraction of the picture's width or height that the head fills; for cameras at one scale that of its bounding box."""
@@ -26,16 +24,7 @@ def viewpoint_of(view: str | None, viewpoints: tuple[Triple, ...]) -> Triple:
     """
     if view is None:
         return viewpoints[0]
-    degrees = VIEWS.get(view)
-    if degrees is None:
-        try:
-            degrees = float(view)
-        except ValueError:
-            degrees = float("nan")
-        if not -360.0 <= degrees <= 360.0:
-            names = ", ".join(VIEWS)
-            raise UsageError(f"view is {view!r}; it has to be {names}, or degrees from -360 to 360", field="view")
-    distance, angle = DEFAULT_VIEW[2], np.radians(degrees)
+    distance, angle = DEFAULT_VIEW[2], np.radians(degrees_of(view))
     return float(distance * np.sin(angle)), 0.0, float(distance * np.cos(angle))
 
 

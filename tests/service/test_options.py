@@ -10,6 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+from service.checks import shown
 from service.errors import UsageError
 from service.levels import LEVELS
 from service.map_registry import MAP_NAMES
@@ -80,13 +81,13 @@ def test_a_value_out_of_range_is_refused_with_name_value_and_what_would_be_right
     told, right = refusal.value.message.split("; ", 1)
     assert refusal.value.extra["field"] == name
     assert told.startswith(f"{name} is ") or (name == "maps" and told.startswith("maps has "))
-    assert repr(value) in told or name in ("maps", "size", "texture_size"), "the value as it was given"
+    assert shown(value) in told or name in ("maps", "size", "texture_size"), "the value as it was given"
     assert right.startswith("it has to be ") or name in ("maps", "size", "texture_size")
     assert right.removeprefix("it has to be ") != "one of None", "a type without words for what is right"
 
 
 def test_a_choice_lists_what_there_is() -> None:
-    with pytest.raises(UsageError, match="it has to be one of 8, 16, None"):
+    with pytest.raises(UsageError, match=r"it has to be one of 8, 16$"):
         Options(bits=12)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="it has to be one of draft, standard, high, reference"):
         Options(quality="best")  # type: ignore[arg-type]

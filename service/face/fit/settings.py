@@ -11,8 +11,8 @@ from pydantic.dataclasses import dataclass
 from service.checks import CHECKED, Checked, Right
 
 Refine = Literal["landmarks", "dense", "full"]
-Iterations = Annotated[int, Strict(), Ge(1), Right("a whole number of at least 1")]
-IdentityComponents = Annotated[int, Strict(), Ge(0), Right("a whole number of at least 0")]
+Iterations = Annotated[int, Strict(), Ge(1), Le(1000), Right("a whole number from 1 to 1000")]
+IdentityComponents = Annotated[int, Strict(), Ge(0), Le(10_000), Right("a whole number from 0 to 10000")]
 Switch = Annotated[bool, Strict(), Right("true or false")]
 
 

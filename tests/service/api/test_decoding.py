@@ -92,7 +92,7 @@ def test_shares_are_taken_in_order_and_given_back() -> None:
                 used -= share
 
         await asyncio.gather(*(one(number, 30 + 10 * (number % 7)) for number in range(40)))
-        assert memory._used == memory._count == 0
+        assert not memory._held
         return most, order
 
     most, order = asyncio.run(run())
@@ -114,7 +114,7 @@ def test_who_gives_up_waiting_holds_nothing() -> None:
         await asyncio.sleep(0.01)
         second.cancel()
         await asyncio.wait({first, second})
-        assert memory._used == memory._count == len(memory._waiting) == 0
+        assert not memory._held and not memory._waiting
         await asyncio.wait_for(hold(0), 1)
 
     asyncio.run(run())

@@ -58,9 +58,10 @@ def test_every_answer_with_a_body_has_a_type(document: Json) -> None:
     for path, method, operation in operations(document):
         for status, answer in operation["responses"].items():
             content = answer.get("content", {})
-            assert bool(content) == (status not in ("204", "304")), (path, method, status)
+            assert bool(content) == (status not in ("204", "304", "307")), (path, method, status)
             for kind, media in content.items():
-                assert media["schema"], f"{method} {path}: {kind} of {status} may be anything"
+                anything = kind == "application/json" and path.endswith("{path}")  # each file has a schema of its own
+                assert media["schema"] or anything, f"{method} {path}: {kind} of {status} may be anything"
         assert {"4XX", "5XX"} <= set(operation["responses"])
 
 

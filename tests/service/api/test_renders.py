@@ -231,13 +231,13 @@ def test_a_slow_picture_is_ended_at_its_deadline(api: Api, finished: str) -> Non
 
 
 def test_a_fault_of_the_renderer_is_a_problem(api: Api, finished: str) -> None:
-    """Found by the child only: it knows the names of environments."""
-    content = {"avatar": finished, "scene": {"environment": {"name": "nowhere"}}}
+    """Found by the child only: it knows where the head is."""
+    content = {"avatar": finished, "scene": {"viewpoints": [[0, 0, 0.01]]}}
     job = ask(api, content, Prefer="respond-async").json()["id"]
     worked(api, render_program="service.jobs.render_process")
     error = api.client.get(f"/v1/renders/{job}").json()["error"]
     assert (error["code"], error["status"]) == ("usage", 422)
-    assert "apartment" in error["detail"]
+    assert "viewpoint" in error["detail"]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ RAW = {"Content-Type": "image/jpeg"}
     [
         ("/v1/avatars", {"GET", "HEAD", "POST"}),
         ("/v1/avatars/" + "0" * 32, {"GET", "HEAD", "DELETE"}),
-        ("/v1/avatars/" + "0" * 32 + "/events", {"GET"}),
+        ("/v1/avatars/" + "0" * 32 + "/events", {"GET", "HEAD"}),
         ("/v1/avatars/" + "0" * 32 + "/archive.zip", {"GET", "HEAD"}),
         ("/livez", {"GET", "HEAD"}),
     ],

@@ -13,6 +13,7 @@ import pytest
 from service.api import accepting
 from service.api.keys import Keys, new_key
 from service.errors import UsageError
+from service.jobs.erasure import depart
 from service.jobs.settings import Settings
 from tests.service.api.conftest import GOOD, TOY, Api, is_problem, open_api
 from tests.service.photo.badimages import picture, save
@@ -64,6 +65,15 @@ def test_nobody_sees_the_jobs_of_another(api: Api) -> None:
     assert [item["id"] for item in api.client.get("/v1/avatars", headers=bearer("ada")).json()["items"]] == [job]
 
 
+def test_what_has_expired_says_so(api: Api) -> None:
+    job = api.post(**bearer("ada")).json()["id"]
+    api.client.delete(f"/v1/avatars/{job}", headers=bearer("ada"))
+    depart(api.context.engine, job, "expired")
+    for path in ("", "/archive.zip", "/files", "/events"):
+        body = is_problem(api.client.get(f"/v1/avatars/{job}{path}", headers=bearer("ada")), 410, "gone")
+        assert body["reason"] == "expired"
+
+
 def test_the_other_header_works_too(api: Api) -> None:
     assert api.client.get("/v1/avatars", headers={"X-API-Key": KEYS["ada"][0]}).status_code == 200
 
@@ -102,11 +112,11 @@ def test_a_repeated_request_is_answered_even_when_the_queue_is_full(api: Api) ->
 
 
 def test_too_many_uploads_at_once_have_to_wait(api: Api) -> None:
-    api.context.uploads = 2
+    api.context.uploads["bob"] = 2
     is_problem(api.post(**bearer("ada")), 503, "busy")
-    api.context.uploads = 0
+    api.context.uploads["bob"] = 0
     assert api.post(**bearer("ada")).status_code == 202
-    assert api.context.uploads == 0
+    assert api.context.uploads.total() == 0
 
 
 def test_the_reserve_of_the_disk_is_not_touched(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
