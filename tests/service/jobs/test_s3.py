@@ -305,7 +305,8 @@ def test_the_store_gives_an_archive_out_itself(bench: Bench, s3: S3, tmp_path: P
         assert given.content == made
         assert given.headers["content-disposition"].startswith("attachment")
         assert httpx.get(place, headers={"Range": "bytes=5-9"}).content == made[5:10]
-        assert client.head(f"/v1/avatars/{job}/archive.zip").status_code == 200
+        head = client.head(f"/v1/avatars/{job}/archive.zip", follow_redirects=False)
+        assert (head.status_code, httpx.head(head.headers["location"]).status_code) == (307, 200)
         assert client.get(f"/v1/avatars/{job}/files/manifest.json").status_code == 200, "a part of an archive"
 
 
