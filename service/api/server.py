@@ -190,21 +190,35 @@ class WorkerKeeper:
 
 
 class _Server(uvicorn.Server):
-    """Stops taking photos as soon as a signal comes; the second signal ends it at once."""
+    """Stops taking photos as soon as a signal comes; the second signal ends it at once.
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+    Args:
+        config: of uvicorn.
+        app: whose context is told.
+        notice: seconds for which requests are answered after SIGTERM, so that whoever asks ``/readyz`` hears of it
+            before connections are refused.
+    """
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI, notice: float) -> None:
         super().__init__(config)
         self._app = app
+        self._notice = notice
+        self._ends_at: float | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """A signal came."""
-        if self.should_exit:
-            self.force_exit = True
+        self.force_exit = self.should_exit = self._ends_at is not None
+        self._ends_at = time.monotonic() + (self._notice if sig == signal.SIGTERM else 0.0)
         context = getattr(self._app.state, "context", None)
         if context is not None:
             context.draining.set()
             context.watcher.wake_all()
-        super().handle_exit(sig, frame)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to end now; asked ten times a second."""
+        if self._ends_at is not None and time.monotonic() >= self._ends_at:
+            self.should_exit = True
+        return await super().on_tick(counter)
 
 
 def serve(settings: Settings, *, with_worker: bool = True) -> None:
@@ -234,7 +248,7 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
         server_header=False, date_header=True, timeout_keep_alive=15, timeout_graceful_shutdown=DRAIN_S,
         h11_max_incomplete_event_size=64 << 10, lifespan="on", loop="asyncio",
     )  # fmt: skip
-    server = _Server(config, app)
+    server = _Server(config, app, settings.notice_seconds)
     if keeper is not None:
         keeper.start()
     for number in (signal.SIGTERM, signal.SIGINT):

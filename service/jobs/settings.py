@@ -57,6 +57,7 @@ class Settings:
         body_seconds: longest time for the body of a request.
         idle_seconds: longest pause inside the body of a request.
         stalled_seconds: longest time that a reader of an answer may stand still.
+        notice_seconds: how long requests are still answered after SIGTERM, ``/readyz`` with 503.
         webhook_hosts: hosts that may be told of the end of a job, joined by commas; "" for none.
         webhook_secret: path of the file with the secret that messages are signed with; needed with ``webhook_hosts``.
         webhook_private: hosts may have addresses of a private network, and be told over plain HTTP.
@@ -97,6 +98,7 @@ class Settings:
     body_seconds: float = 120.0
     idle_seconds: float = 10.0
     stalled_seconds: float = 60.0
+    notice_seconds: float = 1.0
     webhook_hosts: str = ""
     webhook_secret: str = ""
     webhook_private: bool = False

@@ -62,7 +62,8 @@ class Server:
         self.data = data
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
-        chosen = {"data": data, "port": self.port, "program": TOY, "reserve_mb": 1, "niceness": 0, **(settings or {})}
+        usual = {"program": TOY, "reserve_mb": 1, "niceness": 0, "notice_seconds": 0.1}
+        chosen = {"data": data, "port": self.port, **usual, **(settings or {})}
         self._environment = {**os.environ, **(environment or {})}
         self._environment |= {PREFIX + name.upper(): str(value) for name, value in chosen.items()}
         command = [sys.executable, "-m", "service", "serve", *(() if with_worker else ("--no-worker",))]

@@ -1,0 +1,512 @@
+"""Two tenants at a real server, one of whom means no good: what the other one has of it."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import json
+import os
+import socket
+import sqlite3
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+from service.api.keys import new_key
+from service.jobs.webhooks import resolved, target
+from tests.service.api.conftest import TOY_PICTURE, is_problem
+from tests.support.server import Server, small_photo, wait_for
+
+KEYS = {name: new_key(name) for name in ("ada", "bob")}
+HALF = "\ud800"
+"""The first half of a surrogate pair: JSON can write it, and nothing can encode it."""
+
+_SEEDS = iter(range(50_000, 60_000))
+
+
+def as_tenant(server: Server, name: str, timeout: float = 60.0) -> httpx.Client:
+    headers = {"Authorization": f"Bearer {KEYS[name][0]}"}
+    return httpx.Client(base_url=server.url, headers=headers, timeout=timeout)
+
+
+def write_keys(file: Path, *names: str, **more: Any) -> None:
+    replaced = file.with_suffix(".new")
+    replaced.write_text(json.dumps({"keys": [{**KEYS[name][1], **more.get(name, {})} for name in names]}))
+    replaced.replace(file)
+
+
+def settings_of(keys: Path) -> dict[str, Any]:
+    return {"keys": keys, "render_program": TOY_PICTURE, "export_program": TOY_PICTURE, "idle_seconds": 3.0, "jobs": 2}
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("strangers")
+    write_keys(folder / "keys.json", "ada", "bob")
+    running = Server(folder / "data", settings_of(folder / "keys.json"))
+    running.start()
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def ada(server: Server) -> Iterator[httpx.Client]:
+    with as_tenant(server, "ada") as client:
+        yield client
+
+
+@pytest.fixture
+def bob(server: Server) -> Iterator[httpx.Client]:
+    with as_tenant(server, "bob") as client:
+        yield client
+
+
+def send(client: httpx.Client, photo: bytes | None = None, headers: Any = None, **parts: str) -> httpx.Response:
+    files: dict[str, Any] = {"image": ("x.jpg", photo or small_photo(next(_SEEDS)))}
+    files |= {name: (None, text.encode("ascii")) for name, text in parts.items()}
+    return client.post("/v1/avatars", files=files, headers=headers)
+
+
+def seconds_of(client: httpx.Client, times: int = 3) -> list[float]:
+    """How long a tenant's posts take that are accepted."""
+    taken = []
+    for _ in range(times):
+        photo, begin = small_photo(next(_SEEDS)), time.monotonic()
+        answer = send(client, photo)
+        taken.append(time.monotonic() - begin)
+        assert answer.status_code == 202, answer.text
+    return taken
+
+
+def ids(client: httpx.Client) -> list[str]:
+    answer = client.get("/v1/avatars?limit=100")
+    assert answer.status_code == 200, answer.text
+    return [item["id"] for item in answer.json()["items"]]
+
+
+# 1. Text that is no text.
+
+
+@pytest.mark.parametrize("name", ["metadata", "options"])
+def test_half_a_character_beside_a_photo_is_refused(ada: httpx.Client, name: str) -> None:
+    before = ids(ada)
+    for value in ({"a": HALF}, {HALF: "a"}, {"a": [{"b": f"x{HALF}y"}]}):
+        answer = send(ada, **{name: json.dumps(value)})
+        assert answer.status_code == 422, answer.text
+    assert ids(ada) == before, "and no job was made"
+
+
+def test_half_a_character_in_an_id_or_a_cursor_is_refused(ada: httpx.Client) -> None:
+    for place, more in (("renders", {}), ("exports", {"for": "blender"})):
+        body = json.dumps({"avatar": HALF + "0" * 31, **more})
+        answer = ada.post(f"/v1/{place}", content=body, headers={"Content-Type": "application/json"})
+        is_problem(answer, 422, f"malformed-{place.removesuffix('s')}")
+    job = "0" * 32
+    for content in ([1.5, HALF + job[1:]], [float("nan"), job], [float("inf"), job], [1.5, "x"], [10**90, 1]):
+        cursor = base64.urlsafe_b64encode(json.dumps(content).encode()).decode()
+        is_problem(ada.get("/v1/avatars", params={"cursor": cursor}), 422, "invalid-parameter")
+
+
+def test_a_row_that_cannot_be_shown_hides_no_other_and_can_be_erased(
+    server: Server, ada: httpx.Client, bob: httpx.Client
+) -> None:
+    """As an older version has stored them."""
+    bad = [send(ada).json()["id"] for _ in range(2)]
+    good, theirs = send(ada).json()["id"], send(bob).json()["id"]
+    for job in (*bad, good):
+        wait_for(ada, job)
+    with contextlib.closing(sqlite3.connect(server.data / "jobs.sqlite", timeout=30)) as database, database:
+        for job, metadata in zip(bad, (json.dumps({"a": HALF}), "{"), strict=True):
+            database.execute("update avatarme_jobs set metadata = ? where id = ?", (metadata, job))
+    assert {*bad, good} <= set(ids(ada)), "and a page of the list is whole"
+    assert [ada.get(f"/v1/avatars/{job}").status_code for job in bad] == [200, 200]
+    assert [ada.delete(f"/v1/avatars/{job}").status_code for job in bad] == [204, 204]
+    assert not set(bad) & set(ids(ada))
+    assert theirs in ids(bob)
+
+
+# 2. Places for uploads.
+
+
+def drip(server: Server, name: str, until: threading.Event) -> bytes:
+    """An upload of one byte every half second; what the server says in the end."""
+    head = f"POST /v1/avatars HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {KEYS[name][0]}\r\n"
+    head += "Content-Type: image/jpeg\r\nContent-Length: 100000\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", server.port)) as line:
+        line.sendall(head.encode())
+        line.settimeout(0.5)
+        while not until.is_set():
+            try:
+                return line.recv(4096)
+            except TimeoutError:
+                with contextlib.suppress(OSError):
+                    line.sendall(b"\xff")
+    return b""
+
+
+def test_slow_uploads_of_one_tenant_leave_places_to_the_others(server: Server, bob: httpx.Client) -> None:
+    alone = max(seconds_of(bob))
+    until, answers = threading.Event(), []
+    threads = [threading.Thread(target=lambda: answers.append(drip(server, "ada", until))) for _ in range(64)]
+    for thread in threads:
+        thread.start()
+    time.sleep(1.0)
+    taken = seconds_of(bob, 10)
+    for thread in threads:
+        thread.join(20)
+    until.set()
+    assert max(taken) <= max(1.0, 2 * alone)
+    states = [int(answer.split()[1]) for answer in answers]
+    assert set(states) == {408, 503}, "too slow after the first seconds, or never let in"
+    assert states.count(408) >= 16
+
+
+# 3. Webhooks.
+
+
+class Receiver:
+    """Takes messages as ``kind`` says: "good" at once, "silent" never, "dripping" with a header that has no end."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.got = kind, list[bytes]()
+        self._socket = socket.create_server(("127.0.0.1", 0), backlog=64)
+        self.host = f"127.0.0.1:{self._socket.getsockname()[1]}"
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._take, daemon=True).start()
+
+    def _take(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                line = self._socket.accept()[0]
+                self._open.append(line)
+                threading.Thread(target=self._answer, args=(line,), daemon=True).start()
+
+    def _answer(self, line: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            if self.kind == "silent":
+                return
+            self.got.append(line.recv(1 << 16))
+            if self.kind == "good":
+                line.sendall(b"HTTP/1.1 204 No Content\r\nContent-Length: 0\r\n\r\n")
+                line.close()
+                return
+            line.sendall(b"HTTP/1.1 200 OK\r\nX-Slow: ")
+            while True:
+                line.sendall(b"x")
+                time.sleep(0.5)
+
+    def close(self) -> None:
+        for line in (self._socket, *self._open):
+            line.close()
+
+
+def test_one_bad_receiver_stops_nobody_elses_messages(tmp_path: Path) -> None:
+    receivers = {kind: Receiver(kind) for kind in ("good", "silent", "dripping")}
+    write_keys(tmp_path / "keys.json", "ada", "bob")
+    (tmp_path / "secret").write_text("whsec_" + base64.b64encode(b"s" * 24).decode())
+    hosts = ",".join(receiver.host for receiver in receivers.values())
+    webhooks = {"webhook_hosts": hosts, "webhook_secret": tmp_path / "secret", "webhook_private": True}
+    server = Server(tmp_path / "data", {**settings_of(tmp_path / "keys.json"), **webhooks})
+    server.start()
+    try:
+        with as_tenant(server, "ada") as ada, as_tenant(server, "bob") as bob:
+            for number in range(16):
+                kind = ("silent", "dripping")[number % 2]
+                assert send(ada, webhook_url=f"http://{receivers[kind].host}/x").status_code == 202
+            deadline = time.monotonic() + 60
+            while ada.get("/v1/avatars?state=succeeded").json()["items"][15:] == [] and time.monotonic() < deadline:
+                time.sleep(0.1)
+            job = send(bob, webhook_url=f"http://{receivers['good'].host}/x").json()["id"]
+            wait_for(bob, job)
+            begin = time.monotonic()
+            while not receivers["good"].got and time.monotonic() - begin < 60:
+                time.sleep(0.05)
+            assert receivers["good"].got and time.monotonic() - begin < 5
+    finally:
+        server.stop()
+        for receiver in receivers.values():
+            receiver.close()
+
+
+# 4. Decoding.
+
+
+def test_large_photos_of_one_tenant_do_not_hold_up_the_others(server: Server, bob: httpx.Client) -> None:
+    """Forty posts of a small file of 8000 x 8000, each of which takes a second to decode."""
+    giant = cv2.imencode(".png", np.zeros((8000, 8000), np.uint8))[1].tobytes()
+    alone = max(seconds_of(bob, 5))
+    until = threading.Event()
+
+    def post(number: int) -> int:
+        with as_tenant(server, "ada", 300.0) as client:
+            return 0 if until.is_set() else send(client, giant).status_code
+
+    threads = [threading.Thread(target=post, args=(number,)) for number in range(40)]
+    for thread in threads:
+        thread.start()
+    time.sleep(1.5)
+    taken = sorted(seconds_of(bob, 7))
+    until.set()
+    for thread in threads:
+        thread.join()
+    assert taken[len(taken) // 2] <= max(1.0, 2 * alone), taken
+
+
+def test_photos_that_are_refused_count_in_the_quota_of_a_day(tmp_path: Path) -> None:
+    write_keys(tmp_path / "keys.json", "ada", "bob", ada={"per_day": 3})
+    server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
+    server.start(ready=False)
+    try:
+        damaged = small_photo(1)[:-200]
+        with as_tenant(server, "ada") as ada, as_tenant(server, "bob") as bob:
+            for _ in range(2):
+                is_problem(send(ada, damaged), 422, "corrupt-image")
+            assert send(ada).status_code == 202
+            is_problem(send(ada, damaged), 429, "quota")
+            is_problem(send(bob, damaged), 422, "corrupt-image")
+            assert send(bob).status_code == 202
+    finally:
+        server.stop()
+
+
+# 5. Names of tenants.
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        pytest.param([{**KEYS[name][1], "name": "a" * 64 + name} for name in KEYS], id="two long names"),
+        pytest.param([{**KEYS["ada"][1], "per_dya": 1}], id="a field misspelt"),
+        pytest.param([{**KEYS["ada"][1], "name": 1}, {**KEYS["bob"][1], "name": "1"}], id="a number and its text"),
+        pytest.param([KEYS["ada"][1], {**KEYS["ada"][1], "name": "bob"}], id="one key of two"),
+    ],
+)
+def test_keys_that_could_mix_tenants_up_stop_the_start(tmp_path: Path, entries: list[Any]) -> None:
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": entries}))
+    server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
+    with pytest.raises(RuntimeError, match="status [1-9]"):
+        server.start(ready=False)
+
+
+# 6. Files of the data folder.
+
+
+def test_what_the_server_writes_is_its_own(tmp_path: Path) -> None:
+    """Whatever the umask is, and whatever was there."""
+    data = tmp_path / "data"
+    data.mkdir(mode=0o755)
+    (data / "first-key.txt").write_text("old")
+    (data / "jobs.sqlite").touch(0o644)
+    before = os.umask(0)
+    try:
+        server = Server(data, {"keys": data / "keys.json", "first_key": True})
+        server.start()
+    finally:
+        os.umask(before)
+    try:
+        key = (data / "first-key.txt").read_text().strip()
+        with httpx.Client(base_url=server.url, headers={"X-API-Key": key}, timeout=30) as client:
+            job = send(client, keep_photo="true").json()["id"]
+            assert wait_for(client, job)["state"] == "succeeded"
+            modes = {path: stat.S_IMODE(path.lstat().st_mode) for path in (data, *data.rglob("*"))}
+        assert {path.name for path in modes} >= {"jobs.sqlite", "jobs.sqlite-wal", "first-key.txt", "artifacts"}
+        assert not {str(path): oct(mode) for path, mode in modes.items() if mode & 0o077}
+    finally:
+        server.stop()
+
+
+# 7. What is taken at the door.
+
+
+def test_a_key_belongs_to_one_request_with_all_of_its_parts(ada: httpx.Client, bob: httpx.Client) -> None:
+    photo, key = small_photo(next(_SEEDS)), {"Idempotency-Key": "again"}
+    job = send(ada, photo, key).json()["id"]
+    assert send(ada, photo, key).json()["id"] == job
+    is_problem(send(ada, photo, key, priority="low"), 422, "key-reuse")
+    assert send(bob, photo, key, priority="low").json()["id"] != job
+
+
+@pytest.mark.parametrize(
+    "options",
+    ['{"iterations": 1%s}', '{"identity_components": 1%s}', '{"face": 1%s}', '{"iterations": NaN}', '{"face": "/x"}'],
+)
+def test_options_are_checked_before_there_is_a_job(ada: httpx.Client, options: str) -> None:
+    answer = send(ada, options=options.replace("%s", "0" * 400))
+    assert answer.status_code == 422, answer.text
+    assert answer.json()["pointer"] == "/" + options.split('"')[1]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "pointer"),
+    [
+        ('"view": 1%s' % ("0" * 400), "/view"),
+        ('"view": "../../etc/passwd"', "/view"),
+        ('"tolerance": 1%s' % ("0" * 400), "/tolerance"),
+        ('"scene": {"environment": {"name": "../../etc/passwd"}}', "/scene/environment/name"),
+        ('"scene": {"lights": [{"position_m": [0, 0, 1], "intensity": [1, 1, "x"]}]}', "/scene/lights/0/intensity/2"),
+        ('"scene": {"environment": {"softboxes": [{}]}}', "/scene/environment/softboxes/0/direction"),
+        ('"size": [1]', "/size"),
+        ('"samples": true', "/samples"),
+    ],
+)
+def test_pictures_are_checked_before_there_is_a_job(ada: httpx.Client, wanted: str, pointer: str) -> None:
+    body = f'{{"avatar": "{"0" * 32}", {wanted}}}'
+    answer = ada.post("/v1/renders", content=body, headers={"Content-Type": "application/json"})
+    problem = is_problem(answer, 422, "usage")
+    assert problem["pointer"] == pointer
+    assert not any(word in problem["detail"] for word in ("True", "None", ",)", "__init__", "Traceback")), problem
+
+
+def test_a_stream_of_events_ends_with_its_key(tmp_path: Path) -> None:
+    keys = tmp_path / "keys.json"
+    write_keys(keys, "ada", "bob")
+    server = Server(tmp_path / "data", settings_of(keys), with_worker=False)  # so jobs wait, and streams stay open
+    server.start(ready=False)
+    begun, ended = dict[str, float](), dict[str, float]()
+
+    def follow(name: str) -> None:
+        with as_tenant(server, name) as client, contextlib.suppress(httpx.HTTPError):
+            job = send(client).json()["id"]
+            with client.stream("GET", f"/v1/avatars/{job}/events") as stream:
+                for _ in stream.iter_lines():
+                    begun.setdefault(name, time.monotonic())
+        ended[name] = time.monotonic()
+
+    try:
+        for name in KEYS:
+            threading.Thread(target=follow, args=(name,), daemon=True).start()
+        while len(begun) < 2:
+            time.sleep(0.05)
+        assert not ended
+        begin = time.monotonic()
+        write_keys(keys, "bob")
+        while "ada" not in ended and time.monotonic() - begin < 10:
+            time.sleep(0.05)
+        assert ended["ada"] - begin < 5
+        assert "bob" not in ended
+    finally:
+        server.stop()
+
+
+def test_what_was_downloaded_is_asked_for_again(ada: httpx.Client, bob: httpx.Client) -> None:
+    """Erased means erased, in the browser's own store too."""
+    job = send(ada, keep_photo="true").json()["id"]
+    assert wait_for(ada, job)["state"] == "succeeded"
+    for path, wanted in (("photo", "no-store"), ("archive.zip", "no-cache"), ("files/manifest.json", "no-cache")):
+        answer = ada.get(f"/v1/avatars/{job}/{path}")
+        assert answer.status_code == 200 and wanted in answer.headers["cache-control"], path
+        is_problem(bob.get(f"/v1/avatars/{job}/{path}"), 404, "not-found")
+
+
+# 8. Addresses of webhooks.
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "64:ff9b::7f00:1", "2002:7f00:1::", "2002:7fff::1", "::127.0.0.1", "::10.0.0.1", "::ffff:10.0.0.1", "fec0::1",
+        "ff02::1", "224.0.0.1", "fe80::1", "fc00::1", "::", "::1", "0.0.0.1", "169.254.169.254", "100.64.0.1",
+    ],
+)  # fmt: skip
+def test_a_listed_name_that_leads_inside_is_not_told(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    kind = socket.AF_INET6 if ":" in address else socket.AF_INET
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *a, **b: [(kind, socket.SOCK_STREAM, 6, "", (address, 443))])
+    with pytest.raises(OSError, match="open internet"):
+        resolved(target("https://hooks.example/x", "hooks.example", private=False), private=False)
+
+
+# Erasing.
+
+
+def test_of_what_was_erased_no_byte_is_left(tmp_path: Path) -> None:
+    """In files, database, its log of writes, and the log of the server."""
+    receiver = Receiver("good")
+    write_keys(tmp_path / "keys.json", "ada", "bob")
+    (tmp_path / "secret").write_text("whsec_" + base64.b64encode(b"s" * 24).decode())
+    webhooks = {"webhook_hosts": receiver.host, "webhook_secret": tmp_path / "secret", "webhook_private": True}
+    server = Server(tmp_path / "data", {**settings_of(tmp_path / "keys.json"), **webhooks})
+    server.start()
+    photos = {name: small_photo(next(_SEEDS)) for name in KEYS}
+    jobs = {}
+    try:
+        for name in KEYS:
+            with as_tenant(server, name) as client:
+                parts = {"metadata": json.dumps({"who": f"{name}-metadata"}), "keep_photo": "true"}
+                parts["webhook_url"] = f"http://{receiver.host}/{name}-webhook"
+                jobs[name] = send(client, photos[name], {"Idempotency-Key": f"{name}-repeats"}, **parts).json()["id"]
+                assert wait_for(client, jobs[name])["state"] == "succeeded"
+                assert client.post("/v1/renders", json={"avatar": jobs[name], "view": "front"}).status_code == 200
+        deadline = time.monotonic() + 20
+        while len(receiver.got) < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with as_tenant(server, "ada") as client:
+            assert client.delete(f"/v1/avatars/{jobs['ada']}").status_code == 204
+        time.sleep(8.0)  # until the worker has swept, and folded the log of writes
+    finally:
+        server.stop()
+        receiver.close()
+    everything = {path: path.read_bytes() for path in (*server.data.rglob("*"), server.log) if path.is_file()}
+    found = {name: where(everything, photos[name], name) for name in KEYS}
+    assert len(found["bob"]) >= 4, "what is searched for can be found"
+    assert found["ada"] == {}
+
+
+def where(everything: dict[Path, bytes], photo: bytes, name: str) -> dict[str, list[str]]:
+    """Files that hold something of a tenant's request."""
+    middle = len(photo) // 2
+    traces = {
+        "photo": photo[middle : middle + 48], "hash": hashlib.sha256(photo).hexdigest().encode(),
+        "metadata": f"{name}-metadata".encode(), "webhook": f"{name}-webhook".encode(),
+        "key": f"{name}-repeats".encode(), "secret": KEYS[name][0].encode(),
+    }  # fmt: skip
+    found = {what: [path.name for path, data in everything.items() if trace in data] for what, trace in traces.items()}
+    return {what: names for what, names in found.items() if names}
+
+
+# What an integrator curses.
+
+
+def test_a_part_without_a_name_is_called_so(ada: httpx.Client) -> None:
+    body = b"--b\r\nContent-Disposition: form-data\r\n\r\n" + small_photo(1, 800) + b"\r\n--b--\r\n"
+    answer = ada.post("/v1/avatars", content=body, headers={"Content-Type": "multipart/form-data; boundary=b"})
+    assert "no name" in is_problem(answer, 400, "malformed-multipart")["detail"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ('{"seed": 1', "no JSON"),
+        ('{"seed": NaN}', "finite"),
+        ("[1]", "JSON object"),
+        ('{"hair": "\\udc00"}', "surrogate"),
+    ],
+)
+def test_json_that_cannot_be_used_is_told_why(ada: httpx.Client, options: str, words: str) -> None:
+    assert words in is_problem(send(ada, options=options), 422, "malformed-options")["detail"]
+
+
+def test_a_body_in_another_coding_is_refused(ada: httpx.Client) -> None:
+    answer = ada.post("/v1/avatars", content=b"x", headers={"Content-Type": "image/jpeg", "Content-Encoding": "gzip"})
+    is_problem(answer, 415, "unsupported-media-type")
+    assert answer.headers["accept-encoding"] == "identity"
+
+
+def test_readiness_ends_before_the_server_does(tmp_path: Path) -> None:
+    server = Server(tmp_path / "data", {"notice_seconds": 2.0}, with_worker=False)
+    server.start(ready=False)
+    assert server.process is not None
+    assert httpx.get(f"{server.url}/readyz").status_code == 200
+    server.process.terminate()
+    time.sleep(0.5)
+    is_problem(httpx.get(f"{server.url}/readyz"), 503, "starting")
+    assert httpx.get(f"{server.url}/livez").status_code == 200
+    assert server.process.wait(30) == 0
