@@ -100,7 +100,8 @@ def ids(client: httpx.Client) -> list[str]:
 def test_half_a_character_beside_a_photo_is_refused(ada: httpx.Client, name: str) -> None:
     before = ids(ada)
     for value in ({"a": HALF}, {HALF: "a"}, {"a": [{"b": f"x{HALF}y"}]}):
-        answer = send(ada, **{name: json.dumps(value)})
+        parts: dict[str, Any] = {name: json.dumps(value)}
+        answer = send(ada, **parts)
         assert answer.status_code == 422, answer.text
     assert ids(ada) == before, "and no job was made"
 
@@ -293,7 +294,7 @@ def test_photos_that_are_refused_count_in_the_quota_of_a_day(tmp_path: Path) -> 
 def test_keys_that_could_mix_tenants_up_stop_the_start(tmp_path: Path, entries: list[Any]) -> None:
     (tmp_path / "keys.json").write_text(json.dumps({"keys": entries}))
     server = Server(tmp_path / "data", settings_of(tmp_path / "keys.json"), with_worker=False)
-    with pytest.raises(RuntimeError, match="status [1-9]"):
+    with pytest.raises(RuntimeError, match=r"status [1-9]"):
         server.start(ready=False)
 
 
