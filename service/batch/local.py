@@ -16,7 +16,7 @@ from typing import Any
 
 from service.batch.child import HEAD, LOG
 from service.batch.maker import Hopeless, Order, Progress, Stopped
-from service.client.whole import check_archive
+from service.client.download import check_archive
 from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, OutputFault
 from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from service.batch.maker import Hopeless, Order, Progress, Stopped
-from service.client.client import Client
+from service.client.client import Client, Job, canonical, idempotency_key
 from service.client.errors import (
     AccessDenied,
     ClientError,
@@ -19,9 +19,7 @@ from service.client.errors import (
     ServerUnreachable,
     WaitTimedOut,
 )
-from service.client.photos import canonical, idempotency_key
 from service.client.retry import Retry
-from service.client.state import Job
 
 _JOBS = 3
 """Jobs that one attempt may use up where they are cancelled or lost under our hands."""

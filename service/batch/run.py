@@ -17,9 +17,9 @@ from service.batch.local import Reported
 from service.batch.maker import Hopeless, Maker, Order, Stopped
 from service.batch.photos import Photo
 from service.batch.report import Line, Report
+from service.client.client import photo_sha256
+from service.client.download import file_sha256
 from service.client.errors import error_code
-from service.client.photos import photo_sha256
-from service.client.whole import file_sha256
 from service.errors import AvatarError, OutputFault
 
 _LAST_WORDS_S = 3.0

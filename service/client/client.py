@@ -1,26 +1,136 @@
-"""The client: one method for each thing that the service does."""
+"""The client: one method for each thing that the service does, and what the server says of a job."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import io
+import json
+import math
+import re
+import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
+
+import httpx
+import httpx_sse
 
 from service.client.download import Download
-from service.client.errors import JobExpired, NoSuchJob, UnexpectedAnswer
-from service.client.events import Event
-from service.client.photos import canonical, idempotency_key, opened, photo_sha256
-from service.client.pictures import rendered
-from service.client.retry import AGAIN, Retry
-from service.client.state import Job, checked_id, share
-from service.client.transport import Transport
-from service.client.waiting import Follower
-from service.errors import UsageError
+from service.client.errors import (
+    JobCancelled,
+    JobExpired,
+    NoSuchJob,
+    Problem,
+    UnexpectedAnswer,
+    WaitTimedOut,
+    failure,
+)
+from service.client.transport import AGAIN, Transport, bounded, read_json, read_picture, setback
+from service.errors import AvatarError, UsageError
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled", "expired"]
+STATES: tuple[State, ...] = ("queued", "running", "succeeded", "failed", "cancelled", "expired")
+
+_SILENCE_S = 45.0
+"""The server sends a heartbeat every 15 s; three missed ones mean that the connection is dead."""
+
+_CUTS = 4
+"""Streams in a row that broke without a single event; from then on the client asks instead."""
+
+_ASK_EVERY_S = (1.0, 5.0)
+"""Pause between questions in seconds: first and longest."""
+
+_LARGEST_STREAM = 16 << 20
+"""Bytes of events over one connection; what they describe takes some ten kilobytes."""
+
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,127}")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One job as the server described it at one moment.
+
+    Attributes:
+        id: the server's name for it.
+        state: where it is in its life.
+        stage: the pipeline stage that is running, empty before and after.
+        progress: share of the work that is done, in [0, 1].
+        error: why it failed, or None.
+        warnings: stable codes.
+        options: the request with all defaults filled in.
+        content: all that the server said: times, links and what newer servers know.
+    """
+
+    id: str
+    state: State
+    stage: str = ""
+    progress: float = 0.0
+    error: Problem | None = None
+    warnings: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    content: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the state is final."""
+        return self.state not in ("queued", "running")
+
+    def fault(self) -> AvatarError | None:
+        """The exception that an ended job stands for; None if it succeeded or goes on."""
+        if self.state == "failed":
+            return failure(self.error or Problem(500, "Failed", detail=f"job {self.id} failed without saying why"))
+        if self.state in ("cancelled", "expired"):
+            return JobCancelled(f"job {self.id} is {self.state}", state=self.state)
+        return None
+
+    @classmethod
+    def parse(cls, content: object) -> Job:
+        """Read a state object.
+
+        Raises:
+            UnexpectedAnswer: not an object, no usable id, or an unknown state.
+        """
+        if not isinstance(content, Mapping):
+            raise UnexpectedAnswer(f"the server sent {type(content).__name__} where the state of a job was expected")
+        state, error = content.get("state"), content.get("error")
+        if state not in STATES:
+            raise UnexpectedAnswer(f"the server says the job is {state!r}; this client knows {', '.join(STATES)}")
+        return cls(
+            id=checked_id(content.get("id")),
+            state=state,
+            stage=str(content.get("stage") or ""),
+            progress=share(content.get("progress")),
+            error=Problem.parse(error, 500) if isinstance(error, Mapping) else None,
+            warnings=tuple(map(str, content.get("warnings") or ())),
+            options=_object(content.get("options")),
+            content=content,
+        )
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event of a job.
+
+    Attributes:
+        name: ``progress``, ``state``, or what a newer server sends.
+        data: its JSON object; empty where the data is none.
+        id: what to send as ``Last-Event-ID`` to go on after it; empty where the stream has no ids.
+    """
+
+    name: str
+    data: Mapping[str, Any]
+    id: str = ""
+
+    def final(self) -> bool:
+        """Whether nothing comes after this event."""
+        return self.name == "state" and self.data.get("state") in STATES[2:]
+
 
 class Client:
     """A server of this service. Threads may share one client.
@@ -28,7 +138,8 @@ class Client:
     Args:
         server: its address, for example ``https://avatars.example.org``.
         api_key: where the server wants one.
-        retry: when to ask again.
+        attempts: how often one request is made at most.
+        patience_s: how long one request is tried again.
         timeout_s: for connecting, and for each wait for bytes.
 
     Raises:
@@ -36,9 +147,10 @@ class Client:
     """
 
     def __init__(
-        self, server: str, *, api_key: str | None = None, retry: Retry | None = None, timeout_s: float = 60.0
-    ) -> None:
-        self._transport = Transport(server, api_key, retry or Retry(), timeout_s)
+        self, server: str, *, api_key: str | None = None, attempts: int = 8, patience_s: float = 300.0,
+        timeout_s: float = 60.0,
+    ) -> None:  # fmt: skip
+        self._transport = Transport(server, api_key, attempts, patience_s, timeout_s)
 
     def __enter__(self) -> Self:
         return self
@@ -50,13 +162,13 @@ class Client:
 
     def close(self) -> None:
         """Give the connections back."""
-        self._transport.close()
+        self._transport.http.close()
 
     def submit(self, photo: Path | bytes, options: Mapping[str, Any] | None = None, *, key: str | None = None) -> Job:
         """Hand in a photo; a file is streamed, not loaded.
 
         Args:
-            photo: a JPEG, PNG or WebP file, or its bytes.
+            photo: a JPEG, PNG, WebP or HEIC file, or its bytes.
             options: those of the command line as JSON values; what is left out gets the server's default.
             key: ``Idempotency-Key``: the same key, photo and options are the same job. None derives it from photo
                 and options, so handing in twice makes one job.
@@ -71,17 +183,13 @@ class Client:
 
         @contextlib.contextmanager
         def body() -> Iterator[Mapping[str, Any]]:
-            with opened(photo) as stream:
-                yield {
-                    "files": {
-                        "options": (None, wanted, "application/json"),
-                        "image": ("photo", stream, "application/octet-stream"),
-                    }
-                }
+            with _opened(photo) as stream:
+                image = ("photo", stream, "application/octet-stream")
+                yield {"files": {"options": (None, wanted, "application/json"), "image": image}}
 
         # 409: an earlier attempt with this key, whose answer was lost, is still being taken in.
-        content = self._transport.json("POST", "/v1/avatars", headers=headers, body=body, again={*AGAIN, 409})
-        return Job.parse(content)
+        path = "/v1/avatars"
+        return Job.parse(self._transport.ask("POST", path, read_json, body=body, again={*AGAIN, 409}, headers=headers))
 
     def state(self, job_id: str) -> Job:
         """What the server says of a job now.
@@ -90,7 +198,7 @@ class Client:
             NoSuchJob, JobExpired: it is not there, or not any more.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        return Job.parse(self._transport.json("GET", _path(job_id)))
+        return Job.parse(self._transport.ask("GET", _path(job_id), read_json))
 
     def events(self, job_id: str, *, last_event_id: str = "", timeout_s: float | None = None) -> Iterator[Event]:
         """Events of a job until it ends, over broken connections too; the last one is a final ``state``.
@@ -104,7 +212,53 @@ class Client:
             WaitTimedOut: the time is over; the job goes on.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        return Follower(self._transport, _path(job_id), last_event_id, timeout_s).events()
+        path, time_left = _path(job_id), _countdown(job_id, timeout_s)
+        cuts, before, (pause, longest) = 0, None, _ASK_EVERY_S
+        while True:
+            if cuts < _CUTS:
+                cuts += 1
+                try:
+                    for event in self._stream(path, last_event_id, time_left):
+                        cuts, last_event_id = 0, event.id
+                        yield event
+                        if event.final():
+                            return
+                except httpx.TransportError:
+                    pass
+                except _NoStream:
+                    cuts = _CUTS
+            time_left()
+            job = self.state(job_id)
+            now = (job.state, job.stage, job.progress)
+            if job.ended or (cuts == _CUTS and now != before):
+                before = now
+                yield Event("state", job.content, last_event_id)
+            if job.ended:
+                return
+            time.sleep(min(pause, time_left()))
+            pause = min(1.5 * pause, longest)
+
+    def _stream(self, path: str, last_id: str, time_left: Callable[[], float]) -> Iterator[Event]:
+        """The events of one connection.
+
+        Raises:
+            _NoStream: there are none to be had here.
+            httpx.TransportError: it broke.
+        """
+        headers = {"Last-Event-ID": last_id} if last_id else {}
+        url, silence = f"{self._transport.server}{path}/events", min(_SILENCE_S, time_left())
+        with httpx_sse.connect_sse(self._transport.http, "GET", url, headers=headers, timeout=silence) as source:
+            response = source.response
+            if response.is_success and "text/event-stream" in response.headers.get("Content-Type", ""):
+                # Heartbeats, of which the library says nothing, count as time too: a job may be silent for long.
+                response.stream = _Watched(response.stream, time_left)
+                for event in source.iter_sse():
+                    if event.data:
+                        yield Event(event.event, _parsed(event.data), event.id or last_id)
+            elif response.is_success or response.status_code in (404, 405, 406, 501):
+                raise _NoStream  # a proxy that lets no stream through; if there is no such job, asking will tell
+            elif response.status_code not in AGAIN:
+                raise setback(response).fault
 
     def wait(
         self, job_id: str, *, timeout_s: float | None = None, progress: Progress = lambda stage, done: None
@@ -128,8 +282,7 @@ class Client:
             if isinstance(stage, str) and "progress" in event.data:
                 progress(stage, share(event.data["progress"]))
         job = self.state(job_id)
-        fault = job.fault()
-        if fault is not None:
+        if (fault := job.fault()) is not None:
             raise fault
         return job
 
@@ -164,12 +317,12 @@ class Client:
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         with contextlib.suppress(NoSuchJob, JobExpired):
-            self._transport.json("DELETE", _path(job_id))
+            self._transport.ask("DELETE", _path(job_id), read_json)
 
     cancel = delete
 
     def render(self, job_id: str, scene: Mapping[str, Any] | None = None, **options: Any) -> bytes:
-        """A PNG of a finished avatar under a scene.
+        """A PNG of a finished avatar under a scene, however long the server takes for it.
 
         Args:
             job_id: the job that made it.
@@ -182,16 +335,29 @@ class Client:
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         _path(job_id)
-        wanted = canonical({"avatar": job_id, **({} if scene is None else {"scene": scene}), **options})
-        return rendered(self._transport, wanted)
+        wanted = canonical({"avatar": job_id, **({} if scene is None else {"scene": scene}), **options}).encode()
+
+        def read(response: httpx.Response) -> bytes | Job:
+            return Job.parse(read_json(response)) if response.status_code == 202 else read_picture(response)
+
+        headers = {"Content-Type": "application/json"}
+        made = self._transport.ask("POST", "/v1/renders", read, headers=headers, content=wanted)
+        if isinstance(made, bytes):
+            return made
+        while not made.ended:
+            time.sleep(_ASK_EVERY_S[0])
+            made = Job.parse(self._transport.ask("GET", f"/v1/renders/{made.id}", read_json))
+        if (fault := made.fault()) is not None:
+            raise fault
+        return self._transport.ask("GET", f"/v1/renders/{made.id}/picture.png", read_picture)
 
     def quality(self) -> Mapping[str, Any]:
         """Levels of quality with the times that the server measured on its machine."""
-        return self._object("/v1/quality")
+        return self._facts("/v1/quality")
 
     def models(self) -> Mapping[str, Any]:
         """Networks and head models that the server runs, with sha256 and licence."""
-        return self._object("/v1/models")
+        return self._facts("/v1/models")
 
     def ready(self) -> None:
         """Return where the server takes photos.
@@ -200,13 +366,88 @@ class Client:
             ServerBusy: it is starting or draining.
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
-        self._transport.json("GET", "/readyz")
+        self._transport.ask("GET", "/readyz", read_json)
 
-    def _object(self, path: str) -> Mapping[str, Any]:
-        content = self._transport.json("GET", path)
+    def _facts(self, path: str) -> Mapping[str, Any]:
+        content = self._transport.ask("GET", path, read_json)
         if not isinstance(content, dict):
             raise UnexpectedAnswer(f"{path} answered with {type(content).__name__} instead of an object")
         return content
+
+
+class _NoStream(Exception):
+    """There are no events to be had here; never leaves this module."""
+
+
+class _Watched(httpx.SyncByteStream):
+    """A stream of events that ends when its time is over or it brings too much."""
+
+    def __init__(self, stream: Any, time_left: Callable[[], float]) -> None:
+        self._stream = stream
+        self._time_left = time_left
+
+    def __iter__(self) -> Iterator[bytes]:
+        for chunk in bounded(iter(self._stream), _LARGEST_STREAM):
+            yield chunk
+            self._time_left()
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+def _countdown(job_id: str, timeout_s: float | None) -> Callable[[], float]:
+    """A function that gives the seconds that are left, and raises WaitTimedOut when there are none."""
+    end = math.inf if timeout_s is None else time.monotonic() + timeout_s
+
+    def left() -> float:
+        seconds = end - time.monotonic()
+        if seconds <= 0:
+            raise WaitTimedOut(f"job {job_id} did not end in time; it goes on at the server")
+        return seconds
+
+    return left
+
+
+def canonical(options: Mapping[str, Any]) -> str:
+    """Options as JSON text, the same for the same options.
+
+    Raises:
+        UsageError: a value is none of JSON's.
+    """
+    try:
+        return json.dumps(options, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"options are no JSON: {error}", field="options") from error
+
+
+def photo_sha256(photo: Path | bytes) -> str:
+    """Hex sha256 of a photo, read in blocks.
+
+    Raises:
+        UsageError: there is no such file.
+    """
+    with _opened(photo) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def idempotency_key(photo_digest: str, options: str, *more: str | int) -> str:
+    """A key for one photo and its options.
+
+    Args:
+        photo_digest: of :func:`photo_sha256`.
+        options: of :func:`canonical`.
+        more: whatever else makes a job another job, for example the number of an attempt.
+    """
+    return hashlib.sha256(json.dumps([photo_digest, options, *more]).encode()).hexdigest()
+
+
+def _opened(photo: Path | bytes) -> io.BufferedReader | io.BytesIO:
+    if isinstance(photo, bytes):
+        return io.BytesIO(photo)
+    try:
+        return photo.open("rb")
+    except OSError as error:
+        raise UsageError(f"cannot read {photo}: {error.strerror}", field="photo") from error
 
 
 def _path(job_id: str) -> str:
@@ -214,3 +455,32 @@ def _path(job_id: str) -> str:
         return f"/v1/avatars/{checked_id(job_id)}"
     except UnexpectedAnswer as error:
         raise UsageError(error.message, field="id") from error
+
+
+def checked_id(value: object) -> str:
+    """The id of a job, fit for a path segment.
+
+    Raises:
+        UnexpectedAnswer: it is no text of 1 to 128 letters, digits, ``-`` and ``_``.
+    """
+    if isinstance(value, str) and _ID.fullmatch(value):
+        return value
+    raise UnexpectedAnswer(f"{value!r} is no id of a job: letters, digits, - and _ are expected")
+
+
+def share(value: object) -> float:
+    """A share of work in [0, 1]; what is no number counts as 0."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return 0.0
+    return min(max(float(value), 0.0), 1.0)
+
+
+def _parsed(text: str) -> Mapping[str, Any]:
+    try:
+        return _object(json.loads(text))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _object(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}

@@ -1,4 +1,4 @@
-"""One download that survives broken connections, and leaves a whole file or none.
+"""One download that survives broken connections, and leaves a whole, checked archive or none.
 
 Bytes go to a hidden file beside the target whose name holds the ETag, so what is there goes on only as the same version
 of the same archive (RFC 9110, sections 13.1.5 and 14), in this call or a later one.
@@ -10,20 +10,25 @@ import base64
 import binascii
 import contextlib
 import hashlib
+import json
 import os
 import re
 import secrets
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 
-from service.client.answers import refused, unreachable
-from service.client.errors import DownloadFailed, ServerBusy, ServerUnreachable, UnexpectedAnswer
-from service.client.retry import AGAIN, retry_after_s
-from service.client.transport import Transport, TransportFault
-from service.client.whole import check_archive, file_sha256
-from service.errors import AvatarError, OutputFault
+from service.client.errors import DownloadFailed, ServerUnreachable, UnexpectedAnswer
+from service.client.transport import Transport, setback
+from service.errors import OutputFault
+
+_BLOCK = 1 << 20
+_LARGEST_MANIFEST = 16 << 20
+_MANIFEST = "manifest.json"
 
 
 class Download:
@@ -52,10 +57,10 @@ class Download:
         """Fetch, check, rename; returns the archive's sha256. See ``Client.download`` for what it raises."""
         try:
             try:
-                return self._attempt()
+                return self._checked()
             except DownloadFailed:
-                self._forget()  # perhaps it was what an earlier call had left
-                return self._attempt()
+                self._discard()  # perhaps it was what an earlier call had left
+                return self._checked()
         except DownloadFailed:
             self._etag = ""  # nothing to go on from
             raise
@@ -64,10 +69,10 @@ class Download:
             raise OutputFault(f"cannot write {self._target}: {reason}", path=str(self._target)) from error
         finally:
             if not self._etag:
-                self._forget()
+                self._discard()
 
-    def _attempt(self) -> str:
-        part = self._fetch()
+    def _checked(self) -> str:
+        part = self._fetched()
         digest = file_sha256(part)
         if self._stated is not None and digest != self._stated:
             raise DownloadFailed(f"the archive has sha256 {digest}, the server stated {self._stated}", sha256=digest)
@@ -77,54 +82,50 @@ class Download:
         part.replace(self._target)
         return digest
 
-    def _fetch(self) -> Path:
+    def _fetched(self) -> Path:
         """All bytes, over as many connections as that takes; every one that brings something renews the patience."""
-        pauses = self._transport.retry.start()
-        while True:
-            had, silent = self._size(), False
-            try:
-                done, fault, asked = self._connection()
-            except TransportFault as error:
-                done, fault, asked, silent = False, self._cut(error), None, True
-            if done and self._part is not None:
-                return self._part
-            if self._size() > had:
-                pauses = self._transport.retry.start()
-            if not pauses.pause(asked, silent=silent):
-                raise fault
+        try:
+            while (part := self._transport.retried(self._connection)) is None:
+                continue
+        except ServerUnreachable as error:
+            if not self._size():
+                raise
+            words = f"{error.message}; {self._size()} of {self._total or 'unknown'} bytes are here"
+            raise ServerUnreachable(words, **error.extra) from error
+        return part
 
-    def _connection(self) -> tuple[bool, AvatarError, float | None]:
-        """One connection -> (the file is complete, the fault if it is not, pause that the server asked for)."""
-        have = self._size() if self._etag else 0
-        headers: dict[str, str] = {}
-        if have:
-            headers = {"Range": f"bytes={have}-", "If-Range": self._etag}
-        with self._transport.stream(self._path, headers, follow=True) as response:
-            if response.status_code == 200:
-                have = self._begin(response)
-                if have:
-                    return have == self._total, self._cut(), 0.0
-            elif response.status_code == 206 and self._goes_on(response, have):
-                pass
-            elif response.status_code in (206, 416):
-                self._forget()
-                return False, DownloadFailed(f"the server cannot go on from byte {have}"), None
-            elif response.status_code in AGAIN:
-                fault = refused(response)
-                asked = retry_after_s(response.headers.get("Retry-After"))
-                if isinstance(fault, ServerBusy):
-                    fault.retry_after = asked
-                return False, fault, asked
-            else:
-                raise refused(response)
-            self._receive(response, have)
+    def _connection(self) -> Path | None:
+        """The whole file after one connection; None where it brought a part of it.
+
+        Raises:
+            Setback, httpx.TransportError: it brought nothing.
+            DownloadFailed: it brought something else than the rest of what is here.
+        """
+        had = have = self._size() if self._etag else 0
+        headers = {"Range": f"bytes={have}-", "If-Range": self._etag} if have else {}
+        url = self._transport.server + self._path
+        try:
+            # The store of a server may give its files out itself; httpx hands the key to the server only.
+            with self._transport.http.stream("GET", url, headers=headers, follow_redirects=True) as response:
+                if response.status_code == 200:
+                    had = have = self._begun(response)
+                elif response.status_code in (206, 416) and not self._goes_on(response, have):
+                    raise DownloadFailed(f"the server cannot go on from byte {have}")
+                elif response.status_code != 206:
+                    raise setback(response)
+                if not have or response.status_code == 206:
+                    self._receive(response, have)
+        except httpx.TransportError:
+            if self._size() <= had:
+                raise
         have = self._size()
+        if self._part is not None and self._total in (None, have):
+            return self._part
         if self._total is not None and have > self._total:
-            self._forget()
-            return False, DownloadFailed(f"the server sent {have} bytes and stated {self._total}"), None
-        return self._total in (None, have), self._cut(), None
+            raise DownloadFailed(f"the server sent {have} bytes and stated {self._total}")
+        return None
 
-    def _begin(self, response: httpx.Response) -> int:
+    def _begun(self, response: httpx.Response) -> int:
         """Take in the headers of the whole file; returns how many bytes of it are here already."""
         if "identity" not in response.headers.get("Content-Encoding", "identity"):
             raise UnexpectedAnswer("the server compressed the archive although it was asked not to")
@@ -135,8 +136,7 @@ class Download:
         told = (_stated_sha256(answer.headers) for answer in (*response.history, response))
         self._stated = next((digest for digest in told if digest is not None), None)
         if self._etag:
-            name = hashlib.sha256(self._etag.encode("utf-8", "replace")).hexdigest()[:16]
-            self._part = self._hidden(name)
+            self._part = self._hidden(hashlib.sha256(self._etag.encode("utf-8", "replace")).hexdigest()[:16])
             if self._total is not None and 0 < self._size() <= self._total and not same:
                 return self._size()
         elif self._part is None:
@@ -146,12 +146,8 @@ class Download:
 
     def _goes_on(self, response: httpx.Response, have: int) -> bool:
         found = re.fullmatch(r"bytes (\d+)-\d+/(\d+)", response.headers.get("Content-Range", ""))
-        return bool(
-            found
-            and int(found[1]) == have
-            and int(found[2]) == self._total
-            and response.headers.get("ETag", self._etag) == self._etag
-        )
+        same = response.headers.get("ETag", self._etag) == self._etag
+        return bool(found and int(found[1]) == have and int(found[2]) == self._total and same)
 
     def _receive(self, response: httpx.Response, have: int) -> None:
         if self._part is None:
@@ -164,20 +160,13 @@ class Download:
                 if self._total is not None and have > self._total:
                     return
 
-    def _cut(self, error: TransportFault | None = None) -> AvatarError:
-        fault = unreachable(self._transport.server, error)
-        if not self._size():
-            return fault
-        total = "unknown" if self._total is None else self._total
-        return ServerUnreachable(f"{fault.message}; {self._size()} of {total} bytes are here", **fault.extra)
-
     def _size(self) -> int:
         return self._part.stat().st_size if self._part is not None and self._part.exists() else 0
 
     def _hidden(self, mark: str) -> Path:
         return self._target.with_name(f".{self._target.name[:64]}.{mark}.part")
 
-    def _forget(self) -> None:
+    def _discard(self) -> None:
         if self._part is not None:
             with contextlib.suppress(OSError):
                 self._part.unlink()
@@ -192,3 +181,57 @@ def _stated_sha256(headers: httpx.Headers) -> str | None:
             return base64.b64decode(found[1], validate=True).hex()
     found = re.fullmatch(r'"(?:sha256[:-])?([0-9a-f]{64})"', headers.get("ETag", ""))
     return found[1] if found else None
+
+
+def file_sha256(path: Path) -> str:
+    """Hex sha256 of a file, read in blocks.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def check_archive(path: Path) -> None:
+    """Check every file of an archive against the size and the sha256 that its manifest states, in little memory.
+
+    Raises:
+        DownloadFailed: it is no zip, has no manifest, or a file in it is missing, surplus or changed.
+        OSError: it cannot be read.
+    """
+    damaged = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError, KeyError, TypeError)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check_files(archive)
+    except damaged as error:
+        raise DownloadFailed(f"the archive is damaged: {error}") from error
+
+
+def _check_files(archive: zipfile.ZipFile) -> None:
+    names, files = archive.namelist(), _files_of_manifest(archive)
+    stated = [str(file["path"]) for file in files]
+    if len(set(names)) != len(names) or sorted(names) != sorted([*stated, _MANIFEST]):
+        odd = sorted(set(names) ^ {*stated, _MANIFEST}) or ["a name that is there twice"]
+        raise DownloadFailed(f"the archive and its manifest do not list the same files: {', '.join(odd[:5])}")
+    for file in files:
+        digest, size = hashlib.sha256(), 0
+        with archive.open(file["path"]) as stream:
+            # Not to its end at any price: a deflated file may unfold for ever.
+            while size <= int(file["size"]) and (block := stream.read(_BLOCK)):
+                digest.update(block)
+                size += len(block)
+        if size != file["size"] or digest.hexdigest() != file["sha256"]:
+            raise DownloadFailed(f"{file['path']} in the archive is not the file of the manifest", path=file["path"])
+
+
+def _files_of_manifest(archive: zipfile.ZipFile) -> list[dict[str, Any]]:
+    with archive.open(_MANIFEST) as stream:
+        data = stream.read(_LARGEST_MANIFEST + 1)
+    if len(data) > _LARGEST_MANIFEST:
+        raise ValueError(f"its manifest has more than {_LARGEST_MANIFEST} bytes")
+    manifest = json.loads(data)
+    files = manifest.get("files") if isinstance(manifest, dict) else None
+    if not isinstance(files, list) or not all(isinstance(file, dict) for file in files) or not files:
+        raise ValueError("its manifest lists no files")
+    return files

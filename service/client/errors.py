@@ -1,4 +1,4 @@
-"""Every fault that a client reports, as one tree.
+"""Every fault that a client reports, as one tree, and the problem objects (RFC 9457) that most of them stand for.
 
 ::
 
@@ -21,11 +21,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from service.client.problem import Problem
 from service.errors import AvatarError, NoUsableFace, UnreadableInput, UsageError
+
+_LONGEST_TEXT = 2000
+"""Characters of a title or detail that are kept."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One problem object.
+
+    Attributes:
+        status: HTTP status.
+        title: what kind of fault, in words.
+        type: URI reference of the kind; its last segment is the stable code.
+        detail: what was wrong this time.
+        extensions: further members, for example the boxes of several faces.
+    """
+
+    status: int
+    title: str = ""
+    type: str = "about:blank"
+    detail: str = ""
+    extensions: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def code(self) -> str:
+        """Stable code for machines: the member ``code``, else the last segment of ``type``, else the status."""
+        code = self.extensions.get("code")
+        if isinstance(code, str) and code:
+            return code
+        segment = re.split(r"[/#:]", self.type.rstrip("/#"))[-1]
+        return segment if segment and self.type != "about:blank" else f"http-{self.status}"
+
+    @property
+    def message(self) -> str:
+        """A sentence for people."""
+        return self.detail or self.title or f"the server answered with status {self.status}"
+
+    @classmethod
+    def parse(cls, content: object, status: int) -> Problem:
+        """Read a problem object as leniently as RFC 9457, section 3.1, asks: members of a wrong type are ignored.
+
+        Args:
+            content: decoded JSON.
+            status: what counts where the object has no status of its own.
+        """
+        if not isinstance(content, Mapping):
+            return cls(status)
+        texts = {name: content.get(name) for name in ("title", "type", "detail")}
+        known = {name: text[:_LONGEST_TEXT] for name, text in texts.items() if isinstance(text, str)}
+        own = content.get("status")
+        own_status = own if isinstance(own, int) and not isinstance(own, bool) and 100 <= own <= 599 else status
+        rest = {str(name): value for name, value in content.items() if name not in (*known, "status", "instance")}
+        return cls(own_status, extensions=rest, **known)
 
 
 class ClientError(AvatarError):
@@ -95,15 +149,9 @@ class ServerBusy(Refused):
 
 
 _BY_STATUS: dict[int, type[Refused]] = {
-    401: AccessDenied,
-    403: AccessDenied,
-    404: NoSuchJob,
-    409: Conflict,
-    410: JobExpired,
-    429: ServerBusy,
-    503: ServerBusy,
-    507: ServerBusy,
-}
+    401: AccessDenied, 403: AccessDenied, 404: NoSuchJob, 409: Conflict, 410: JobExpired,
+    429: ServerBusy, 503: ServerBusy, 507: ServerBusy,
+}  # fmt: skip
 
 
 def refusal(problem: Problem) -> AvatarError:
@@ -122,8 +170,7 @@ def error_code(error: AvatarError) -> str:
 
 
 def _fault_of_the_photo(problem: Problem) -> AvatarError | None:
-    kinds = (UnreadableInput, NoUsableFace, UsageError)
-    for kind in (leaf for root in kinds for leaf in _tree(root)):
+    for kind in (leaf for root in (UnreadableInput, NoUsableFace, UsageError) for leaf in _tree(root)):
         if kind.code == problem.code:
             extra = {name: value for name, value in problem.extensions.items() if name not in ("code", "message")}
             pointer = extra.pop("pointer", None)

@@ -1,150 +1,239 @@
-"""Requests with retries."""
+"""Requests that are tried again, and what their answers say: JSON, a picture, or the exception for what is refused."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import json
+import logging
+import random
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import httpx
+import stamina
 
 from service import __version__
-from service.client.answers import json_of, refused, unreachable
-from service.client.errors import ServerBusy
-from service.client.retry import AGAIN, Retry, retry_after_s
-from service.errors import UsageError
+from service.client.errors import Problem, ServerBusy, ServerUnreachable, UnexpectedAnswer, refusal
+from service.errors import AvatarError, UsageError
 
-Sender = Callable[[], contextlib.AbstractContextManager[Mapping[str, Any]]]
+AGAIN = frozenset({408, 425, 429, 502, 503, 504, 507})
+"""Statuses that say: not now. Other 5xx are bugs, which asking again only repeats."""
+
+SILENCE_S = 300.0
+"""Seconds without any answer after which a server is taken for gone, however patient the caller is."""
+
+_FIRST_S, _LONGEST_S = 0.5, 30.0
+"""Pauses between attempts that the server said nothing about, in seconds: they double from the first to the longest."""
+
+_LARGEST_ANSWER, _LARGEST_PICTURE = 16 << 20, 128 << 20
+"""Bytes."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+Body = Callable[[], contextlib.AbstractContextManager[Mapping[str, Any] | None]]
 """Opens the body of one attempt: further arguments of the request (content, files)."""
 
-TransportFault = httpx.TransportError
-"""The connection failed, now or in the middle of a stream."""
+T = TypeVar("T")
 
-Answer = TypeVar("Answer")
+logging.getLogger("stamina").addHandler(logging.NullHandler())  # a pause is no news for standard error
+
+
+class Setback(Exception):
+    """One attempt that failed; leaves this package as ``fault``.
+
+    Args:
+        fault: what the caller gets where nobody tries again.
+        again: whether another attempt may help.
+        retry_after: seconds that the server wants to be left alone, None where it did not say.
+    """
+
+    def __init__(self, fault: AvatarError, *, again: bool, retry_after: float | None = None) -> None:
+        super().__init__(fault.message)
+        self.fault = fault
+        self.again = again
+        self.retry_after = retry_after
+        if isinstance(fault, ServerBusy):
+            fault.retry_after = retry_after
 
 
 class Transport:
-    """One server.
+    """One server. Threads may share it.
 
     Args:
         server: its address, for example ``https://avatars.example.org`` or one with a path before ``/v1``.
         api_key: sent as ``Authorization: Bearer``; None where the server wants none.
-        retry: when to ask again.
+        attempts: requests in all, the first one counted.
+        patience_s: how long one request is tried again; a server that asks for more is given up.
         timeout_s: for a connection, and for each wait for bytes in either direction.
 
     Raises:
         UsageError: the address is no http or https URL, carries a password or a query, or the key is not printable.
     """
 
-    def __init__(self, server: str, api_key: str | None, retry: Retry, timeout_s: float) -> None:
-        self.retry = retry
+    def __init__(self, server: str, api_key: str | None, attempts: int, patience_s: float, timeout_s: float) -> None:
         self.server = _checked_address(server)
-        self._timeout_s = timeout_s
+        self._patience_s = patience_s
+        self._caller = stamina.RetryingCaller(
+            attempts=attempts, timeout=patience_s, wait_initial=_FIRST_S, wait_max=_LONGEST_S, wait_jitter=_FIRST_S
+        )
         headers = {"User-Agent": f"avatarme/{__version__}", "Accept-Encoding": "identity"}
         if api_key is not None:
             headers["Authorization"] = f"Bearer {_checked_key(api_key)}"
         limits = httpx.Limits(max_connections=None, max_keepalive_connections=32)
-        self._http = httpx.Client(headers=headers, timeout=timeout_s, limits=limits, follow_redirects=False)
+        self.http = httpx.Client(headers=headers, timeout=timeout_s, limits=limits)
 
-    def close(self) -> None:
-        """Give the connections back."""
-        self._http.close()
-
-    def json(
-        self,
-        method: str,
-        path: str,
-        *,
-        headers: Mapping[str, str] | None = None,
-        body: Sender | None = None,
-        again: Iterable[int] = AGAIN,
-    ) -> Any:
-        """One request that answers with JSON; None where the answer has no body; see :meth:`answer`."""
-        return self.answer(json_of, method, path, headers=headers, body=body, again=again)
-
-    def answer(
-        self,
-        read: Callable[[httpx.Response], Answer],
-        method: str,
-        path: str,
-        *,
-        headers: Mapping[str, str] | None = None,
-        body: Sender | None = None,
-        again: Iterable[int] = AGAIN,
-    ) -> Answer:
+    def ask(
+        self, method: str, path: str, read: Callable[[httpx.Response], T], *, body: Body = contextlib.nullcontext,
+        again: Collection[int] = AGAIN, **more: Any,
+    ) -> T:  # fmt: skip
         """What ``read`` makes of the answer to one request.
 
         Args:
-            read: reads an answer that is a success.
             method: of HTTP; the request may be sent several times, so it has to be idempotent.
             path: below the address, percent-encoded.
-            headers: further headers.
+            read: reads an answer that is a success.
             body: opens the body, once for each attempt.
             again: statuses that are worth another attempt.
+            more: further arguments of ``httpx.Client.stream``.
 
         Raises:
             ServerUnreachable: no answer after all retries.
-            UnexpectedAnswer: not JSON, a redirection, or longer than 16 MiB.
+            UnexpectedAnswer: a redirection, or not what ``read`` expects.
             AvatarError: what a problem object stands for; see ``service.client.errors``.
         """
-        statuses = frozenset(again)
-        pauses = self.retry.start()
-        while True:
-            try:
-                with self._send(method, path, headers, body) as response:
-                    if response.is_success:
-                        return read(response)
-                    fault = refused(response)
-                    worth, silent = response.status_code in statuses, False
-                    asked = retry_after_s(response.headers.get("Retry-After"))
-            except httpx.TransportError as error:
-                fault = unreachable(self.server, error)
-                worth, silent, asked = not _hopeless(error), True, None
-            if not worth or not pauses.pause(asked, silent=silent):
-                if isinstance(fault, ServerBusy):
-                    fault.retry_after = asked
-                raise fault
 
-    @contextlib.contextmanager
-    def stream(
-        self,
-        path: str,
-        headers: Mapping[str, str] | None = None,
-        timeout_s: float | None = None,
-        *,
-        follow: bool = False,
-    ) -> Iterator[httpx.Response]:
-        """One GET, without retries, whose body is read as it comes.
+        def once() -> T:
+            with (
+                body() as content,
+                self.http.stream(method, self.server + path, **more, **(content or {})) as response,
+            ):
+                if not response.is_success:
+                    raise setback(response, again)
+                return read(response)
+
+        return self.retried(once)
+
+    def retried(self, attempt: Callable[[], T]) -> T:
+        """The result of the first attempt that has one.
 
         Args:
-            path: below the address.
-            headers: further headers.
-            timeout_s: bound of each wait for bytes, None for that of all requests.
-            follow: go where a redirection leads, without the key where that is another server.
+            attempt: makes one; raises httpx.TransportError or :class:`Setback`.
 
         Raises:
-            TransportFault: there is no connection, or it broke.
+            ServerUnreachable: no answer after all retries.
+            AvatarError: the fault of the last attempt.
         """
-        timeout = self._timeout_s if timeout_s is None else timeout_s
-        # The store of a server may give its files out itself; the key goes to the server only, which httpx sees to.
-        named: dict[str, Any] = {"headers": dict(headers or {}), "timeout": timeout, "follow_redirects": follow}
-        with self._http.stream("GET", self.server + path, **named) as response:
-            yield response
-
-    @contextlib.contextmanager
-    def _send(
-        self, method: str, path: str, headers: Mapping[str, str] | None, body: Sender | None
-    ) -> Iterator[httpx.Response]:
-        with (
-            (body or _nothing)() as arguments,
-            self._http.stream(method, self.server + path, headers=dict(headers or {}), **arguments) as response,
-        ):
-            yield response
+        try:
+            return self._caller(_Pauses(self._patience_s), attempt)
+        except httpx.TransportError as error:
+            reason = str(error) or type(error).__name__
+            raise ServerUnreachable(f"no answer from {self.server}: {reason}", server=self.server) from error
+        except Setback as setback:
+            raise setback.fault from setback.__cause__
 
 
-def _nothing() -> contextlib.nullcontext[Mapping[str, Any]]:
-    return contextlib.nullcontext({})
+class _Pauses:
+    """The back-off hook of one request: whether to try again, and after how many seconds where the server said so."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._begun = self._heard = time.monotonic()
+
+    def __call__(self, error: Exception) -> bool | float:
+        now = time.monotonic()
+        if isinstance(error, httpx.TransportError):
+            return not _hopeless(error) and now - self._heard < SILENCE_S
+        if not isinstance(error, Setback) or not error.again:
+            return False
+        self._heard = now
+        asked = error.retry_after
+        if asked is None:
+            return True
+        if now - self._begun + asked > self._patience_s:
+            return False
+        # Never sooner than asked for; on top a random part, or all that were told 10 come back at 10.
+        return asked + random.uniform(0.0, 0.1 * asked + _FIRST_S)  # noqa: S311 - no secret
+
+
+def setback(response: httpx.Response, again: Collection[int] = AGAIN) -> Setback:
+    """What an answer that is no success means; reads the problem object."""
+    if response.is_redirect:
+        where = response.headers.get("Location", "another address")[:200]
+        words = f"the server answered with a redirection to {where}; give that address instead"
+        return Setback(UnexpectedAnswer(words), again=False)
+    content = None
+    with contextlib.suppress(UnexpectedAnswer):
+        content = read_json(response)
+    worth = response.status_code in again
+    return Setback(
+        refusal(Problem.parse(content, response.status_code)), again=worth, retry_after=retry_after_s(response.headers)
+    )
+
+
+def retry_after_s(headers: Mapping[str, str]) -> float | None:
+    """Seconds of ``Retry-After`` (RFC 9110, section 10.2.3), a number or a date; None for anything else."""
+    text = headers.get("Retry-After", "").strip()
+    if text.isascii() and text.isdigit() and len(text) <= 9:
+        return float(text)
+    try:
+        when = parsedate_to_datetime(text)
+    except ValueError:
+        return None
+    if when.tzinfo is None:  # the obsolete "-0000": it is UTC all the same
+        when = when.replace(tzinfo=UTC)
+    return max(0.0, (when - datetime.now(UTC)).total_seconds())
+
+
+def read_json(response: httpx.Response) -> Any:
+    """JSON, None for an empty answer.
+
+    Raises:
+        UnexpectedAnswer: it is something else, or longer than 16 MiB.
+    """
+    data = _content(response, _LARGEST_ANSWER)
+    if not data:
+        return None
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        kind = response.headers.get("Content-Type", "no type")[:80]
+        raise UnexpectedAnswer(
+            f"the server answered with {kind} instead of JSON (status {response.status_code}); is it this service?"
+        ) from error
+
+
+def read_picture(response: httpx.Response) -> bytes:
+    """A PNG.
+
+    Raises:
+        UnexpectedAnswer: the answer is none, or longer than 128 MiB.
+    """
+    data = _content(response, _LARGEST_PICTURE)
+    if not data.startswith(_PNG):
+        raise UnexpectedAnswer("the server's answer is no PNG; is it this service?")
+    return data
+
+
+def _content(response: httpx.Response, most: int) -> bytes:
+    return b"".join(bounded(response.iter_raw(), most))
+
+
+def bounded(chunks: Iterator[bytes], most: int) -> Iterator[bytes]:
+    """The chunks, as long as they have at most so many bytes together.
+
+    Raises:
+        UnexpectedAnswer: they have more.
+    """
+    size = 0
+    for chunk in chunks:
+        size += len(chunk)
+        if size > most:
+            raise UnexpectedAnswer(f"the server's answer is longer than {most} bytes")
+        yield chunk
 
 
 def _hopeless(error: httpx.TransportError) -> bool:

@@ -295,7 +295,7 @@ def test_the_page_is_asked_for_anew_each_time(client: httpx.Client) -> None:
 
 def test_the_archive_of_the_small_job_is_one_that_the_client_takes(finished: tuple[str, bytes], tmp_path: Path) -> None:
     """Benchmarks and trials go through the client."""
-    from service.client.whole import check_archive
+    from service.client.download import check_archive
 
     path = tmp_path / "toy.zip"
     path.write_bytes(finished[1])

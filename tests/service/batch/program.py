@@ -12,7 +12,7 @@ from pathlib import Path
 from service.batch import child
 from service.errors import CorruptImage, OutputFault
 from service.jobs.process import Program, Reporter, Task, serve_one
-from tests.service.client.archives import archive
+from tests.service.client.fake import archive
 
 
 def load() -> Program:

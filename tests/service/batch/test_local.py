@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from service.batch.local import LocalMaker
-from service.client.whole import check_archive
+from service.client.download import check_archive
 from service.errors import Crashed, OutputFault
 from tests.service.batch.conftest import Folders
 

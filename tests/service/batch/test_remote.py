@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from service.client.retry import Retry
 
 from service.batch.maker import Order, Stopped
 from service.batch.remote import RemoteMaker
 from service.client.errors import AccessDenied, ServerUnreachable
-from service.client.retry import Retry
 from tests.service.batch.conftest import Folders
-from tests.service.client.archives import archive
-from tests.service.client.fake import Fake, answer, hang_up, problem, serving
+from tests.service.client.fake import Fake, answer, archive, hang_up, problem, serving
 
 
 @pytest.fixture

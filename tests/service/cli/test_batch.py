@@ -11,9 +11,8 @@ from service import diagnosis
 from service.batch.display import display, printable
 from service.batch.report import Line
 from service.cli.app import app
-from service.client.whole import check_archive
-from tests.service.client.archives import archive
-from tests.service.client.fake import Fake, answer, problem, serving
+from service.client.download import check_archive
+from tests.service.client.fake import Fake, answer, archive, problem, serving
 
 ROOT = Path(__file__).parents[3]
 

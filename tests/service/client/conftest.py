@@ -1,13 +1,13 @@
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
 from service.client.client import Client
-from service.client.retry import Retry
-from tests.service.client.archives import archive
-from tests.service.client.fake import Fake, serving
+from tests.service.client.fake import Fake, archive, serving
 
 
 @pytest.fixture
@@ -17,12 +17,16 @@ def fake() -> Iterator[Fake]:
 
 
 @pytest.fixture
-def slept() -> list[float]:
+def slept(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Pauses that the client made; they take no time."""
-    return []
+    pauses: list[float] = []
+    clock = SimpleNamespace(sleep=pauses.append, monotonic=time.monotonic)
+    monkeypatch.setattr("tenacity.nap.time", clock)
+    monkeypatch.setattr("service.client.client.time", clock)
+    return pauses
 
 
 @pytest.fixture
 def client(fake: Fake, slept: list[float]) -> Iterator[Client]:
-    with Client(fake.url, api_key="secret", retry=Retry(sleep=slept.append, draw=lambda: 0.5), timeout_s=5) as made:
+    with Client(fake.url, api_key="secret", timeout_s=5) as made:
         yield made

@@ -6,30 +6,40 @@ import json
 import socket
 import threading
 import time
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service import errors
-from service.client.client import Client
+from service.client.client import Client, Job, canonical, checked_id, idempotency_key, photo_sha256, share
 from service.client.errors import (
     AccessDenied,
+    ClientError,
+    Conflict,
     JobCancelled,
+    JobExpired,
     JobFailed,
     NoSuchJob,
+    Problem,
     Refused,
     ServerBusy,
     ServerUnreachable,
     UnexpectedAnswer,
     WaitTimedOut,
+    error_code,
+    failure,
+    refusal,
 )
-from service.client.photos import canonical, idempotency_key, photo_sha256
-from service.client.retry import Retry
+from service.client.transport import retry_after_s
 from service.errors import UsageError
-from tests.service.client.fake import Fake, answer, hang_up, problem
+from tests.service.client.fake import Fake, _Handler, answer, hang_up, problem
 
 PHOTO = b"the bytes of a photo"
+JOB = "0" * 32
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
 
 
 def test_from_the_photo_to_the_archive(client: Client, fake: Fake, tmp_path: Path) -> None:
@@ -109,6 +119,7 @@ def test_busy_servers_are_asked_again_no_sooner_than_they_want(client: Client, f
     )
     client.submit(PHOTO)
     assert 7 <= slept[0] < 9 and 2 <= slept[1] < 3
+    assert all(seconds <= 4.5 for seconds in slept[2:])
     assert len(slept) == 4
 
 
@@ -170,14 +181,14 @@ def test_nobody_there(slept: list[float]) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"http://127.0.0.1:{free.getsockname()[1]}"
-    with Client(address, retry=Retry(attempts=3, sleep=slept.append)) as client, pytest.raises(ServerUnreachable):
+    with Client(address, attempts=3) as client, pytest.raises(ServerUnreachable):
         client.ready()
     assert len(slept) == 2
 
 
 def test_a_server_that_says_nothing(fake: Fake) -> None:
     fake.fail("GET", "readyz", lambda request: time.sleep(1))
-    with Client(fake.url, retry=Retry(attempts=1), timeout_s=0.2) as client, pytest.raises(ServerUnreachable):
+    with Client(fake.url, attempts=1, timeout_s=0.2) as client, pytest.raises(ServerUnreachable):
         client.ready()
 
 
@@ -304,7 +315,7 @@ def test_a_silent_stream_is_left(fake: Fake, slept: list[float]) -> None:
         request.close_connection = True
 
     fake.fail("GET", "events", silent)
-    with Client(fake.url, retry=Retry(sleep=slept.append)) as client:
+    with Client(fake.url) as client:
         job = client.submit(PHOTO)
         with pytest.raises(WaitTimedOut, match=job.id):
             client.wait(job.id, timeout_s=0.3)
@@ -358,3 +369,226 @@ def test_jobs_that_are_not_there(client: Client) -> None:
 def test_a_photo_that_is_not_there(client: Client, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no-such"):
         client.submit(tmp_path / "no-such.jpg")
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_events_do_not_depend_on_where_the_network_cuts(client: Client, fake: Fake, size: int) -> None:
+    """Line separators of Unicode inside JSON are text here; ready-made line splitters would cut the event there."""
+    stream = (
+        b'\xef\xbb\xbf: hello\n\nretry: 1500\nid: 1\nevent: progress\ndata: {"stage": "fit",\n'
+        b'data: "progress": 0.5}\n\n'
+        b'id: 2\r\nevent: note\r\ndata:{"words":"a\xe2\x80\xa8b"}\r\n\r\n'
+        b"event: note\ndata: [1]\n\nevent: note\ndata: " + b"[" * 5000 + b"\n\n"
+        b'event: state\ndata: {"state": "failed"}\n\nevent: state\ndata: {"cut": 1}\n'
+    )
+
+    def send(request: Any) -> None:
+        request.send_response(200)
+        request.send_header("Content-Type", "text/event-stream")
+        request.end_headers()
+        for start in range(0, len(stream), size):
+            request.wfile.write(stream[start : start + size])
+        request.close_connection = True
+
+    fake.fail("GET", "events", send)
+    events = list(client.events(client.submit(PHOTO).id))
+    assert [(event.name, event.data, event.id) for event in events] == [
+        ("progress", {"stage": "fit", "progress": 0.5}, "1"), ("note", {"words": "a\u2028b"}, "2"), ("note", {}, "2"),
+        ("note", {}, "2"), ("state", {"state": "failed"}, "2"),
+    ]  # fmt: skip
+
+
+def test_a_stream_without_end_does_not_fill_the_memory(client: Client, fake: Fake) -> None:
+    def endless(request: Any) -> None:
+        request.send_response(200)
+        request.send_header("Content-Type", "text/event-stream")
+        request.end_headers()
+        request.close_connection = True
+        for _ in range(400):
+            request.wfile.write(b"data: " + b"x" * (1 << 16))
+
+    fake.fail("GET", "events", endless)
+    with pytest.raises(UnexpectedAnswer, match="longer"):
+        list(client.events(client.submit(PHOTO).id))
+
+
+@pytest.mark.parametrize(
+    ("value", "seconds"),
+    [
+        ("0", 0.0),
+        (" 7 ", 7.0),
+        ("Fri, 02 Jan 2026 11:00:00 GMT", 0.0),  # past: now, not minus an hour
+        ("Fri, 02 Jan 2026 11:00:00 -0000", 0.0),
+        ("-5", None),
+        ("soon", None),
+        ("1.5", None),
+        ("9" * 400, None),  # would overflow a float, and sleep for ever
+        ("٣", None),  # a digit to str.isdigit, not to HTTP
+    ],
+)
+def test_retry_after(value: str, seconds: float | None) -> None:
+    assert retry_after_s({"Retry-After": value}) == seconds
+    assert retry_after_s({}) is None
+
+
+def test_a_later_date_is_waited_for() -> None:
+    later = format_datetime(datetime.now(UTC) + timedelta(seconds=30), usegmt=True)
+    assert 28 < (retry_after_s({"Retry-After": later}) or 0) <= 30
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        ({"type": "/problems/no-face", "code": "other"}, "other"),
+        ({"type": "/problems/no-face"}, "no-face"),
+        ({"type": "https://example.org/problems#no-face"}, "no-face"),
+        ({"type": "urn:problem:no-face/"}, "no-face"),
+        ({"type": "about:blank"}, "http-418"),
+        ({"type": 5, "title": ["x"], "detail": None, "code": 7}, "http-418"),
+        ({}, "http-418"),
+        (None, "http-418"),
+        (["no-face"], "http-418"),
+        ("<html>", "http-418"),
+    ],
+)
+def test_the_code_of_a_problem(content: object, code: str) -> None:
+    """Members of a wrong type are ignored (RFC 9457, section 3.1): a broken error must not hide the error."""
+    parsed = Problem.parse(content, 418)
+    assert parsed.code == code
+    assert parsed.message
+
+
+@pytest.mark.parametrize("status", [True, "404", 7, 10**9, None])
+def test_a_status_that_is_none_gives_way_to_that_of_the_answer(status: object) -> None:
+    assert Problem.parse({"status": status}, 503).status == 503
+
+
+def test_the_photo_is_refused_by_the_same_class_as_in_a_local_run() -> None:
+    boxes = [[0, 0, 1, 1]]
+    error = failure(Problem.parse({"code": "multiple-faces", "detail": "two faces", "boxes": boxes}, 422))
+    assert type(error) is errors.MultipleFaces
+    assert (error.message, error.extra) == ("two faces", {"boxes": boxes})
+
+
+def test_the_option_that_was_wrong_is_named() -> None:
+    error = refusal(Problem.parse({"code": "usage", "detail": "seed is -1", "pointer": "/seed"}, 422))
+    assert type(error) is errors.UsageError
+    assert error.extra["field"] == "seed"
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [
+        (401, AccessDenied),
+        (403, AccessDenied),
+        (404, NoSuchJob),
+        (409, Conflict),
+        (410, JobExpired),
+        (418, Refused),
+        (429, ServerBusy),
+        (500, Refused),
+        (503, ServerBusy),
+        (507, ServerBusy),
+    ],
+)
+def test_other_refusals_by_their_status(status: int, kind: type[Refused]) -> None:
+    error = refusal(Problem.parse({"code": "whatever", "detail": "words"}, status))
+    assert type(error) is kind
+    assert error_code(error) == "whatever"
+    assert error.exit_status == 1
+    assert (error.message, error.extra) == ("words", {"status": status, "problem_code": "whatever"})
+
+
+def test_a_crash_of_the_server_is_no_fault_of_the_photo() -> None:
+    error = failure(Problem.parse({"code": "model-corrupt"}, 500))
+    assert type(error) is JobFailed
+    assert isinstance(error, ClientError)
+    assert error_code(error) == "model-corrupt"
+
+
+def test_a_state_with_members_of_tomorrow_is_read() -> None:
+    job = Job.parse({"id": "a1", "state": "running", "progress": 0.5, "stage": "fit", "new": 1, "warnings": ["w"]})
+    assert (job.id, job.progress, job.stage, job.warnings, job.ended) == ("a1", 0.5, "fit", ("w",), False)
+
+
+@pytest.mark.parametrize(
+    "content", [None, [], {"id": "a", "state": "new"}, {"state": "queued"}, {"id": 5, "state": "queued"}]
+)
+def test_what_is_no_state_is_refused(content: object) -> None:
+    with pytest.raises(UnexpectedAnswer):
+        Job.parse(content)
+
+
+@pytest.mark.parametrize("value", ["../x", "a/b", "", "a" * 129, "a?b", "a b", "-a", None, "ä"])
+def test_an_id_cannot_lead_elsewhere(value: object) -> None:
+    """It becomes a part of the address of the next request, which carries the API key."""
+    with pytest.raises(UnexpectedAnswer):
+        checked_id(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.5, 0.5), (7, 1), (-1, 0), (float("nan"), 0), ("x", 0), (True, 0), (None, 0)]
+)
+def test_progress_is_a_share_whatever_comes(value: object, expected: float) -> None:
+    assert share(value) == expected
+
+
+@pytest.mark.parametrize("state", ["cancelled", "expired"])
+def test_how_a_job_ended(state: str) -> None:
+    assert isinstance(Job.parse({"id": "a", "state": state}).fault(), JobCancelled)
+    assert Job.parse({"id": "a", "state": "succeeded"}).fault() is None
+    silent = Job.parse({"id": "a", "state": "failed", "error": None}).fault()
+    assert isinstance(silent, JobFailed), "a server that does not say why has failed all the same"
+
+
+def gives(body: bytes, asked: list[dict[str, object]]) -> object:
+    def handle(request: _Handler) -> None:
+        length = int(request.headers["Content-Length"])
+        asked.append(json.loads(request.rfile.read(length)))
+        request.reply(200, body, {"Content-Type": "image/png"})
+
+    return handle
+
+
+def test_a_picture_comes_back_after_a_busy_server(client: Client, fake: Fake, slept: list[float]) -> None:
+    asked: list[dict[str, object]] = []
+    fake.fail("POST", "/v1/renders", answer(503, problem(503, "busy"), Retry_After="5"), gives(PNG, asked))  # type: ignore[arg-type]
+    scene = {"environment": {"name": "studio"}}
+    assert client.render(JOB, scene, size=[64, 64], view="left") == PNG
+    assert asked == [{"avatar": JOB, "scene": scene, "size": [64, 64], "view": "left"}]
+    assert slept and slept[0] >= 5
+    assert fake.requests("POST", "/v1/renders")[0].headers["Content-Type"] == "application/json"
+
+
+def test_a_picture_that_takes_long_is_waited_for(client: Client, fake: Fake) -> None:
+    job: dict[str, Any] = {"id": "1" * 32, "state": "queued", "links": {}, "error": None}
+    fake.fail("POST", "/v1/renders", answer(202, job))
+    fake.fail(
+        "GET", "/v1/renders/1+$", answer(200, {**job, "state": "running"}), answer(200, {**job, "state": "succeeded"})
+    )
+
+    def gives_picture(request: _Handler) -> None:
+        request.reply(200, PNG, {"Content-Type": "image/png"})
+
+    fake.fail("GET", "picture.png", gives_picture)
+    assert client.render(JOB) == PNG
+
+
+def test_what_is_no_picture_is_noticed(client: Client, fake: Fake) -> None:
+    fake.fail("POST", "/v1/renders", gives(b"<html>", []))  # type: ignore[arg-type]
+    with pytest.raises(UnexpectedAnswer, match="PNG"):
+        client.render(JOB)
+
+
+def test_refusals_are_exceptions(client: Client, fake: Fake) -> None:
+    fake.fail(
+        "POST", "/v1/renders", answer(409, problem(409, "not-ready")),
+        answer(422, problem(422, "usage", "size is too small", pointer="/size")),
+    )  # fmt: skip
+    with pytest.raises(Conflict):
+        client.render(JOB)
+    with pytest.raises(UsageError, match="too small") as refused:
+        client.render(JOB, size=[1, 1])
+    assert refused.value.extra["field"] == "size"
+    with pytest.raises(UsageError):
+        client.render("../x")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service.client.client import Client
+from service.client.download import check_archive, file_sha256
 from service.client.errors import Conflict, DownloadFailed, NoSuchJob, ServerBusy, ServerUnreachable
-from service.client.retry import Retry
 from service.errors import OutputFault
-from tests.service.client.archives import archive
-from tests.service.client.fake import Fake, answer, hang_up, problem
+from tests.service.client.fake import Fake, answer, archive, hang_up, problem
 
 
 @pytest.fixture
@@ -184,7 +185,7 @@ def test_a_folder_that_is_not_there(client: Client, job: str, target: Path) -> N
         client.download(job, target.parent / "nowhere" / "me.zip")
 
 
-def test_more_bytes_than_stated(fake: Fake, job: str, target: Path) -> None:
+def test_more_bytes_than_stated(fake: Fake, job: str, target: Path, slept: list[float]) -> None:
     """Chunked, so that the connection does not end at the stated length: the disk would fill."""
     size = len(fake.archive)
 
@@ -200,7 +201,71 @@ def test_more_bytes_than_stated(fake: Fake, job: str, target: Path) -> None:
     for _ in range(10):
         fake.cut_archive.append(100)
         fake.fail("GET", "archive", lambda request: request._archive(), endless)
-    impatient = Client(fake.url, retry=Retry(attempts=2, sleep=lambda seconds: None))
+    impatient = Client(fake.url, attempts=2)
     with impatient, pytest.raises(DownloadFailed, match="stated"):
         impatient.download(job, target)
     assert only(target) == []
+
+
+FILES = {"a": b"content of a" * 100, "b": b"content of b" * 100}
+
+
+def deflated(files: dict[str, bytes], manifest: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as target:
+        target.writestr("manifest.json", manifest)
+        for name, data in files.items():
+            target.writestr(name, data)
+    return stream.getvalue()
+
+
+BOMB = deflated({"a": bytes(64 << 20)}, b'{"files": [{"path": "a", "size": 5, "sha256": "00"}]}')
+
+
+def test_a_whole_archive(target: Path) -> None:
+    target.write_bytes(archive(FILES))
+    check_archive(target)
+    assert file_sha256(target) == hashlib.sha256(target.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_one_that_was_cut_off(target: Path, share: float) -> None:
+    data = archive(FILES)
+    target.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(DownloadFailed):
+        check_archive(target)
+
+
+def test_every_changed_bit_of_the_content_is_seen(target: Path) -> None:
+    data = bytearray(archive(FILES))
+    for place in (data.index(b"content of a") + 3, data.index(b"content of b") + 500):
+        data[place] ^= 1
+        target.write_bytes(data)
+        with pytest.raises(DownloadFailed):
+            check_archive(target)
+        data[place] ^= 1
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (archive(FILES, {"a": FILES["a"]}), "b"),
+        (archive({"a": FILES["a"]}, FILES), "b"),
+        (archive(FILES, {**FILES, "b": b"content of B" * 100}), "b in the archive"),
+        (archive(FILES, {**FILES, "b": FILES["b"][:-1]}), "b in the archive"),
+        (archive({}), "lists no files"),
+        (deflated({}, b"[]"), "lists no files"),
+        (deflated({}, b'{"files": [{"path": "a"}]}'), "same files"),
+        (deflated({"a": b"x"}, b'{"files": [{"path": "a"}]}'), "damaged"),
+        (deflated({"a": b"x"}, b'{"files": [{"path": "a", "size": "1", "sha256": ""}]}'), "a in the archive"),
+        (deflated({"a": b"x"}, b"{"), "damaged"),
+        (deflated({}, b" " * (17 << 20)), "manifest has more"),
+        (BOMB, "a in the archive"),
+        (b"", "damaged"),
+        (b"PK\x05\x06" + bytes(18), "damaged"),
+    ],
+)
+def test_what_does_not_agree_with_its_manifest(target: Path, content: bytes, words: str) -> None:
+    target.write_bytes(content)
+    with pytest.raises(DownloadFailed, match=words):
+        check_archive(target)
