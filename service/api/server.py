@@ -262,10 +262,10 @@ def serve(settings: Settings, *, with_worker: bool = True) -> None:
         lock.release()
 
 
-def work(settings: Settings) -> int:
-    """Run a worker alone until a signal ends it; returns its exit status."""
+def work(settings: Settings, module: str = "service.jobs.worker") -> int:
+    """Run a worker alone until a signal ends it; returns its exit status. ``module`` is the program of its process."""
     process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-        [sys.executable, "-m", "service.jobs.worker", str(os.getpid())], stdin=subprocess.PIPE
+        [sys.executable, "-m", module, str(os.getpid())], stdin=subprocess.PIPE
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, frame: process.send_signal(number))

@@ -1,1 +1,4 @@
-"""A folder of photos into a folder of archives, here or at a server; ``run.py`` is the way of one photo."""
+"""Many photos into as many archives, on one machine, on several, or at a server.
+
+``driver`` plans and watches, ``shards`` makes about a hundred photos at a time, ``makers`` makes one.
+"""

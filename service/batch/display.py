@@ -1,113 +1,79 @@
-"""What a batch shows on standard error: bars on a terminal, else a line for each photo that is finished."""
+"""What a batch shows on standard error: a bar on a terminal, else a line now and then, and at the end what failed."""
 
 from __future__ import annotations
 
 import sys
-import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import typer
 
-from service.batch.report import Line
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+EVERY_S = 10.0
+"""Seconds between two lines where standard error is no terminal."""
 
 
 class Display(Protocol):
-    """Told what goes on, by several threads."""
+    """Shown how far a round is."""
 
-    def begin(self, name: str) -> None:
-        """A photo has its turn."""
-        ...
-
-    def progress(self, name: str, stage: str, share: float) -> None:
-        """A stage of it begins; ``share`` of the work is done."""
-        ...
-
-    def end(self, name: str, line: Line | None) -> None:
-        """It is finished; None where nothing was to be done."""
+    def __call__(self, made: int, failed: int, photos: int, seconds: float) -> None:
+        """So many of its photos are made and have failed, of so many, after so many seconds."""
         ...
 
 
 @contextmanager
-def display(total: int) -> Iterator[Display]:
+def display() -> Iterator[Display]:
     """The display that fits standard error. Colour obeys NO_COLOR."""
     if not sys.stderr.isatty():
-        yield Lines(total)
+        yield Lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bars
+    from rich.progress import BarColumn, Progress, TextColumn
 
-    console = Console(stderr=True, highlight=False)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[stage]}", markup=False),
-        TimeElapsedColumn(),
-    )
-    with Bars(*columns, console=console, transient=True) as bars:
-        yield OnTerminal(bars, total)
+    columns = (BarColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as bars:
+        bar = bars.add_task("", total=None)
+
+        def show(made: int, failed: int, photos: int, seconds: float) -> None:
+            words = progress_words(made, failed, photos, seconds)
+            bars.update(bar, total=photos, completed=made + failed, description=words)
+
+        yield show
 
 
 class Lines:
-    """A line for each finished photo."""
+    """A line at the beginning, every ``EVERY_S`` and at the end of a round."""
 
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._done = 0
-        self._lock = threading.Lock()
+    def __init__(self) -> None:
+        self._next = 0.0
 
-    def begin(self, name: str) -> None:
-        """See ``Display.begin``."""
-
-    def progress(self, name: str, stage: str, share: float) -> None:
-        """See ``Display.progress``."""
-
-    def end(self, name: str, line: Line | None) -> None:
-        """See ``Display.end``."""
-        with self._lock:
-            self._done += 1
-            if line is not None:
-                typer.echo(f"[{self._done}/{self._total}] {summary(line)}", err=True)
+    def __call__(self, made: int, failed: int, photos: int, seconds: float) -> None:
+        """See ``Display``."""
+        if time.monotonic() >= self._next or made + failed == photos:
+            self._next = time.monotonic() + EVERY_S
+            typer.echo(f"avatarme: {progress_words(made, failed, photos, seconds)}", err=True)
 
 
-class OnTerminal:
-    """One bar for all photos and one for each that is being made; faults stay above them."""
-
-    def __init__(self, bars: Progress, total: int) -> None:
-        self._bars = bars
-        self._all = bars.add_task("photos", total=total, stage="")
-        self._tasks: dict[str, TaskID] = {}
-
-    def begin(self, name: str) -> None:
-        """See ``Display.begin``."""
-        self._tasks[name] = self._bars.add_task(printable(name)[-40:], total=100, stage="")
-
-    def progress(self, name: str, stage: str, share: float) -> None:
-        """See ``Display.progress``."""
-        self._bars.update(self._tasks[name], completed=round(100 * min(max(share, 0.0), 1.0)), stage=stage)
-
-    def end(self, name: str, line: Line | None) -> None:
-        """See ``Display.end``."""
-        self._bars.remove_task(self._tasks.pop(name))
-        self._bars.advance(self._all)
-        if line is not None and line.outcome == "failed":
-            self._bars.console.print(summary(line), markup=False)
+def progress_words(made: int, failed: int, photos: int, seconds: float) -> str:
+    """How far a round is: photos, rate, time left, failures."""
+    done = made + failed
+    words = [f"{done} of {photos} photos"]
+    if done and seconds > 0:
+        words.append(f"{60 * done / seconds:.1f} a minute")
+        if done < photos:
+            words.append(f"{duration((photos - done) * seconds / done)} left")
+    if failed:
+        words.append(f"{failed} failed")
+    return ", ".join(words)
 
 
-def summary(line: Line) -> str:
-    """A photo's fate in one line."""
-    words = "done"
-    if line.error is not None:
-        words = f"{line.error['code']}: {line.error['message']}"
-    elif line.warnings:
-        words = f"done, with warnings: {', '.join(line.warnings)}"
-    return printable(f"{line.path}: {words}")
+def duration(seconds: float) -> str:
+    """Time in the largest unit that makes sense: "40 s", "12 min", "3.5 h", "2.1 days"."""
+    for size, unit, digits in ((86400.0, "days", 1), (3600.0, "h", 1), (60.0, "min", 0)):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.{digits}f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def printable(text: str) -> str:

@@ -156,24 +156,31 @@ def make(
 
 
 def batch(
-    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder with photos, in folders of its own too.")],
-    out: Annotated[str, typer.Argument(metavar="OUT", help="Folder for archives and report.jsonl.")],
+    folder: Annotated[str, typer.Argument(metavar="IN", help="Folder with photos, in folders of its own too, or s3://")],
+    out: Annotated[str, typer.Argument(metavar="OUT", help="Folder or s3:// for archives and report.jsonl.")],
     server: Annotated[
         str | None,
         typer.Option(
             metavar="URL", envvar="AVATARME_SERVER", help="Server that makes them; its key: AVATARME_API_KEY."
         ),
     ] = None,
+    database: Annotated[
+        str, typer.Option(metavar="URL", help="Postgres whose workers (avatarme worker --batches N) make them.")
+    ] = "",
     jobs: Annotated[
         int | None, typer.Option(help="Photos at the same time. [default: 4, here one for two processors]")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the report in OUT.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Look for new photos until Ctrl-C.")] = False,
+    shard: Annotated[
+        str | None, typer.Option(metavar="K/N", help="Only the K-th of N parts, for array jobs; then --resume merges.")
+    ] = None,
     timeout: Annotated[float, typer.Option(metavar="SECONDS", help="Longest time of one photo.")] = 1800.0,
     keep: Annotated[bool, typer.Option("--keep", help="Leave archives on the server until they expire.")] = False,
     as_json: Json = False,
     **options_of_make: Any,
 ) -> None:
-    """Make avatars of all photos in a folder.
+    """Make avatars of all photos in a folder or a store.
 
     Takes the options of 'make' too. Prints the path of the report, which has one JSON object for each photo. Exit
     status: 0 every photo has an archive, 1 some have not, 2 usage, 130 interrupted (go on with --resume).
@@ -185,17 +192,9 @@ def batch(
 
         head = options_of_make.pop("head")
         run(
-            folder,
-            out,
-            json_values(asked(**options_of_make)),
-            server=server,
-            jobs=jobs,
-            resume=resume,
-            timeout_s=timeout,
-            keep=keep,
-            head=head,
-            as_json=as_json,
-        )
+            folder, out, json_values(asked(**options_of_make)), jobs=jobs, shard=shard, head=head, as_json=as_json,
+            server=server, database=database, resume=resume, watch=watch, timeout_s=timeout, keep=keep,
+        )  # fmt: skip
 
 
 app.command()(with_options_of(batch, make, leave_out={"photo", "output", "as_json"}))
@@ -345,14 +344,16 @@ def worker(
     name: Annotated[str | None, typer.Option(help="Name of this worker, unlike all others and lasting.")] = None,
     data: Annotated[str | None, typer.Option(metavar="DIR", help="Folder for work. [default: avatarme-data]")] = None,
     jobs: Annotated[int | None, typer.Option(help="Photos computed at the same time. [default: 1]")] = None,
+    batches: Annotated[int | None, typer.Option(help="Photos of batches computed beside them. [default: 0]")] = None,
     database: Annotated[str | None, typer.Option(metavar="URL", help="Postgres that all machines share.")] = None,
     artifacts: Annotated[str | None, typer.Option(metavar="URL", help="Store that all machines share.")] = None,
 ) -> None:
-    """Compute jobs that a server elsewhere takes."""
+    """Compute jobs that a server elsewhere takes, and shards of batches."""
     with reported(as_json=False):
         from service.cli.serve_and_worker import work as run
 
-        run({"worker": name, "data": data, "jobs": jobs, "database": database, "artifacts": artifacts})
+        flags = {"worker": name, "data": data, "jobs": jobs, "batches": batches}
+        run(flags | {"database": database, "artifacts": artifacts})
 
 
 @app.command()

@@ -40,7 +40,8 @@ def work(flags: dict[str, Any]) -> None:
         )
     from service.api.server import work as run
 
-    raise typer.Exit(run(settings))
+    module = "service.batch.worker" if settings.batches else "service.jobs.worker"
+    raise typer.Exit(run(settings, module))
 
 
 def _settings(flags: dict[str, Any]) -> Settings:

@@ -31,6 +31,7 @@ class Settings:
             store can sign (S3) and everybody reaches it; else this server passes all bytes on.
         worker: name of this worker, different for each one and the same after a restart.
         jobs: photos that one worker computes at the same time, >= 1.
+        batches: shards of batches that one worker computes at the same time beside its jobs; 0 for none.
         memory_mb: most memory of one job in MiB, 0 for no limit of ours.
         job_seconds: longest time of one job; many times what it takes, as other work may keep the machine busy.
         niceness: added to the niceness of a job's process, so that answers do not wait for it.
@@ -64,6 +65,7 @@ class Settings:
         program: module that computes a job; tests put a small one here.
         render_program: module that renders a picture; likewise.
         export_program: module that makes a kit; likewise.
+        batch_program: module that makes a photo of a batch; likewise.
     """
 
     data: Path = Path("avatarme-data")
@@ -72,6 +74,7 @@ class Settings:
     signed_downloads: bool = False
     worker: str = "solo"
     jobs: int = 1
+    batches: int = 0
     memory_mb: int = 8192
     job_seconds: float = 1800.0
     niceness: int = 10
@@ -105,10 +108,12 @@ class Settings:
     program: str = "service.jobs.avatar_process"
     render_program: str = "service.jobs.render_process"
     export_program: str = "service.jobs.kit_process"
+    batch_program: str = "service.batch.photo_process"
 
     def __post_init__(self) -> None:
         low = {
             "jobs": 1,
+            "batches": 0,
             "port": 0,
             "uploads": 1,
             "connections": 0,

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 import sqlalchemy as sa
@@ -31,7 +31,7 @@ from service.jobs.machine import end_with_parent, keep_private
 from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
 from service.jobs.store import Store
 from service.jobs.webhooks import queue_older_messages
-from service.jobs.workflow import Runner
+from service.jobs.workflow import Runner, Workflows
 
 log = logging.getLogger(__name__)
 
@@ -40,18 +40,20 @@ class Worker:
 
     Args:
         settings: of this worker.
+        more: gives what it does besides jobs.
 
     Raises:
         UsageError: another process has the data folder or the name.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, more: Callable[[Worker], Sequence[Workflows]] = lambda worker: ()) -> None:
         self.settings = settings
+        self._more = more
         self._file_lock = FileLock(settings.data, f"worker-{settings.worker}")
-        self._engine = connect(settings.database_url)
-        self._lock = DatabaseLock(self._engine, settings.worker)
-        create_tables(self._engine, settings)
-        self.runner = Runner(settings, Store(self._engine), Artifacts(settings.artifacts_url))
+        self.engine = connect(settings.database_url)
+        self._lock = DatabaseLock(self.engine, settings.worker)
+        create_tables(self.engine, settings)
+        self.runner = Runner(settings, Store(self.engine), Artifacts(settings.artifacts_url))
         shutil.rmtree(self.runner.scratch, ignore_errors=True)
         self._janitor = Janitor(self.runner)
         self._ready = False
@@ -91,9 +93,9 @@ class Worker:
         self._lock.check()
         values = {
             "version": PIPELINE_VERSION, "ready": self._ready, "fault": self._fault,
-            "seen_at": seconds_of_database(self._engine),
+            "seen_at": seconds_of_database(self.engine),
         }  # fmt: skip
-        with self._engine.begin() as connection:
+        with self.engine.begin() as connection:
             query = sa.update(WORKERS).where(WORKERS.c.name == self.settings.worker).values(**values)
             if not connection.execute(query).rowcount:
                 connection.execute(sa.insert(WORKERS).values(name=self.settings.worker, **values))
@@ -106,7 +108,7 @@ class Worker:
 
     def take_over(self) -> None:
         """As :meth:`Janitor.take_over`; with SQLite there is one worker only."""
-        if self._engine.dialect.name != "sqlite" and self._fault is None:
+        if self.engine.dialect.name != "sqlite" and self._fault is None:
             self._janitor.take_over(self._janitor.dead(self._lock))
 
     def recheck(self) -> None:
@@ -121,7 +123,7 @@ class Worker:
             self.runner.doubt.clear()
             self._check()
             if self._fault is not None:
-                self._quit(self._fault)
+                self.quit(self._fault)
             return
         self._check()
         if self._fault is None:
@@ -129,7 +131,7 @@ class Worker:
             try:
                 self._launch()
             except (sa.exc.SQLAlchemyError, OSError) as error:
-                self._quit(f"the queue cannot be reached: {error}")
+                self.quit(f"the queue cannot be reached: {error}")
 
     def stop(self) -> None:
         """End all processes of jobs; what they finished is kept, and goes on after the next start."""
@@ -146,7 +148,7 @@ class Worker:
     def _launch(self) -> None:
         from service.jobs import workflow
 
-        workflow.launch(self.settings, self.runner)
+        workflow.launch(self.settings, workflow.of_jobs(self.runner), *self._more(self))
         logs.set_up()  # the library has put a handler of its own in
 
     def _do(self, chore: Callable[[], None]) -> None:
@@ -154,30 +156,31 @@ class Worker:
             chore()
             self._failing_since = None
         except LostJob as lost:
-            self._quit(f"jobs stand still: {lost}")
+            self.quit(f"jobs stand still: {lost}")
         except (sa.exc.SQLAlchemyError, OSError) as error:
             self._failing_since = self._failing_since or time.monotonic()
             log.warning("a chore failed: %s", error)
-            if chore == self.beat and self._engine.dialect.name != "sqlite":
-                self._quit("the lock on the name may be lost")
+            if chore == self.beat and self.engine.dialect.name != "sqlite":
+                self.quit("the lock on the name may be lost")
             if time.monotonic() - self._failing_since > PATIENCE:
-                self._quit("database or disk cannot be reached")
+                self.quit("database or disk cannot be reached")
 
-    def _quit(self, reason: str) -> None:
+    def quit(self, reason: str) -> None:
+        """End this process at once; what it was at goes on elsewhere, or here after the next start."""
         log.critical("this worker ends: %s", reason)
         self.stop()
         os._exit(TEMPORARY_FAILURE)
 
 
-def main() -> int:
-    """Read the settings and work."""
+def main(more: Callable[[Worker], Sequence[Workflows]] = lambda worker: ()) -> int:
+    """Read the settings and work; ``more`` as for :class:`Worker`."""
     logs.set_up()
     settings = from_json(sys.stdin.buffer.readline().decode())
     if threading.current_thread() is threading.main_thread() and len(sys.argv) > 1:
         end_with_parent(int(sys.argv[1]))
     keep_private(settings.data)
     try:
-        worker = Worker(settings)
+        worker = Worker(settings, more)
     except AvatarError as error:
         log.critical("%s", error.message)
         return error.exit_status

@@ -9,7 +9,8 @@ import logging
 import secrets
 import shutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from dbos import DBOS, DBOSConfig
@@ -112,12 +113,25 @@ MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""
 
 
-def launch(settings: Settings, runner: Runner) -> None:
-    """Start to take jobs from the queue, those first that this worker had when it ended.
+@dataclass(frozen=True)
+class Workflows:
+    """What DBOS is to know of one kind of work.
+
+    Attributes:
+        register: declares workflows and their steps; called once, before any of them runs.
+        queues: names of queues, and their limits as of ``DBOS.register_queue``.
+    """
+
+    register: Callable[[], None]
+    queues: Mapping[str, Mapping[str, Any]]
+
+
+def launch(settings: Settings, *kinds: Workflows) -> None:
+    """Start to take work from the queues, that first which this worker had when it ended.
 
     Args:
         settings: of this worker.
-        runner: the steps.
+        kinds: what it can do.
     """
     config: DBOSConfig = {
         "name": APPLICATION,
@@ -131,6 +145,19 @@ def launch(settings: Settings, runner: Runner) -> None:
     }
     if not settings.database_url.startswith("sqlite"):
         config["db_engine_kwargs"] = {"connect_args": {"application_name": APPLICATION, **LINE}}
+    queues = {name: limits for kind in kinds for name, limits in kind.queues.items()}
+    DBOS(config=config)
+    for kind in kinds:
+        kind.register()
+    DBOS.listen_queues(list(queues))
+    DBOS.launch()
+    for name, limits in queues.items():
+        DBOS.register_queue(name, on_conflict="always_update", **limits)
+
+
+def of_jobs(runner: Runner) -> Workflows:
+    """Jobs of all kinds, and messages of their ends."""
+    settings = runner.settings
     queues: dict[str, dict[str, Any]] = {
         kind.place: {"worker_concurrency": kind.most(settings), "polling_interval_sec": POLL}
         for kind in KINDS.values()
@@ -140,12 +167,7 @@ def launch(settings: Settings, runner: Runner) -> None:
         # One at a time to each receiver of a tenant, wherever it is sent from; DBOS takes receivers in random order.
         more = {"partition_concurrency": 1, "polling_interval_sec": webhooks.LOOK_S}
         queues[MESSAGES] = {"worker_concurrency": webhooks.SENDERS, **more}
-    DBOS(config=config)
-    _register(runner)
-    DBOS.listen_queues(list(queues))
-    DBOS.launch()
-    for name, limits in queues.items():
-        DBOS.register_queue(name, on_conflict="always_update", **limits)
+    return Workflows(lambda: _register(runner), queues)
 
 
 def _register(runner: Runner) -> None:

@@ -1,19 +1,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from service.batch.display import Lines
-from service.batch.local import LocalMaker
-from service.batch.maker import Maker
-from service.batch.photos import find_photos
-from service.batch.report import Report
-from service.batch.run import Batch, Tally
+from service.batch.driver import Tally, Wanted, run
 
 
 @dataclass
@@ -22,8 +16,9 @@ class Folders:
 
     photos: Path
     out: Path
-    maker: Callable[[Path], Maker]
     options: dict[str, Any] = field(default_factory=dict)
+    wanted: dict[str, Any] = field(default_factory=dict)
+    shown: list[tuple[int, int, int]] = field(default_factory=list)
 
     def photo(self, name: str, content: str) -> Path:
         path = self.photos / name
@@ -31,20 +26,17 @@ class Folders:
         path.write_text(content)
         return path
 
-    def run(self, *, resume: bool = False, jobs: int = 2) -> Tally:
-        work = self.out / ".work"
-        photos = find_photos(self.photos, self.out)
-        with Report(self.out, resume=resume) as report:
-            work.mkdir(exist_ok=True)
-            maker = self.maker(work)
-            try:
-                return Batch(photos, self.out, self.options, maker, report, Lines(len(photos))).run(jobs)
-            finally:
-                maker.close()
+    def run(self, **more: Any) -> Tally:
+        standard = {"jobs": 2, "timeout_s": 20, "program": "tests.service.batch.program"}
+        places = {"source": str(self.photos), "out": str(self.out)}
+        asked = Wanted(options=self.options, **places | standard | self.wanted | more)
+        tally = run(asked, lambda made, failed, photos, seconds: self.shown.append((made, failed, photos)))
+        return tally
 
     def lines(self) -> dict[str, dict[str, Any]]:
         content = [json.loads(line) for line in (self.out / "report.jsonl").read_text().splitlines()]
-        assert len({line["path"] for line in content}) == len(content), "one line a photo"
+        names = [line["path"] for line in content]
+        assert names == sorted(set(names)), "one line a photo, in the order of their names"
         return {line["path"]: line for line in content}
 
     def archives(self) -> list[str]:
@@ -54,5 +46,4 @@ class Folders:
 @pytest.fixture
 def folders(tmp_path: Path) -> Folders:
     (tmp_path / "photos").mkdir()
-    maker = lambda work: LocalMaker(work, head=None, timeout_s=20, program="tests.service.batch.program")  # noqa: E731
-    return Folders(tmp_path / "photos", tmp_path / "out", maker)
+    return Folders(tmp_path / "photos", tmp_path / "out")

@@ -9,15 +9,15 @@ import sys
 import time
 from pathlib import Path
 
-from service.batch import child
+from service.batch import photo_process
 from service.errors import CorruptImage, OutputFault
 from service.jobs.process import Program, Reporter, Task, serve_one
 from tests.service.client.fake import archive
 
 
 def load() -> Program:
-    child.make = make
-    return child.run
+    photo_process.make = make
+    return photo_process.run
 
 
 def make(task: Task, reporter: Reporter) -> list[str]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from service.client.retry import Retry
 
-from service.batch.maker import Order, Stopped
-from service.batch.remote import RemoteMaker
+from service.batch.makers import Order, RemoteMaker, Stopped
 from service.client.errors import AccessDenied, ServerUnreachable
 from tests.service.batch.conftest import Folders
 from tests.service.client.fake import Fake, answer, archive, hang_up, problem, serving
@@ -26,13 +26,14 @@ def fake() -> Iterator[Fake]:
 @pytest.fixture(autouse=True)
 def _fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pauses a hundred times shorter than they would be."""
-    pause = RemoteMaker._sleep
-    monkeypatch.setattr(RemoteMaker, "_sleep", lambda self, seconds: pause(self, seconds / 100))
+    clock = SimpleNamespace(sleep=lambda seconds: time.sleep(seconds / 100), monotonic=time.monotonic)
+    monkeypatch.setattr("tenacity.nap.time", clock)
+    monkeypatch.setattr("service.client.client.time", clock)
 
 
 @pytest.fixture
 def batch(folders: Folders, fake: Fake) -> Folders:
-    folders.maker = lambda work: RemoteMaker(fake.url, "secret", work, timeout_s=20, keep=False)
+    folders.wanted = {"server": fake.url, "api_key": "secret"}
     return folders
 
 
@@ -56,9 +57,8 @@ def test_a_folder_through_a_server(batch: Folders, fake: Fake) -> None:
 
 
 def test_archives_are_kept_at_the_server_if_wanted(batch: Folders, fake: Fake) -> None:
-    batch.maker = lambda work: RemoteMaker(fake.url, None, work, timeout_s=20, keep=True)
     photos(batch, 2)
-    batch.run()
+    batch.run(keep=True)
     assert len(fake.jobs) == 2
 
 
@@ -147,16 +147,15 @@ def test_a_job_that_was_left_running_is_found_again(batch: Folders, fake: Fake) 
     work.mkdir(parents=True)
     killed = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
     order = Order(photo, "a.jpg", "00" * 32, {}, 1, batch.out / "a.zip")
-    first = killed._submit(order, 0)
+    first = killed.submit(order, 0)
     again = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
-    assert again._submit(order, 0).id == first.id
-    assert again._submit(Order(photo, "a.jpg", "00" * 32, {}, 2, batch.out / "a.zip"), 0).id != first.id
+    assert again.submit(order, 0).id == first.id
+    assert again.submit(Order(photo, "a.jpg", "00" * 32, {}, 2, batch.out / "a.zip"), 0).id != first.id
     killed.close()
     again.close()
 
 
 def test_a_photo_whose_time_is_over_is_cancelled_at_the_server(batch: Folders, fake: Fake) -> None:
-    batch.maker = lambda work: RemoteMaker(fake.url, None, work, timeout_s=0.5, keep=False)
     photos(batch, 1)
     released = threading.Event()
 
@@ -165,7 +164,7 @@ def test_a_photo_whose_time_is_over_is_cancelled_at_the_server(batch: Folders, f
         hang_up(request)
 
     fake.fail("GET", "events", silent)
-    assert batch.run().failed == 1
+    assert batch.run(timeout_s=0.5).failed == 1
     released.set()
     assert batch.lines()["0.jpg"]["error"]["code"] == "wait-timed-out"
     assert len(fake.requests("DELETE")) == 1
@@ -183,7 +182,7 @@ def test_a_wrong_key_ends_the_batch_at_once(batch: Folders, fake: Fake) -> None:
 def test_a_server_that_goes_away_ends_the_batch(batch: Folders, fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     """All photos that are left would fail; the next run goes on where this one stopped."""
     photos(batch, 4)
-    monkeypatch.setattr("service.batch.remote.Retry", lambda **named: Retry(**{**named, "silence_s": 3}))
+    monkeypatch.setattr("service.client.transport.SILENCE_S", 0.1)
     fake.fail("POST", "avatars", lambda request: request._submit(), *[hang_up] * 1000)
     tally = batch.run(jobs=1)
     assert isinstance(tally.ended_by, ServerUnreachable)
@@ -206,12 +205,9 @@ def test_stopping_leaves_the_job_to_the_next_run(batch: Folders, fake: Fake, tmp
     maker = RemoteMaker(fake.url, None, work, timeout_s=20, keep=False)
     photo = batch.photo("a.jpg", "photo")
 
-    def progress(stage: str, share: float) -> None:
-        if stage == "fit":
-            maker.stop()
-
     with pytest.raises(Stopped):
-        maker.make(Order(photo, "a.jpg", "00" * 32, {}, 1, tmp_path / "a.zip"), progress)
+        order = Order(photo, "a.jpg", "00" * 32, {}, 1, tmp_path / "a.zip")
+        maker.make(order, lambda: bool(fake.requests("GET", "events")))
     maker.close()
     assert len(fake.jobs) == 1
     assert not fake.requests("DELETE")
@@ -226,7 +222,7 @@ def test_half_an_archive_is_gone_on_from_by_the_next_run(batch: Folders, fake: F
         answer(401, problem(401, "unauthorised"))(request)
 
     fake.fail("GET", "archive", lambda request: request._archive(), wrong_key)
-    work = batch.out / ".work"
+    work = batch.out / ".batch" / "downloads"
     assert batch.run().left == 1
     assert [path.stat().st_size for path in work.iterdir()] == [3000]
     assert batch.run(resume=True).made == 1

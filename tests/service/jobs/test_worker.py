@@ -40,7 +40,7 @@ class Watched:
         if self.worker._fault is None:
             self.worker._launch()
 
-    def _launch(self, settings: Settings, runner: object) -> None:
+    def _launch(self, settings: Settings, *kinds: object) -> None:
         self.launched += 1
 
     def _exit(self, status: int) -> None:
@@ -53,7 +53,7 @@ def watched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Watched
     yield made
     made.worker.runner.stop()
     made.worker._janitor._queue.client.destroy()
-    made.worker._engine.dispose()
+    made.worker.engine.dispose()
 
 
 def test_a_worker_begins_to_work_when_its_data_files_are_whole_again(watched: Watched) -> None:

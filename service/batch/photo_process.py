@@ -28,7 +28,8 @@ def run(task: Task, reporter: Reporter) -> None:
     from service.errors import AvatarError
 
     with (Path(task.scratch) / LOG).open("wb") as log:
-        os.dup2(log.fileno(), sys.stderr.fileno())
+        for stream in (sys.stderr, sys.stdout):
+            os.dup2(log.fileno(), stream.fileno())
     try:
         reporter.done({"warnings": make(task, reporter)})
     except AvatarError as error:

@@ -1,0 +1,251 @@
+"""A batch from its start to its report: what is to be made, who makes it, how far it is.
+
+``place --plan--> shards --queue of DBOS--> workers, here or on other machines --> reports of shards --merge--> report``
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import secrets
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from dbos import DBOS
+
+from service.batch.display import Display
+from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
+from service.batch.places import Folder, Place, place, writable
+from service.batch.plan import SETTLED_S, STATE, SUFFIXES, Line, Plan
+from service.batch.shards import Rounds, Shards, lasting
+from service.errors import AvatarError, UsageError
+from service.jobs.database import connect
+from service.jobs.queue import Queue
+from service.jobs.settings import Settings
+from service.jobs.workflow import launch
+
+POLL_S = 1.0
+"""Seconds between two looks at how far a round is."""
+
+WATCH_S = 10.0
+"""Seconds between two looks for new photos."""
+
+LAST_WORDS_S = 3
+"""How long an interrupted run waits for its threads; one that reads from a server may take longer, and is left."""
+
+SHOWN = 20
+"""Photos that failed that are listed; the report has all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """A batch as it is asked for.
+
+    Attributes:
+        source: folder or URL of the photos.
+        out: folder or URL for archives and report.
+        options: of ``make``, JSON values; ``head`` names another head model file.
+        resume: go on with what is there.
+        watch: look for new photos until somebody ends it.
+        shard: (K, N): only the K-th of N parts, without a common report; None for all.
+        database: of workers on other machines; "" to compute here, or at ``server``.
+        server: address, with ``api_key`` and ``keep`` as of :class:`RemoteMaker`; None for none.
+        jobs: photos at the same time, where they are not computed by workers elsewhere.
+        timeout_s: longest time of one photo there.
+        program: module that makes a photo here; tests put a small one in place of the pipeline.
+    """
+
+    source: str
+    out: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    resume: bool = False
+    watch: bool = False
+    shard: tuple[int, int] | None = None
+    database: str = ""
+    server: str | None = None
+    api_key: str | None = None
+    keep: bool = False
+    jobs: int = 1
+    timeout_s: float = 1800.0
+    program: str = Settings.batch_program
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How a batch went: numbers of photos, those that failed (the first of them), and what ended it early."""
+
+    made: int = 0
+    failed: int = 0
+    skipped: int = 0
+    left: int = 0
+    failures: tuple[Line, ...] = ()
+    ended_by: AvatarError | None = None
+
+
+def run(wanted: Wanted, display: Display) -> Tally:
+    """Make a batch.
+
+    Args:
+        wanted: what is asked for.
+        display: shown how far it is.
+
+    Raises:
+        UsageError: the places or their combination cannot be right.
+        OutputFault: the report cannot be written.
+        ServerUnreachable, AccessDenied: there is no way to the server.
+        KeyboardInterrupt: Ctrl-C; what was finished is in the report, what was not has left nothing behind.
+    """
+    source, out = place(wanted.source), place(wanted.out)
+    if isinstance(source, Folder) and not source.path.is_dir():
+        raise UsageError(f"there is no folder {wanted.source}; name one with photos in it", field="folder")
+    with writable(out), _work(out, alone=wanted.shard is None) as work:
+        plan = Plan(work, source, out)
+        photos = plan.look(own=wanted.shard, settled=_settled(wanted))
+        if not photos and not wanted.watch and wanted.shard is None:
+            raise UsageError(f"there is no photo in {wanted.source}; they end with {', '.join(sorted(SUFFIXES))}")
+        if not wanted.resume and wanted.shard is None:
+            plan.refuse()
+        plan.ask(wanted.options)
+        engine = Engine(wanted, work)
+        try:
+            return _rounds(wanted, plan, engine, photos, display)
+        finally:
+            engine.close()
+            if wanted.shard is None:
+                plan.merge(work)
+
+
+def _rounds(wanted: Wanted, plan: Plan, engine: Engine, photos: int, display: Display) -> Tally:
+    """One round, or one after the other where the place of the photos is watched."""
+    skipped: int | None = None
+    while True:
+        name = f"{time.time_ns() // 1_000_000:013d}-{secrets.token_hex(4)}"
+        counts = plan.write_shards(name)
+        skipped = photos - sum(counts) if skipped is None else skipped
+        if counts:
+            engine.make(name, plan.out, counts, display)
+        plan.gather()
+        if not wanted.watch or engine.ended_by is not None:
+            made, failed, left = plan.outcome()
+            return Tally(made - skipped, failed, skipped, left, tuple(plan.failures(SHOWN)), engine.ended_by)
+        plan.merge(engine.work)
+        time.sleep(WATCH_S)
+        plan.look(settled=_settled(wanted))
+
+
+def _settled(wanted: Wanted) -> float | None:
+    return time.time() - SETTLED_S if wanted.watch else None
+
+
+class Engine:
+    """Has rounds of shards computed: here, on a queue in a database of its own, or by workers elsewhere.
+
+    Args:
+        wanted: what is asked for.
+        work: folder for files on their way.
+    """
+
+    def __init__(self, wanted: Wanted, work: Path) -> None:
+        self.work = work
+        self.ended_by: AvatarError | None = None
+        self._stopping = threading.Event()
+        settings = Settings(
+            data=work, database=wanted.database, worker="batch", program=wanted.program,
+            job_seconds=wanted.timeout_s, niceness=0,
+        )  # fmt: skip
+        self._maker: Maker | None = None
+        if wanted.server is not None:
+            # Half a download stays for the next run, where the archives go to a disk.
+            kept = work.parent / "downloads" if work.parent.name == STATE else work
+            kept.mkdir(exist_ok=True)
+            keep, seconds = wanted.keep, wanted.timeout_s
+            self._maker = RemoteMaker(wanted.server, wanted.api_key, kept, timeout_s=seconds, keep=keep)
+        elif not wanted.database:
+            self._maker = LocalMaker(settings)
+        self._database = connect(settings.database_url)
+        self._queue = Queue(self._database, migrate=True)
+        self._rounds = Rounds(self._database)
+        self._shards = None
+        if self._maker is not None:
+            photos = work / "photos"
+            self._shards = Shards(self._rounds, self._maker, photos, self._stopping, self._give_up, recorded=True)
+            launch(settings, self._shards.workflows(wanted.jobs, poll_s=POLL_S / 10))
+
+    def make(self, name: str, out: Place, counts: list[int], display: Display) -> None:
+        """Have a round computed, and wait for its end."""
+        begin, photos = time.monotonic(), sum(counts)
+        try:
+            lasting(lambda: self._rounds.put(self._queue, name, out.address, counts))
+            while True:
+                done, failed, unfinished = lasting(lambda: self._rounds.tally(name))
+                display(done, failed, photos, time.monotonic() - begin)
+                if not unfinished:
+                    lasting(lambda: self._rounds.forget(self._queue, name, len(counts)))
+                if not unfinished or self.ended_by is not None:
+                    return
+                self._stopping.wait(min(POLL_S, POLL_S / 10 + 0.1 * (time.monotonic() - begin)))
+        except Hopeless as end:
+            self._give_up(end.error)
+        except KeyboardInterrupt:
+            self._stopping.set()
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                self._rounds.call_off(name)
+            raise
+
+    def close(self) -> None:
+        """End what computes here, and let go of the database."""
+        self._stopping.set()
+        if self._shards is not None:
+            deadline = time.monotonic() + LAST_WORDS_S
+            while self._shards.running and time.monotonic() < deadline:
+                time.sleep(POLL_S / 10)
+            DBOS.destroy(destroy_registry=True)
+        if self._maker is not None:
+            self._maker.close()
+        self._queue.client.destroy()
+        self._database.dispose()
+
+    def _give_up(self, error: AvatarError) -> None:
+        self.ended_by = self.ended_by or error
+        self._stopping.set()
+
+
+@contextlib.contextmanager
+def _work(out: Place, *, alone: bool) -> Iterator[Path]:
+    """A folder for files on their way: on the disk of the archives, where that is one.
+
+    Args:
+        out: where the archives go.
+        alone: refuse to share a folder with another batch.
+
+    Raises:
+        UsageError: another batch writes there.
+    """
+    if not isinstance(out, Folder):
+        with tempfile.TemporaryDirectory(prefix="avatarme-batch-") as folder:
+            yield Path(folder)
+        return
+    state = out.path / STATE
+    state.mkdir(parents=True, exist_ok=True)
+    lock = os.open(state / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    try:
+        if alone:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for left in state.glob("work*"):  # of a run that was killed
+                shutil.rmtree(left, ignore_errors=True)
+        with tempfile.TemporaryDirectory(prefix="work", dir=state, ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+    except BlockingIOError as error:
+        raise UsageError(
+            f"another batch writes to {out.address}; wait for it or name another folder", field="out"
+        ) from error
+    finally:
+        os.close(lock)

@@ -1,0 +1,245 @@
+"""What makes an archive of one photo: a process on this machine, or a server."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from service.batch.photo_process import LOG
+from service.client.client import Client, Job, canonical, idempotency_key
+from service.client.download import check_archive
+from service.client.errors import (
+    AccessDenied,
+    ClientError,
+    JobCancelled,
+    JobExpired,
+    JobFailed,
+    NoSuchJob,
+    ServerUnreachable,
+    WaitTimedOut,
+    error_code,
+)
+from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, OutputFault
+from service.jobs.process import Ending, JobProcess, Task
+from service.jobs.settings import Settings
+
+_OF_PROBLEMS = ("type", "title", "status", "detail")
+"""Members of a problem object that a report does not repeat."""
+
+TAIL = 2000
+"""Bytes of the last words of a process that crashed, in the report."""
+
+JOBS = 3
+"""Jobs that one photo may use up at a server where they are cancelled or lost under our hands."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """One photo to be made.
+
+    Attributes:
+        photo: the file.
+        name: its name in the report.
+        sha256: its hex digest.
+        options: what was asked for, JSON values; what is not named has its default.
+        attempt: counts from 1.
+        target: where the archive goes; the folder is there.
+    """
+
+    photo: Path
+    name: str
+    sha256: str
+    options: Mapping[str, Any]
+    attempt: int
+    target: Path
+
+
+class Stopped(Exception):
+    """The run is to end."""
+
+
+class Hopeless(Exception):
+    """Nothing can be made any more, whatever the photo; ``error`` says why."""
+
+    def __init__(self, error: AvatarError) -> None:
+        super().__init__(error.message)
+        self.error = error
+
+
+class Maker(Protocol):
+    """Makes archives; threads share it."""
+
+    def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
+        """Write a whole, checked archive to ``order.target``, or nothing. Returns the warnings.
+
+        Args:
+            order: the photo.
+            stop: asked now and then; True ends it.
+
+        Raises:
+            AvatarError: why there is none.
+            Stopped: it was to end.
+            Hopeless: no photo will get through, this one or another.
+        """
+        ...
+
+    def close(self) -> None:
+        """Called once, after the last ``make``."""
+        ...
+
+
+class LocalMaker:
+    """Makes each photo in a process of its own, which ends with it.
+
+    So memory stays flat over any number of photos, a crash in native code costs one photo, and a photo that never ends
+    can be stopped.
+
+    Args:
+        settings: of the processes: longest time, memory, niceness, and the module that makes a photo.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+
+    def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
+        """See ``Maker.make``."""
+        scratch = order.target.parent
+        options = dict(order.options)
+        task = Task(
+            job=order.sha256, photo=str(order.photo.absolute()), photo_sha256=order.sha256, options=options,
+            artifacts="", output=str(order.target.absolute()), scratch=str(scratch.absolute()),
+        )  # fmt: skip
+        started = threading.Event()
+        process = JobProcess(self._settings)
+        ending = process.run(task, lambda message: started.set() if "ready" in message else None, stop)
+        if ending.kind == "stopped":
+            raise Stopped
+        if ending.kind == "crash" and not started.is_set():
+            raise Hopeless(Crashed("the process that makes a photo cannot start; 'avatarme doctor' may say why"))
+        if ending.kind != "done":
+            raise self._fault(ending, scratch)
+        check_archive(order.target)
+        return [str(code) for code in ending.facts.get("warnings", [])]
+
+    def close(self) -> None:
+        """See ``Maker.close``."""
+
+    def _fault(self, ending: Ending, scratch: Path) -> Exception:
+        limits = self._settings
+        if ending.kind == "problem":
+            fault = Reported(ending.facts)
+            return Hopeless(OutputFault(fault.message)) if fault.reported_code == OutputFault.code else fault
+        if ending.kind == "time":
+            return OutOfTime(f"not done after {limits.job_seconds:g} s; --timeout allows more")
+        if ending.kind == "memory":
+            return OutOfMemory(f"it needs more than {limits.memory_mb} MiB of memory, or than this machine has")
+        how = f"exit status {ending.status}"
+        if ending.status < 0:
+            with contextlib.suppress(ValueError):
+                how = signal.Signals(-ending.status).name
+        return Crashed(f"the process that made it ended with {how}", log=_tail(scratch / LOG))
+
+
+class Reported(AvatarError):
+    """A fault that the process named; ``reported_code`` is the code of its class over there."""
+
+    code = "reported"
+
+    def __init__(self, facts: Mapping[str, Any]) -> None:
+        extra = {name: value for name, value in facts.items() if name not in ("code", "message", *_OF_PROBLEMS)}
+        super().__init__(str(facts.get("message") or facts.get("detail", "the process failed without words")), **extra)
+        self.reported_code = str(facts.get("code", "internal"))
+
+
+def facts_of(error: AvatarError) -> dict[str, Any]:
+    """What a report says of a fault: the same code wherever the photo was made."""
+    code = error.reported_code if isinstance(error, Reported) else error_code(error)
+    return {**error.extra, "code": code, "message": error.message}
+
+
+def _tail(log: Path) -> str:
+    with contextlib.suppress(OSError), log.open("rb") as stream:
+        stream.seek(max(0, log.stat().st_size - TAIL))
+        return stream.read().decode("utf-8", "replace")
+    return ""
+
+
+class RemoteMaker:
+    """Hands photos to a server, waits, downloads, and erases what it downloaded.
+
+    What was stopped in the middle is found again by the next run: the same photo, options and attempt are the same
+    job, and a part of an archive is gone on from.
+
+    Args:
+        server: address.
+        api_key: None where the server wants none.
+        work: folder for archives on their way.
+        timeout_s: longest time of one photo, waiting in the queue included.
+        keep: leave the archives on the server until they expire.
+    """
+
+    def __init__(self, server: str, api_key: str | None, work: Path, *, timeout_s: float, keep: bool) -> None:
+        self._work = work
+        self._timeout_s = timeout_s
+        self._keep = keep
+        with Client(server, api_key=api_key, attempts=4) as first:
+            first.ready()
+        # A full queue is no fault of a photo: as long as its time is not over, it waits for a place.
+        self._client = Client(server, api_key=api_key, attempts=10_000, patience_s=timeout_s)
+
+    def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
+        """See ``Maker.make``."""
+        end = time.monotonic() + self._timeout_s
+        for again in range(JOBS):
+            job = None
+            try:
+                job = self.submit(order, again)
+                return self._collected(job, order, again, stop, end)
+            except (ServerUnreachable, AccessDenied) as error:
+                raise Hopeless(error) from error
+            except (JobCancelled, JobExpired, JobFailed, NoSuchJob) as error:
+                # One that failed before our eyes failed; one that lay there failed was left by another run.
+                ours = isinstance(error, JobFailed) and (job is None or not job.ended)
+                if ours or again == JOBS - 1:
+                    raise
+        raise AssertionError
+
+    def close(self) -> None:
+        """See ``Maker.close``."""
+        self._client.close()
+
+    def submit(self, order: Order, again: int) -> Job:
+        """Hand a photo in; the same order is the same job."""
+        return self._client.submit(order.photo, order.options, key=_key(order, again))
+
+    def _collected(self, job: Job, order: Order, again: int, stop: Callable[[], bool], end: float) -> list[str]:
+        def told(*_: Any) -> None:
+            if stop():
+                raise Stopped
+
+        try:
+            done = self._client.wait(job.id, timeout_s=max(end - time.monotonic(), 1.0), progress=told)
+        except WaitTimedOut:
+            self._erase(job)
+            raise
+        part = self._work / f"{_key(order, again)}.zip"
+        self._client.download(job.id, part, progress=told)
+        part.replace(order.target)
+        if not self._keep:
+            self._erase(job)
+        return list(done.warnings)
+
+    def _erase(self, job: Job) -> None:
+        with contextlib.suppress(ClientError):  # it expires anyway
+            self._client.delete(job.id)
+
+
+def _key(order: Order, again: int) -> str:
+    """The name is in it too: photos that are copies of each other must not erase each other's job."""
+    return idempotency_key(order.sha256, canonical(order.options), order.name, order.attempt, again)

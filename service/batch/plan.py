@@ -1,0 +1,277 @@
+"""What is still to be made: the photos of one place against the archives and reports of another.
+
+A photo is finished where its archive is there, is not older than the photo, and was made since these options were asked
+for; as ``make`` does it, no file is hashed for that. Names are compared in a database on the disk, so a plan for a
+hundred thousand photos takes no more memory than one for a thousand.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+
+from service.batch.places import Place, read
+from service.errors import UsageError
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".heic", ".heif"})
+"""Files that count as photos. What they really are, their first bytes decide later."""
+
+STATE = ".batch"
+"""Folder among the archives for what is asked for, manifests and reports of shards."""
+
+ASKED = f"{STATE}/batch.json"
+"""What was asked for; what is older than this file was made with other options."""
+
+MANIFESTS, REPORTS = f"{STATE}/photos", f"{STATE}/reports"
+REPORT = "report.jsonl"
+
+SHARD = 100
+"""Most photos of a shard."""
+
+SHARDS = 32
+"""Shards at least, where there are photos enough: so that several machines have work, and all until the end."""
+
+SETTLED_S = 5.0
+"""Age that a new photo has to have when a folder is watched: it may still be on its way into it."""
+
+Line = dict[str, Any]
+"""What became of one photo; :func:`service.batch.shards.report_line` has the members."""
+
+
+class Plan:
+    """The plan of one batch.
+
+    Args:
+        folder: for the database; on this machine.
+        source: the photos.
+        out: the archives.
+    """
+
+    def __init__(self, folder: Path, source: Place, out: Place) -> None:
+        self.source = source
+        self.out = out
+        self._tables = sqlite3.connect(folder / "plan.sqlite", isolation_level=None)
+        self._tables.executescript(
+            """
+            pragma journal_mode = off; pragma synchronous = off;
+            create table photos (name blob primary key, archive blob, fold blob, modified real) without rowid;
+            create table archives (name blob primary key, modified real) without rowid;
+            create table lines (name blob primary key, rank blob, made integer, attempt integer, text blob)
+                without rowid;
+            create table tried (name blob primary key, modified real) without rowid;
+            create index folds on photos (fold);
+            """
+        )
+
+    def refuse(self) -> None:
+        """Refuse to begin where there was a batch before, or an archive's name is taken.
+
+        Raises:
+            UsageError: says what is there.
+        """
+        if any(self.out.modified(name) is not None for name in (ASKED, REPORT)):
+            raise UsageError(
+                f"{self.out.address} has the report of an earlier run; --resume goes on with it", field="resume"
+            )
+        taken = "select p.archive from photos p join archives a on a.name = p.archive limit 1"
+        for (name,) in self._tables.execute(taken):
+            raise UsageError(
+                f"{self.out.address} has a {os.fsdecode(name)} already; name another place, or --resume to replace it",
+                field="out",
+            )
+
+    def ask(self, options: Mapping[str, Any]) -> None:
+        """Write down what is asked for; with the same options as before, what was made before counts."""
+        content = json.dumps({"source": self.source.address, "options": options}, sort_keys=True).encode()
+        if read(self.out, ASKED) != content:
+            self.out.write(ASKED, content)
+        self._since = self.out.modified(ASKED) or 0.0
+
+    def look(self, *, own: tuple[int, int] | None = None, settled: float | None = None) -> int:
+        """List photos, archives and reports anew; returns the number of photos.
+
+        Args:
+            own: (K, N): only every N-th photo, by its name, the K-th part of them; None for all.
+            settled: take only photos that were written before this time, seconds since 1970.
+        """
+        run = self._tables.execute
+        run("begin")
+        for table in ("photos", "archives"):
+            run(f"delete from {table}")  # noqa: S608 - our own names
+        found = ((*_names(e.name), e.modified) for e in self.source.entries(SUFFIXES, self.out))
+        self._tables.executemany("insert into photos values (?, ?, ?, ?)", found)
+        self._tell_apart()
+        if own is not None:
+            self._tables.create_function("part", 1, lambda name: part_of(name, own[1]), deterministic=True)
+            run("delete from photos where part(name) != ?", (own[0],))
+        if settled is not None:
+            run("delete from photos where modified > ?", (settled,))
+        there = ((os.fsencode(entry.name), entry.modified) for entry in self.out.entries({".zip"}))
+        self._tables.executemany("insert into archives values (?, ?)", there)
+        self.gather()
+        run("commit")
+        return int(run("select count(*) from photos").fetchone()[0])
+
+    def todo(self) -> Iterator[Line]:
+        """Photos that are to be made, by their names: ``path``, ``archive``, ``modified``, ``attempt``.
+
+        Those that failed in a round of this plan before are not, unless they have changed since.
+        """
+        rows = self._tables.execute(
+            """
+            select p.name, p.archive, p.modified, coalesce(l.attempt + (l.made = 0), 1) from photos p
+            left join archives a on a.name = p.archive
+            left join lines l on l.name = p.name
+            left join tried t on t.name = p.name
+            where (a.modified is null or a.modified < max(p.modified, ?) or coalesce(l.made, 0) = 0)
+            and (t.modified is null or t.modified != p.modified) order by p.name
+            """,
+            (self._since,),
+        )
+        for name, archive, modified, attempt in rows:
+            yield {
+                "path": os.fsdecode(name), "archive": os.fsdecode(archive), "modified": modified, "attempt": attempt,
+            }  # fmt: skip
+
+    def write_shards(self, round_name: str) -> list[int]:
+        """Write the manifest of a round: one file for each shard; returns how many photos each has.
+
+        Args:
+            round_name: of the round; a later one comes after an earlier one in the order of letters.
+        """
+        size = min(SHARD, max(1, -(-sum(1 for _ in self.todo()) // SHARDS)))
+        counts: list[int] = []
+        photos = self.todo()
+        while shard := list(itertools.islice(photos, size)):
+            self.out.write(manifest_name(round_name, len(counts)), b"".join(map(text_of, shard)))
+            counts.append(len(shard))
+        self._tables.execute("insert or replace into tried select name, modified from photos")
+        return counts
+
+    def gather(self) -> list[str]:
+        """Read all reports, the last line of a photo counts; returns the names of the reports of shards."""
+        shards = sorted(name for name in self.out.names(REPORTS) if name.endswith(".jsonl"))
+        for name in (REPORT, *shards):
+            rank = b"" if name == REPORT else name.encode()
+            rows = (
+                (os.fsencode(line["path"]), rank, line.get("outcome") == "succeeded", int(line.get("attempt", 1)), text)
+                for line, text in _lines(self.out, name)
+            )
+            self._tables.executemany(
+                "insert into lines values (?, ?, ?, ?, ?) on conflict do update set rank = excluded.rank, "
+                "made = excluded.made, attempt = excluded.attempt, text = excluded.text "
+                "where excluded.rank >= lines.rank",
+                rows,
+            )
+        return shards
+
+    def merge(self, folder: Path) -> None:
+        """Write ``report.jsonl`` anew, by the names of the photos; the reports of shards that are in it go.
+
+        Args:
+            folder: on the file system of the archives, where that is a disk.
+        """
+        self._tables.execute("begin")
+        shards = self.gather()
+        self._tables.execute("commit")
+        part = folder / "report"
+        with part.open("wb") as stream:
+            stream.writelines(text for (text,) in self._tables.execute("select text from lines order by name"))
+        self.out.put(part, REPORT)
+        for name in shards:
+            self.out.delete(name)
+            self.out.delete(name.replace(REPORTS, MANIFESTS, 1))
+
+    def failures(self, limit: int) -> Iterator[Line]:
+        """Lines of the first photos that failed."""
+        rows = self._tables.execute(
+            "select l.text from photos p join lines l on l.name = p.name where l.made = 0 order by p.name limit ?",
+            (limit,),
+        )
+        return (json.loads(text) for (text,) in rows)
+
+    def outcome(self) -> tuple[int, int, int]:
+        """Numbers of photos that have an archive, that failed, and of which nothing is known."""
+        row = self._tables.execute(
+            "select coalesce(sum(l.made), 0), coalesce(sum(l.made = 0), 0), count(*) from photos p "
+            "left join lines l on l.name = p.name"
+        ).fetchone()
+        return int(row[0]), int(row[1]), int(row[2] - row[0] - row[1])
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._tables.close()
+
+    def _tell_apart(self) -> None:
+        """Give photos that differ in the suffix only their whole name and ``.zip``, until all archives differ."""
+        many = "select fold from photos group by fold having count(*) > 1"
+        crowded = f"fold in ({many}) and archive != cast(name || x'2e7a6970' as blob)"
+        while self._tables.execute(f"select 1 from photos where {crowded} limit 1").fetchone():  # noqa: S608
+            rows = self._tables.execute(f"select name from photos where {crowded}").fetchall()  # noqa: S608
+            longer = ((name + b".zip", _fold(os.fsdecode(name) + ".zip"), name) for (name,) in rows)
+            self._tables.executemany("update photos set archive = ?, fold = ? where name = ?", longer)
+
+
+def part_of(name: bytes, count: int) -> int:
+    """Which of ``count`` parts a photo belongs to, from 1: by its name, so that all machines agree without a word."""
+    return int.from_bytes(hashlib.sha256(name).digest()[:8], "big") % count + 1
+
+
+def manifest_name(round_name: str, number: int) -> str:
+    """Where the photos of a shard are listed."""
+    return f"{MANIFESTS}/{round_name}-{number:06d}.jsonl"
+
+
+def report_name(round_name: str, number: int) -> str:
+    """Where a shard is reported."""
+    return f"{REPORTS}/{round_name}-{number:06d}.jsonl"
+
+
+def text_of(line: Line) -> bytes:
+    """One line of a report or manifest; ASCII, as a file name need not be text."""
+    return json.dumps(line).encode() + b"\n"
+
+
+def read_lines(where: Place, name: str) -> Iterator[Line]:
+    """The lines of a report or manifest; what is none (the end of one that was cut off) is left out."""
+    return (line for line, _ in _lines(where, name))
+
+
+def _lines(where: Place, name: str) -> Iterator[tuple[Line, bytes]]:
+    try:
+        stream = where.open(name)
+    except FileNotFoundError:
+        return
+    with stream:
+        for text in _split(stream):
+            try:
+                line = json.loads(text)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(line, dict) and isinstance(line.get("path"), str):
+                yield line, text + b"\n"
+
+
+def _split(stream: IO[bytes]) -> Iterator[bytes]:
+    """Lines of a stream; of a remote one too, which may have no buffer to read lines from."""
+    rest = b""
+    while block := stream.read(1 << 20):
+        *whole, rest = (rest + block).split(b"\n")
+        yield from whole
+    yield rest
+
+
+def _names(name: str) -> tuple[bytes, bytes, bytes]:
+    archive = str(PurePosixPath(name).with_suffix(".zip"))
+    return os.fsencode(name), os.fsencode(archive), _fold(archive)
+
+
+def _fold(archive: str) -> bytes:
+    """Names that are one file for a file system without case have one fold."""
+    return os.fsencode(archive.casefold())

@@ -1,0 +1,25 @@
+"""The process of a worker that makes shards of batches beside jobs: ``python -m service.batch.worker``."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+
+from service.batch.makers import LocalMaker
+from service.batch.shards import Rounds, Shards
+from service.jobs.worker import Worker, main
+from service.jobs.workflow import Workflows
+
+
+def batches(worker: Worker) -> Sequence[Workflows]:
+    """What a worker does besides jobs."""
+    settings, runner = worker.settings, worker.runner
+    maker = LocalMaker(dataclasses.replace(settings, program=settings.batch_program))
+    rounds, scratch = Rounds(worker.engine), runner.scratch / "batches"
+    shards = Shards(rounds, maker, scratch, runner.stopping, lambda error: worker.quit(error.message), recorded=False)
+    return [shards.workflows(settings.batches)]
+
+
+if __name__ == "__main__":
+    sys.exit(main(batches))
