@@ -165,7 +165,7 @@ def batch(
         ),
     ] = None,
     database: Annotated[
-        str, typer.Option(metavar="URL", help="Postgres whose workers (avatarme worker --batches N) make them.")
+        str, typer.Option(metavar="URL", help="Postgres of workers on other machines that make them.")
     ] = "",
     jobs: Annotated[
         int | None, typer.Option(help="Photos at the same time. [default: 4, here one for two processors]")

@@ -27,8 +27,8 @@ class Folders:
         return path
 
     def run(self, **more: Any) -> Tally:
-        standard = {"jobs": 2, "timeout_s": 20, "program": "tests.service.batch.program"}
-        places = {"source": str(self.photos), "out": str(self.out)}
+        standard: dict[str, Any] = {"jobs": 2, "timeout_s": 20, "program": "tests.service.batch.program"}
+        places: dict[str, Any] = {"source": str(self.photos), "out": str(self.out)}
         asked = Wanted(options=self.options, **places | standard | self.wanted | more)
         tally = run(asked, lambda made, failed, photos, seconds: self.shown.append((made, failed, photos)))
         return tally

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from service import diagnosis
-from service.batch.display import display, printable
-from service.batch.report import Line
+from service.batch.display import display, duration, printable, progress_words
 from service.cli.app import app
 from service.client.download import check_archive
 from tests.service.client.fake import Fake, answer, archive, problem, serving
@@ -21,6 +21,12 @@ ROOT = Path(__file__).parents[3]
 def fake() -> Iterator[Fake]:
     with serving(Fake(archive=archive())) as running:
         yield running
+
+
+@pytest.fixture(autouse=True)
+def _no_handler_of_an_earlier_test() -> None:
+    """DBOS writes to the standard error of its start, which is closed when the next test begins."""
+    logging.getLogger("dbos").handlers.clear()
 
 
 @pytest.fixture
@@ -55,7 +61,8 @@ def test_the_address_may_come_from_the_environment(
     capsys: pytest.CaptureFixture[str], fake: Fake, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AVATARME_SERVER", fake.url)
-    assert run(capsys, folder, tmp_path / "out")[0] == 0
+    status, _, err = run(capsys, folder, tmp_path / "out")
+    assert status == 0, err
     assert len(fake.requests("POST")) == 1
 
 
@@ -65,7 +72,7 @@ def test_the_exit_status_says_whether_any_failed(
     fake.fail("POST", "avatars", answer(422, problem(422, "no-face", "there is no face")))
     status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json")
     assert status == 1
-    assert "[1/1] a.jpg: no-face: there is no face" in err
+    assert "a.jpg: no-face: there is no face" in err
     facts = json.loads(out)
     assert (facts["made"], facts["failed"], facts["left"]) == (0, 1, 0)
     status, out, err = run(capsys, folder, tmp_path / "out", "--server", fake.url, "--json", "--resume")
@@ -94,6 +101,11 @@ def test_a_server_that_refuses_the_key_is_named(
         ["photos", "out", "--maps", "albedo"],
         ["photos", "out", "--seed", "-1"],
         ["photos", "out", "--keep"],
+        ["photos", "out", "--shard", "3/2"],
+        ["photos", "out", "--shard", "all"],
+        ["photos", "out", "--shard", "1/2", "--watch"],
+        ["photos", "out", "--database", "postgresql://127.0.0.1:9/x", "--jobs", "2"],
+        ["photos", "out", "--database", "postgresql://127.0.0.1:9/x", "--server", "http://127.0.0.1:9"],
         ["photos", "out", "--head", "no-such-head.npz"],
         ["photos", "out", "--server", "ftp://example.org"],
         ["photos", "out", "--server", "http://127.0.0.1:9", "--head", "photos/a.jpg"],
@@ -139,15 +151,11 @@ def test_one_good_and_one_broken_photo_on_this_machine(capsys: pytest.CaptureFix
     lines = {line["path"]: line for line in map(json.loads, (out / "report.jsonl").read_text().splitlines())}
     assert lines["broken.png"]["error"]["code"] == "corrupt-image"
     assert lines["good.png"]["options"] == {"size": [96, 64], "fit": "landmarks", "maps": ["texture"]}
-    assert sorted(path.name for path in out.iterdir()) == [".batch.lock", "good.zip", "report.jsonl"]
-
-
-def failed(message: str) -> Line:
-    return Line(path="a[b].jpg", sha256="", options={}, outcome="failed", error={"code": "x", "message": message})
+    assert sorted(path.name for path in out.iterdir()) == [".batch", "good.zip", "report.jsonl"]
 
 
 @pytest.mark.parametrize("no_color", [None, "1"])
-def test_bars_on_a_terminal(
+def test_a_bar_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], no_color: str | None
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
@@ -155,17 +163,19 @@ def test_bars_on_a_terminal(
     monkeypatch.delenv("NO_COLOR", raising=False)
     if no_color:
         monkeypatch.setenv("NO_COLOR", no_color)
-    with display(2) as shown:
-        shown.begin("a[b].jpg")
-        shown.progress("a[b].jpg", "fit", 0.5)
-        shown.end("a[b].jpg", failed("was [red]cut[/red] off"))
-        shown.begin("[/x].png")
-        shown.progress("[/x].png", "tex[ture", 7)
-        shown.end("[/x].png", None)
+    with display() as shown:
+        shown(0, 0, 2, 0.0)
+        shown(1, 1, 2, 60.0)
     out, err = capsys.readouterr()
     assert out == ""
-    assert "a[b].jpg: x: was [red]cut[/red] off" in err, "names are no markup"
+    assert "2 of 2 photos, 2.0 a minute, 1 failed" in err
     assert ("\x1b[3" in err) == (no_color is None)
+
+
+def test_how_far_it_is_in_words() -> None:
+    assert progress_words(0, 0, 50, 3.0) == "0 of 50 photos"
+    assert progress_words(100, 20, 2000, 240.0) == "120 of 2000 photos, 30.0 a minute, 63 min left, 20 failed"
+    assert [duration(seconds) for seconds in (7, 300, 9000, 2e6)] == ["7 s", "5 min", "2.5 h", "23.1 days"]
 
 
 def test_names_and_messages_cannot_drive_the_terminal() -> None:
