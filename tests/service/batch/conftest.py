@@ -27,7 +27,7 @@ class Folders:
         return path
 
     def run(self, **more: Any) -> Tally:
-        standard: dict[str, Any] = {"jobs": 2, "timeout_s": 20, "program": "tests.service.batch.program"}
+        standard: dict[str, Any] = {"jobs": 2, "timeout_s": 20, "program": "tests.support.toy_photo"}
         places: dict[str, Any] = {"source": str(self.photos), "out": str(self.out)}
         asked = Wanted(options=self.options, **places | standard | self.wanted | more)
         tally = run(asked, lambda made, failed, photos, seconds: self.shown.append((made, failed, photos)))

@@ -185,7 +185,7 @@ import sys, dataclasses
 from service.cli import batch
 from service.cli.app import main
 wanted = batch.Wanted
-batch.Wanted = lambda **named: wanted(**named, program="tests.service.batch.program")
+batch.Wanted = lambda **named: wanted(**named, program="tests.support.toy_photo")
 sys.argv = ["avatarme", "batch", *sys.argv[1:]]
 main()
 """
@@ -303,7 +303,7 @@ def test_a_frozen_worker_that_comes_back_takes_nothing_away(folders: Folders, tm
     plan.look()
     plan.ask({})
     plan.write_shards("r")
-    settings = Settings(data=tmp_path / "data", program="tests.service.batch.program")
+    settings = Settings(data=tmp_path / "data", program="tests.support.toy_photo")
     settings.data.mkdir()
     engine = connect(settings.database_url)
     queue, rounds = Queue(engine, migrate=True), Rounds(engine)

@@ -245,9 +245,8 @@ def archive(files: dict[str, bytes] | None = None, listed: dict[str, bytes] | No
     ]
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as target:
-        target.writestr("manifest.json", json.dumps({"files": entries}))
-        for name, data in files.items():
-            target.writestr(name, data)
+        for name, content in {"manifest.json": json.dumps({"files": entries}).encode(), **files}.items():
+            target.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
     return stream.getvalue()
 
 

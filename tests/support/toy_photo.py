@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from service.batch import photo_process
 from service.errors import CorruptImage, OutputFault
@@ -18,6 +19,11 @@ from tests.service.client.fake import archive
 def load() -> Program:
     photo_process.make = make
     return photo_process.run
+
+
+def toy_archive(photo: bytes, options: dict[str, Any]) -> bytes:
+    """What an undisturbed run makes."""
+    return archive({"photo": photo, "options": json.dumps(options).encode()})
 
 
 def make(task: Task, reporter: Reporter) -> list[str]:
@@ -37,7 +43,7 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     if word == "hang":
         Path(task.photo).with_suffix(".started").write_text(str(os.getpid()))
         time.sleep(60)
-    data = archive({"photo": Path(task.photo).read_bytes(), "options": json.dumps(dict(task.options)).encode()})
+    data = toy_archive(Path(task.photo).read_bytes(), dict(task.options))
     Path(task.output).write_bytes(data[:-50] if word == "short" else data)
     sys.stdout.write("noise of a library\n")
     sys.stdout.flush()
