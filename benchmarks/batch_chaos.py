@@ -128,6 +128,7 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
         output = (folder / "driver").open("wb")
         driver = subprocess.Popen([*command, "--database", postgres.url, *(DRAFT if real else [])], stdout=output)
         workers = Workers(folder, settings, WORKERS)
+        time.sleep(5.0)
         done = _disturb(workers, postgres, kills, pause, driver)
         peak = _wait(driver, workers)
         seconds = time.monotonic() - begin
@@ -150,11 +151,11 @@ def _content(number: int, real: list[Path] | None) -> bytes:
 
 
 def _bucket() -> Any:
-    import s3fs
+    import fsspec
 
     for _ in range(100):
         with contextlib.suppress(Exception):
-            made = s3fs.S3FileSystem(use_listings_cache=False)
+            made = fsspec.filesystem("s3", use_listings_cache=False)
             made.mkdir("bucket")
             return made
         time.sleep(0.2)

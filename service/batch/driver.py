@@ -27,7 +27,7 @@ from service.batch.places import Folder, Place, place, writable
 from service.batch.plan import SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, UsageError
-from service.jobs.database import connect
+from service.jobs.database import connect, create_tables
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.workflow import launch
@@ -171,7 +171,11 @@ class Engine:
         elif not wanted.database:
             self._maker = LocalMaker(settings)
         self._database = connect(settings.database_url)
-        self._queue = Queue(self._database, migrate=True)
+        try:
+            lasting(lambda: create_tables(self._database, settings))
+        except Hopeless as end:
+            raise end.error from end
+        self._queue = Queue(self._database)
         self._rounds = Rounds(self._database)
         self._shards = None
         if self._maker is not None:

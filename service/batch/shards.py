@@ -30,7 +30,7 @@ from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_na
 from service.client.download import file_sha256
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
 from service.jobs.artifacts import StoreFault, sha256_of
-from service.jobs.database import PATIENCE
+from service.jobs.database import PATIENCE, SHARDS
 from service.jobs.queue import Queue
 from service.jobs.workflow import POLL, RECOVERIES, Workflows
 
@@ -47,24 +47,6 @@ LOSSES = 5
 LOOK_S = 2.0
 """Seconds between two looks whether a round goes on."""
 
-TABLES = sa.MetaData()
-
-SHARDS = sa.Table(
-    "avatarme_shards",
-    TABLES,
-    sa.Column("round", sa.String(64), primary_key=True),
-    sa.Column("number", sa.Integer, primary_key=True),
-    sa.Column("photos", sa.Integer, nullable=False),
-    sa.Column("done", sa.Integer, nullable=False, server_default="0"),
-    sa.Column("failed", sa.Integer, nullable=False, server_default="0"),
-    sa.Column("at", sa.Integer, nullable=False, server_default="-1"),
-    sa.Column("losses", sa.Integer, nullable=False, server_default="0"),
-    sa.Column("ended", sa.Boolean, nullable=False, server_default=sa.false()),
-)
-"""How far each shard is: photos that have an archive and that failed, the photo it is at, and how often in a row a
-worker was lost with it. Number -1 is the round itself, which is called off when that has ended.
-"""
-
 
 class Rounds:
     """The shards of all rounds, in the database.
@@ -75,7 +57,6 @@ class Rounds:
 
     def __init__(self, engine: sa.Engine) -> None:
         self._engine = engine
-        TABLES.create_all(engine)
 
     def put(self, queue: Queue, name: str, out: str, counts: Sequence[int]) -> None:
         """Put a round into the queue.
@@ -328,7 +309,7 @@ def lasting(call: Callable[[], T]) -> T:
         try:
             return call()
         except (StoreFault, sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError) as error:
-            log.warning("waiting for database or store: %s", error)
+            log.warning("waiting for database or store: %s", str(error).partition("\n")[0])
             if time.monotonic() > deadline:
                 raise Hopeless(OutputFault(f"database or store cannot be reached: {error}")) from error
         except OSError as error:

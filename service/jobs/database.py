@@ -128,6 +128,22 @@ WORKERS = sa.Table(
     sa.Column("seen_at", sa.Double, nullable=False),
 )
 
+SHARDS = sa.Table(
+    "avatarme_shards",
+    TABLES,
+    sa.Column("round", sa.String(64), primary_key=True),
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("photos", sa.Integer, nullable=False),
+    sa.Column("done", sa.Integer, nullable=False, server_default="0"),
+    sa.Column("failed", sa.Integer, nullable=False, server_default="0"),
+    sa.Column("at", sa.Integer, nullable=False, server_default="-1"),
+    sa.Column("losses", sa.Integer, nullable=False, server_default="0"),
+    sa.Column("ended", sa.Boolean, nullable=False, server_default=sa.false()),
+)
+"""How far each shard of a batch is: photos that have an archive and that failed, the photo it is at, and how often in a
+row a worker was lost with it. Number -1 is the round itself, which is called off when that has ended.
+"""
+
 LINE = {
     "connect_timeout": 10,
     "keepalives": 1, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30_000,

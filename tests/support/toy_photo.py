@@ -13,7 +13,7 @@ from typing import Any
 from service.batch import photo_process
 from service.errors import CorruptImage, OutputFault
 from service.jobs.process import Program, Reporter, Task, serve_one
-from tests.service.client.fake import archive
+from tests.support.archives import archive
 
 
 def load() -> Program:

@@ -21,7 +21,7 @@ from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
 from service.client.download import check_archive
 from service.errors import Crashed, OutputFault, UsageError
-from service.jobs.database import connect
+from service.jobs.database import connect, create_tables
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from tests.service.batch.conftest import Folders
@@ -306,7 +306,8 @@ def test_a_frozen_worker_that_comes_back_takes_nothing_away(folders: Folders, tm
     settings = Settings(data=tmp_path / "data", program="tests.support.toy_photo")
     settings.data.mkdir()
     engine = connect(settings.database_url)
-    queue, rounds = Queue(engine, migrate=True), Rounds(engine)
+    create_tables(engine, settings)
+    queue, rounds = Queue(engine), Rounds(engine)
     rounds.put(queue, "r", str(folders.out), [4])
 
     class Freezing(LocalMaker):

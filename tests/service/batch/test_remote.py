@@ -14,7 +14,8 @@ import pytest
 from service.batch.makers import Order, RemoteMaker, Stopped
 from service.client.errors import AccessDenied, ServerUnreachable
 from tests.service.batch.conftest import Folders
-from tests.service.client.fake import Fake, answer, archive, hang_up, problem, serving
+from tests.service.client.fake import Fake, answer, hang_up, problem, serving
+from tests.support.archives import archive
 
 
 @pytest.fixture

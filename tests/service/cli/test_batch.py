@@ -12,7 +12,8 @@ from service import diagnosis
 from service.batch.display import display, duration, printable, progress_words
 from service.cli.app import app
 from service.client.download import check_archive
-from tests.service.client.fake import Fake, answer, archive, problem, serving
+from tests.service.client.fake import Fake, answer, problem, serving
+from tests.support.archives import archive
 
 ROOT = Path(__file__).parents[3]
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from service.client.client import Client
-from tests.service.client.fake import Fake, archive, serving
+from tests.service.client.fake import Fake, serving
+from tests.support.archives import archive
 
 
 @pytest.fixture

@@ -1,17 +1,15 @@
-"""A small server of the HTTP contract that can be told to misbehave, and small archives in the form of real ones."""
+"""A small server of the HTTP contract that can be told to misbehave."""
 
 from __future__ import annotations
 
 import email.parser
 import email.policy
 import hashlib
-import io
 import json
 import re
 import socket
 import threading
 import time
-import zipfile
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -229,25 +227,6 @@ class _Handler(BaseHTTPRequestHandler):
         if cut is not None:
             self.wfile.flush()
             hang_up(self)
-
-
-def archive(files: dict[str, bytes] | None = None, listed: dict[str, bytes] | None = None) -> bytes:
-    """A stored zip.
-
-    Args:
-        files: what the zip holds; two small files unless told.
-        listed: what its manifest says that it holds; the same unless told.
-    """
-    files = {"maps/texture.png": bytes(range(256)) * 40, "mesh/head.obj": b"v 0 0 0\n" * 50} if files is None else files
-    entries = [
-        {"path": name, "size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-        for name, data in (files if listed is None else listed).items()
-    ]
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as target:
-        for name, content in {"manifest.json": json.dumps({"files": entries}).encode(), **files}.items():
-            target.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
-    return stream.getvalue()
 
 
 class _Server(ThreadingHTTPServer):

@@ -14,7 +14,8 @@ from service.client.client import Client
 from service.client.download import check_archive, file_sha256
 from service.client.errors import Conflict, DownloadFailed, NoSuchJob, ServerBusy, ServerUnreachable
 from service.errors import OutputFault
-from tests.service.client.fake import Fake, answer, archive, hang_up, problem
+from tests.service.client.fake import Fake, answer, hang_up, problem
+from tests.support.archives import archive
 
 
 @pytest.fixture
