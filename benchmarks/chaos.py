@@ -2,12 +2,14 @@
 
     python -m benchmarks.chaos --kills 200 --jobs 1000
 
-Jobs are those of ``tests.support.toy_job``. Every kill is SIGKILL to the whole process tree, to the server alone or to
-the worker alone. The moments are spread evenly over ``POINTS``: while a photo is taken in, in each stage, while the
-archive is packed and published, and soon after a start. Afterwards every job that was answered with 202 must have
-succeeded, or failed where its photo has to fail, and been told so once; its archive must be that of an undisturbed run
-byte for byte, no stage whose result was on the disk may have been computed again, and there may be no job that nobody
-was told of.
+    python -m benchmarks.chaos --real --kills 50
+
+Jobs are those of ``tests.support.toy_job``, with ``--real`` small drafts of the shipped pipeline, of four photos. Every
+kill is SIGKILL to the whole process tree, to the server alone or to the worker alone. The moments are spread evenly
+over ``Work.points``: while a photo is taken in, in each stage, while the archive is packed and published, and soon
+after a start. Afterwards every job that was answered with 202 must have succeeded, or failed where its photo has to
+fail, and been told so once; its archive must be that of an undisturbed run byte for byte, no stage whose result was on
+the disk may have been computed again (which the toys tell), and there may be no job that nobody was told of.
 """
 
 from __future__ import annotations
@@ -19,19 +21,22 @@ import os
 import random
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import httpx
 
+from service.diagnosis import SAMPLE
 from service.jobs.view import FINAL
-from tests.support.moments import POINTS, reached, redone
+from tests.support.moments import POINTS, REAL_STAGES, reached, really_reached, redone
 from tests.support.server import Server, listed, post, small_photo, wait_for
 from tests.support.toy_job import LOG, SECONDS, archive
 
@@ -79,6 +84,95 @@ class Findings:
         return bool(self.accepted) and not (self.wrong or self.lost or self.twice or self.redone or self.leftovers)
 
 
+class Work(Protocol):
+    """What the service is given to do.
+
+    Attributes:
+        settings: of the server.
+        options: of each job, besides the seed.
+        points: where to kill, in turn.
+        failing: seeds of jobs that have to fail, with their codes.
+        one_by_one: whether a poster waits for the end of its job before it posts the next.
+    """
+
+    settings: dict[str, Any]
+    options: dict[str, Any]
+    points: tuple[str, ...]
+    failing: dict[int, str]
+    one_by_one: bool
+
+    def photo(self, poster: int, count: int) -> tuple[bytes, int]:
+        """The photo that a poster posts next, and its seed."""
+        ...
+
+    def wanted(self, digest: str, seed: int) -> bytes:
+        """The archive of an undisturbed run."""
+        ...
+
+    def reached(self, point: str, folder: Path, asked: Callable[[], int]) -> str | None:
+        """Wait for a point; None where it does not come."""
+        ...
+
+
+class Toys:
+    """Jobs of ``tests.support.toy_job``."""
+
+    settings: dict[str, Any] = {}  # noqa: RUF012 - never changed
+    options: dict[str, Any] = {}  # noqa: RUF012
+    points: tuple[str, ...] = POINTS
+    failing = FAILING
+    one_by_one = False
+
+    def photo(self, poster: int, count: int) -> tuple[bytes, int]:
+        """Another one each time; one of so many has to fail."""
+        seed = list(FAILING)[count // _EVERY % len(FAILING)] if count % _EVERY == 0 else count % 100
+        return small_photo(1000 * poster + count), seed
+
+    def wanted(self, digest: str, seed: int) -> bytes:
+        """Computed here."""
+        return archive(digest, seed)
+
+    def reached(self, point: str, folder: Path, asked: Callable[[], int]) -> str | None:
+        """By the log of the toys."""
+        return reached(point, folder / "stages.log", asked)
+
+
+class Avatars:
+    """Small drafts by the shipped networks, compared with what the command makes of the same photos.
+
+    Args:
+        folder: for what the command makes.
+    """
+
+    settings: dict[str, Any] = {"program": "service.jobs.avatar_process"}  # noqa: RUF012 - never changed
+    options: dict[str, Any] = {"quality": "draft", "size": [192, 128]}  # noqa: RUF012
+    points: tuple[str, ...] = ("taking in", *REAL_STAGES, "starting")
+    failing: dict[int, str] = {}  # noqa: RUF012
+    one_by_one = True
+
+    def __init__(self, folder: Path) -> None:
+        people = Path(__file__).parents[1] / "tests" / "data" / "people"
+        self._photos = [SAMPLE, *(people / f"{name}.jpg" for name in ("closed", "full_beard", "mouth_open"))]
+        self._wanted = {}
+        for photo in self._photos:
+            target = folder / f"{photo.stem}.zip"
+            command = [sys.executable, "-m", "service", "make", str(photo), "-o", str(target)]
+            subprocess.run([*command, "--quality", "draft", "--size", "192x128"], check=True, capture_output=True)
+            self._wanted[hashlib.sha256(photo.read_bytes()).hexdigest()] = target.read_bytes()
+
+    def photo(self, poster: int, count: int) -> tuple[bytes, int]:
+        """Each in turn."""
+        return self._photos[(poster + count) % len(self._photos)].read_bytes(), 0
+
+    def wanted(self, digest: str, seed: int) -> bytes:
+        """Of the command."""
+        return self._wanted[digest]
+
+    def reached(self, point: str, folder: Path, asked: Callable[[], int]) -> str | None:
+        """By the files of kept stages."""
+        return really_reached(point, folder / "data", asked)
+
+
 def chaos(
     folder: Path,
     kills: int,
@@ -89,6 +183,7 @@ def chaos(
     settings: dict[str, Any] | None = None,
     minutes: float = float("inf"),
     jobs: int = 0,
+    real: bool = False,
 ) -> Findings:
     """Run it.
 
@@ -101,14 +196,17 @@ def chaos(
         settings: further settings of the server.
         minutes: after which no more is killed.
         jobs: post on until so many were accepted.
+        real: compute avatars rather than toys.
     """
     begin = time.monotonic()
     random_ = random.Random(seed)  # noqa: S311 - when to kill is no secret
     log = folder / "stages.log"
-    server = Server(folder / "data", {"jobs": 2, **(settings or {})}, {LOG: str(log), SECONDS: "0.15"})
+    work: Work = Avatars(folder) if real else Toys()
+    settings = {"jobs": 2, **work.settings, **(settings or {})}
+    server = Server(folder / "data", settings, {LOG: str(log), SECONDS: "0.15"})
     findings, over = Findings(), threading.Event()
     server.start(ready=False)
-    arguments = (server, findings, over, pause)
+    arguments = (server, findings, over, pause, work)
     threads = [threading.Thread(target=_post, args=(number, *arguments)) for number in range(posters)]
     for thread in threads:
         thread.start()
@@ -116,8 +214,8 @@ def chaos(
         for number in range(kills):
             if time.monotonic() - begin > minutes * 60:
                 break
-            point = POINTS[number % len(POINTS)]
-            met = reached(point, log, lambda: findings.asked) is not None
+            point = work.points[number % len(work.points)]
+            met = work.reached(point, folder, lambda: findings.asked) is not None
             findings.points[point if met else "elsewhere"] += 1
             time.sleep(random_.uniform(0.0, 2.5 if point == "starting" else 0.1))
             kind = random_.choices(("everything", "server", "worker"), (6, 2, 2))[0]
@@ -132,7 +230,7 @@ def chaos(
     if server.process is None or server.process.poll() is not None:
         server.start()
     server.wait("readyz")
-    _look(server, findings)
+    _look(server, findings, work)
     time.sleep(7)  # leftovers are swept a few seconds after the end of a job
     server.stop()
     findings.redone = redone(log)
@@ -141,27 +239,36 @@ def chaos(
     return findings
 
 
-def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float) -> None:
+def _post(number: int, server: Server, findings: Findings, over: threading.Event, pause: float, work: Work) -> None:
     """Post one photo after the other; a request without an answer is sent again with the same key."""
     count = 0
     with httpx.Client(base_url=server.url, timeout=10) as client:
         while not over.is_set():
             count += 1
-            photo, key = small_photo(1000 * number + count), f"{number}-{count}"
-            seed = list(FAILING)[count // _EVERY % len(FAILING)] if count % _EVERY == 0 else count % 100
+            (photo, seed), key = work.photo(number, count), f"{number}-{count}"
             digest = hashlib.sha256(photo).hexdigest()
             for _ in range(600):  # also when it is over: what may have been stored has to be known
                 findings.asked += 1
                 try:
-                    answer = post(client, photo, seed, key)
+                    answer = post(client, photo, seed, key, **work.options)
                 except httpx.HTTPError:
                     time.sleep(0.2)
                     continue
                 if answer.status_code == 202:
-                    findings.accepted[answer.json()["id"]] = (digest, seed)
+                    job = answer.json()["id"]
+                    findings.accepted[job] = (digest, seed)
+                    while work.one_by_one and not over.is_set() and not _ended(client, job):
+                        time.sleep(0.2)
                     break
                 time.sleep(0.2)
             time.sleep(pause)
+
+
+def _ended(client: httpx.Client, job: str) -> bool:
+    try:
+        return client.get(f"/v1/avatars/{job}").json().get("state") in FINAL
+    except (httpx.HTTPError, ValueError):
+        return False
 
 
 def _kill(server: Server, kind: str) -> None:
@@ -180,7 +287,7 @@ def _kill(server: Server, kind: str) -> None:
     server.start(ready=False)
 
 
-def _look(server: Server, findings: Findings) -> None:
+def _look(server: Server, findings: Findings, work: Work) -> None:
     with httpx.Client(base_url=server.url, timeout=30) as client:
         for job, (digest, seed) in findings.accepted.items():
             state = wait_for(client, job, within=600)
@@ -188,12 +295,12 @@ def _look(server: Server, findings: Findings) -> None:
             code = (state.get("error") or {}).get("code")
             if code is not None:
                 findings.failures[code] += 1
-            if seed in FAILING:
+            if seed in work.failing:
                 if code != FAILING[seed]:
                     findings.lost.append(f"{job}: {state}")
             elif state.get("state") != "succeeded":
                 findings.lost.append(f"{job}: {state}")
-            elif client.get(f"/v1/avatars/{job}/archive.zip").content != archive(digest, seed):
+            elif client.get(f"/v1/avatars/{job}/archive.zip").content != work.wanted(digest, seed):
                 findings.wrong.append(job)
             told = client.get(f"/v1/avatars/{job}/events").text
             if sum(told.count(f'"state": "{end}"') for end in FINAL) != 1:
@@ -213,6 +320,7 @@ def _leftovers(data: Path, jobs: set[str]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--real", action="store_true", help="compute avatars rather than toys")
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=0, help="post on until so many were accepted")
     parser.add_argument("--posters", type=int, default=3)
@@ -223,7 +331,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     findings = chaos(
         folder, asked.kills, posters=asked.posters, pause=asked.pause, seed=asked.seed, minutes=asked.minutes,
-        jobs=asked.jobs,
+        jobs=asked.jobs, real=asked.real,
     )  # fmt: skip
     if findings.well():
         shutil.rmtree(folder)

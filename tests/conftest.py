@@ -10,6 +10,8 @@ import pytest
 # As the command line does, and before any test loads numpy: OpenBLAS spins where another process has the core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from tests.support.browser import browser, open_page  # noqa: F401 - fixtures of whoever looks at a page
+
 
 @pytest.fixture(autouse=True)
 def _environment_as_it_was() -> Iterator[None]:

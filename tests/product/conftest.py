@@ -72,7 +72,7 @@ class Service:
 
     def post(self, photo: bytes, options: dict[str, Any] = SMALL) -> str:
         """Hand a photo in; returns the job."""
-        files = {"image": ("photo", photo), "options": (None, json.dumps(options), "application/json")}
+        files: Any = {"image": ("photo", photo), "options": (None, json.dumps(options), "application/json")}
         answer = self.client.post("/v1/avatars", files=files)
         assert answer.status_code == 202, answer.text
         job: str = answer.json()["id"]

@@ -22,8 +22,8 @@ class Looks:
     Attributes:
         mean: of all channels.
         low, high: what 2 % of the codes lie below and above.
-        octaves: of the middle, where the face is: standard deviation of what halving the map loses, then of what halving
-            that loses, and so on.
+        octaves: of the middle, where the face is: standard deviation of what halving the map loses, then of what
+            halving that loses, and so on.
     """
 
     mean: float
@@ -36,10 +36,11 @@ class Looks:
         """Numbers of a PNG with 8 or 16 bits."""
         codes = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
         assert codes is not None, "no PNG"
-        values = codes * np.float32(255 / np.iinfo(codes.dtype).max)
+        values = codes.astype(np.float32) * (255 / (255 if codes.dtype == np.uint8 else 65535))
         low, high = np.percentile(values[::4, ::4], [2, 98])
         top, left = (max(side // 2 - MIDDLE, 0) for side in values.shape[:2])
-        octaves, level = [], values[top : top + 2 * MIDDLE, left : left + 2 * MIDDLE]
+        octaves: list[float] = []
+        level: Any = values[top : top + 2 * MIDDLE, left : left + 2 * MIDDLE]
         for _ in range(count):
             half = cv2.resize(level, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
             lost = level - cv2.resize(half, level.shape[1::-1], interpolation=cv2.INTER_LINEAR)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,15 +17,17 @@ import pytest
 from PIL import Image
 
 from service.diagnosis import SAMPLE
+from service.jobs.process import descendants
 from tests.end_to_end.command import avatarme
-from tests.product.conftest import FLAGS, SMALL, Archives, Service, archives_in, manifest_of
+from tests.product.conftest import FLAGS, Archives, Service, archives_in, manifest_of
+from tests.product.page import Parts
+from tests.support.browser import Pixels, opening, settle
+from tests.support.moments import REAL_STAGES, kept_stages
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 NAMES = ("closed", "full_beard", "mouth_open", "sample", "wide_smile")
-STAGES = (
-    "decode", "detect", "read", "fit", "hair", "texture", "compare",
-    "diffuse_albedo", "specular_albedo", "specular_normal", "diffuse_normal", "displacement",
-)  # fmt: skip
-"""What a job keeps on the disk, in this order; after the last the archive is packed."""
 
 
 def test_a_folder_on_this_machine_gives_what_one_photo_gives(local: Archives, tmp_path: Path) -> None:
@@ -94,35 +99,73 @@ def test_kits_of_an_avatar(service: Service, jobs: dict[str, str], served: Archi
     assert any(name.endswith((".glb", ".fbx", ".gltf")) for name in files), files
 
 
+def grey(colours: Pixels) -> Pixels:
+    """Blue over red: 1 without colour, less the redder."""
+    return np.asarray(colours[..., 2] / colours[..., 0])
+
+
+def test_the_page_dresses_each_part_in_its_own(
+    service: Service, jobs: dict[str, str], served: Archives, browser: Browser
+) -> None:
+    """Through the photo's camera, where the archive tells what each pixel shows."""
+    with opening(browser) as opened:
+        page = opened(f"{service.server.url}/#avatar={jobs['sample']}", bypass_csp=True, device_scale_factor=1)
+        page.wait_for_selector("#inset:not([hidden])")
+        page.click("#inset")
+        page.evaluate("document.getElementById('view').style.setProperty('--at', '0%')")
+        page.add_style_tag(content="#view > :not(canvas) { visibility: hidden !important }")
+        settle(page)
+        picture = Image.open(io.BytesIO(page.locator("#canvas").screenshot())).convert("RGB")
+    seen = Parts.of(served["sample"]).seen(picture.size)
+    pixels = np.asarray(picture, float)
+    skin, hair, teeth = (pixels[seen[name]] for name in ("skin", "hair", "teeth_upper_gums"))
+    eyes = pixels[seen["eye_left_ball"] | seen["eye_right_ball"]]
+    assert min(map(len, (skin, hair, teeth, eyes))) > 50
+    flesh = np.median(skin, 0)
+    assert np.abs(np.median(hair, 0) - flesh).max() > 30, "a wig of skin"
+    assert np.median(grey(teeth)) > grey(flesh) + 0.12, "teeth are whiter than skin"
+    assert np.percentile(grey(eyes), 80) > grey(flesh) + 0.12, "and so are the whites of the eyes"
+    assert np.percentile(eyes.mean(1), 20) < 0.85 * flesh.mean(), "irises are darker"
+    assert np.percentile(eyes.mean(1), 90) > 1.1 * flesh.mean(), "and the whites lighter"
+
+
 def kept(service: Service, job: str) -> set[str]:
     """Stages of a job whose results are on the disk."""
-    found = (service.server.data / "artifacts" / job).glob("stage_*")
-    return {path.name.removeprefix("stage_").rpartition("-")[0] for path in found}
+    return {stage for owner, stage in kept_stages(service.server.data) if owner == job}
 
 
 def moments(service: Service, job: str) -> Iterator[str]:
     """Waits for each stage of a job in turn, and says which it is in."""
-    for done, stage in zip(("", *STAGES), (*STAGES, "pack"), strict=True):
+    for done, stage in zip(("", *REAL_STAGES), (*REAL_STAGES, "pack"), strict=True):
         deadline = time.monotonic() + 120
-        folder = service.server.data / "artifacts" / job
-        while done and not any(name.startswith(f"stage_{done}-") for name in os.listdir(folder)):
+        while done and done not in kept(service, job):
             assert time.monotonic() < deadline, f"{job} does not come to {stage}"
             time.sleep(0.002)
         yield stage
 
 
+def worker_and_below(service: Service) -> list[int]:
+    worker = service.server.worker()
+    return [] if worker is None else [worker, *descendants(worker)]
+
+
 def test_killed_in_every_stage_a_job_ends_with_the_same_bytes(
     service: Service, photos: Path, local: Archives
 ) -> None:
-    """SIGKILL to server, worker and the job's process at once; no stage that was kept is computed again."""
+    """SIGKILL to the worker and what it started, three times to the server too; what was kept stays kept."""
     job = service.post((photos / "closed.jpg").read_bytes())
     killed = []
     for stage in moments(service, job):
         before = kept(service, job)
-        service.server.kill()
+        if stage in ("read", "diffuse_albedo", "pack"):
+            service.server.kill()
+            service.server.start(ready=False)
+        else:
+            for process in worker_and_below(service):
+                with contextlib.suppress(OSError):
+                    os.kill(process, signal.SIGKILL)
         assert before <= kept(service, job)
         killed.append(stage)
-        service.server.start()
-    assert killed == [*STAGES, "pack"]
+    assert killed == [*REAL_STAGES, "pack"]
     assert service.archive(job) == local["closed"]
     assert kept(service, job) == set(), "what was kept for a restart is erased at the end"

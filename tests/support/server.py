@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -139,12 +140,14 @@ class Server:
             raise
 
 
-def post(client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None) -> httpx.Response:
+def post(
+    client: httpx.Client, photo: bytes, seed: int = 0, key: str | None = None, **options: Any
+) -> httpx.Response:
     """Post a photo."""
     headers = {"Idempotency-Key": key} if key is not None else {}
     files: Any = {
         "image": ("photo.jpg", photo, "image/jpeg"),
-        "options": (None, f'{{"seed": {seed}}}', "application/json"),
+        "options": (None, json.dumps({"seed": seed, **options}), "application/json"),
     }
     return client.post("/v1/avatars", files=files, headers=headers)
 

@@ -24,10 +24,10 @@ from PIL import Image
 from service.archive.preview.page import GREY, blank, write
 from service.kits.blender import blender
 from service.kits.export import export_kit
+from tests.support.browser import launched
 from tests.tools.mitsuba_look import bounds, draw, shown
 from tests.tools.surfaces import FORMATS, surfaces
 from tests.tools.three_look import THREE, look
-from tests.web.conftest import launched
 
 TOOLS = Path(__file__).resolve().parent
 POSES = ("neutral", "blink", "smile", "jawOpen", "tongueOut", "profile", "back")

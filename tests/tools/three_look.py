@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from tests.support.browser import launched
 from tests.tools.mitsuba_look import LAMP_M, RADIANCE, SKY
-from tests.web.conftest import launched
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from tests.web.at_work import artists, make_head, set_light, settle
-from tests.web.conftest import PHOTO, ROOT, launched
+from tests.support.browser import PHOTO, ROOT, artists, launched, make_head, set_light, settle
 from tests.web.fake_service import serving
 from tests.web.test_access import PHONE
 

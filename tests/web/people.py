@@ -1,7 +1,7 @@
 """Portraits of synthetic people with a wide smile and with an open mouth: ``python -m tests.web.people``.
 
-A head is made of a portrait in ``tests/data/people`` at high quality, opened in the page's own viewer, given the expression
-by its sliders and drawn; the pictures go beside the portrait.
+A head is made of a portrait in ``tests/data/people`` at high quality, opened in the page's own viewer, given the
+expression by its sliders and drawn; the pictures go beside the portrait.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.web.at_work import make_head, set_light, set_slider, settle, shapes
-from tests.web.conftest import ROOT, launched
+from tests.support.browser import ROOT, launched, make_head, set_light, set_slider, settle, shapes
 from tests.web.fake_service import serving
 
 PEOPLE = ROOT / "tests" / "data" / "people"

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from tests.web.at_work import artists, make_head, settle, shapes, submit
-from tests.web.conftest import PHOTO
+from tests.support.browser import PHOTO, artists, make_head, settle, shapes, submit
 from tests.web.fake_service import Fake, problem
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.web.at_work import artists, difference, make_head, picture, shapes, submit
-from tests.web.conftest import PHOTO, Opener
+from tests.support.browser import PHOTO, Opener, artists, difference, make_head, picture, shapes, submit
 from tests.web.fake_service import Fake, problem
 
 if TYPE_CHECKING:

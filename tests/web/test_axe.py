@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.web.conftest import ROOT, Opener
+from tests.support.browser import ROOT, Opener
 from tests.web.fake_service import Fake
 from tests.web.states import STATES
 from tests.web.test_access import PHONE

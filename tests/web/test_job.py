@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.web.at_work import make_head, posts, submit
-from tests.web.conftest import PHOTO, Opener
+from tests.support.browser import PHOTO, Opener, make_head, posts, submit
 from tests.web.fake_service import Fake, problem
 from tests.web.states import TWO_FACES
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tests.web.at_work import artists, make_head, picture, settle
-from tests.web.conftest import PHOTO, Opener
+from tests.support.browser import PHOTO, Opener, artists, make_head, picture, settle
 from tests.web.fake_service import Fake
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.web.conftest import PHOTO, Opener
+from tests.support.browser import PHOTO, Opener
 from tests.web.fake_service import QUALITY, STATIC, Fake
 from tests.web.test_access import PHONE
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tests.web.archives import with_reflectance
-from tests.web.at_work import (
+from tests.support.browser import (
+    Opener,
     Pixels,
     artists,
     difference,
     face,
     make_head,
+    opening,
     picture,
     set_light,
     set_slider,
@@ -23,7 +24,7 @@ from tests.web.at_work import (
     shapes,
     show,
 )  # fmt: skip
-from tests.web.conftest import Opener, opening
+from tests.web.archives import with_reflectance
 from tests.web.fake_service import serving
 
 if TYPE_CHECKING:

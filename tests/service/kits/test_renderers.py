@@ -20,7 +20,6 @@ from service.archive.pack import write_archive
 from tests.service.archive.toys import whole_avatar
 from tests.tools.surfaces import FORMATS, surfaces
 from tests.tools.three_look import THREE, look
-from tests.web.conftest import browser  # noqa: F401 - a fixture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -103,7 +102,7 @@ def test_mitsuba_shows_the_formats_alike(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not THREE.is_dir(), reason="three.js is not in tests/tools/node_modules (make setup, with npm)")
-def test_three_js_shows_the_formats_alike(folder: Path, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_three_js_shows_the_formats_alike(folder: Path, tmp_path: Path, browser: Browser) -> None:
     materials = look(browser, folder, tmp_path, SIZE)
     assert set(materials.values()) == {"MeshPhysicalMaterial"}
     pictures = {path.stem: np.asarray(cv2.imread(str(path))) for path in tmp_path.glob("*.png")}

@@ -31,7 +31,7 @@ export async function loadHead(data: ArrayBuffer): Promise<LoadedHead> {
 
 /** Whether the maps of the archive lie on this material; the file says so. */
 export function onChart(material: MeshStandardMaterial): boolean {
-  return material.userData.chart === true || material.name === "skin";
+  return material.userData.chart === true;
 }
 
 /** The file's material as this page draws it. */
