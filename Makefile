@@ -15,7 +15,7 @@ PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
 ARGS ?=
 
-.PHONY: help setup run doctor test test-slow test-train lint format audit deploy-check lock checksums web clean
+.PHONY: help setup run doctor test test-slow test-train acceptance image-test lint format audit deploy-check lock checksums web pictures clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
@@ -39,6 +39,15 @@ test-slow: $(DEVELOPMENT) $(VALIDATOR) ## Run the slow tests too.
 test-train: $(DEVELOPMENT) $(VALIDATOR) ## Install torch and run the tests of training and building too.
 	$(PIP) -e '.[dev,train,export]'
 	$(BIN)/python -m pytest -m "train or not slow" $(ARGS)
+
+# The page's pictures want Chromium (apt-get install chromium).
+acceptance: $(DEVELOPMENT) ## Put a folder of photos through every door: make acceptance PHOTOS=folder.
+	@test -n "$(PHOTOS)" || { echo "make acceptance PHOTOS=folder" >&2; exit 2; }
+	$(BIN)/python -m benchmarks.acceptance "$(PHOTOS)" $(ARGS)
+
+# Wants root, and apt-get install buildah mmdebstrap; no Docker daemon and no registry.
+image-test: $(DEVELOPMENT) ## Build the image, run it, post a photo, stop it, start it again: make image-test [PHOTO=me.jpg].
+	$(BIN)/python -m tests.tools.image "$(PHOTO)"
 
 lint: $(DEVELOPMENT) ## Check style and types.
 	$(BIN)/ruff check .
@@ -79,6 +88,15 @@ web: ## Build the page from web/ into service/web/static.
 	npm ci --silent --no-audit --no-fund --prefix web
 	npm run --silent --prefix web check
 	npm run --silent --prefix web build
+
+# Blender's and Mitsuba's are left out where these are missing, and that is said. Before a release; then commit what changed.
+pictures: $(DEVELOPMENT) $(VALIDATOR) ## Make the pictures of the docs and of the page's gallery anew.
+	@mkdir -p out
+	$(BIN)/avatarme make service/data/sample/astronaut.png -o out/pictures.zip
+	$(BIN)/python -m tests.web.gallery --archive out/pictures.zip
+	$(MAKE) --no-print-directory web
+	$(BIN)/python -m tests.web.gallery --archive out/pictures.zip --docs
+	$(BIN)/python -m tests.tools.pictures out/pictures.zip
 
 checksums: ## Rewrite the checksums in service/data/SHA256SUMS and THIRD_PARTY.md after a data file changed.
 	@cd service/data && find . -type f ! -name SHA256SUMS -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum > SHA256SUMS

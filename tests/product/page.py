@@ -51,7 +51,8 @@ class Parts:
         Args:
             aspect: width over height of the view.
         """
-        head = np.concatenate([self.pixels(points[np.unique(faces)]) for points, faces in self.meshes.values()])
+        points, faces = self.meshes["skin"]
+        head = self.pixels(points[np.unique(faces)])
         low, high = head.min(0), head.max(0)
         tall = max(high[1] - low[1], (high[0] - low[0]) / aspect) * (1 + 2 * ROOM)
         corner = (low + high) / 2 - np.array([tall * aspect, tall]) / 2

@@ -122,10 +122,11 @@ export class HeadScene {
     this.draw();
   }
 
-  /** Box of the head in the photo's pixels, with the expression that it wears now. */
+  /** Box of the head without hair and bust in the photo's pixels, with the expression that it wears now. */
   boxInPhoto(camera: PhotoCamera): PixelBox {
     this.scene.updateMatrixWorld();
-    return projectedBox(this.parts.map((part) => part.mesh), camera);
+    const head = this.parts.filter((part) => part.own instanceof Skin);
+    return projectedBox((head.length ? head : this.parts).map((part) => part.mesh), camera);
   }
 
   /** Looks at the head as the photo does, at this part of it; null goes back to the free view. */
