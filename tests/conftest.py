@@ -22,3 +22,8 @@ def _environment_as_it_was() -> Iterator[None]:
     if kept != {name: value for name, value in before.items() if name != "PYTEST_CURRENT_TEST"}:
         os.environ.clear()
         os.environ.update(before)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The product's tests first: they take longest, and the short ones fill what is left of both cores."""
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/product/"))
