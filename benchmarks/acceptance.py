@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, Any
 import httpx
 from PIL import Image
 
+from service.archive.rendering import render_archive
 from service.batch.photos import SUFFIXES
 from service.light.scene import Environment, PointLight, Scene
-from service.render.render import render_archive
 from service.render.request import RenderRequest
 from tests.support.browser import launched, settle
 from tests.support.server import Server, wait_for
