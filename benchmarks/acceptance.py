@@ -30,7 +30,7 @@ import httpx
 from PIL import Image
 
 from service.archive.rendering import render_archive
-from service.batch.photos import SUFFIXES
+from service.batch.plan import SUFFIXES
 from service.light.scene import Environment, PointLight, Scene
 from service.render.request import RenderRequest
 from tests.support.browser import launched, settle
@@ -177,7 +177,7 @@ def look(
 
 
 def _drawn(archive: Path, request: RenderRequest) -> Image.Image:
-    return Image.open(io.BytesIO(render_archive(archive, request).png))
+    return Image.fromarray(render_archive(archive, request).pixels)
 
 
 def sheet(rows: Sequence[Row]) -> str:
