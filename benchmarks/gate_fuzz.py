@@ -26,8 +26,10 @@ from PIL import Image
 
 from service.errors import CorruptImage, UnreadableInput
 from service.photo import decoder
-from service.photo.gate import open_container, read_photo
+from service.photo.container import open_container
+from service.photo.gate import read_photo
 from service.photo.limits import Limits, check_size
+from service.photo.wire import Output, Request
 
 LIMITS = Limits(max_pixels=4_000_000)
 """Smaller than the gate's own, so that a header made larger by a flipped bit does not slow the run down."""
@@ -82,13 +84,13 @@ def mend_png(data: bytearray) -> None:
 def decode_here(data: bytes) -> str:
     """Everything that the gate does, but with the decoder in this process."""
     container = open_container(data, LIMITS)
-    open_image = decoder.prepare(container.codec, colour=True, exif=True)
-    bounds = LIMITS.max_side, LIMITS.max_pixels
+    request = Request(
+        container.codec, Output.PHOTO, *(container.size or (0, 0)), LIMITS.max_side, LIMITS.max_pixels,
+        LIMITS.memory_bytes, LIMITS.cpu_seconds, LIMITS.wall_seconds, container.payload,
+    )  # fmt: skip
     try:
-        decoded = decoder.decode(
-            open_image, container.payload, container.icc, container.gamma, container.exif, *bounds
-        )
-    except decoder.DecoderFault as fault:
+        decoded = decoder.decode(decoder.prepare(container.codec), request)
+    except (decoder.DecoderFault, decoder.Animated, decoder.BadSize) as fault:
         raise CorruptImage("decoder") from fault
     check_size(*decoded.image.size, LIMITS)
     if decoded.image.mode != "RGB" or sorted(decoded.image.size) != sorted(container.size or ()):

@@ -13,9 +13,9 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 from service.api.problem_responses import ProblemError
-from service.photo.container import Codec
-from service.photo.gate import open_container
+from service.photo.container import open_container
 from service.photo.limits import Limits
+from service.photo.wire import Codec
 
 MIB = 1 << 20
 

@@ -18,12 +18,10 @@ from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, UnreadableInput, UsageError
-from service.photo.container import Codec
-from service.photo.decoder import BACKGROUND
-from service.photo.gate import decoding_request, open_container
+from service.photo.container import open_container
+from service.photo.gate import decode_container
 from service.photo.limits import Limits
-from service.photo.sandbox import run_decoder
-from service.photo.wire import Status
+from service.photo.wire import Codec, Output
 from service.render.surface import StoredMap
 
 MAX_MANIFEST = 16 << 20
@@ -203,7 +201,7 @@ def unpack_map(png: bytes, name: str) -> UInt8:
     Raises:
         BadArchive: not a PNG, damaged, or of another shape; names the map.
     """
-    codes = _decoded(png, name)
+    codes = _decoded(png, name, Output.CODES)
     if codes.shape[1] * 2 != codes.shape[0] * 3:
         raise BadArchive(f"the map {name} is {codes.shape[1]}x{codes.shape[0]}; the chart is 3:2", map=name)
     return codes
@@ -212,27 +210,19 @@ def unpack_map(png: bytes, name: str) -> UInt8:
 def unpack_texture(png: bytes, name: str) -> UInt8:
     """(h, w, 4) uint8 sRGB with straight alpha of a part's own texture, of any shape.
 
-    Colours are read as they are stored over the gate's background; where alpha is 0 they mean nothing.
-
     Raises:
         BadArchive: not a PNG, or damaged; names the texture.
     """
-    colours, alpha = _decoded(png, name).astype(np.float32), _decoded(png, name, alpha=True)[..., :1]
-    share = np.maximum(alpha, 1) / np.float32(255)
-    straight = (colours - (1 - share) * np.float32(BACKGROUND)) / share
-    return np.concatenate([np.rint(np.clip(straight, 0, 255)).astype(np.uint8), alpha], 2)
+    return _decoded(png, name, Output.CODES_AND_ALPHA)
 
 
-def _decoded(png: bytes, name: str, *, alpha: bool = False) -> UInt8:
+def _decoded(png: bytes, name: str, output: Output) -> UInt8:
+    """(h, w, 3 or 4) uint8 codes: maps are data, to which gamma, colour profile and EXIF turn must not be applied."""
     try:
         container = open_container(png, LIMITS)
         if container.codec != Codec.PNG:
             raise CorruptImage("it is not a PNG")
-        # Codes of maps are data: gamma, colour profile and EXIF orientation must not be applied.
-        plain = container._replace(icc=b"", gamma=0.0, exif=b"")
-        reply, raw = run_decoder(decoding_request(plain, LIMITS)._replace(alpha=alpha), LIMITS)
-        if reply.status != Status.DONE or (reply.width, reply.height) != container.size:
-            raise CorruptImage("its pixels could not be decoded")
+        reply, raw = decode_container(container, LIMITS, output)
     except UnreadableInput as error:
         raise BadArchive(f"the map {name} cannot be read: {error.message}", map=name) from error
-    return np.frombuffer(raw, np.uint8).reshape(reply.height, reply.width, 3)
+    return np.frombuffer(raw, np.uint8).reshape(reply.height, reply.width, output.channels)

@@ -15,17 +15,14 @@ import numpy as np
 
 from service.archive.container import unknown_names
 from service.archive.images import exr_bytes
-from service.archive.reading import LIMITS, unpack_map
+from service.archive.reading import unpack_map, unpack_texture
 from service.archive.usd import REST
 from service.arrays import Float32, Float64, Int32, UInt8
 from service.colour import bytes_to_linear
-from service.errors import BadArchive, NumericFault, OutputFault, UnreadableInput, UsageError
+from service.errors import BadArchive, NumericFault, OutputFault, UsageError
 from service.light.harmonics import basis
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.part import MeshPart
-from service.photo.gate import decoding_request, open_container
-from service.photo.sandbox import run_decoder
-from service.photo.wire import Status
 
 MOST_BYTES = 2 << 30
 """Unpacked size of an archive that is accepted."""
@@ -106,8 +103,6 @@ def write(path: Path, data: bytes) -> None:
 
 
 _OWN = "maps/parts/"
-MOST_PIXELS = 4096 * 4096
-"""Largest texture of a part's own."""
 
 
 def materials_of(source: ArchiveSource) -> dict[str, Material]:
@@ -140,23 +135,9 @@ def _material(one: dict[str, Any], source: ArchiveSource, known: dict[str, Map])
 
 
 def _pixels(png: bytes, path: str) -> UInt8:
-    """Codes of a texture with its alpha. The gate checks that it can be decoded; it drops alpha, which OpenCV keeps."""
-    import cv2
-
-    try:
-        container = open_container(png, LIMITS)
-        reply, _ = run_decoder(decoding_request(container._replace(icc=b"", gamma=0.0, exif=b""), LIMITS), LIMITS)
-    except UnreadableInput as error:
-        raise BadArchive(f"{path} of the archive cannot be read: {error.message}") from error
-    if reply.status != Status.DONE or reply.width * reply.height > MOST_PIXELS:
-        raise BadArchive(f"{path} of the archive cannot be read")
-    codes = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-    if codes is None or codes.dtype != np.uint8:
-        raise BadArchive(f"{path} of the archive is no 8-bit PNG")
-    if codes.ndim == 2:
-        return np.asarray(codes, np.uint8)
-    way = cv2.COLOR_BGR2RGB if codes.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
-    return np.asarray(cv2.cvtColor(codes, way), np.uint8)
+    """(h, w, 3) codes of a texture, or (h, w, 4) where it has any transparency."""
+    codes = unpack_texture(png, path)
+    return codes if (codes[..., 3] < 255).any() else codes[..., :3]
 
 
 MOST_USD_BYTES = 256 << 20

@@ -1,54 +1,52 @@
-"""What a walk over an image file finds, before any of its pixels are decoded.
+"""Which format bytes are, and what their container says before any pixel is decoded: size, scans, and where it ends.
 
-The walkers (``jpeg``, ``png``, ``webp``) are plain Python over bounded slices, so they cannot be made to write where
-they should not; they run in linear time and allocate no more than the file. They hand on a file with everything
-taken out that is not needed for the pixels: the native decoder sees no EXIF, no text, no second image.
+Plain Python over bounded slices, in linear time: names and content types are never looked at, and most bad input is
+refused here within a millisecond. What is inside segments and chunks is the decoding process's to judge.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
+import contextlib
+import re
+import zlib
 from typing import NamedTuple
 
-from service.errors import UnsupportedFormat
+from service.errors import AnimatedImage, CorruptImage, TooComplex, UnsupportedFormat
+from service.photo.limits import Limits, check_size
+from service.photo.wire import Codec
 
-MAX_ICC_BYTES = 4 * 1024**2
-"""Largest colour profile that is looked at; printer profiles with tables stay below 3 MB."""
-
-MAX_EXIF_BYTES = 1 << 16
-"""As much EXIF as is looked at, and as a JPEG can hold; the directories come first, what is cut off is thumbnails."""
-
-
-class Codec(IntEnum):
-    """The formats that are decoded; an allow-list."""
-
-    JPEG = 1
-    PNG = 2
-    WEBP = 3
-    HEIC = 4
+MAX_SEGMENTS = 8192
+"""Segments of a JPEG file."""
+MAX_CHUNKS = 65_536
+"""Chunks of a PNG file."""
+MAX_TEXT_BYTES = 8 * 1024**2
+"""Unpacked text of a PNG file; more is an attack on whoever unpacks it."""
 
 
 class Container(NamedTuple):
-    """One still image, with its metadata taken apart.
+    """One still image in its file.
 
     Attributes:
         codec: which decoder to use.
         size: (width, height) in pixels as stored, before any EXIF turn; None where only the decoder can tell.
-        payload: a file that holds the pixels of the first image and nothing else.
-        exif: TIFF-structured EXIF bytes, or empty.
-        icc: colour profile, or empty.
-        gamma: encoding exponent of a PNG that states one and has no profile (image = light ** gamma), or 0.
+        payload: the file up to the end of its first image; of a PNG only the chunks that tell how to show it.
         warnings: stable codes of what was found and left out.
     """
 
     codec: Codec
     size: tuple[int, int] | None
     payload: bytes
-    exif: bytes = b""
-    icc: bytes = b""
-    gamma: float = 0.0
     warnings: tuple[str, ...] = ()
 
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"sRGB", b"gAMA"))
+"""Without text, which Pillow keeps beside what it tells of the image, under names that the file chooses."""
+_EOI, _SOS, _DHT, _DAC = 0xD9, 0xDA, 0xC4, 0xCC
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {_DHT, 0xC8, _DAC}
+_LOSSLESS = (0xC3, 0xC7, 0xCB, 0xCF)
+# Inside entropy-coded data 0xFF is always followed by a stuffed zero or a restart number (T.81, B.1.1.5).
+_MARKER = re.compile(rb"\xff([^\x00\xd0-\xd7\xff])")
 
 _HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"mif1"}
 _HEIC_SEQUENCE_BRANDS = {b"hevc", b"hevx", b"hevm", b"hevs", b"msf1"}
@@ -91,7 +89,7 @@ def sniff(data: bytes) -> Codec:
     """
     if data.startswith(b"\xff\xd8\xff"):
         return Codec.JPEG
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(_PNG_SIGNATURE):
         return Codec.PNG
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
         return Codec.WEBP
@@ -100,11 +98,6 @@ def sniff(data: bytes) -> Codec:
         return Codec.HEIC
     looks_like = _looks_like(data, brand)
     raise UnsupportedFormat(f"the file is {looks_like}; JPEG, PNG, WebP or HEIC is accepted", looks_like=looks_like)
-
-
-def is_heic_sequence(data: bytes) -> bool:
-    """Whether a HEIC file says of itself that it is moving pictures."""
-    return data[8:12] in _HEIC_SEQUENCE_BRANDS
 
 
 def _looks_like(data: bytes, brand: bytes) -> str:
@@ -117,3 +110,120 @@ def _looks_like(data: bytes, brand: bytes) -> str:
         if data.startswith(magic) or (magic.startswith(b"<") and start.lower().startswith(magic)):
             return name
     return "of no image format that is known"
+
+
+def open_container(data: bytes, limits: Limits) -> Container:
+    """Everything that is done before decoding: the format, its container and the size that it states.
+
+    Raises:
+        UnreadableInput: one of its subclasses, as for ``gate.read_photo``.
+    """
+    codec = sniff(data)
+    if codec == Codec.HEIC:
+        if data[8:12] in _HEIC_SEQUENCE_BRANDS:
+            raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")
+        return Container(codec, None, data)
+    container = {Codec.JPEG: _open_jpeg, Codec.PNG: _open_png, Codec.WEBP: _open_webp}[codec](data, limits)
+    if container.size is not None:
+        check_size(*container.size, limits)
+    return container
+
+
+def _open_jpeg(data: bytes, limits: Limits) -> Container:
+    """Walk over the segments of a JPEG file (ITU-T T.81, annex B) up to the end of its first image."""
+    size, scans, position = None, 0, 2
+    for _ in range(MAX_SEGMENTS):
+        found = _MARKER.search(data, position)
+        if found is None:
+            raise _cut_off("JPEG", len(data))
+        marker, position = data[found.start() + 1], found.end()
+        if marker == _EOI:
+            if size is None or not scans:
+                raise CorruptImage("the JPEG file ends before its first scan")
+            more = data[position : position + 64].lstrip(b"\0").startswith(b"\xff\xd8\xff")
+            return Container(Codec.JPEG, size, data[:position], ("extra-images-ignored",) if more else ())
+        length = int.from_bytes(data[position : position + 2], "big")
+        if length < 2 or position + length > len(data):
+            raise _cut_off("JPEG", position)
+        if marker in _FRAMES:
+            if size is not None or length < 8:
+                raise CorruptImage("the JPEG frame header is damaged or repeated")
+            if data[position + 2] != 8 or marker in _LOSSLESS:
+                bits = data[position + 2]
+                raise UnsupportedFormat(f"the JPEG file has {bits} bits a sample or is lossless; 8 bits are accepted")
+            height, width = (int.from_bytes(data[at : at + 2], "big") for at in (position + 3, position + 5))
+            size = width, height
+        scans += marker == _SOS
+        if scans > limits.max_scans:
+            raise TooComplex(
+                f"the JPEG file has more than {limits.max_scans} scans; an ordinary photo has 1 to 20",
+                limit=limits.max_scans,
+            )
+        position += length
+    raise TooComplex(f"the JPEG file has more than {MAX_SEGMENTS} segments")
+
+
+def _open_png(data: bytes, limits: Limits) -> Container:
+    """Walk over the chunks of a PNG file (PNG specification, third edition, section 5) up to its last."""
+    kept, warnings, position, text = [_PNG_SIGNATURE], [], len(_PNG_SIGNATURE), 0
+    if data[12:16] != b"IHDR":
+        raise CorruptImage("the PNG file does not begin with its header chunk")
+    for _ in range(MAX_CHUNKS):
+        end = position + 12 + int.from_bytes(data[position : position + 4], "big")
+        kind = data[position + 4 : position + 8]
+        if end > len(data) or not kind.isalpha():
+            raise _cut_off("PNG", position)
+        if kind in _PNG_KEPT:
+            chunk = data[position:end]
+            if zlib.crc32(chunk[4:-4]) == int.from_bytes(chunk[-4:], "big"):
+                kept.append(chunk)
+            elif kind == b"iCCP":
+                warnings.append("icc-ignored")
+            elif kind.isupper():
+                raise CorruptImage(f"the checksum of a {kind.decode()!r} chunk of the PNG file is wrong")
+        text += _unpacked_text(kind, data[position + 8 : end - 4])
+        if text > MAX_TEXT_BYTES:
+            raise CorruptImage(f"the text of the PNG file unpacks to more than {MAX_TEXT_BYTES} bytes")
+        frames = int.from_bytes(data[position + 8 : position + 12], "big")
+        if kind == b"acTL" and frames != 1:
+            raise AnimatedImage(f"the PNG file is animated, with {frames} frames; one is accepted", frames=frames)
+        if kind == b"IEND":
+            size = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+            return Container(Codec.PNG, size, b"".join(kept), tuple(warnings))
+        position = end
+    raise TooComplex(f"the PNG file has more than {MAX_CHUNKS} chunks")
+
+
+def _unpacked_text(kind: bytes, body: bytes) -> int:
+    """Bytes that the packed text of a PNG chunk takes, counted to just above the bound; 0 for other chunks."""
+    rest = body.partition(b"\0")[2]  # after the keyword
+    if kind == b"zTXt":
+        packed = rest[1:]
+    elif kind == b"iTXt" and rest[:1] == b"\1":
+        packed = rest[2:].partition(b"\0")[2].partition(b"\0")[2]  # after flag, method, language and translated keyword
+    else:
+        return 0
+    with contextlib.suppress(zlib.error):
+        return len(zlib.decompressobj().decompress(packed, MAX_TEXT_BYTES + 1))
+    return 0
+
+
+def _open_webp(data: bytes, limits: Limits) -> Container:
+    """The length and the first chunk of a WebP file (RFC 9649)."""
+    if 8 + int.from_bytes(data[4:8], "little") > len(data):
+        raise _cut_off("WebP", len(data))
+    kind, head = data[12:16], data[20:30]
+    if kind == b"VP8X" and len(head) == 10:
+        size = int.from_bytes(head[4:7], "little") + 1, int.from_bytes(head[7:10], "little") + 1
+    elif kind == b"VP8 " and head[3:6] == b"\x9d\x01\x2a":
+        size = int.from_bytes(head[6:8], "little") & 0x3FFF, int.from_bytes(head[8:10], "little") & 0x3FFF
+    elif kind == b"VP8L" and head[:1] == b"\x2f":
+        bits = int.from_bytes(head[1:5], "little")
+        size = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    else:
+        raise CorruptImage("the WebP file does not begin with an image header")
+    return Container(Codec.WEBP, size, data)
+
+
+def _cut_off(name: str, position: int) -> CorruptImage:
+    return CorruptImage(f"the {name} file is cut off or damaged near byte {position}", position=position)

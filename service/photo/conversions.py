@@ -11,6 +11,9 @@ from PIL import TiffImagePlugin as _TiffImagePlugin  # noqa: F401
 
 from service.photo.wire import FOCAL_RANGE_MM
 
+MAX_EXIF_BYTES = 1 << 16
+"""As much EXIF as is looked at, and as a JPEG segment can hold; the directories come first, then thumbnails."""
+
 _SPACES = {"RGB ": ("RGB", "RGBX"), "GRAY": ("L", "1"), "CMYK": ("CMYK",)}
 # Black-point compensation: a printer's black becomes black rather than dark grey.
 _FLAGS = ImageCms.Flags.BLACKPOINTCOMPENSATION
@@ -145,7 +148,7 @@ def read_exif(exif: bytes) -> ExifFacts:
     """Read orientation, focal length and the camera's sides; never raises for what the bytes are.
 
     Args:
-        exif: TIFF-structured bytes, possibly broken or empty; ``container.MAX_EXIF_BYTES`` of them at most, since what
+        exif: TIFF-structured bytes, possibly broken or empty; ``MAX_EXIF_BYTES`` of them at most, since what
             Pillow spends grows with them.
     """
     tags = Image.Exif()

@@ -15,12 +15,14 @@ import zlib
 from collections.abc import Callable
 from importlib import import_module
 from io import BytesIO
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from PIL import Image, ImageFile
 
-from service.photo.container import MAX_EXIF_BYTES, Codec
-from service.photo.wire import READY, Note, Reply, Request, Status
+from service.photo.wire import READY, Codec, Note, Output, Reply, Request, Status
+
+MAX_ICC_BYTES = 4 * 1024**2
+"""Largest colour profile that is looked at; printer profiles with tables stay below 3 MB."""
 
 BACKGROUND = 128
 """Grey that shows through transparent pixels; sRGB value."""
@@ -66,31 +68,29 @@ class BadSize(Exception):
 
 
 class Decoded(NamedTuple):
-    """An upright RGB image in sRGB, what was noticed, and its 35 mm equivalent focal length in mm, 0 where unknown."""
+    """An image, what was noticed, its 35 mm equivalent focal length in mm (0: unknown), and the steps of a JPEG."""
 
     image: Image.Image
-    notes: Note
+    notes: Note = Note(0)
     focal_35mm: float = 0.0
+    steps: tuple[int, ...] = (0,) * 64
 
 
-def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
-    """Import the reader of one format and, with ``colour`` and ``exif``, the colour engine and the reader of EXIF.
+def prepare(codec: int) -> Opener:
+    """Import the reader of one format, the colour engine and the reader of EXIF.
 
     The process gives up its right to open files before it looks at a photo, so nothing can be imported later.
     """
-    if colour or codec == Codec.HEIC:
-        import_module("service.photo.conversions")
-    if exif or codec == Codec.HEIC:
-        import_module("service.photo.conversions")
+    import_module("service.photo.conversions")
     if codec == Codec.JPEG:
         from PIL.JpegImagePlugin import JpegImageFile
 
         return lambda data: JpegImageFile(BytesIO(data))
     if codec == Codec.PNG:
-        from PIL.PngImagePlugin import PngImageFile
+        from PIL import PngImagePlugin
 
-        import_module("service.photo.conversions")
-        return lambda data: PngImageFile(BytesIO(data))
+        PngImagePlugin.MAX_TEXT_CHUNK = MAX_ICC_BYTES  # bounds profiles too, and their sRGB ones have 3 kB
+        return lambda data: PngImagePlugin.PngImageFile(BytesIO(data))
     if codec == Codec.WEBP:
         from PIL.WebPImagePlugin import WebPImageFile
 
@@ -106,57 +106,51 @@ def prepare(codec: int, *, colour: bool, exif: bool) -> Opener:
     raise ValueError(f"no such codec: {codec}")
 
 
-def decode(
-    open_image: Opener, payload: bytes, icc: bytes, gamma: float, exif: bytes, max_side: int, max_pixels: int,
-    alpha_only: bool = False,
-) -> Decoded:  # fmt: skip
-    """Decode one file.
-
-    Args:
-        open_image: from ``prepare``.
-        payload: the image file.
-        icc: colour profile; where empty, the one that the decoder finds is used (HEIC).
-        gamma: exponent of the encoding, or 0 for sRGB.
-        exif: EXIF that the file stores, or empty. Where the decoder finds it itself (HEIC), it has undone the turn too.
-        max_side: longest side, in pixels.
-        max_pixels: width times height.
-        alpha_only: give the opacity as grey, 255 where there is none, in place of the colours.
+def decode(open_image: Opener, request: Request) -> Decoded:
+    """Decode one file with the opener from ``prepare``.
 
     Raises:
-        DecoderFault: damaged, or a mode that no photo has.
+        DecoderFault: damaged, of another size than its header states, or a mode that no photo has.
         Animated: more than one frame.
         BadSize: over the limits.
         MemoryError: more memory than the process may have.
     """
-    image, found = _load(open_image, payload, max_side, max_pixels)
-    icc = icc or image.info.get("icc_profile") or b""
-    notes = Note(0)
-    if getattr(image, "n_frames", 1) > 1:
-        notes |= Note.EXTRA_IMAGES
-    image, focal, exif_note = _by_exif(image, exif, found)
-    notes |= exif_note
+    opened, image = _load(open_image, request)
+    info = opened.info
+    if request.output != Output.PHOTO:
+        colours, alpha = _split_alpha(image)
+        bands = colours.convert("RGB").split()
+        if request.output == Output.CODES_AND_ALPHA:
+            return Decoded(Image.merge("RGBA", (*bands, Image.new("L", image.size, 255) if alpha is None else alpha)))
+        return Decoded(Image.merge("RGB", bands))
+    notes = Note.EXTRA_IMAGES if getattr(opened, "n_frames", 1) > 1 or "mp" in info else Note(0)
+    steps = next(iter(getattr(opened, "quantization", {}).values()), (0,) * 64)
+    image, focal, exif_note = _by_exif(image, info.get("exif"), turned=request.codec == Codec.HEIC)
     image, alpha = _split_alpha(image)
-    if alpha_only:
-        opacity = Image.new("L", image.size, 255) if alpha is None else alpha
-        return Decoded(Image.merge("RGB", [opacity] * 3), notes, focal)
-    image, icc_note = _to_srgb(image, icc, gamma)
-    notes |= icc_note
+    image, icc_note = _to_srgb(image, info)
+    notes |= exif_note | icc_note
     if alpha is not None and alpha.getextrema()[0] != 255:
         notes |= Note.TRANSPARENT
         background = Image.new("RGB", image.size, (BACKGROUND,) * 3)
         background.paste(image, mask=alpha)
         image = background
-    return Decoded(image, notes, focal)
+    return Decoded(image, notes, focal, tuple(steps))
 
 
-def _by_exif(image: Image.Image, stored: bytes, found: bytes) -> tuple[Image.Image, float, Note]:
-    """The image upright, its focal length and a note where that is of another frame."""
-    if not stored and not found:
+def _by_exif(image: Image.Image, exif: object, *, turned: bool) -> tuple[Image.Image, float, Note]:
+    """The image upright, its focal length and a note where that is of another frame.
+
+    Args:
+        image: as stored.
+        exif: what the reader found.
+        turned: whether the reader has undone the turn.
+    """
+    if not isinstance(exif, bytes):
         return image, 0.0, Note(0)
-    from service.photo.conversions import read_exif
+    from service.photo.conversions import MAX_EXIF_BYTES, read_exif
 
-    facts = read_exif(stored or found.removeprefix(b"Exif\0\0")[:MAX_EXIF_BYTES])
-    if stored and facts.orientation in _TURNS:
+    facts = read_exif(exif.removeprefix(b"Exif\0\0")[:MAX_EXIF_BYTES])
+    if not turned and facts.orientation in _TURNS:
         image = image.transpose(_TURNS[facts.orientation])
     if facts.focal_35mm is None:
         return image, 0.0, Note(0)
@@ -164,20 +158,22 @@ def _by_exif(image: Image.Image, stored: bytes, found: bytes) -> tuple[Image.Ima
     return image, 0.0 if cropped else facts.focal_35mm, Note.FOCAL_IGNORED if cropped else Note(0)
 
 
-def _load(open_image: Opener, payload: bytes, max_side: int, max_pixels: int) -> tuple[Image.Image, bytes]:
-    """Open, check the size once more, decode; returns the image and its EXIF where the decoder found it."""
+def _load(open_image: Opener, request: Request) -> tuple[ImageFile.ImageFile, Image.Image]:
+    """Open, check the size once more, decode; returns the file and its pixels."""
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
-            image = open_image(payload)
+            image = open_image(request.payload)
             width, height = image.size
-            if max(width, height) > max_side or width * height > max_pixels:
+            if max(width, height) > request.max_side or width * height > request.max_pixels:
                 raise BadSize(width, height)
+            if request.width and (width, height) != (request.width, request.height):
+                raise ValueError("another size than the header states")
             frames = getattr(image, "n_frames", 1)
             if frames > 1 and image.format != "HEIF":
                 raise Animated(frames)
-            exif = image.info.get("exif", b"")
-            return _load_pixels(image, payload), exif if isinstance(exif, bytes) else b""
+            return image, _load_pixels(image, request.payload)
         except _DECODER_FAULTS as fault:
             raise DecoderFault(type(fault).__name__) from fault
 
@@ -210,18 +206,19 @@ def _split_alpha(image: Image.Image) -> tuple[Image.Image, Image.Image | None]:
     return image.convert("RGB"), None
 
 
-def _to_srgb(image: Image.Image, icc: bytes, gamma: float) -> tuple[Image.Image, Note]:
-    note = Note(0)
-    if icc:
-        from service.photo.conversions import profile_to_srgb
+def _to_srgb(image: Image.Image, info: dict[str | tuple[int, int], Any]) -> tuple[Image.Image, Note]:
+    """The image in sRGB by what its file says of its colours: a profile, which may be broken, or an exponent."""
+    from service.photo.conversions import gamma_to_srgb, profile_to_srgb
 
-        converted = profile_to_srgb(image, icc)
+    note, icc, gamma = Note(0), info.get("icc_profile"), info.get("gamma", 0.0)
+    if icc:
+        converted = profile_to_srgb(image, icc) if len(icc) <= MAX_ICC_BYTES else None
         if converted is not None:
             return converted, note
+    if icc or "icc_profile" in info:
         note = Note.ICC_IGNORED
-    elif gamma:
-        from service.photo.conversions import gamma_to_srgb
-
+    # Writers state the exponent of sRGB as 1/2.2; what does not visibly differ from it is that.
+    elif "srgb" not in info and 0.1 <= gamma <= 10 and not math.isclose(gamma, 1 / 2.2, rel_tol=0.05):
         image = gamma_to_srgb(image, gamma)
     return (image if image.mode == "RGB" else image.convert("RGB")), note
 
@@ -235,25 +232,16 @@ def main() -> int:
     sys.stdout.buffer.flush()
     request = Request.parse(sys.stdin.buffer.read())
     _limit_spending(request)
-    open_image = prepare(request.codec, colour=bool(request.icc or request.gamma), exif=bool(request.exif))
+    open_image = prepare(request.codec)
     _give_up_files()
     answer(request, open_image, sys.stdout.buffer)
     return 0
 
 
 def answer(request: Request, open_image: Opener, out: BinaryIO) -> None:
-    """Decode and write the reply, with the pixels in row order, 3 bytes each."""
+    """Decode and write the reply, with the pixels in row order."""
     try:
-        decoded = decode(
-            open_image,
-            request.payload,
-            request.icc,
-            request.gamma,
-            request.exif,
-            request.max_side,
-            request.max_pixels,
-            request.alpha,
-        )
+        decoded = decode(open_image, request)
     except BadSize as fault:
         out.write(Reply(Status.BAD_SIZE, width=fault.args[0], height=fault.args[1]).pack())
     except Animated as fault:
@@ -269,7 +257,7 @@ def answer(request: Request, open_image: Opener, out: BinaryIO) -> None:
 
 def _write_pixels(decoded: Decoded, out: BinaryIO) -> None:
     image = decoded.image
-    out.write(Reply(Status.DONE, decoded.notes, image.width, image.height, decoded.focal_35mm).pack())
+    out.write(Reply(Status.DONE, decoded.notes, image.width, image.height, decoded.focal_35mm, decoded.steps).pack())
     for top in range(0, image.height, _STRIP_ROWS):
         bottom = min(top + _STRIP_ROWS, image.height)
         out.write(image.crop((0, top, image.width, bottom)).tobytes())

@@ -16,14 +16,11 @@ import sys
 import numpy as np
 
 from service.errors import AnimatedImage, AvatarError, CorruptImage, EmptyFile, TooComplex
-from service.photo.container import MAX_EXIF_BYTES, Codec, Container, is_heic_sequence, sniff
-from service.photo.jpeg import luma_steps, walk_jpeg
+from service.photo.container import Container, open_container
 from service.photo.limits import Limits, check_bytes, check_size
 from service.photo.photo import Photo, lacks_colour
-from service.photo.png import walk_png
 from service.photo.sandbox import run_decoder
-from service.photo.webp import walk_webp
-from service.photo.wire import Note, Reply, Request, Status
+from service.photo.wire import Note, Output, Reply, Request, Status
 
 _NOTES = {
     Note.TRANSPARENT: "transparent",
@@ -55,8 +52,7 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
     container = open_container(data, limits)
-    reply, raw = run_decoder(decoding_request(container, limits), limits)
-    _check(reply, container, limits)
+    reply, raw = decode_container(container, limits)
     pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
     warnings = list(container.warnings)
     warnings += [text for note, text in _NOTES.items() if note in reply.notes]
@@ -64,7 +60,7 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
         warnings.append("no-colour")
     if sys.platform != "linux":
         warnings.append("decoder-not-limited")
-    steps = luma_steps(container.payload) if container.codec == Codec.JPEG else None
+    steps = np.reshape(reply.steps, (8, 8)).astype(np.float32) / np.float32(255) if any(reply.steps) else None
     digest = hashlib.sha256(data).hexdigest()
     return Photo(pixels, reply.focal_35mm or None, digest, tuple(dict.fromkeys(warnings)), steps)
 
@@ -78,47 +74,31 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
     if not data:
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
-    container = open_container(data, limits)
-    reply, _ = run_decoder(decoding_request(container, limits), limits, keep=False)
-    _check(reply, container, limits)
+    decode_container(open_container(data, limits), limits, keep=False)
 
 
-def open_container(data: bytes, limits: Limits) -> Container:
-    """Everything that is done before decoding: the format, its container and the size that it states.
+def decode_container(
+    container: Container, limits: Limits, output: Output = Output.PHOTO, *, keep: bool = True
+) -> tuple[Reply, bytearray]:
+    """Have a container decoded in a process of its own, and hold the answer against what its header states.
+
+    Args:
+        container: from ``open_container``.
+        limits: what decoding may cost.
+        output: what the pixels shall be.
+        keep: False throws the pixels away.
 
     Raises:
         UnreadableInput: one of its subclasses, as for ``read_photo``.
+        AvatarError: the installation is broken.
     """
-    codec = sniff(data)
-    if codec == Codec.HEIC:
-        if is_heic_sequence(data):
-            raise AnimatedImage("the HEIC file is a sequence of pictures; a still image is accepted")
-        return Container(codec, None, data)
-    if codec == Codec.JPEG:
-        container = walk_jpeg(data, limits)
-    elif codec == Codec.PNG:
-        container = walk_png(data)
-    else:
-        container = walk_webp(data)
-    if container.size is not None:
-        check_size(*container.size, limits)
-    return container
-
-
-def decoding_request(container: Container, limits: Limits) -> Request:
-    """What the decoding process is to do with a container."""
-    return Request(
-        container.codec,
-        container.gamma,
-        limits.max_side,
-        limits.max_pixels,
-        limits.memory_bytes,
-        limits.cpu_seconds,
-        limits.wall_seconds,
-        container.exif[:MAX_EXIF_BYTES],
-        container.icc,
-        container.payload,
-    )
+    request = Request(
+        container.codec, output, *(container.size or (0, 0)), limits.max_side, limits.max_pixels,
+        limits.memory_bytes, limits.cpu_seconds, limits.wall_seconds, container.payload,
+    )  # fmt: skip
+    reply, pixels = run_decoder(request, limits, keep=keep)
+    _check(reply, container, limits)
+    return reply, pixels
 
 
 def _check(reply: Reply, container: Container, limits: Limits) -> None:

@@ -36,7 +36,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
         keep: False throws the pixels away as they come, for callers that only want to know that they would.
 
     Returns:
-        The checked reply and ``width * height * 3`` bytes of RGB, or none where the status is not DONE.
+        The checked reply and its pixels, or none where the status is not DONE.
 
     Raises:
         CorruptImage: the decoder crashed on these bytes.
@@ -51,7 +51,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
     watchdog.start()
     feeder.start()
     try:
-        started, reply, pixels = _read(process, limits, keep)
+        started, reply, pixels = _read(process, request.output.channels, limits, keep)
         status = process.wait()
     finally:
         watchdog.cancel()
@@ -118,7 +118,9 @@ def _feed(process: subprocess.Popen[bytes], request: Request) -> None:
             pipe.close()
 
 
-def _read(process: subprocess.Popen[bytes], limits: Limits, keep: bool) -> tuple[bool, Reply | None, bytearray]:
+def _read(
+    process: subprocess.Popen[bytes], channels: int, limits: Limits, keep: bool
+) -> tuple[bool, Reply | None, bytearray]:
     """Returns (the process has started, its reply where it is whole and within the limits, pixels)."""
     pipe = _pipe(process.stdout)
     if pipe.read(1) != READY:
@@ -131,7 +133,7 @@ def _read(process: subprocess.Popen[bytes], limits: Limits, keep: bool) -> tuple
         return True, reply, bytearray()
     if max(reply.width, reply.height) > limits.max_side or reply.width * reply.height > limits.max_pixels:
         return True, None, bytearray()
-    size = reply.width * reply.height * 3
+    size = reply.width * reply.height * channels
     pixels = bytearray(size if keep else min(size, _PIECE))
     view = memoryview(pixels)
     filled = 0

@@ -13,14 +13,23 @@ from typing import NamedTuple
 READY = b"R"
 """First byte of the decoding process: its interpreter and Pillow are there. Faults before it are not the photo's."""
 
-_REQUEST = struct.Struct(">4sBdIIQIdBIIQ")
-_REPLY = struct.Struct(">4sBBIId")
-_MAGIC = b"AVG2"
+_REQUEST = struct.Struct(">4sBBIIIIQIdQ")
+_REPLY = struct.Struct(">4sBBIId64H")
+_MAGIC = b"AVG3"
 
 REPLY_SIZE = _REPLY.size
 
 FOCAL_RANGE_MM = (8.0, 1200.0)
 """35 mm equivalents that exist as lenses; others, and the 0 that stands for unknown, are not believed."""
+
+
+class Codec(IntEnum):
+    """The formats that are decoded; an allow-list."""
+
+    JPEG = 1
+    PNG = 2
+    WEBP = 3
+    HEIC = 4
 
 
 class Status(IntEnum):
@@ -42,37 +51,48 @@ class Note(IntFlag):
     FOCAL_IGNORED = 8
 
 
+class Output(IntEnum):
+    """What the pixels of a reply are."""
+
+    PHOTO = 0
+    """Upright sRGB over a grey ground, 3 bytes each."""
+    CODES = 1
+    """The values as they are stored, 3 bytes each: no turn, no profile, no gamma."""
+    CODES_AND_ALPHA = 2
+    """The same with the opacity, 255 where the file has none, 4 bytes each."""
+
+    @property
+    def channels(self) -> int:
+        """Bytes of a pixel."""
+        return 4 if self == Output.CODES_AND_ALPHA else 3
+
+
 class Request(NamedTuple):
     """What to decode.
 
     Attributes:
-        codec: value of ``container.Codec``.
-        gamma: exponent of the encoding, or 0 for sRGB.
-        max_side, max_pixels: size limits, for formats whose size only the decoder can read.
+        codec: value of ``Codec``.
+        output: what to make of it.
+        width, height: of the image as its header states it; 0 where only the decoder can tell.
+        max_side, max_pixels: size limits.
         memory_bytes, cpu_seconds, wall_seconds: limits that the process sets itself.
-        exif: TIFF-structured EXIF bytes, or empty.
-        icc: colour profile, or empty.
         payload: the image file.
-        alpha: give the image's opacity as grey in place of its colours; 255 where it has none.
     """
 
     codec: int
-    gamma: float
+    output: Output
+    width: int
+    height: int
     max_side: int
     max_pixels: int
     memory_bytes: int
     cpu_seconds: int
     wall_seconds: float
-    exif: bytes
-    icc: bytes
     payload: bytes
-    alpha: bool = False
 
     def pack(self) -> bytes:
-        """Header, EXIF and profile; the payload is to follow."""
-        numbers = self[:7]
-        lengths = len(self.exif), len(self.icc), len(self.payload)
-        return _REQUEST.pack(_MAGIC, *numbers, self.alpha, *lengths) + self.exif + self.icc
+        """The header; the payload is to follow."""
+        return _REQUEST.pack(_MAGIC, *self[:-1], len(self.payload))
 
     @classmethod
     def parse(cls, message: bytes) -> Request:
@@ -83,16 +103,14 @@ class Request(NamedTuple):
         """
         if len(message) < _REQUEST.size:
             raise ValueError("short request")
-        magic, codec, gamma, side, pixels, memory, cpu, wall, alpha, *lengths = _REQUEST.unpack_from(message)
-        if magic != _MAGIC or len(message) != _REQUEST.size + sum(lengths):
+        magic, codec, output, *numbers, length = _REQUEST.unpack_from(message)
+        if magic != _MAGIC or len(message) != _REQUEST.size + length:
             raise ValueError("not a request")
-        icc_at, payload_at = _REQUEST.size + lengths[0], _REQUEST.size + lengths[0] + lengths[1]
-        exif, icc, payload = message[_REQUEST.size : icc_at], message[icc_at:payload_at], message[payload_at:]
-        return cls(codec, gamma, side, pixels, memory, cpu, wall, exif, icc, payload, bool(alpha))
+        return cls(codec, Output(output), *numbers, message[_REQUEST.size :])
 
 
 class Reply(NamedTuple):
-    """How it went; ``width * height * 3`` bytes of RGB follow where ``status`` is DONE.
+    """How it went; the pixels follow where ``status`` is DONE.
 
     Attributes:
         status: how decoding ended.
@@ -100,6 +118,7 @@ class Reply(NamedTuple):
         width, height: of the upright image, in pixels; for BAD_SIZE the size that was refused; for ANIMATED
             ``width`` is the number of frames.
         focal_35mm: 35 mm equivalent focal length in mm within ``FOCAL_RANGE_MM``, or 0 where unknown.
+        steps: 64 quantisation steps of a JPEG file's luma, row by row; zeros where unknown.
     """
 
     status: Status
@@ -107,10 +126,11 @@ class Reply(NamedTuple):
     width: int = 0
     height: int = 0
     focal_35mm: float = 0.0
+    steps: tuple[int, ...] = (0,) * 64
 
     def pack(self) -> bytes:
         """The fixed-size message."""
-        return _REPLY.pack(_MAGIC, *self)
+        return _REPLY.pack(_MAGIC, *self[:-1], *self.steps)
 
     @classmethod
     def parse(cls, message: bytes) -> Reply:
@@ -121,8 +141,8 @@ class Reply(NamedTuple):
         """
         if len(message) != _REPLY.size:
             raise ValueError("short reply")
-        magic, status, notes, width, height, focal = _REPLY.unpack(message)
+        magic, status, notes, width, height, focal, *steps = _REPLY.unpack(message)
         believed = focal == 0 or FOCAL_RANGE_MM[0] <= focal <= FOCAL_RANGE_MM[1]
         if magic != _MAGIC or not 0 <= notes <= 15 or not believed:
             raise ValueError("not a reply")
-        return cls(Status(status), Note(notes), width, height, focal)
+        return cls(Status(status), Note(notes), width, height, focal, tuple(steps))

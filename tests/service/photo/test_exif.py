@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.photo.container import MAX_EXIF_BYTES
-from service.photo.conversions import ExifFacts, read_exif
+from service.photo.conversions import MAX_EXIF_BYTES, ExifFacts, read_exif
 from tests.service.photo import badimages as bad
 
 

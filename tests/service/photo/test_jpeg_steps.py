@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import pytest
 
 from service.photo.gate import read_photo
-from service.photo.jpeg import luma_steps
 
 FIFTY = (16, 11, 10, 16, 24, 40, 51, 61)
 """First row of table K.1 of T.81, which encoders use at quality 50."""
@@ -32,8 +30,3 @@ def test_better_files_have_smaller_steps() -> None:
 
 def test_other_formats_have_none() -> None:
     assert read_photo(photo(0, ".png")).steps is None
-
-
-@pytest.mark.parametrize("payload", [b"", b"\xff\xd8", b"\xff\xd8\xff\xdb\x00\x04\x00\x01", b"\xff\xd8\xff\xdb\xff"])
-def test_cut_off_tables_are_none(payload: bytes) -> None:
-    assert luma_steps(payload) is None

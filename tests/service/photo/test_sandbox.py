@@ -18,10 +18,9 @@ from PIL import Image, ImageCms, ImageFile, JpegImagePlugin, PngImagePlugin, Web
 
 from service.errors import AvatarError, CorruptImage, TooComplex
 from service.photo import decoder, sandbox
-from service.photo.container import Codec
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
-from service.photo.wire import READY, REPLY_SIZE, Note, Reply, Request, Status
+from service.photo.wire import READY, REPLY_SIZE, Codec, Note, Output, Reply, Request, Status
 from tests.service.photo import badimages as bad
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -30,9 +29,8 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="the limits of the de
 
 
 def request(payload: bytes, kind: Codec, limits: Limits = DEFAULT) -> Request:
-    return Request(
-        kind, 0.0, limits.max_side, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds, 15.0, b"", b"", payload
-    )
+    sizes = limits.max_side, limits.max_pixels
+    return Request(kind, Output.PHOTO, 0, 0, *sizes, limits.memory_bytes, limits.cpu_seconds, 15.0, payload)
 
 
 class Spent(NamedTuple):
@@ -60,7 +58,7 @@ def decode_measured(order: Request) -> Spent:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     report = dict(line.split(":", 1) for line in done.stderr.decode().splitlines() if ":" in line)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Spent(done.stdout[:64], cpu, int(report.get("VmHWM", "0").split()[0]) / 1024)
+    return Spent(done.stdout[: 1 + REPLY_SIZE], cpu, int(report.get("VmHWM", "0").split()[0]) / 1024)
 
 
 def measured(order: Request) -> tuple[Reply, float, float]:
@@ -215,7 +213,7 @@ def test_decoder_loads_nothing_heavy() -> None:
         import sys
         from service.photo import decoder
         for kind in (1, 2, 3):
-            decoder.prepare(kind, colour=True, exif=True)
+            decoder.prepare(kind)
         heavy = {"numpy", "cv2", "scipy", "onnxruntime", "torch", "service.photo.gate"} & set(sys.modules)
         assert not heavy, heavy
     """
@@ -242,8 +240,8 @@ def lying_decoder(monkeypatch: pytest.MonkeyPatch, body: str) -> None:
         "out.write(READY + Reply(Status.DONE, width=96, height=80).pack() + bytes(96 * 80 * 3 + 1))",
         "out.write(READY + Reply(Status.DONE, width=4_000_000_000, height=4_000_000_000).pack())",
         "out.write(READY + Reply(Status.DONE, width=120, height=64).pack() + bytes(96 * 80 * 3))",
-        "out.write(READY + struct.pack('>4sBBIId', b'AVG1', 9, 0, 96, 80, 0.0) + bytes(96 * 80 * 3))",
-        "out.write(READY + struct.pack('>4sBBIId', b'AVG1', 0, 0, 96, 80, float('nan')) + bytes(96 * 80 * 3))",
+        "out.write(READY + struct.pack('>4sBBIId128x', b'AVG3', 9, 0, 96, 80, 0.0) + bytes(96 * 80 * 3))",
+        "out.write(READY + struct.pack('>4sBBIId128x', b'AVG3', 0, 0, 96, 80, float('nan')) + bytes(96 * 80 * 3))",
     ],
 )
 def test_decoder_is_not_believed(body: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,9 +304,9 @@ def test_photos_are_decoded_side_by_side() -> None:
 
 
 def test_messages_survive_the_wire() -> None:
-    order = request(b"payload", Codec.PNG)._replace(icc=b"profile", gamma=0.5, exif=b"facts")
+    order = request(b"payload", Codec.PNG)._replace(output=Output.CODES, width=96, height=80)
     assert Request.parse(order.pack() + order.payload) == order
-    reply = Reply(Status.DONE, Note.TRANSPARENT | Note.ICC_IGNORED, 12, 34, 28.0)
+    reply = Reply(Status.DONE, Note.TRANSPARENT | Note.ICC_IGNORED, 12, 34, 28.0, tuple(range(64)))
     assert Reply.parse(reply.pack()) == reply
     for message in (b"", order.pack(), b"x" * 200):
         with pytest.raises(ValueError, match="request"):
