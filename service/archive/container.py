@@ -1,4 +1,4 @@
-"""Deterministic zip archives, written atomically.
+"""Deterministic zip archives, written atomically, and untrusted ones, read within bounds.
 
 Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
 mode 0644. Names come from that list, or are ``PART_TEXTURE``, so no input can cause a path traversal at extraction.
@@ -7,6 +7,7 @@ mode 0644. Names come from that list, or are ``PART_TEXTURE``, so no input can c
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import secrets
@@ -14,11 +15,13 @@ import shutil
 import stat
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO, Any, BinaryIO
 
-from service.errors import OutputFault
+from service.errors import BadArchive, OutputFault, UsageError
 from service.map_registry import MAPS
 
 MEMBER_NAMES = (
@@ -63,6 +66,7 @@ def in_order(names: Iterable[str]) -> list[str]:
     listed = [name for name in MEMBER_NAMES if name in present]
     after = sum(not name.startswith(("mesh/", "preview/")) for name in listed)
     return [*listed[:after], *own, *listed[after:]]
+
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
@@ -187,3 +191,86 @@ def _sync_folder(folder: Path) -> None:
 
 def _reason(error: OSError) -> str:
     return (error.strerror or str(error) or type(error).__name__).lower()
+
+
+MAX_MANIFEST = 16 << 20
+MAX_MEMBER = 512 << 20
+"""Bytes of one file of an archive; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
+
+
+@dataclass(frozen=True)
+class ArchiveFile:
+    """An untrusted archive whose names and manifest were checked; its files are read when they are wanted.
+
+    Attributes:
+        source: path of the archive, or a seekable stream of one.
+        names: of its files, in its order.
+        manifest: as stored, of schema 1.x with a list of maps; its other keys were not checked.
+    """
+
+    source: Path | IO[bytes]
+    names: tuple[str, ...]
+    manifest: dict[str, Any]
+
+    @classmethod
+    def open(cls, source: Path | IO[bytes]) -> ArchiveFile:
+        """Check an archive.
+
+        Raises:
+            UsageError: there is no such file.
+            BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
+        """
+        if isinstance(source, Path) and not source.is_file():
+            raise UsageError(f"there is no archive {source}; make one with avatarme make PHOTO")
+        with _unzipped(source) as archive:
+            names = archive.namelist()
+            odd = unknown_names(names) or ["a name twice"] * (len(set(names)) != len(names))
+            if odd:
+                raise BadArchive(
+                    f"the zip contains {odd[0][:60]!r}; an archive of avatarme has manifest.json, maps/ and mesh/ only"
+                )
+            for name in ("manifest.json", "mesh/head.obj"):
+                if name not in names:
+                    raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is incomplete")
+            return cls(source, tuple(names), _manifest(_bounded(archive, "manifest.json", MAX_MANIFEST)))
+
+    def read(self, name: str, limit: int = MAX_MEMBER) -> bytes:
+        """Content of one file; at most ``limit`` + 1 bytes are unpacked, whatever its header claims.
+
+        Raises:
+            BadArchive: it is not there, damaged, or longer.
+        """
+        if name not in self.names:
+            raise BadArchive(f"the archive has no {name}")
+        with _unzipped(self.source) as archive:
+            return _bounded(archive, name, limit)
+
+
+@contextlib.contextmanager
+def _unzipped(source: Path | IO[bytes]) -> Iterator[zipfile.ZipFile]:
+    try:
+        with zipfile.ZipFile(source) as archive:
+            yield archive
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        raise BadArchive(f"the archive cannot be read: {error}") from error
+
+
+def _bounded(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    with archive.open(name) as stream:
+        data = stream.read(limit + 1)
+    if len(data) > limit:
+        raise BadArchive(f"{name} unpacks to more than {limit} bytes, which is the most that is accepted")
+    return data
+
+
+def _manifest(data: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise BadArchive(f"manifest.json of the archive is not JSON: {error}") from error
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if not isinstance(version, str) or version.partition(".")[0] != "1":
+        raise BadArchive(f"the manifest has schema version {version!r}; this program reads versions 1.x")
+    if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
+        raise BadArchive("the manifest's list of maps is missing or not a list of objects")
+    return dict(content)

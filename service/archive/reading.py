@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from service.archive.container import PART_TEXTURE, unknown_names
+from service.archive.container import PART_TEXTURE, ArchiveFile
 from service.archive.manifest import Material, Part
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import UInt8
-from service.errors import BadArchive, CorruptImage, UnreadableInput, UsageError
+from service.errors import BadArchive, CorruptImage, UnreadableInput
 from service.photo.container import open_container
 from service.photo.gate import decode_container
 from service.photo.limits import Limits
 from service.photo.wire import Codec, Output
 from service.render.surface import StoredMap
 
-MAX_MANIFEST = 16 << 20
-MAX_MAP = 512 << 20
-"""Bytes of one map; a noisy 16-bit map of 6144 x 4096 has 150 MB."""
-
 MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
-
-_MESH, _PARTS = "mesh/head.obj", "mesh/parts.obj"
 
 
 @dataclass(frozen=True)
@@ -82,23 +73,18 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
         BadArchive: not a zip, not an avatar's archive, damaged, or unpacks to more than is accepted.
         BadMesh: its mesh cannot be read.
     """
-    if isinstance(source, Path) and not source.is_file():
-        raise UsageError(f"there is no archive {source}; make one with avatarme make PHOTO")
-    try:
-        with zipfile.ZipFile(source) as archive:
-            _check_names(archive)
-            manifest = _manifest(_member(archive, "manifest.json", MAX_MANIFEST))
-            mesh = read_obj(_member(archive, _MESH, MAX_OBJ))
-            there = _PARTS in archive.namelist()
-            whole = read_obj(_member(archive, _PARTS, MAX_OBJ)) if there else mesh
-            drawn, materials = _parts(manifest)
-            others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
-            stored = [_stored_part(archive, whole, part, materials) for part in others]
-            names = {part.name for part in drawn}
-            gone = tuple(name for name in mesh.part_names if names and name not in names)
-            return AvatarFile(manifest, mesh, _maps(archive, manifest, roles), tuple(stored), gone)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
-        raise BadArchive(f"the archive cannot be read: {error}") from error
+    archive = ArchiveFile.open(source)
+    mesh = read_obj(archive.read("mesh/head.obj", MAX_OBJ))
+    whole = read_obj(archive.read("mesh/parts.obj", MAX_OBJ)) if "mesh/parts.obj" in archive.names else mesh
+    drawn, materials = _parts(archive.manifest)
+    others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
+    stored = tuple(_stored_part(archive, whole, part, materials) for part in others)
+    names = {part.name for part in drawn}
+    gone = tuple(name for name in mesh.part_names if names and name not in names)
+    listed = {str(item.get("role")): item for item in archive.manifest["maps"]}
+    there = [role for role in roles if role in listed and f"maps/{role}.png" in archive.names]
+    maps = {role: _stored(role, archive.read(f"maps/{role}.png"), listed[role]) for role in there}
+    return AvatarFile(archive.manifest, mesh, maps, stored, gone)
 
 
 def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
@@ -117,58 +103,13 @@ def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
     return parts, {one.name: one for one in materials}
 
 
-def _stored_part(archive: zipfile.ZipFile, whole: ObjMesh, part: Part, materials: dict[str, Material]) -> StoredPart:
+def _stored_part(archive: ArchiveFile, whole: ObjMesh, part: Part, materials: dict[str, Material]) -> StoredPart:
     if part.material not in materials:
         raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
     material = materials[part.material]
     path = material.maps.get("colour", "")
-    own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.namelist()
-    return StoredPart(part.name, whole.part(part.name), material, _member(archive, path, MAX_TEXTURE) if own else None)
-
-
-def _check_names(archive: zipfile.ZipFile) -> None:
-    names = archive.namelist()
-    unknown = unknown_names(names)
-    if unknown or len(set(names)) != len(names):
-        odd = repr(unknown[0][:60]) if unknown else "a duplicate name"
-        raise BadArchive(f"the zip contains {odd}; an archive of avatarme has manifest.json, maps/ and mesh/ only")
-    for name in ("manifest.json", _MESH):
-        if name not in names:
-            raise BadArchive(f"the archive has no {name}; it was not made by avatarme, or is incomplete")
-
-
-def _member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    """Content of a member; at most ``limit`` + 1 bytes are unpacked, whatever its header claims."""
-    with archive.open(name) as stream:
-        data = stream.read(limit + 1)
-    if len(data) > limit:
-        raise BadArchive(f"{name} unpacks to more than {limit} bytes, which is the most that is accepted")
-    return data
-
-
-def _manifest(data: bytes) -> dict[str, Any]:
-    try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise BadArchive(f"manifest.json of the archive is not JSON: {error}") from error
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if not isinstance(version, str) or version.partition(".")[0] != "1":
-        raise BadArchive(f"the manifest has schema version {version!r}; this program reads versions 1.x")
-    if not isinstance(content.get("maps"), list) or not all(isinstance(item, dict) for item in content["maps"]):
-        raise BadArchive("the manifest's list of maps is missing or not a list of objects")
-    return dict(content)
-
-
-def _maps(archive: zipfile.ZipFile, manifest: dict[str, Any], roles: tuple[str, ...]) -> dict[str, StoredMap]:
-    listed = {str(item.get("role")): item for item in manifest["maps"]}
-    found = {}
-    for role in roles:
-        path = f"maps/{role}.png"
-        if role not in listed or path not in archive.namelist():
-            continue
-        png = _member(archive, path, MAX_MAP)
-        found[role] = _stored(role, png, listed[role])
-    return found
+    own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.names
+    return StoredPart(part.name, whole.part(part.name), material, archive.read(path, MAX_TEXTURE) if own else None)
 
 
 def _stored(role: str, png: bytes, entry: dict[str, Any]) -> StoredMap:

@@ -10,8 +10,9 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from service.archive.container import ArchiveFile
 from service.errors import OutputFault
-from service.kits.source import ArchiveSource, environment, write
+from service.kits.source import environment, unpack, write
 
 SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_scene.txt"
 """The script; not named .py, as it runs in Blender and not here."""
@@ -22,9 +23,9 @@ VARIABLE = "AVATARME_BLENDER"
 BUILD_SECONDS = 600
 
 
-def write_blender_kit(source: ArchiveSource, folder: Path) -> list[Path]:
+def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
-    written = source.unpack(folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
+    written = unpack(source, folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
     light = environment(source)
     if light is not None:
         write(folder / "photo_light.exr", light)

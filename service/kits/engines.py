@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from service import GENERATOR
+from service.archive.container import ArchiveFile
 from service.archive.glb import Picture, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_jpeg, encode_png
 from service.archive.licences import COPYRIGHT
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
 from service.kits.lod import levels_of_detail, triangles
-from service.kits.source import ArchiveSource, environment, materials_of, read_parts, write
+from service.kits.source import environment, materials_of, read_parts, unpack, write
 
 LARGEST = 4096
 IN_GLB = 2048
@@ -33,7 +34,7 @@ class Charts:
         largest: side of the textures at most; less where the maps are smaller.
     """
 
-    source: ArchiveSource
+    source: ArchiveFile
     largest: int = LARGEST
     _read: dict[str, UInt8] = field(default_factory=dict)
 
@@ -200,7 +201,7 @@ PACKING: dict[str, tuple[Packed, ...]] = {
 """Textures of each kit."""
 
 
-def write_engine_kit(source: ArchiveSource, folder: Path, tool: str) -> list[Path]:
+def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]:
     """Levels of detail, textures, the environment, and ``kit.json``, which says what is what.
 
     Raises:
@@ -209,7 +210,7 @@ def write_engine_kit(source: ArchiveSource, folder: Path, tool: str) -> list[Pat
     """
     charts = Charts(source)
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
-    written = source.unpack(folder, ("LICENSES.md", "maps/displacement.png", *more))
+    written = unpack(source, folder, ("LICENSES.md", "maps/displacement.png", *more))
     materials = materials_of(source)
     parts = [part for part in read_parts(source.read("mesh/head.usda"), source.manifest, materials)
              if part.material.opacity > 0]  # fmt: skip
@@ -236,14 +237,14 @@ def write_engine_kit(source: ArchiveSource, folder: Path, tool: str) -> list[Pat
     return [*written, folder / "kit.json"]
 
 
-def _described(source: ArchiveSource) -> dict[str, Any]:
+def _described(source: ArchiveFile) -> dict[str, Any]:
     manifest = source.manifest
     return {name: manifest.get(name) for name in ("parts", "materials", "joints", "displacement", "camera")} | {
         "units": manifest["head"]["blendshapes"], "expression": (manifest.get("fit") or {}).get("expression", {}),
     }  # fmt: skip
 
 
-def _glb(source: ArchiveSource, parts: Any, pictures: Any) -> bytes:
+def _glb(source: ArchiveFile, parts: Any, pictures: Any) -> bytes:
     manifest = source.manifest
     head = manifest["head"]
     return glb_bytes(

@@ -55,10 +55,10 @@ def export_kit(archive: Path, tool: str, folder: Path) -> Kit:
         OutputFault: a file could not be written, or Blender could not build the scene.
     """
     from service.kits import blender, engines
-    from service.kits.source import ArchiveSource
+    from service.kits.source import opened
 
     known_tool(tool)
-    source = ArchiveSource.open(archive)
+    source = opened(archive)
     if folder.exists() and not folder.is_dir():
         raise OutputFault(f"cannot write {folder}: it is no folder", path=str(folder))
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "kit.json").is_file():

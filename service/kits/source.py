@@ -2,95 +2,49 @@
 
 from __future__ import annotations
 
-import json
 import re
-import zipfile
-import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from service.archive.container import unknown_names
+from service.archive.container import ArchiveFile
 from service.archive.images import exr_bytes
 from service.archive.reading import unpack_map, unpack_texture
 from service.archive.usd import REST
 from service.arrays import Float32, Float64, Int32, UInt8
 from service.colour import bytes_to_linear
-from service.errors import BadArchive, NumericFault, OutputFault, UsageError
+from service.errors import BadArchive, NumericFault, OutputFault
 from service.light.harmonics import basis
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.part import MeshPart
 
-MOST_BYTES = 2 << 30
-"""Unpacked size of an archive that is accepted."""
 
+def opened(path: Path) -> ArchiveFile:
+    """An archive that has what kits are made of.
 
-@dataclass(frozen=True)
-class ArchiveSource:
-    """An archive whose names and manifest were checked.
-
-    Attributes:
-        path: of the archive.
-        names: of its members.
-        manifest: as stored.
+    Raises:
+        UsageError: there is no such file.
+        BadArchive: not an archive of this program, or of a version without materials and joints.
     """
+    archive = ArchiveFile.open(path)
+    if any(name not in archive.manifest for name in ("materials", "joints", "parts", "head")):
+        raise BadArchive("the manifest has no materials and joints: made by an older version; make it anew")
+    return archive
 
-    path: Path
-    names: tuple[str, ...]
-    manifest: dict[str, Any]
 
-    @classmethod
-    def open(cls, path: Path) -> ArchiveSource:
-        """Check an archive.
+def unpack(archive: ArchiveFile, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
+    """Write the files under some prefixes into a folder, under their names; returns where they are.
 
-        Raises:
-            UsageError: there is no such file.
-            BadArchive: not an archive of this program, or of a version without materials and joints.
-        """
-        if not path.is_file():
-            raise UsageError(f"there is no archive {path}; make one with avatarme make PHOTO")
-        try:
-            with zipfile.ZipFile(path) as archive:
-                entries = archive.infolist()
-                names = tuple(entry.filename for entry in entries)
-                odd = unknown_names(names)
-                if odd or len(set(names)) != len(names):
-                    raise BadArchive(f"the zip contains {(odd or ['a name twice'])[0][:60]!r}; it is not of avatarme")
-                if sum(entry.file_size for entry in entries) > MOST_BYTES:
-                    raise BadArchive(f"the archive unpacks to more than {MOST_BYTES} bytes, which is the most accepted")
-                manifest = json.loads(archive.read("manifest.json"))
-        except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, NotImplementedError, OSError) as error:
-            raise BadArchive(f"the archive cannot be read: {error}") from error
-        needed = ("materials", "joints", "parts", "head")
-        if not isinstance(manifest, dict) or any(name not in manifest for name in needed):
-            raise BadArchive("the manifest has no materials and joints: made by an older version; make it anew")
-        return cls(path, names, manifest)
-
-    def read(self, name: str) -> bytes:
-        """Content of a member; BadArchive where it is not there or damaged."""
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                return archive.read(name)
-        except (zipfile.BadZipFile, zlib.error, KeyError, OSError) as error:
-            raise BadArchive(f"{name} of the archive cannot be read: {error}") from error
-
-    def unpack(self, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
-        """Write the members under some prefixes into a folder, under their names.
-
-        Raises:
-            BadArchive: a member is damaged.
-            OutputFault: a file could not be written.
-        """
-        written = []
-        for name in self.names:
-            if name.startswith(prefixes):
-                target = folder / name
-                write(target, self.read(name))
-                written.append(target)
-        return written
+    Raises:
+        BadArchive: one is damaged.
+        OutputFault: one could not be written.
+    """
+    names = [name for name in archive.names if name.startswith(prefixes)]
+    for name in names:
+        write(folder / name, archive.read(name))
+    return [folder / name for name in names]
 
 
 def write(path: Path, data: bytes) -> None:
@@ -105,7 +59,7 @@ def write(path: Path, data: bytes) -> None:
 _OWN = "maps/parts/"
 
 
-def materials_of(source: ArchiveSource) -> dict[str, Material]:
+def materials_of(source: ArchiveFile) -> dict[str, Material]:
     """Materials by name; textures of parts' own are decoded.
 
     Raises:
@@ -118,7 +72,7 @@ def materials_of(source: ArchiveSource) -> dict[str, Material]:
         raise BadArchive(f"the manifest's materials cannot be used: {error}") from error
 
 
-def _material(one: dict[str, Any], source: ArchiveSource, known: dict[str, Map]) -> Material:
+def _material(one: dict[str, Any], source: ArchiveFile, known: dict[str, Map]) -> Material:
     maps: dict[str, Map] = {}
     for slot, path in one["maps"].items():
         if path not in known:
@@ -226,7 +180,7 @@ LEAST_SKIN = 50
 """Fewest texels of lit skin from which its albedo is estimated."""
 
 
-def environment(source: ArchiveSource) -> bytes | None:
+def environment(source: ArchiveFile) -> bytes | None:
     """EXR of the radiance around the head, equirectangular, Z up as in Blender; None where the photo gave no light.
 
     Column 0 is -X; the middle looks along +X, and -Y, where the face looks in a Z-up world, is at three quarters.
@@ -247,7 +201,7 @@ def environment(source: ArchiveSource) -> bytes | None:
     return exr_bytes(np.maximum(radiance, 0).astype(np.float32))
 
 
-def _skin(source: ArchiveSource) -> Float64:
+def _skin(source: ArchiveFile) -> Float64:
     """(3,) albedo that the light of the manifest, which has the skin's colour in it, has to be divided by.
 
     The light is scaled so that skin of luminance 1 is seen; the photo's is the albedo's colour in it.

@@ -21,7 +21,7 @@ from service.errors import BadArchive, UsageError
 from service.kits import blender
 from service.kits.export import export_kit
 from service.kits.lod import levels_of_detail, reduced, subdivided_part, triangles
-from service.kits.source import ArchiveSource, materials_of, read_parts
+from service.kits.source import materials_of, opened, read_parts
 from service.materials.material import OwnMap
 from service.materials.of_head import head_parts
 from service.materials.part import MeshPart
@@ -52,7 +52,7 @@ def test_the_manifest_says_materials_parts_and_joints(archive: Path) -> None:
 
 
 def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
-    source = ArchiveSource.open(archive)
+    source = opened(archive)
     materials = materials_of(source)
     read = read_parts(source.read("mesh/head.usda"), source.manifest, materials)
     wanted = drawn_parts(whole_avatar())
@@ -77,7 +77,7 @@ def test_usd_and_manifest_are_read_back_as_the_parts(archive: Path) -> None:
 
 
 def test_a_cut_usd_is_refused(archive: Path) -> None:
-    source = ArchiveSource.open(archive)
+    source = opened(archive)
     data = source.read("mesh/head.usda")
     with pytest.raises(BadArchive, match=r"head\.usda"):
         read_parts(data[: len(data) // 2], source.manifest, materials_of(source))
