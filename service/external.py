@@ -11,12 +11,14 @@ There is no photo and nothing is fitted; the manifest says so.
 from __future__ import annotations
 
 import time
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
-from service.archive.avatar import Avatar, Given
+from service.archive.avatar import Avatar
 from service.archive.licences import model_cards
+from service.archive.manifest import Given
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb
@@ -227,7 +229,7 @@ def make_external(
         models=model_cards(head, head_file, plan.networks, photo=False),
         reflectance=reflectance,
         surface=surface_maps(head, vertices, reflectance, options.maps, options.map_size),
-        given=Given.of(texture, mesh, image.size),
+        given=Given(sha256(texture).hexdigest(), sha256(mesh).hexdigest(), *image.size),
         timings_s=timings,
         peak_rss_mb=peak_rss_mb(),
     )

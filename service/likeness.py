@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from service.archive.avatar import Similarity
+from service.archive.manifest import IdentitySimilarity
 from service.arrays import UInt8
 from service.colour import bytes_to_linear
 from service.face.face import Face
@@ -33,7 +33,7 @@ GREY = np.full((1, 1, 3), 0.5, np.float32)
 def likeness(
     photo: Photo, face: Face, head: HeadModel, fit: Fit, texture: UInt8, recogniser: Recogniser,
     parts: Sequence[MeshPart] = (),
-) -> Similarity:  # fmt: skip
+) -> IdentitySimilarity:  # fmt: skip
     """Distance and centred cosine between the photo and a frontal render of the textured head.
 
     Args:
@@ -54,4 +54,4 @@ def likeness(
     landmarks = camera.project(at_barycentric(fit.vertices, corners, head.landmark_barycentric))
     theirs = recogniser.embed(photo.pixels, face.landmarks)
     ours = recogniser.embed(pixels, landmarks)
-    return Similarity(distance(theirs, ours), centred_cosine(theirs, ours), population().impostor)
+    return IdentitySimilarity(distance(theirs, ours), centred_cosine(theirs, ours), population().impostor)

@@ -2,75 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from service.anatomy.hair.find_hair import Hair
+from service.archive.manifest import Given, IdentitySimilarity, Model
 from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
-from service.materials.part import MeshPart
+from service.materials.of_head import head_parts
+from service.materials.part import MeshPart, check_parts
 from service.photo.photo import Photo
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.surface_maps import SurfaceMaps
 from service.texture.texture_maps import Texture
-
-
-@dataclass(frozen=True)
-class ModelCard:
-    """One data file that an avatar was computed with.
-
-    Attributes:
-        name: of the model.
-        sha256: hex digest of the file.
-        licence: SPDX identifier.
-        role: what it is for ("head model", "face detector", ...).
-    """
-
-    name: str
-    sha256: str
-    licence: str
-    role: str = ""
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """Similarity of the rendered head and the photo by the identity network.
-
-    Both measures come with their distribution between different people, without which they are hard to interpret.
-
-    Attributes:
-        distance: Euclidean distance of the two descriptors; the network's authors call < 0.6 the same person.
-        centred_cosine: cosine after subtraction of the population mean, in [-1, 1].
-        impostor: statistics of the distribution between different people, for example ``centred_cosine_mean``,
-            ``centred_cosine_p95``, ``distance_mean``, ``distance_p05``, ``pairs``.
-    """
-
-    distance: float
-    centred_cosine: float
-    impostor: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Given:
-    """External mesh and texture that an avatar was made from, in place of a photo.
-
-    Attributes:
-        texture_sha256, mesh_sha256: hex digests of the input files.
-        size: (width, height) of the texture in pixels.
-    """
-
-    texture_sha256: str
-    mesh_sha256: str
-    size: tuple[int, int]
-
-    @classmethod
-    def of(cls, texture: bytes, mesh: bytes, size: tuple[int, int]) -> Given:
-        """From the contents of both files."""
-        return cls(hashlib.sha256(texture).hexdigest(), hashlib.sha256(mesh).hexdigest(), size)
 
 
 @dataclass(frozen=True)
@@ -107,10 +54,10 @@ class Avatar:
     texture: Texture
     options: Mapping[str, Any]
     seed: int
-    models: tuple[ModelCard, ...]
+    models: tuple[Model, ...]
     parts: tuple[MeshPart, ...] = ()
     hair: Hair | None = None
-    similarity: Similarity | None = None
+    similarity: IdentitySimilarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None
     surface: SurfaceMaps | None = None
@@ -124,3 +71,15 @@ class Avatar:
         """Warnings of every stage in the order of the pipeline, each once."""
         stages = (self.photo, self.face, self.fit, self.texture, self)
         return tuple(dict.fromkeys(code for stage in stages for code in stage.warnings))
+
+
+def drawn_parts(avatar: Avatar) -> list[MeshPart]:
+    """The head's own parts, without those that others replace, and the others.
+
+    Raises:
+        NumericFault: a vertex is not finite, or names are ambiguous.
+    """
+    own = head_parts(avatar.head, avatar.fit.vertices, avatar.fit.neutral)
+    check_parts(avatar.parts, [part.name for part in own])
+    replaced = {name for part in avatar.parts for name in part.replaces}
+    return [*(part for part in own if part.name not in replaced), *avatar.parts]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
 
 from service import PROGRAM, __version__
 from service.anatomy.hair.find_hair import Hair
@@ -13,11 +17,10 @@ from service.archive.avatar import Avatar
 from service.archive.container import in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
-from service.archive.meshes import drawn_parts, map_files
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
-from service.geometry.camera import Camera
 from service.materials.material import Material
+from service.materials.part import MeshPart
 from service.reflectance.reflectance_maps import MID, SCALE_MM
 
 MEDIA_TYPES = {
@@ -50,25 +53,41 @@ ROLES = {
     "preview/sheet.jpg": "preview of the result",
 }
 
+Section = TypeVar("Section")
+
 _PNG_HEADER = struct.Struct(">II BB")
 _PNG_CHANNELS = {0: 1, 2: 3, 6: 4}
 
 
-def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.Manifest:
-    """Manifest of ``avatar`` whose archive holds ``files`` (name -> content, without the manifest itself)."""
-    parts, where = drawn_parts(avatar), map_files(avatar)
+def describe(
+    avatar: Avatar, files: Mapping[str, bytes], parts: Sequence[MeshPart], where: MapFiles, *, timings: bool
+) -> m.Manifest:
+    """Manifest of an avatar.
+
+    Args:
+        avatar: the results of one photo.
+        files: name -> content of the archive, without the manifest itself.
+        parts: its ``drawn_parts``.
+        where: its ``map_files``.
+        timings: also times and memory, which differ from run to run.
+    """
+    head, camera, (width, height) = avatar.head, avatar.fit.camera, avatar.photo.size
+    photo, box = avatar.given is None, avatar.face.box.astype(float).tolist()
     return m.Manifest(
         schema_version=m.SCHEMA_VERSION,
         generator=m.Generator(PROGRAM, __version__),
         options=dict(sorted(avatar.options.items())),
         seed=avatar.seed,
-        input=None if avatar.given else _input(avatar),
-        given=_given(avatar),
-        camera=None if avatar.given else _camera(avatar.fit.camera),
+        input=m.Input(avatar.photo.sha256, width, height, box, float(avatar.face.score)) if photo else None,
+        given=avatar.given,
+        camera=_taken(m.Camera, camera, yaw_pitch_roll_deg=list(camera.yaw_pitch_roll_deg())) if photo else None,
         units="m",
         up="+Y",
         forward="+Z",
-        head=_head(avatar),
+        head=_taken(
+            m.Head, head, vertices=len(head.mean), polygons=len(head.polygons), parts=list(head.part_names),
+            blendshapes=list(head.expression_names), uv_origin="bottom-left",
+        ),
         maps=[_map(spec, avatar, files[spec.path]) for spec in MAPS if spec.path in files],
         files=[_file(name, files[name]) for name in in_order(files)],
         parts=[m.Part(part.name, part.material.name, part.bone) for part in parts],
@@ -76,50 +95,36 @@ def describe(avatar: Avatar, files: Mapping[str, bytes], *, timings: bool) -> m.
         joints=_joints(avatar),
         displacement=m.Displacement(SCALE_MM, MID) if "maps/displacement.png" in files else None,
         reflectance=_reflectance(avatar),
-        fit=None if avatar.given else _fit(avatar),
+        fit=_fit(avatar) if photo else None,
         hair=None if avatar.hair is None else _hair(avatar.hair),
         effects=list(avatar.effects),
         timings_s={key: round(value, 4) for key, value in avatar.timings_s.items()} if timings else None,
         peak_rss_mb=avatar.peak_rss_mb if timings else None,
-        models=[m.Model(card.name, card.sha256, card.licence, card.role) for card in avatar.models],
+        models=list(avatar.models),
         warnings=list(avatar.all_warnings()),
-    )
+        overlay=_overlay(avatar) if photo else None,
+    )  # fmt: skip
 
 
-def _input(avatar: Avatar) -> m.Input:
-    width, height = avatar.photo.size
-    box = [float(value) for value in avatar.face.box]
-    return m.Input(avatar.photo.sha256, width, height, box, float(avatar.face.score))
+def _taken(kind: type[Section], source: object, **own: Any) -> Section:
+    """A section of the manifest from the attributes of ``source`` that are named like its keys, and from ``own``."""
+    names = [one.name for one in dataclasses.fields(kind) if one.name not in own]  # type: ignore[arg-type]
+    return kind(**{name: _plain(getattr(source, name)) for name in names}, **own)
 
 
-def _given(avatar: Avatar) -> m.Given | None:
-    given = avatar.given
-    return None if given is None else m.Given(given.texture_sha256, given.mesh_sha256, *given.size)
+def _plain(value: Any) -> Any:
+    """As JSON values: arrays and tuples as lists, mappings as dictionaries."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
-def _camera(camera: Camera) -> m.Camera:
-    return m.Camera(
-        width=camera.width,
-        height=camera.height,
-        focal_px=float(camera.focal_px),
-        principal_point=camera.principal_point.tolist(),
-        rotation=camera.rotation.tolist(),
-        translation=camera.translation.tolist(),
-        yaw_pitch_roll_deg=list(camera.yaw_pitch_roll_deg()),
-    )
+def _overlay(avatar: Avatar) -> m.Overlay:
+    from service.archive.preview.overlay import crop_box, panel_box
 
-
-def _head(avatar: Avatar) -> m.Head:
-    head = avatar.head
-    return m.Head(
-        name=head.name,
-        licence=head.licence,
-        vertices=len(head.mean),
-        polygons=len(head.polygons),
-        parts=list(head.part_names),
-        blendshapes=list(head.expression_names),
-        uv_origin="bottom-left",
-    )
+    return m.Overlay(list(crop_box(avatar)), list(panel_box(avatar)))
 
 
 def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
@@ -142,26 +147,10 @@ def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:
 
 
 def _material(material: Material, where: MapFiles) -> m.Material:
-    slots = {
-        "colour": material.colour_map, "roughness": material.roughness_map, "specular": material.specular_map,
-        "normal": material.normal_map, "displacement": material.displacement_map, "cavity": material.cavity_map,
-        "thickness": material.thickness_map,
-    }  # fmt: skip
-    paths = {slot: where.path(one) for slot, one in slots.items()}
-    return m.Material(
-        name=material.name,
-        colour=list(material.colour),
-        opacity=material.opacity,
-        alpha=material.alpha,
-        cutoff=material.cutoff,
-        double_sided=material.double_sided,
-        roughness=material.roughness,
-        ior=material.ior,
-        specular=material.specular,
-        subsurface_mm=list(material.subsurface_mm),
-        transmission=material.transmission,
-        maps={slot: path.removeprefix("../") for slot, path in paths.items() if path is not None},
-    )
+    slots = [one.removesuffix("_map") for one in Material.__dataclass_fields__ if one.endswith("_map")]
+    paths = {slot: where.path(getattr(material, f"{slot}_map")) for slot in slots}
+    maps = {slot: path.removeprefix("../") for slot, path in paths.items() if path is not None}
+    return _taken(m.Material, material, maps=maps)
 
 
 def _joints(avatar: Avatar) -> list[m.Joint]:
@@ -176,34 +165,22 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
     made = avatar.reflectance
     if made is None:
         return None
-    solved = made.integration
-    return m.Reflectance(
+    solved, detail = made.integration, made.detail
+    if solved is not None:
+        cut = None if solved.cut_fraction is None else round(solved.cut_fraction, 9)
+        rounded = round(solved.residual, 9), round(solved.ignored_fraction, 9), cut
+    return _taken(
+        m.Reflectance,
+        made,
         quality=avatar.options.get("quality", "standard"),
         width=made.size[0],
         height=made.size[1],
-        super_resolution=made.super_resolution,
-        runtime=made.runtime,
-        precision=made.precision,
         engines=dict(sorted(made.engines.items())),
-        tile=made.tile,
-        fallbacks=list(made.fallbacks),
-        integration=None
-        if solved is None
-        else m.Integration(
-            solved.iterations,
-            round(solved.residual, 9),
-            round(solved.ignored_fraction, 9),
-            None if solved.cut_fraction is None else round(solved.cut_fraction, 9),
-        ),
-        corrections=[m.Correction(one.name, one.changed, one.texels) for one in made.corrections],
+        integration=None if solved is None else m.Integration(solved.iterations, *rounded),
+        corrections=[_taken(m.Correction, one) for one in made.corrections],
         detail=None
-        if made.detail is None
-        else m.Detail(
-            [m.Octave(one.shortest_mm, one.longest_mm, one.share) for one in made.detail.octaves],
-            made.detail.blur_px,
-            made.detail.noise,
-            dict(made.detail.pixels_per_mm),
-        ),
+        if detail is None
+        else _taken(m.Detail, detail, octaves=[_taken(m.Octave, one) for one in detail.octaves]),
     )
 
 
@@ -229,24 +206,21 @@ def _hair(hair: Hair) -> m.Hair:
 
 
 def _fit(avatar: Avatar) -> m.FitReport:
-    fit, alike = avatar.fit, avatar.similarity
+    fit = avatar.fit
     relative = fit.landmark_rms_px / fit.inter_ocular_px if fit.inter_ocular_px > 0 else None
-    return m.FitReport(
+    return _taken(
+        m.FitReport,
+        fit,
         landmark_rms_px=float(fit.landmark_rms_px),
         landmark_rms_iod=None if relative is None else float(relative),
         visible_fraction=float(avatar.texture.visible_fraction),
-        identity_similarity=None
-        if alike is None
-        else m.IdentitySimilarity(float(alike.distance), float(alike.centred_cosine), dict(alike.impostor)),
+        identity_similarity=avatar.similarity,
         light=None if fit.light is None else m.Light("sh9", "camera", fit.light.tolist()),
-        eye_light=None if fit.eye_light is None else [float(value) for value in fit.eye_light],
         gaze=None if fit.gaze is None else _gaze(fit.gaze),
-        identity=fit.identity.tolist(),
         expression=weights_by_name(avatar.head.expression_names, fit.expression),
-        warnings=list(fit.warnings),
     )
 
 
 def _gaze(gaze: Gaze) -> m.Gaze:
     pupil = None if gaze.pupil_m is None else round(2e3 * gaze.pupil_m, 2)
-    return m.Gaze(gaze.yaw_deg, gaze.pitch_deg, len(gaze.irises), pupil)
+    return _taken(m.Gaze, gaze, irises_seen=len(gaze.irises), pupil_mm=pupil)

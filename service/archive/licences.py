@@ -6,7 +6,8 @@ from pathlib import Path
 
 from service import GENERATOR
 from service.anatomy.hair.wearables import FILE as HAIR_FILE
-from service.archive.avatar import Avatar, ModelCard
+from service.archive.avatar import Avatar
+from service.archive.manifest import Model
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
 from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE
@@ -71,7 +72,7 @@ def licences_text(avatar: Avatar) -> str:
 
 def model_cards(
     head: HeadModel, head_file: Path | None = None, networks: tuple[str, ...] = (), *, photo: bool = True
-) -> tuple[ModelCard, ...]:
+) -> tuple[Model, ...]:
     """Cards of the head model and of the networks that ran.
 
     Args:
@@ -87,15 +88,15 @@ def model_cards(
 
     table = model_table()
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
-    cards = [ModelCard(head.name, digest, head.licence, "head model")]
+    cards = [Model(head.name, digest, head.licence, "head model")]
     if photo:
         digest = sha256(HAIR_FILE.read_bytes()).hexdigest()
-        cards.append(ModelCard("makehuman-hair", digest, "CC0-1.0", "hair, lashes, brows and bust"))
+        cards.append(Model("makehuman-hair", digest, "CC0-1.0", "hair, lashes, brows and bust"))
     ran = {*networks, *(networks_of("detect", "read", "compare") if photo else ())}
     for one in REGISTRY:
         if one.name in ran and one.name in table:
-            cards.append(ModelCard(one.name, table[one.name]["sha256"], table[one.name]["licence"], one.role))
+            cards.append(Model(one.name, table[one.name]["sha256"], table[one.name]["licence"], one.role))
     if LIGHT_NETWORK in networks:
         digest = sha256(PRIOR_FILE.read_bytes()).hexdigest()
-        cards.append(ModelCard("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
+        cards.append(Model("albedo-prior", digest, "Apache-2.0", "AvatarMe's texture prior: unseen albedo"))
     return tuple(cards)

@@ -366,6 +366,16 @@ class Model(_Strict):
 
 
 @dataclasses.dataclass(frozen=True)
+class Overlay(_Strict):
+    """Where preview/overlay.jpg has a part of the photo."""
+
+    crop: Annotated[list[int], Len(4, 4)]
+    """The part, in pixels of the upright photo: x0, y0, x1, y1."""
+    panel: Annotated[list[int], Len(4, 4)]
+    """Where the picture shows it: x0, y0, x1, y1."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Manifest(_Strict):
     """Contents of an avatar archive."""
 
@@ -404,6 +414,8 @@ class Manifest(_Strict):
     models: list[Model]
     warnings: list[str]
     """Stable codes of every stage."""
+    overlay: Overlay | None = None
+    """Null for an external mesh."""
 
 
 def to_json(manifest: Manifest) -> bytes:

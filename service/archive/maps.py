@@ -331,3 +331,9 @@ def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Sc
     pixels: Any = image
     smaller = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
     return np.asarray(smaller, image.dtype)
+
+
+def map_files(avatar: Avatar) -> MapFiles:
+    """Where the meshes find the maps of the chart; normals in object space are no use to them."""
+    there = [spec for spec in MAPS if map_wanted(avatar, spec.role) and spec.codes(avatar) is not None]
+    return MapFiles([spec.role for spec in there if not (spec.entry.framed and in_object_space(avatar))])

@@ -6,19 +6,36 @@ memory are left out unless ``timings`` requests them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
 
-from service.archive.avatar import Avatar
+from service import GENERATOR
+from service.archive.avatar import Avatar, drawn_parts
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
-from service.archive.images import encode_jpeg
-from service.archive.licences import licences_text
+from service.archive.glb import glb_bytes, weights_by_name
+from service.archive.images import encode_jpeg, encode_png
+from service.archive.licences import COPYRIGHT, licences_text
 from service.archive.manifest import to_json
-from service.archive.maps import MAPS, encode_map, map_wanted
-from service.archive.meshes import meshes
+from service.archive.maps import (
+    MAPS,
+    MapFiles,
+    chart_pictures,
+    chart_values,
+    encode_map,
+    fine_mesh_wanted,
+    map_files,
+    map_wanted,
+)  # fmt: skip
+from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
+from service.archive.skeleton import joint_weights, skeleton
+from service.archive.surfaces import displaced, subdivided_head
+from service.archive.usd import usda_bytes
+from service.archive.usd_materials import mtlx_bytes
+from service.materials.of_head import material_of
+from service.materials.part import MeshPart
 from service.runtime.sessions import release
 
 
@@ -48,10 +65,53 @@ def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes
     """Name -> content of every file of the archive; see :func:`write_archive`."""
     with ThreadPoolExecutor(2) as pool:
         previews = pool.submit(_previews, avatar)
-        files = _maps(avatar) | meshes(avatar) | {"LICENSES.md": licences_text(avatar).encode()}
+        parts, maps = drawn_parts(avatar), map_files(avatar)
+        files = _maps(avatar) | meshes(avatar, parts, maps) | {"LICENSES.md": licences_text(avatar).encode()}
         files |= previews.result()
-    files["manifest.json"] = to_json(describe(avatar, files, timings=timings))
+    files["manifest.json"] = to_json(describe(avatar, files, parts, maps, timings=timings))
     return files
+
+
+def meshes(avatar: Avatar, parts: Sequence[MeshPart], maps: MapFiles) -> dict[str, bytes]:
+    """Name -> content of everything under ``mesh/`` and ``maps/parts/``.
+
+    Args:
+        avatar: the results of one photo.
+        parts: its ``drawn_parts``.
+        maps: its ``map_files``.
+
+    Raises:
+        NumericFault: a vertex is not finite, or names of parts are ambiguous.
+    """
+    head, fit, made = avatar.head, avatar.fit, avatar.reflectance
+    title = f"{GENERATOR}: {head.name} {'with maps of its own' if avatar.given else 'fitted to a photo'}"
+    materials = [part.material for part in parts]
+    weights = weights_by_name(head.expression_names, fit.expression)
+    joints = skeleton(head, fit.neutral)
+    files = {
+        "mesh/head.obj": obj_bytes(head, fit.vertices, title),
+        **({"mesh/parts.obj": parts_obj_bytes(avatar.parts, title)} if avatar.parts else {}),
+        "mesh/head.mtl": mtl_bytes([*map(material_of, head.part_names), *materials], maps),
+        "mesh/head.mtlx": mtlx_bytes(materials, maps),
+        "mesh/head.glb": glb_bytes(
+            parts,
+            chart_pictures(avatar),
+            units=head.expression_names,
+            generator=GENERATOR,
+            copyright_notice=COPYRIGHT,
+            expression=weights,
+            extras={"headModel": head.name, "headModelLicence": head.licence, "units": "metre"},
+        ),
+        "mesh/head.usda": usda_bytes(
+            parts, maps, title, units=head.expression_names, expression=weights, joints=joints,
+            weights=joint_weights(head, joints),
+        ),
+    }
+    if made is not None and made.displacement is not None and fine_mesh_wanted(avatar):
+        fine, smooth = subdivided_head(head, fit.vertices)
+        embossed = displaced(fine, smooth, made.displacement)
+        files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
+    return files | data_maps(materials, maps, chart_values(avatar)) | _textures(avatar)
 
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
@@ -68,3 +128,11 @@ def _previews(avatar: Avatar) -> Mapping[str, bytes]:
 
     pictures = {} if avatar.given else {"preview/overlay.jpg": encode_jpeg(overlay(avatar))}
     return {**pictures, "preview/sheet.jpg": encode_jpeg(sheet(avatar))}
+
+
+def _textures(avatar: Avatar) -> dict[str, bytes]:
+    """PNG of each texture of a part's own."""
+    own = {one.name: (one, one is part.material.colour_map) for part in avatar.parts for one in part.own_maps}
+    return {
+        f"maps/parts/{name}.png": encode_png(one.pixels, srgb=colour, level=7) for name, (one, colour) in own.items()
+    }

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import IO
 
 from service.errors import AvatarError, CorruptImage, TooComplex, UnsupportedFormat
-from service.photo.container import Codec
 from service.photo.limits import Limits
-from service.photo.wire import READY, REPLY_SIZE, Reply, Request, Status
+from service.photo.wire import READY, REPLY_SIZE, Codec, Reply, Request, Status
 
 _BOOT = "import sys; sys.path[:0] = sys.argv[1:]; from service.photo.decoder import main; sys.exit(main())"
 _PIECE = 1 << 20

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 READY = b"R"
 """First byte of the decoding process: its interpreter and Pillow are there. Faults before it are not the photo's."""
@@ -106,7 +106,8 @@ class Request(NamedTuple):
         magic, codec, output, *numbers, length = _REQUEST.unpack_from(message)
         if magic != _MAGIC or len(message) != _REQUEST.size + length:
             raise ValueError("not a request")
-        return cls(codec, Output(output), *numbers, message[_REQUEST.size :])
+        values: list[Any] = [codec, Output(output), *numbers, message[_REQUEST.size :]]
+        return cls(*values)
 
 
 class Reply(NamedTuple):

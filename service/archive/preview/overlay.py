@@ -31,9 +31,8 @@ def overlay(avatar: Avatar) -> Image:
     import cv2
 
     left, top, right, bottom = crop_box(avatar)
-    scale = min(PANEL[0] / (right - left), PANEL[1] / (bottom - top), LARGEST_SCALE)
-    size = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
-    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    size = _panel_size((left, top, right, bottom))
+    way = cv2.INTER_AREA if size[0] < right - left else cv2.INTER_CUBIC
     cut = np.asarray(cv2.resize(avatar.photo.pixels[top:bottom, left:right], size, interpolation=way), np.uint8)
     zoom = np.array(size) / (right - left, bottom - top)
     panels = (
@@ -70,6 +69,19 @@ def crop_box(avatar: Avatar) -> tuple[int, int, int, int]:
     if right - left < 2 or bottom - top < 2:
         return 0, 0, width, height
     return int(left), int(top), int(right), int(bottom)
+
+
+def panel_box(avatar: Avatar) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of the photo's panel in pixels of the picture."""
+    width, height = _panel_size(crop_box(avatar))
+    return _MARGIN, _MARGIN, _MARGIN + width, _MARGIN + height
+
+
+def _panel_size(crop: tuple[int, int, int, int]) -> tuple[int, int]:
+    """Width and height of the panels for a part of the photo."""
+    width, height = crop[2] - crop[0], crop[3] - crop[1]
+    scale = min(PANEL[0] / width, PANEL[1] / height, LARGEST_SCALE)
+    return max(1, round(width * scale)), max(1, round(height * scale))
 
 
 def fitted_landmarks(head: HeadModel, fit: Fit) -> Float64:

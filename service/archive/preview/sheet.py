@@ -297,7 +297,7 @@ def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:
     fit, given = avatar.fit, avatar.given
     if given is not None:
         yield "Made of", "a texture and a mesh; no photo"
-        yield "Texture", f"{given.size[0]} x {given.size[1]}"
+        yield "Texture", f"{given.width} x {given.height}"
         return
     yaw, pitch, roll = fit.camera.yaw_pitch_roll_deg()
     share = f"{100 * fit.landmark_rms_px / fit.inter_ocular_px:.1f} %" if fit.inter_ocular_px > 0 else "unknown share"

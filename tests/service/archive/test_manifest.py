@@ -15,6 +15,7 @@ import pytest
 from service.archive import manifest as schema
 from service.archive.describe import describe
 from service.archive.manifest import from_json, json_schema, to_json
+from service.archive.maps import MapFiles
 from service.archive.pack import archive_members
 from service.errors import NumericFault, UnreadableInput
 from tests.service.archive.toys import toy_avatar
@@ -95,13 +96,14 @@ def test_the_schema_refuses_what_is_wrong(written: dict[str, Any], path: tuple[A
 
 def test_reading_gives_back_what_was_written() -> None:
     avatar = toy_avatar()
-    manifest = describe(avatar, {"mesh/head.obj": b"v"}, timings=True)
+    manifest = describe(avatar, {"mesh/head.obj": b"v"}, (), MapFiles(()), timings=True)
     assert from_json(to_json(manifest)) == manifest
 
 
 def test_a_number_that_is_not_finite_is_named() -> None:
     avatar = toy_avatar()
-    manifest = describe(replace(avatar, fit=replace(avatar.fit, landmark_rms_px=float("nan"))), {}, timings=False)
+    broken = replace(avatar, fit=replace(avatar.fit, landmark_rms_px=float("nan")))
+    manifest = describe(broken, {}, (), MapFiles(()), timings=False)
     with pytest.raises(NumericFault, match=r"\$\.fit\.landmark_rms_px"):
         to_json(manifest)
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from service.archive.avatar import Avatar, ModelCard, Similarity
+from service.archive.avatar import Avatar
+from service.archive.manifest import IdentitySimilarity, Model
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
@@ -72,8 +73,8 @@ def toy_avatar(**changes: Any) -> Avatar:
         "texture": toy_texture(),
         "options": {"size": [96, 64], "maps": ["texture", "confidence", "shape_normal"], "face": None},
         "seed": 7,
-        "models": (ModelCard("toy sphere", "cd" * 32, "CC0-1.0", "head model"),),
-        "similarity": Similarity(0.4, 0.6, {"centred_cosine_mean": 0.0, "centred_cosine_p95": 0.3}),
+        "models": (Model("toy sphere", "cd" * 32, "CC0-1.0", "head model"),),
+        "similarity": IdentitySimilarity(0.4, 0.6, {"centred_cosine_mean": 0.0, "centred_cosine_p95": 0.3}),
         "timings_s": {"decode": 0.1},
         "peak_rss_mb": 321.0,
     }

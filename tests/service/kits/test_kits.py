@@ -13,8 +13,8 @@ import numpy.typing as npt
 import pytest
 from typer.testing import CliRunner
 
+from service.archive.avatar import drawn_parts
 from service.archive.manifest import from_json
-from service.archive.meshes import drawn_parts
 from service.archive.pack import write_archive
 from service.cli.app import app
 from service.errors import BadArchive, UsageError
