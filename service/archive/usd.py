@@ -15,7 +15,7 @@ import numpy as np
 from service.archive.maps import MapFiles
 from service.archive.skeleton import JOINTS, PARENTS, Skeleton
 from service.archive.usd_materials import material_text
-from service.archive.usd_text import fixed_tuples, integers, numbers
+from service.archive.usd_text import Prim, fixed_tuples, integers, numbers, read_prims, tokens
 from service.arrays import Float32, Float64, Int64
 from service.head.files import split_polygons
 from service.materials.part import MeshPart, part_normals
@@ -43,74 +43,8 @@ def SkelRoot "Head" (
 {{
 """
 
-_SKELETON = """\
-    def Skeleton "Skeleton" (
-        prepend apiSchemas = ["SkelBindingAPI"]
-    )
-    {{
-        uniform token[] joints = [{joints}]
-        uniform matrix4d[] bindTransforms = [{bind}]
-        uniform matrix4d[] restTransforms = [{rest}]
-        rel skel:animationSource = </Head/Skeleton/Animation>
-
-        def SkelAnimation "Animation"
-        {{
-            uniform token[] blendShapes = [{shapes}]
-            float[] blendShapeWeights = [{weights}]
-        }}
-    }}
-"""
-
-_MESH = """\
-    def Mesh "{name}" (
-        prepend apiSchemas = ["MaterialBindingAPI", "SkelBindingAPI"]
-    )
-    {{
-        uniform bool doubleSided = {double_sided}
-        uniform token subdivisionScheme = "none"
-        float3[] extent = [{extent}]
-        int[] faceVertexCounts = [{counts}]
-        int[] faceVertexIndices = [{indices}]
-        point3f[] points = [{points}]
-        normal3f[] normals = [{normals}] (
-            interpolation = "vertex"
-        )
-{chart}        int[] primvars:skel:jointIndices = [{joints}] (
-            elementSize = {influences}
-            interpolation = "vertex"
-        )
-        float[] primvars:skel:jointWeights = [{weights}] (
-            elementSize = {influences}
-            interpolation = "vertex"
-        )
-        uniform token[] skel:blendShapes = [{shapes}]
-        rel skel:blendShapeTargets = [{targets}]
-        rel skel:skeleton = </Head/Skeleton>
-        rel material:binding = </Head/Materials/{material}>
-{blendshapes}    }}
-"""
-
-_CHART = """\
-        texCoord2f[] primvars:st = [{st}] (
-            interpolation = "{interpolation}"
-        )
-{indices}"""
-
-_CHART_INDICES = """\
-        int[] primvars:st:indices = [{indices}]
-"""
-
-_TURNED = """\
-            uniform vector3f[] normalOffsets = [{turned}]
-"""
-
-_SHAPE = """\
-        def BlendShape "{name}"
-        {{
-            uniform vector3f[] offsets = [{offsets}]
-{turned}            uniform int[] pointIndices = [{indices}]
-        }}
-"""
+_MATERIALS = '    def Scope "Materials"\n    {\n'
+_VERTEX = 'interpolation = "vertex"'
 
 
 def usda_bytes(
@@ -138,10 +72,10 @@ def usda_bytes(
     shapes = {part.name: _blendshapes(part, units, expression) for part in parts}
     names = [*units, *([REST] if any(REST in one for one in shapes.values()) else [])]
     values = [1.0 if name == REST else float(expression.get(name, 0.0)) for name in names]
-    blocks = [_STAGE.format(title=title), _skeleton(joints, names, values)]
-    blocks += [_mesh(part, shapes[part.name], weights.get(part.name)) for part in parts]
+    blocks = [_STAGE.format(title=title), _skeleton(joints, names, values).text("    ")]
+    blocks += [_mesh(part, shapes[part.name], weights.get(part.name)).text("    ") for part in parts]
     used = {part.material.name: part.material for part in parts}
-    blocks += ['    def Scope "Materials"\n    {\n', *(material_text(material, files) for material in used.values())]
+    blocks += [_MATERIALS, *(material_text(material, files) for material in used.values())]
     return "".join([*blocks, "    }\n}\n"]).encode("ascii")
 
 
@@ -153,15 +87,34 @@ def joint_paths() -> list[str]:
     return paths
 
 
-def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -> str:
+def read_meshes(data: bytes) -> list[Prim]:
+    """The meshes of a file of :func:`usda_bytes`, with their blendshapes as children.
+
+    Raises:
+        ValueError: it is not such a file, or cut off.
+    """
+    text, materials, _ = data.decode("ascii").partition(_MATERIALS)
+    if not materials:
+        raise ValueError("it ends before its materials")
+    head = read_prims(text)[0]
+    return [prim for prim in head.children if prim.kind == "Mesh"]
+
+
+def _skeleton(joints: Skeleton, names: Sequence[str], values: Sequence[float]) -> Prim:
     parents = [np.zeros(3) if parent < 0 else joints.positions[parent] for parent in PARENTS]
-    return _SKELETON.format(
-        joints=_tokens(joint_paths()),
-        bind=", ".join(_moved(one) for one in joints.positions),
-        rest=", ".join(_moved(one - before) for one, before in zip(joints.positions, parents, strict=True)),
-        shapes=_tokens(names),
-        weights=numbers(np.array(values), 6),
-    )
+    steps = zip(joints.positions, parents, strict=True)
+    animation: dict[str, str | None] = {
+        "uniform token[] blendShapes": f"[{tokens(names)}]",
+        "float[] blendShapeWeights": f"[{numbers(np.array(values), 6)}]",
+    }
+    made: dict[str, str | None] = {
+        "uniform token[] joints": f"[{tokens(joint_paths())}]",
+        "uniform matrix4d[] bindTransforms": f"[{', '.join(_moved(one) for one in joints.positions)}]",
+        "uniform matrix4d[] restTransforms": f"[{', '.join(_moved(one - before) for one, before in steps)}]",
+        "rel skel:animationSource": "</Head/Skeleton/Animation>\n",
+    }
+    below = [Prim("SkelAnimation", "Animation", animation)]
+    return Prim("Skeleton", "Skeleton", made, schemas=("SkelBindingAPI",), children=below)
 
 
 def _moved(by: Float64) -> str:
@@ -180,7 +133,7 @@ def _blendshapes(part: MeshPart, units: Sequence[str], expression: Mapping[str, 
     return {name: offsets for name, offsets in found.items() if np.abs(offsets).max() > SMALLEST_OFFSET_M}
 
 
-def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> str:
+def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None) -> Prim:
     polygons = part.polygons
     present, corners = polygons >= 0, split_polygons(polygons)
     still = part_normals(part, part.neutral, corners)
@@ -190,24 +143,31 @@ def _mesh(part: MeshPart, shapes: Mapping[str, Float32], weights: Float32 | None
     both = np.concatenate([part.vertices, part.neutral])
     posed = part.neutral + np.stack(list(shapes.values())) if shapes else np.zeros((0, *part.neutral.shape), np.float32)
     turned = part_normals(part, posed, corners) - still
-    blocks = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
-    return _MESH.format(
-        name=part.name,
-        material=part.material.name,
-        double_sided="true" if part.material.double_sided else "false",
-        extent=fixed_tuples([both.min(0), both.max(0)], 6),
-        counts=integers(present.sum(1)),
-        indices=integers(polygons[present]),
-        points=fixed_tuples(part.neutral, 6),
-        normals=fixed_tuples(still, 2),
-        chart=_chart(part),
-        joints=integers(indices),
-        weights=numbers(influences, 7),
-        influences=influences.shape[1],
-        shapes=_tokens(list(shapes)),
-        targets=", ".join(f"</Head/{part.name}/{name}>" for name in shapes),
-        blendshapes="".join(blocks),
-    )
+    chart, across = _chart(part)
+    paths = ", ".join(f"</Head/{part.name}/{name}>" for name in shapes)
+    values: dict[str, str | None] = {
+        "uniform bool doubleSided": "true" if part.material.double_sided else "false",
+        "uniform token subdivisionScheme": '"none"',
+        "float3[] extent": f"[{fixed_tuples([both.min(0), both.max(0)], 6)}]",
+        "int[] faceVertexCounts": f"[{integers(present.sum(1))}]",
+        "int[] faceVertexIndices": f"[{integers(polygons[present])}]",
+        "point3f[] points": f"[{fixed_tuples(part.neutral, 6)}]",
+        "normal3f[] normals": f"[{fixed_tuples(still, 2)}]",
+        **chart,
+        "int[] primvars:skel:jointIndices": f"[{integers(indices)}]",
+        "float[] primvars:skel:jointWeights": f"[{numbers(influences, 7)}]",
+        "uniform token[] skel:blendShapes": f"[{tokens(list(shapes))}]",
+        "rel skel:blendShapeTargets": f"[{paths}]",
+        "rel skel:skeleton": "</Head/Skeleton>",
+        "rel material:binding": f"</Head/Materials/{part.material.name}>",
+    }
+    influence = (f"elementSize = {influences.shape[1]}", _VERTEX)
+    facts = {
+        "normal3f[] normals": (_VERTEX,), "texCoord2f[] primvars:st": (across,),
+        "int[] primvars:skel:jointIndices": influence, "float[] primvars:skel:jointWeights": influence,
+    }  # fmt: skip
+    below = [_shape(name, offsets, turn) for (name, offsets), turn in zip(shapes.items(), turned, strict=True)]
+    return Prim("Mesh", part.name, values, facts, ("MaterialBindingAPI", "SkelBindingAPI"), below)
 
 
 def _influences(weights: Float32) -> tuple[Float32, Int64]:
@@ -222,26 +182,22 @@ def _influences(weights: Float32) -> tuple[Float32, Int64]:
     return np.asarray(steps / 64, np.float32), order
 
 
-def _chart(part: MeshPart) -> str:
-    """The primvar ``st`` of a part."""
+def _chart(part: MeshPart) -> tuple[dict[str, str | None], str]:
+    """The primvar ``st`` of a part, and its interpolation."""
     if part.uv_faces is None:
-        return _CHART.format(st=fixed_tuples(part.uv, 5), interpolation="vertex", indices="")
+        return {"texCoord2f[] primvars:st": f"[{fixed_tuples(part.uv, 5)}]"}, _VERTEX
     places = part.polygons_uv
     used, index = np.unique(places[places >= 0], return_inverse=True)
-    indices = _CHART_INDICES.format(indices=integers(index))
-    return _CHART.format(st=fixed_tuples(part.uv[used], 5), interpolation="faceVarying", indices=indices)
+    return {
+        "texCoord2f[] primvars:st": f"[{fixed_tuples(part.uv[used], 5)}]",
+        "int[] primvars:st:indices": f"[{integers(index)}]",
+    }, 'interpolation = "faceVarying"'
 
 
-def _shape(name: str, offsets: Float32, turned: Float32) -> str:
+def _shape(name: str, offsets: Float32, turned: Float32) -> Prim:
     moved = np.flatnonzero(np.linalg.norm(offsets, axis=1) > SMALLEST_OFFSET_M)
-    turns = bool(np.abs(turned[moved]).max(initial=0.0) > SMALLEST_TURN)
-    return _SHAPE.format(
-        name=name,
-        offsets=fixed_tuples(offsets[moved], 5),
-        turned=_TURNED.format(turned=fixed_tuples(np.rint(turned[moved] / TURN_STEP) * TURN_STEP, 2)) if turns else "",
-        indices=integers(moved),
-    )
-
-
-def _tokens(names: Sequence[str]) -> str:
-    return ", ".join(f'"{name}"' for name in names)
+    values: dict[str, str | None] = {"uniform vector3f[] offsets": f"[{fixed_tuples(offsets[moved], 5)}]"}
+    if np.abs(turned[moved]).max(initial=0.0) > SMALLEST_TURN:
+        steps = np.rint(turned[moved] / TURN_STEP) * TURN_STEP
+        values["uniform vector3f[] normalOffsets"] = f"[{fixed_tuples(steps, 2)}]"
+    return Prim("BlendShape", name, values | {"uniform int[] pointIndices": f"[{integers(moved)}]"})

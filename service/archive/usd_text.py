@@ -1,4 +1,4 @@
-"""Arrays and shading networks as USD text."""
+"""Prims, shading networks and arrays as USD text; prims are read back from it too."""
 
 from __future__ import annotations
 
@@ -46,24 +46,83 @@ class Shader:
 
     def text(self, parent: str, indent: str) -> str:
         """The prim under a parent path."""
-        lines = [f'def Shader "{self.name}"', "{", f'    uniform token info:id = "{self.kind}"']
+        values: dict[str, str | None] = {"uniform token info:id": f'"{self.kind}"'}
         for name, value in self.inputs.items():
             kind, _, called = name.partition(" ")
-            lines.append(f"    {kind} inputs:{called}{_assigned(value, parent)}")
+            wire = ".connect" if isinstance(value, Wire) else ""
+            values[f"{kind} inputs:{called}{wire}"] = _assigned(value, parent)
         for name in self.outputs:
             kind, _, called = name.partition(" ")
-            lines.append(f"    {kind} outputs:{called}")
-        return "".join(f"{indent}{line}\n" for line in [*lines, "}"])
+            values[f"{kind} outputs:{called}"] = None
+        return Prim("Shader", self.name, values).text(indent)
+
+
+@dataclass(frozen=True)
+class Prim:
+    """A thing of a USD file.
+
+    Attributes:
+        kind: its type.
+        name: its own.
+        values: "type name" -> text of the value; None where it is only declared.
+        facts: "type name" -> metadata of the value, for example ``interpolation = "vertex"``.
+        schemas: API schemas that are applied.
+        children: prims below it.
+    """
+
+    kind: str
+    name: str
+    values: dict[str, str | None]
+    facts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    schemas: Sequence[str] = ()
+    children: list[Prim] = field(default_factory=list)
+
+    def text(self, indent: str) -> str:
+        """Lines of USD."""
+        inner = f"{indent}    "
+        lines = [f'{indent}def {self.kind} "{self.name}"', f"{indent}{{"]
+        if self.schemas:
+            lines[0] += f" (\n{inner}prepend apiSchemas = [{tokens(self.schemas)}]\n{indent})"
+        for key, value in self.values.items():
+            lines.append(f"{inner}{key}" + ("" if value is None else f" = {value}"))
+            if key in self.facts:
+                lines[-1] += f" (\n{''.join(f'{inner}    {fact}{chr(10)}' for fact in self.facts[key])}{inner})"
+        return "\n".join([*lines, "".join(child.text(inner) for child in self.children) + f"{indent}}}\n"])
+
+
+def read_prims(text: str) -> list[Prim]:
+    """Prims of kinds, names, values and children as :meth:`Prim.text` wrote them; metadata is left out."""
+    found: list[Prim] = []
+    above: list[Prim] = []
+    for line in text.splitlines():
+        words = line.strip()
+        if words.startswith("def "):
+            _, kind, name, *_ = words.split()
+            made = Prim(kind, name.strip('"'), {})
+            (above[-1].children if above else found).append(made)
+        elif words == "{":
+            above.append(made)
+        elif words == "}":
+            above.pop()
+        elif above and " = " in words:
+            key, _, value = words.partition(" = ")
+            above[-1].values[key] = value.removesuffix(" (")
+    return found
+
+
+def tokens(names: Sequence[str]) -> str:
+    """Names as "a", "b" in quotes."""
+    return ", ".join(f'"{name}"' for name in names)
 
 
 def _assigned(value: Value, parent: str) -> str:
     if isinstance(value, Wire):
-        return f".connect = <{parent}/{value.shader}.outputs:{value.output}>"
+        return f"<{parent}/{value.shader}.outputs:{value.output}>"
     if isinstance(value, Asset):
-        return f" = @{value.path}@"
+        return f"@{value.path}@"
     if isinstance(value, tuple):
-        return " = (" + ", ".join(f"{one:.7g}" for one in value) + ")"
-    return f' = "{value}"' if isinstance(value, str) else f" = {value:.7g}"
+        return "(" + ", ".join(f"{one:.7g}" for one in value) + ")"
+    return f'"{value}"' if isinstance(value, str) else f"{value:.7g}"
 
 
 def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import numpy as np
 from service.archive.container import ArchiveFile
 from service.archive.images import exr_bytes
 from service.archive.reading import unpack_map, unpack_texture
-from service.archive.usd import REST
+from service.archive.usd import REST, read_meshes
+from service.archive.usd_text import Prim
 from service.arrays import Float32, Float64, Int32, UInt8
 from service.colour import bytes_to_linear
 from service.errors import BadArchive, NumericFault, OutputFault
@@ -96,9 +96,6 @@ def _pixels(png: bytes, path: str) -> UInt8:
 
 MOST_USD_BYTES = 256 << 20
 
-_MESH = re.compile(r'^    def Mesh "(\w+)"', re.M)
-_SHAPE = re.compile(r'^        def BlendShape "(\w+)"', re.M)
-
 
 def read_parts(data: bytes, manifest: Mapping[str, Any], materials: Mapping[str, Material]) -> list[MeshPart]:
     """Parts in their neutral pose; ``vertices`` is neutral too.
@@ -114,37 +111,28 @@ def read_parts(data: bytes, manifest: Mapping[str, Any], materials: Mapping[str,
     if len(data) > MOST_USD_BYTES:
         raise BadArchive(f"mesh/head.usda has {len(data)} bytes; at most {MOST_USD_BYTES} are accepted")
     try:
-        text = data.decode("ascii")
         known = {part["name"]: part for part in manifest["parts"]}
-        starts = [*_MESH.finditer(text)]
-        ends = [*(one.start() for one in starts[1:]), len(text)]
-        blocks = [(one[1], text[one.start() : end]) for one, end in zip(starts, ends, strict=True)]
-        return [_part(name, block, known[name], materials) for name, block in blocks]
+        return [_part(mesh, known[mesh.name], materials) for mesh in read_meshes(data)]
     except (UnicodeDecodeError, KeyError, ValueError, IndexError, TypeError, NumericFault) as error:
         raise BadArchive(f"mesh/head.usda of the archive cannot be read: {error}") from error
 
 
-def _part(name: str, block: str, facts: Mapping[str, Any], materials: Mapping[str, Material]) -> MeshPart:
-    shapes = [*_SHAPE.finditer(block)]
-    own = block[: shapes[0].start()] if shapes else block
-    points = _rows(own, "point3f[] points", 3)
-    counts = _whole(own, "int[] faceVertexCounts")
-    corners, uv = _whole(own, "int[] faceVertexIndices"), _rows(own, "texCoord2f[] primvars:st", 2)
-    places = _whole(own, "int[] primvars:st:indices") if "primvars:st:indices" in own else corners
+def _part(mesh: Prim, facts: Mapping[str, Any], materials: Mapping[str, Material]) -> MeshPart:
+    points = _rows(mesh, "point3f[] points", 3)
+    counts, corners = _whole(mesh, "int[] faceVertexCounts"), _whole(mesh, "int[] faceVertexIndices")
+    places = _whole(mesh, "int[] primvars:st:indices") if "int[] primvars:st:indices" in mesh.values else corners
     targets = {}
-    ends = [*(shape.start() for shape in shapes), len(block)][1:]  # none for a part that no unit moves
-    for one, end in zip(shapes, ends, strict=True):
-        text = block[one.start() : end]
-        moved = np.zeros_like(points)
-        moved[_whole(text, "int[] pointIndices")] = _rows(text, "vector3f[] offsets", 3)
-        if one[1] != REST:
-            targets[one[1]] = moved
+    for shape in mesh.children:
+        if shape.name != REST:
+            targets[shape.name] = np.zeros_like(points)
+            moved = _whole(shape, "uniform int[] pointIndices")
+            targets[shape.name][moved] = _rows(shape, "uniform vector3f[] offsets", 3)
     return MeshPart(
-        name=name,
+        name=mesh.name,
         vertices=points,
         neutral=points,
         faces=_polygons(counts, corners),
-        uv=uv,
+        uv=_rows(mesh, "texCoord2f[] primvars:st", 2),
         uv_faces=_polygons(counts, places),
         material=materials[facts["material"]],
         targets=targets,
@@ -158,19 +146,18 @@ def _polygons(counts: Int32, flat: Int32) -> Int32:
     return polygons
 
 
-def _values(text: str, key: str) -> str:
-    start = text.index(f"{key} = [") + len(key) + 4
-    return text[start : text.index("]", start)]
+def _rows(prim: Prim, key: str, width: int) -> Float32:
+    return np.array(_words(prim, key), np.float64).reshape(-1, width).astype(np.float32)
 
 
-def _rows(text: str, key: str, width: int) -> Float32:
-    flat = _values(text, key).replace("(", "").replace(")", "")
-    return np.array(flat.split(",") if flat else [], np.float64).reshape(-1, width).astype(np.float32)
+def _whole(prim: Prim, key: str) -> Int32:
+    return np.array(_words(prim, key), np.int32)
 
 
-def _whole(text: str, key: str) -> Int32:
-    flat = _values(text, key)
-    return np.array(flat.split(",") if flat else [], np.int32)
+def _words(prim: Prim, key: str) -> list[str]:
+    """The numbers of an array."""
+    text = (prim.values[key] or "").strip("[]").replace("(", "").replace(")", "")
+    return text.split(",") if text else []
 
 
 SIZE = (128, 64)
