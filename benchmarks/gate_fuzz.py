@@ -90,8 +90,8 @@ def decode_here(data: bytes) -> str:
     )  # fmt: skip
     try:
         decoded = decoder.decode(decoder.prepare(container.codec), request)
-    except (decoder.DecoderFault, decoder.Animated, decoder.BadSize) as fault:
-        raise CorruptImage("decoder") from fault
+    except decoder.Refusal as refusal:
+        raise CorruptImage("decoder") from refusal
     check_size(*decoded.image.size, LIMITS)
     if decoded.image.mode != "RGB" or sorted(decoded.image.size) != sorted(container.size or ()):
         raise ValueError(f"mode {decoded.image.mode}, size {decoded.image.size}, stated {container.size}")

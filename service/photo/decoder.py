@@ -52,19 +52,18 @@ _DECODER_FAULTS = (
     Image.DecompressionBombError,
 )
 
+_READERS = {
+    Codec.JPEG: ("PIL.JpegImagePlugin", "JpegImageFile"),
+    Codec.PNG: ("PIL.PngImagePlugin", "PngImageFile"),
+    Codec.WEBP: ("PIL.WebPImagePlugin", "WebPImageFile"),
+    Codec.HEIC: ("pillow_heif", "HeifImageFile"),
+}
+
 Opener = Callable[[bytes], ImageFile.ImageFile]
 
 
-class DecoderFault(Exception):
-    """The bytes could not be decoded."""
-
-
-class Animated(Exception):
-    """The file holds a sequence; ``args[0]`` is the number of frames."""
-
-
-class BadSize(Exception):
-    """The size is over its limits; ``args`` are width and height."""
+class Refusal(Exception):
+    """The bytes are no photo that is taken; ``args[0]`` is the reply that says why."""
 
 
 class Decoded(NamedTuple):
@@ -76,43 +75,29 @@ class Decoded(NamedTuple):
     steps: tuple[int, ...] = (0,) * 64
 
 
-def prepare(codec: int) -> Opener:
+def prepare(codec: Codec) -> Opener:
     """Import the reader of one format, the colour engine and the reader of EXIF.
 
     The process gives up its right to open files before it looks at a photo, so nothing can be imported later.
     """
     import_module("service.photo.conversions")
-    if codec == Codec.JPEG:
-        from PIL.JpegImagePlugin import JpegImageFile
-
-        return lambda data: JpegImageFile(BytesIO(data))
+    module, name = _READERS[codec]
+    plugin: Any = import_module(module)
     if codec == Codec.PNG:
-        from PIL import PngImagePlugin
-
-        PngImagePlugin.MAX_TEXT_CHUNK = MAX_ICC_BYTES  # bounds profiles too, and their sRGB ones have 3 kB
-        return lambda data: PngImagePlugin.PngImageFile(BytesIO(data))
-    if codec == Codec.WEBP:
-        from PIL.WebPImagePlugin import WebPImageFile
-
-        return lambda data: WebPImageFile(BytesIO(data))
+        plugin.MAX_TEXT_CHUNK = MAX_ICC_BYTES  # bounds profiles too
     if codec == Codec.HEIC:
-        from pillow_heif import HeifImageFile, options
-
         # Each thread would take address space for its stack and its heap.
-        options.DECODE_THREADS = 1
-        options.THUMBNAILS = options.DEPTH_IMAGES = options.AUX_IMAGES = False
-        reader: Callable[[BytesIO], ImageFile.ImageFile] = HeifImageFile
-        return lambda data: reader(BytesIO(data))
-    raise ValueError(f"no such codec: {codec}")
+        plugin.options.DECODE_THREADS = 1
+        plugin.options.THUMBNAILS = plugin.options.DEPTH_IMAGES = plugin.options.AUX_IMAGES = False
+    reader: Callable[[BytesIO], ImageFile.ImageFile] = getattr(plugin, name)
+    return lambda data: reader(BytesIO(data))
 
 
 def decode(open_image: Opener, request: Request) -> Decoded:
     """Decode one file with the opener from ``prepare``.
 
     Raises:
-        DecoderFault: damaged, of another size than its header states, or a mode that no photo has.
-        Animated: more than one frame.
-        BadSize: over the limits.
+        Refusal: damaged, of another size than its header states, a sequence of frames, or over the limits.
         MemoryError: more memory than the process may have.
     """
     opened, image = _load(open_image, request)
@@ -167,15 +152,15 @@ def _load(open_image: Opener, request: Request) -> tuple[ImageFile.ImageFile, Im
             image = open_image(request.payload)
             width, height = image.size
             if max(width, height) > request.max_side or width * height > request.max_pixels:
-                raise BadSize(width, height)
+                raise Refusal(Reply(Status.BAD_SIZE, width=width, height=height))
             if request.width and (width, height) != (request.width, request.height):
                 raise ValueError("another size than the header states")
             frames = getattr(image, "n_frames", 1)
             if frames > 1 and image.format != "HEIF":
-                raise Animated(frames)
+                raise Refusal(Reply(Status.ANIMATED, width=frames))
             return image, _load_pixels(image, request.payload)
         except _DECODER_FAULTS as fault:
-            raise DecoderFault(type(fault).__name__) from fault
+            raise Refusal(Reply(Status.CORRUPT)) from fault
 
 
 def _load_pixels(image: ImageFile.ImageFile, payload: bytes) -> Image.Image:
@@ -242,12 +227,8 @@ def answer(request: Request, open_image: Opener, out: BinaryIO) -> None:
     """Decode and write the reply, with the pixels in row order."""
     try:
         decoded = decode(open_image, request)
-    except BadSize as fault:
-        out.write(Reply(Status.BAD_SIZE, width=fault.args[0], height=fault.args[1]).pack())
-    except Animated as fault:
-        out.write(Reply(Status.ANIMATED, width=fault.args[0]).pack())
-    except DecoderFault:
-        out.write(Reply(Status.CORRUPT).pack())
+    except Refusal as refusal:
+        out.write(refusal.args[0].pack())
     except MemoryError:
         out.write(Reply(Status.TOO_COMPLEX).pack())
     else:

@@ -48,11 +48,7 @@ def read_photo(data: bytes, limits: Limits = Limits()) -> Photo:  # noqa: B008 -
         UnreadableInput: one of its subclasses, for whatever is wrong with the bytes.
         AvatarError: the installation is broken; never raised for what the bytes are.
     """
-    if not data:
-        raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
-    check_bytes(len(data), limits)
-    container = open_container(data, limits)
-    reply, raw = decode_container(container, limits)
+    container, reply, raw = _decoded(data, limits, keep=True)
     pixels = np.frombuffer(raw, dtype=np.uint8).reshape(reply.height, reply.width, 3)
     warnings = list(container.warnings)
     warnings += [text for note, text in _NOTES.items() if note in reply.notes]
@@ -71,10 +67,15 @@ def check_photo(data: bytes, limits: Limits = Limits()) -> None:  # noqa: B008 -
     Raises:
         UnreadableInput, AvatarError: as :func:`read_photo`.
     """
+    _decoded(data, limits, keep=False)
+
+
+def _decoded(data: bytes, limits: Limits, *, keep: bool) -> tuple[Container, Reply, bytearray]:
     if not data:
         raise EmptyFile("the file is empty; a JPEG, PNG or WebP image is expected")
     check_bytes(len(data), limits)
-    decode_container(open_container(data, limits), limits, keep=False)
+    container = open_container(data, limits)
+    return container, *decode_container(container, limits, keep=keep)
 
 
 def decode_container(

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from service.colour import linear_to_lab, srgb_to_linear
+
 
 @dataclass(frozen=True)
 class Photo:
@@ -42,9 +44,6 @@ _HIGH_CHROMA = 8.0
 _COLOURED = 4.0
 _TINT_RESIDUAL = 5.0
 """Between 4.9, the largest of sepia versions of portraits after JPEG, and 7.6, the smallest of portraits in colour."""
-# IEC 61966-2-1 primaries to CIE XYZ, each row divided by the D65 white point.
-_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-_TO_XYZ = _TO_XYZ / _TO_XYZ.sum(axis=1, keepdims=True)
 
 
 def lacks_colour(pixels: npt.NDArray[np.uint8]) -> bool:
@@ -56,7 +55,7 @@ def lacks_colour(pixels: npt.NDArray[np.uint8]) -> bool:
     Args:
         pixels: (H, W, 3) uint8, sRGB.
     """
-    lightness, a, b = _lab(_sample(pixels))
+    lightness, a, b = linear_to_lab(srgb_to_linear(_sample(pixels))).T
     chroma = np.hypot(a, b)
     if max(np.abs(a).mean(), np.abs(b).mean()) < _MEAN_CHROMA and np.percentile(chroma, 99) < _HIGH_CHROMA:
         return True
@@ -64,7 +63,7 @@ def lacks_colour(pixels: npt.NDArray[np.uint8]) -> bool:
 
 
 def _tint_residual(
-    lightness: npt.NDArray[np.float64], ab: npt.NDArray[np.float64], coloured: npt.NDArray[np.bool_]
+    lightness: npt.NDArray[np.float32], ab: npt.NDArray[np.float32], coloured: npt.NDArray[np.bool_]
 ) -> float:
     """95th percentile, over the coloured samples, of the distance of (a*, b*) from a cubic in L*.
 
@@ -90,11 +89,3 @@ def _sample(pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
             total += pixels[dy : dy + height : step_y, dx : dx + width : step_x]
     total /= 255 * block * block
     return total.reshape(-1, 3)
-
-
-def _lab(rgb: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
-    """CIE L*, a*, b* (D65) of (N, 3) sRGB values in [0, 1]."""
-    light = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    xyz = light @ _TO_XYZ.T
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return 116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])

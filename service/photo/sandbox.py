@@ -64,7 +64,7 @@ def run_decoder(request: Request, limits: Limits, *, keep: bool = True) -> tuple
     return reply, pixels
 
 
-def decoder_command(codec: int) -> list[str]:
+def decoder_command(codec: Codec) -> list[str]:
     """The command line of the decoding process.
 
     Raises:
@@ -90,7 +90,7 @@ def _package_root(name: str) -> str:
     raise AvatarError(f"the package {name}, which decodes photos, is not installed")
 
 
-def _start(codec: int) -> subprocess.Popen[bytes]:
+def _start(codec: Codec) -> subprocess.Popen[bytes]:
     command = decoder_command(codec)
     environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
     try:

@@ -71,7 +71,7 @@ class Request(NamedTuple):
     """What to decode.
 
     Attributes:
-        codec: value of ``Codec``.
+        codec: the format.
         output: what to make of it.
         width, height: of the image as its header states it; 0 where only the decoder can tell.
         max_side, max_pixels: size limits.
@@ -79,7 +79,7 @@ class Request(NamedTuple):
         payload: the image file.
     """
 
-    codec: int
+    codec: Codec
     output: Output
     width: int
     height: int
@@ -106,7 +106,7 @@ class Request(NamedTuple):
         magic, codec, output, *numbers, length = _REQUEST.unpack_from(message)
         if magic != _MAGIC or len(message) != _REQUEST.size + length:
             raise ValueError("not a request")
-        values: list[Any] = [codec, Output(output), *numbers, message[_REQUEST.size :]]
+        values: list[Any] = [Codec(codec), Output(output), *numbers, message[_REQUEST.size :]]
         return cls(*values)
 
 

@@ -189,7 +189,7 @@ def test_decoder_has_locked_itself_when_it_looks_at_the_photo(monkeypatch: pytes
             try:
                 open('/etc/passwd')
             except OSError:
-                raise decoder.DecoderFault
+                raise decoder.Refusal(decoder.Reply(decoder.Status.CORRUPT))
             raise SystemExit(9)
         decoder.decode = taken_over
         sys.exit(decoder.main())
@@ -212,7 +212,7 @@ def test_decoder_loads_nothing_heavy() -> None:
     script = """
         import sys
         from service.photo import decoder
-        for kind in (1, 2, 3):
+        for kind in (decoder.Codec.JPEG, decoder.Codec.PNG, decoder.Codec.WEBP):
             decoder.prepare(kind)
         heavy = {"numpy", "cv2", "scipy", "onnxruntime", "torch", "service.photo.gate"} & set(sys.modules)
         assert not heavy, heavy
