@@ -1,6 +1,6 @@
 """Deterministic zip archives, written atomically, and untrusted ones, read within bounds.
 
-Members are stored, not deflated (they are compressed already), in the order of ``MEMBER_NAMES``, dated 1980-01-01,
+Members are stored, not deflated (they are compressed already), in the order of ``MEMBERS``, dated 1980-01-01,
 mode 0644. Names come from that list, or are ``PART_TEXTURE``, so no input can cause a path traversal at extraction.
 """
 
@@ -24,24 +24,25 @@ from typing import IO, Any, BinaryIO
 from service.errors import BadArchive, OutputFault, UsageError
 from service.map_registry import MAPS
 
-MEMBER_NAMES = (
-    "manifest.json",
-    "LICENSES.md",
-    *(f"maps/{one.name}.png" for one in MAPS),
-    "mesh/head.obj",
-    "mesh/parts.obj",
-    "mesh/head.mtl",
-    "mesh/specular_normal.exr",
-    "mesh/specular_albedo.exr",
-    "mesh/roughness.exr",
-    "mesh/head.glb",
-    "mesh/head.usda",
-    "mesh/head.mtlx",
-    "mesh/head_fine.obj",
-    "preview/overlay.jpg",
-    "preview/sheet.jpg",
-)
-"""Every name that an archive may contain, in the order of the file; textures of parts follow the maps."""
+MEMBERS = {
+    "manifest.json": "",
+    "LICENSES.md": "licences",
+    **{f"maps/{one.name}.png": one.name for one in MAPS},
+    "mesh/head.obj": "mesh, photo's expression",
+    "mesh/parts.obj": "hair, bust, lashes, finer eyes and teeth, photo's expression",
+    "mesh/head.mtl": "materials of head.obj",
+    "mesh/specular_normal.exr": "normals for head.mtl",
+    "mesh/specular_albedo.exr": "specular level for head.mtl",
+    "mesh/roughness.exr": "roughness for head.mtl",
+    "mesh/head.glb": "mesh, neutral with blendshapes",
+    "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",
+    "mesh/head.mtlx": "materials as MaterialX",
+    "mesh/head_fine.obj": "mesh, photo's expression, subdivided and displaced",
+    "preview/overlay.jpg": "preview of the fit",
+    "preview/sheet.jpg": "preview of the result",
+}
+"""Every name that an archive may contain, in the order of the file, and its role where that is not its stem; textures
+of parts follow the maps."""
 
 PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.(png|exr)")
 """Name of a texture of a part's own."""
@@ -49,7 +50,7 @@ PART_TEXTURE = re.compile(r"maps/parts/[A-Za-z][A-Za-z0-9_]{0,39}\.(png|exr)")
 
 def unknown_names(names: Iterable[str]) -> list[str]:
     """Those that no archive contains, sorted."""
-    return sorted(name for name in set(names) - set(MEMBER_NAMES) if not PART_TEXTURE.fullmatch(name))
+    return sorted(name for name in set(names) - MEMBERS.keys() if not PART_TEXTURE.fullmatch(name))
 
 
 def in_order(names: Iterable[str]) -> list[str]:
@@ -62,8 +63,8 @@ def in_order(names: Iterable[str]) -> list[str]:
     unknown = unknown_names(present)
     if unknown:
         raise ValueError(f"not a name of the archive: {', '.join(unknown)}")
-    own = sorted(present - set(MEMBER_NAMES))
-    listed = [name for name in MEMBER_NAMES if name in present]
+    own = sorted(present - MEMBERS.keys())
+    listed = [name for name in MEMBERS if name in present]
     after = sum(not name.startswith(("mesh/", "preview/")) for name in listed)
     return [*listed[:after], *own, *listed[after:]]
 

@@ -14,7 +14,7 @@ from service import PROGRAM, __version__
 from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar
-from service.archive.container import in_order
+from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
@@ -36,22 +36,6 @@ MEDIA_TYPES = {
     "json": "application/json",
 }
 """Media type by file name extension."""
-
-ROLES = {
-    "LICENSES.md": "licences",
-    "mesh/head.obj": "mesh, photo's expression",
-    "mesh/parts.obj": "hair, bust, lashes, finer eyes and teeth, photo's expression",
-    "mesh/head.mtl": "materials of head.obj",
-    "mesh/head.glb": "mesh, neutral with blendshapes",
-    "mesh/head.usda": "mesh, neutral with blendshapes and skeleton, weights of the photo's expression",
-    "mesh/head.mtlx": "materials as MaterialX",
-    "mesh/specular_normal.exr": "normals for head.mtl",
-    "mesh/specular_albedo.exr": "specular level for head.mtl",
-    "mesh/roughness.exr": "roughness for head.mtl",
-    "mesh/head_fine.obj": "mesh, photo's expression, subdivided and displaced",
-    "preview/overlay.jpg": "preview of the fit",
-    "preview/sheet.jpg": "preview of the result",
-}
 
 Section = TypeVar("Section")
 
@@ -186,7 +170,7 @@ def _reflectance(avatar: Avatar) -> m.Reflectance | None:
 
 def _file(name: str, data: bytes) -> m.File:
     stem = name.rpartition("/")[2].partition(".")[0]
-    role = ROLES.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
+    role = MEMBERS.get(name) or (f"texture {stem}" if name.startswith("maps/parts/") else stem)
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
 
 

@@ -160,27 +160,11 @@ def test_obj_lands_on_the_photo_by_the_manifests_camera(avatar: Avatar, obj: Obj
     assert (camera["width"], camera["height"]) == avatar.photo.size
 
 
-def test_trimesh_reads_the_obj(members: dict[str, bytes], tmp_path: Path) -> None:
-    for name in ("mesh/head.obj", "mesh/head.mtl", "maps/texture.png"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(members[name])
-    # trimesh looks into the folder of the OBJ only, unless told that ../maps is meant.
-    resolver = trimesh.resolvers.FilePathResolver(str(tmp_path / "mesh" / "head.obj"), allow_anywhere=True)
-    scene: Any = trimesh.load(tmp_path / "mesh" / "head.obj", resolver=resolver)
-    skin = scene.geometry["skin"]
-    assert skin.visual.material.image.size == (96, 64), "the texture was found by its relative path"
-
-
 def test_obj_refuses_nan(avatar: Avatar) -> None:
     broken = avatar.fit.vertices.copy()
     broken[7] = np.inf
     with pytest.raises(NumericFault, match="vertex 7"):
         obj_bytes(avatar.head, broken, "t")
-
-
-def test_materials_without_texture() -> None:
-    assert b"map_Kd ../maps/texture.png" in mtl_bytes([SKIN], MapFiles(["texture"]))
-    assert b"map_Kd" not in mtl_bytes([SKIN], MapFiles([]))
 
 
 def validator_report(data: bytes, folder: Path) -> dict[str, Any]:
@@ -241,19 +225,6 @@ def test_neutral_and_morphs_add_up_to_the_head(avatar: Avatar, glb: Glb) -> None
         chosen = head.triangles[head.triangle_part == index]
         np.testing.assert_allclose(base[triangles], avatar.fit.neutral[chosen], atol=1e-7)
         np.testing.assert_allclose(posed[triangles], wanted[chosen], atol=4e-6)
-
-
-def test_morphs_are_stored_sparsely_where_that_is_smaller(glb: Glb) -> None:
-    kinds = {}
-    targets = glb.json["meshes"][0]["primitives"][0]["targets"]
-    for name, target in zip(toy_head().expression_names, targets, strict=True):
-        accessor = glb.json["accessors"][target["POSITION"]]
-        kinds[name] = "sparse" if "sparse" in accessor else "dense" if "bufferView" in accessor else "none"
-    assert kinds["eyeBlinkLeft"] == "sparse", "moves twelve vertices"
-    assert kinds["tongueOut"] == "none", "moves nothing"
-    blink = glb.json["meshes"][0]["primitives"][0]["targets"][2]["POSITION"]
-    moved = glb.accessor(blink).any(1).sum()
-    assert glb.json["accessors"][blink]["sparse"]["count"] == moved >= 12, "twelve, some of them split at the cut"
 
 
 def test_bounds_and_winding(avatar: Avatar, glb: Glb) -> None:

@@ -242,29 +242,6 @@ def test_heights_are_read_at_the_right_place() -> None:
     np.testing.assert_allclose(found[vertex][single[vertex]], expected[single[vertex]], atol=15)
 
 
-def test_a_full_disk_leaves_no_half_archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The disk fills up in the middle of the zip: the old archive stays, and nothing else lies beside it."""
-    from zipfile import ZipFile
-
-    target = tmp_path / "a.zip"
-    target.write_bytes(b"the archive of yesterday")
-    written, real = [0], ZipFile.writestr
-
-    def full(self: ZipFile, entry: Any, data: bytes) -> None:
-        written[0] += 1
-        if written[0] == 5:
-            raise OSError(28, "No space left on device")
-        real(self, entry, data)
-
-    monkeypatch.setattr(ZipFile, "writestr", full)
-    with pytest.raises(OutputFault, match="no space left"):
-        write_archive(avatar(maps=["diffuse_albedo", "displacement"]), target)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
-    assert target.read_bytes() == b"the archive of yesterday"
-    monkeypatch.undo()
-    write_file(target, {"LICENSES.md": b"x"})
-
-
 def test_the_sheet_grows_by_the_maps_that_there_are() -> None:
     from service.archive.preview.sheet import TILE, sheet
 

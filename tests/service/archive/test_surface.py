@@ -32,15 +32,3 @@ def test_cards_have_the_normals_of_their_body() -> None:
     both = part_normals(part, np.stack([part.neutral, part.neutral + 1]), part.faces)
     np.testing.assert_allclose(both[0], normals, atol=1e-6)
     np.testing.assert_allclose(both[1], normals, atol=1e-4)
-
-
-def test_other_parts_have_those_of_their_surface() -> None:
-    part, _ = ball_of_cards()
-    solid = replace(part, material=Material("toy_hair"))
-    assert np.array_equal(part_normals(solid, part.neutral, part.faces), vertex_normals(part.neutral, part.faces))
-
-
-def test_cards_in_one_point_have_normals_too() -> None:
-    part, _ = ball_of_cards()
-    flat = np.zeros_like(part.neutral)
-    np.testing.assert_allclose(np.linalg.norm(part_normals(part, flat, part.faces), axis=1), 1, atol=1e-5)
