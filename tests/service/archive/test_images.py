@@ -1,16 +1,28 @@
-"""PNG and JPEG bytes, and the coding of normals."""
+"""PNG, JPEG and EXR bytes and the coding of normals, read back by decoders that share nothing with the writers."""
 
 from __future__ import annotations
 
 import io
 import struct
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from service.archive.images import decode_normals8, encode_jpeg, encode_normals8, encode_png
+from service.archive.images import (
+    STRIP_ROWS,
+    Rows,
+    decode_normals8,
+    encode_jpeg,
+    encode_normals8,
+    encode_png,
+    encode_png_rows,
+    exr_bytes,
+)
 from service.errors import NumericFault
+from tests.tools.exr import read as read_exr
 
 RAMP = np.arange(16 * 24 * 3, dtype=np.uint64).reshape(16, 24, 3).astype(np.uint8)
 
@@ -24,7 +36,7 @@ def chunks(data: bytes) -> list[bytes]:
     return names
 
 
-def read(data: bytes) -> np.ndarray:
+def decoded(data: bytes) -> np.ndarray:
     with Image.open(io.BytesIO(data)) as image:
         image.load()
         return np.asarray(image)
@@ -33,8 +45,8 @@ def read(data: bytes) -> np.ndarray:
 @pytest.mark.parametrize("srgb", [True, False])
 def test_another_reader_gets_the_same_pixels(srgb: bool) -> None:
     """Pillow checks the checksums of all chunks, and would see red and blue change places."""
-    np.testing.assert_array_equal(read(encode_png(RAMP, srgb=srgb)), RAMP)
-    np.testing.assert_array_equal(read(encode_png(RAMP[..., 0], srgb=srgb)), RAMP[..., 0])
+    np.testing.assert_array_equal(decoded(encode_png(RAMP, srgb=srgb)), RAMP)
+    np.testing.assert_array_equal(decoded(encode_png(RAMP[..., 0], srgb=srgb)), RAMP[..., 0])
 
 
 def test_colours_say_that_they_are_srgb_and_data_says_nothing() -> None:
@@ -45,7 +57,7 @@ def test_colours_say_that_they_are_srgb_and_data_says_nothing() -> None:
 def test_jpeg_keeps_red_red_and_holds_no_metadata() -> None:
     flat = np.full((16, 16, 3), (200, 40, 90), np.uint8)
     data = encode_jpeg(flat)
-    assert np.abs(read(data).astype(int) - flat).max() <= 3
+    assert np.abs(decoded(data).astype(int) - flat).max() <= 3
     assert b"Exif" not in data and data == encode_jpeg(flat)
 
 
@@ -71,3 +83,69 @@ def test_a_normal_that_is_none_is_named(bad: float) -> None:
     normals[1, 2, 0] = bad
     with pytest.raises(NumericFault, match="row 1, column 2, channel 0"):
         encode_normals8(normals)
+
+
+RNG = np.random.default_rng(8)
+
+
+def noise(shape: tuple[int, ...], bits: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    if bits == 8:
+        return RNG.integers(0, 256, shape, np.uint8)
+    return RNG.integers(0, 65536, shape, np.uint16)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("channels", [(), (3,), (4,)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (STRIP_ROWS, 3), (STRIP_ROWS + 1, 5), (3 * STRIP_ROWS - 1, 40)])
+def test_what_goes_in_comes_out(size: tuple[int, int], channels: tuple[int, ...], bits: int) -> None:
+    """One row, one column, strips that end with the image and strips that do not."""
+    image = noise((*size, *channels), bits)
+    data = encode_png_rows(Rows.of(image), srgb=False)
+    found = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    if channels:
+        found = found[..., [2, 1, 0, 3][: channels[0]]]
+    np.testing.assert_array_equal(found, image)
+    assert found.dtype == image.dtype
+    with Image.open(io.BytesIO(data)) as opened:
+        opened.load()  # Pillow checks every chunk's sum
+        assert opened.size == size[::-1] and "srgb" not in opened.info
+
+
+def test_colours_say_that_they_are_srgb() -> None:
+    with Image.open(io.BytesIO(encode_png_rows(Rows.of(noise((4, 5, 3), 8)), srgb=True))) as opened:
+        assert opened.info["srgb"] == 0
+
+
+def test_rows_are_asked_for_once_and_in_order() -> None:
+    """Maps are computed as they are written; a second look at a strip would compute it twice."""
+    image, asked = noise((2 * STRIP_ROWS + 9, 6), 16), []
+
+    def read(first: int, last: int) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+        asked.append((first, last))
+        return image[first:last]
+
+    assert encode_png_rows(Rows(image.shape, 16, read), srgb=False) == encode_png_rows(Rows.of(image), srgb=False)
+    assert asked == [(0, STRIP_ROWS), (STRIP_ROWS, 2 * STRIP_ROWS), (2 * STRIP_ROWS, 2 * STRIP_ROWS + 9)]
+
+
+@pytest.mark.parametrize(("shape", "bits"), [((4, 4, 2), 8), ((4, 4), 12), ((0, 4), 8), ((4, 0, 3), 16)])
+def test_what_png_does_not_have(shape: tuple[int, ...], bits: int) -> None:
+    with pytest.raises(ValueError, match="PNG has no"):
+        rows = Rows(shape, bits, lambda first, last: np.zeros((last - first, *shape[1:]), np.uint8))
+        encode_png_rows(rows, srgb=False)
+
+
+@pytest.mark.parametrize("shape", [(37, 21), (37, 21, 3), (16, 1, 3), (1, 5)])
+def test_it_is_read_back(shape: tuple[int, ...]) -> None:
+    image = np.random.default_rng(4).uniform(-1, 2, shape).astype(np.float32)
+    image.reshape(-1)[: image.size // 2] = 0.25  # a part that compresses
+    found = read_exr(exr_bytes(image))
+    planes = {"Y": image} if image.ndim == 2 else {name: image[..., "RGB".index(name)] for name in "RGB"}
+    assert set(found) == set(planes)
+    for name, plane in planes.items():
+        np.testing.assert_array_equal(found[name], plane.astype(np.float16))
+
+
+def test_another_shape_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"\(2, 2, 2\)"):
+        exr_bytes(np.zeros((2, 2, 2), np.float32))

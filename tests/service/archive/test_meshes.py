@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 import io
 import json
+import re
 import shutil
 import struct
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,14 @@ import trimesh
 from service.archive.avatar import Avatar
 from service.archive.glb import Picture, glb_bytes
 from service.archive.images import encode_png
-from service.archive.maps import MapFiles
-from service.archive.obj import mtl_bytes, obj_bytes
+from service.archive.obj import obj_bytes
 from service.archive.pack import archive_members
+from service.archive.usd_text import fixed_tuples
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
-from service.materials.of_head import SKIN, head_parts, material_of
-from tests.service.archive.toys import toy_avatar, toy_head, toy_texture
+from service.materials.of_head import head_parts, material_of
+from service.materials.part import MeshPart, part_normals
+from tests.service.archive.toys import toy_avatar, toy_part, toy_texture
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
@@ -294,7 +296,6 @@ def test_a_marked_texel_lands_on_the_same_vertex_in_obj_and_glb(
 
 
 def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tmp_path: Path) -> None:
-    from dataclasses import replace
 
     picture = Picture(encode_png(toy_texture().texture, srgb=True), "image/png")
     facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
@@ -355,3 +356,40 @@ def test_usd_opens_and_says_the_same(avatar: Avatar, members: dict[str, bytes], 
         assert bound.GetPrim().GetName() == material_of(name).name
     file = UsdShade.Shader.Get(stage, "/Head/Materials/skin/Colour").GetInput("file").Get()
     assert Path(file.resolvedPath).resolve() == (tmp_path / "maps" / "texture.png").resolve()
+
+
+def ball_of_cards(seed: int = 4) -> tuple[MeshPart, np.ndarray]:
+    """Cards at all angles on a ball, half of them wound inwards."""
+    rng = np.random.default_rng(seed)
+    away = rng.normal(size=(300, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    points = (0.1 * away[:, None] + rng.normal(0, 0.004, (300, 3, 3))).reshape(-1, 3).astype(np.float32)
+    faces = np.arange(900).reshape(-1, 3).astype(np.int32)
+    part = toy_part(vertices=points, neutral=points, faces=faces, uv=np.zeros((900, 2), np.float32), targets={})
+    return part, np.repeat(away, 3, 0)
+
+
+def test_cards_have_the_normals_of_their_body() -> None:
+    part, away = ball_of_cards()
+    normals = part_normals(part, part.neutral, part.faces)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+    own = np.einsum("ni,ni->n", vertex_normals(part.neutral, part.faces), away)
+    assert (own < 0).mean() > 0.3 and np.einsum("ni,ni->n", normals, away).min() > 0.4
+    both = part_normals(part, np.stack([part.neutral, part.neutral + 1]), part.faces)
+    np.testing.assert_allclose(both[0], normals, atol=1e-6)
+    np.testing.assert_allclose(both[1], normals, atol=1e-4)
+
+
+def test_tuples_say_the_rounded_values() -> None:
+    values = np.random.default_rng(2).normal(0, 10.0 ** np.arange(-7, 3), (50, 10))
+    values[0] = [0, 1, -1, 0.5, -0.5, 0.01, -0.01, 100, -100, 0.000049]
+    read = json.loads("[" + fixed_tuples(values, 4).replace("(", "[").replace(")", "]") + "]")
+    np.testing.assert_allclose(read, np.round(values, 4), atol=1e-9)
+
+
+def test_every_array_of_numbers_is_one_of_json() -> None:
+    text = archive_members(toy_avatar())["mesh/head.usda"].decode()
+    arrays = re.findall(r"(?:float|int|double|point|vector|normal|texCoord|matrix|quat)\w*\[\] [\w:]+ = (\[.*\])", text)
+    assert len(arrays) > 20
+    for array in arrays:
+        json.loads(array.replace("(", "[").replace(")", "]"))

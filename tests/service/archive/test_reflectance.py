@@ -15,12 +15,11 @@ import pytest
 import trimesh
 
 from service.archive.avatar import Avatar
-from service.archive.container import MEMBER_NAMES, write_file
+from service.archive.container import MEMBER_NAMES
 from service.archive.manifest import from_json
 from service.archive.maps import COARSEST_STEP
-from service.archive.pack import archive_members, write_archive
+from service.archive.pack import archive_members
 from service.archive.surfaces import displaced, heights_at, subdivided_head
-from service.errors import OutputFault
 from service.geometry.normals import face_normals
 from service.map_registry import MAP_NAMES
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Reflectance, unpack_normals

@@ -1,14 +1,19 @@
-"""Containers: what is sound is measured without a decoder, what is not is refused, by the walk or behind it."""
+"""Containers and EXIF: what is sound is read, what is not is refused or ignored; damage ends in no other way."""
 
 from __future__ import annotations
 
 import struct
 import time
+import tracemalloc
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from benchmarks.gate_fuzz import decode_here, decode_in_child, run, seeds
 from service.errors import CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.container import MAX_CHUNKS, MAX_SEGMENTS, open_container
+from service.photo.conversions import MAX_EXIF_BYTES, ExifFacts, read_exif
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from tests.service.photo import badimages as bad
@@ -113,3 +118,101 @@ def test_png_with_a_damaged_profile_is_read_without_it() -> None:
     body = bad.chunk(b"iCCP", b"p\0\0" + bad.zeros_packed(1_000_000))
     for broken in (body[:-1] + bytes((body[-1] ^ 1,)), bad.chunk(b"iCCP", b"p\0\0garbage")):
         assert read_photo(PNG[:33] + broken + PNG[33:]).warnings == ("icc-ignored",)
+
+
+@pytest.mark.parametrize("order", [">", "<"])
+def test_both_byte_orders(order: str) -> None:
+    assert read_exif(bad.exif(order, 6, 28, (4000, 3000))) == ExifFacts(6, 28.0, (4000, 3000))
+
+
+@pytest.mark.parametrize(
+    ("stated", "believed"), [(0, None), (7, None), (8, 8.0), (1200, 1200.0), (1201, None), (65_535, None)]
+)
+def test_focal_length_must_be_one_of_a_lens(stated: int, believed: float | None) -> None:
+    assert read_exif(bad.exif(focal=stated)).focal_35mm == believed
+
+
+def test_focal_length_of_a_cropped_photo_is_not_used() -> None:
+    whole = read_exif(bad.exif(focal=50, sides=(4000, 3000)))
+    assert not whole.cropped((800, 600))
+    assert not whole.cropped((600, 800)), "some programs turn the pixels and leave the tags"
+    assert whole.cropped((600, 600))
+    assert not read_exif(bad.exif(focal=50, sides=(0, 0))).cropped((600, 600))
+    assert not read_exif(bad.exif(focal=50)).cropped((600, 600))
+
+
+def test_directory_that_points_at_itself() -> None:
+    looping = bytearray(bad.exif(focal=35))
+    looping[-22 - 4 + 4 : -22 - 4 + 8] = looping[-22 - 4 + 4 : -22 - 4 + 8]
+    at = looping.index(b"\x87\x69") + 8
+    looping[at : at + 4] = (8).to_bytes(4, "big")
+    assert read_exif(bytes(looping)) == ExifFacts()
+
+
+def greedy(tags: int, length: int) -> bytes:
+    """A directory in which each of many tags claims the whole file as its value."""
+    entries = b"".join(struct.pack(">HHII", tag, 7, length, 0) for tag in range(1, tags + 1))
+    return (b"MM\0*\0\0\0\x08" + struct.pack(">H", tags) + entries).ljust(length, b"\0")
+
+
+@pytest.mark.parametrize("hostile", [
+    b"MM\0*\0\0\0\x08\xff\xff" + bytes(MAX_EXIF_BYTES),
+    greedy(5_000, MAX_EXIF_BYTES),
+    b"MM\0+\0\x08\0\0" + (16).to_bytes(8, "big") + b"\xff" * MAX_EXIF_BYTES,
+])  # fmt: skip
+def test_hostile_directories_take_little_time_and_memory(hostile: bytes) -> None:
+    """As much as the decoding process is handed; it would be stopped after seconds, but then the photo is refused."""
+    start = time.process_time()
+    tracemalloc.start()
+    try:
+        assert read_exif(hostile[:MAX_EXIF_BYTES]).focal_35mm is None
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 400 * MAX_EXIF_BYTES
+    assert time.process_time() - start < 2
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_give_a_valid_answer(noise: bytes) -> None:
+    for head in (b"", b"II*\0", b"MM\0*", bad.exif(focal=35)[:12]):
+        facts = read_exif(head + noise)
+        assert 1 <= facts.orientation <= 8
+        assert facts.focal_35mm is None or 8 <= facts.focal_35mm <= 1200
+
+
+@given(st.integers(0, 10_000), st.integers(0, 255))
+def test_any_changed_byte_gives_a_valid_answer(position: int, value: int) -> None:
+    tiff = bytearray(bad.exif("<", 8, 35, (4000, 3000)))
+    tiff[position % len(tiff)] = value
+    assert 1 <= read_exif(bytes(tiff)).orientation <= 8
+
+
+def faults(outcomes: dict[str, int]) -> list[str]:
+    return [outcome for outcome in outcomes if outcome.startswith("FAULT")]
+
+
+def test_seeds_are_sound() -> None:
+    for data in seeds():
+        assert decode_here(data) == "photo"
+
+
+def test_damaged_files() -> None:
+    outcomes = run(700, 1, decode_here)
+    assert not faults(outcomes)
+    assert outcomes["photo"] > 20, "damage that never leaves a photo would not reach the decoder's end"
+    assert outcomes["refused: corrupt-image"] > 200
+
+
+def test_damaged_files_through_the_whole_gate() -> None:
+    assert not faults(run(26, 2, decode_in_child))
+
+
+@pytest.mark.slow
+def test_ten_thousand_damaged_files() -> None:
+    assert not faults(run(10_000, 3, decode_here))
+
+
+@pytest.mark.slow
+def test_a_thousand_damaged_files_through_the_whole_gate() -> None:
+    assert not faults(run(1000, 4, decode_in_child))

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib.util
 import inspect
+import io
+import math
 import time
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -22,10 +26,11 @@ from service.errors import (
     TooSmallImage,
     UnreadableInput,
     UnsupportedFormat,
+    UsageError,
 )
 from service.photo import gate
 from service.photo.gate import read_photo
-from service.photo.limits import Limits
+from service.photo.limits import Limits, check_size
 from service.photo.photo import Photo
 from tests.service.photo import badimages as bad
 
@@ -414,3 +419,105 @@ def test_bad_input_is_refused_at_the_rate_of_a_flood() -> None:
 
 def _must_not_run(*_: object) -> None:
     raise AssertionError("a decoder was started for bytes that the header alone condemns")
+
+
+FIFTY = (16, 11, 10, 16, 24, 40, 51, 61)
+"""First row of table K.1 of T.81, which encoders use at quality 50."""
+
+
+def noise_photo(quality: int, kind: str = ".jpg") -> bytes:
+    image = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    return cv2.imencode(kind, image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
+def test_steps_are_those_of_the_standard() -> None:
+    steps = read_photo(noise_photo(50)).steps
+    assert steps is not None
+    assert tuple(np.rint(255 * steps[0]).astype(int)) == FIFTY
+    assert round(255 * float(steps[7, 0])) == 72
+
+
+def test_better_files_have_smaller_steps() -> None:
+    means = [float(np.mean(read_photo(noise_photo(quality)).steps)) for quality in (50, 75, 95)]  # type: ignore[arg-type]
+    assert means[0] > means[1] > means[2] > 0
+
+
+def test_other_formats_have_none() -> None:
+    assert read_photo(noise_photo(0, ".png")).steps is None
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"max_bytes": 0},
+        {"min_side": -1},
+        {"max_aspect": 0.5},
+        {"max_aspect": math.nan},
+        {"wall_seconds": math.inf},
+        {"wall_seconds": 0},
+        {"cpu_seconds": 0},
+        {"memory_bytes": 2**63},
+        {"min_side": 500, "max_side": 400},
+        {"min_side": 500, "max_pixels": 400},
+    ],
+)
+def test_limits_that_make_no_sense(changes: dict[str, int]) -> None:
+    with pytest.raises(UsageError):
+        Limits(**changes)
+
+
+@pytest.mark.parametrize("size", [(8000, 8000), (12_000, 5333), (64, 64), (64, 384), (384, 64)])
+def test_sizes_on_the_bounds_pass(size: tuple[int, int]) -> None:
+    check_size(*size, Limits())
+
+
+@pytest.mark.parametrize("size", [(8001, 8000), (12_001, 4000)])
+def test_sizes_past_the_bounds_fail(size: tuple[int, int]) -> None:
+    with pytest.raises(TooManyPixels):
+        check_size(*size, Limits())
+
+
+HEADER_ONLY = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(100)
+
+
+def heic(image: bad.Pixels, **options: object) -> bytes:
+    pillow_heif = pytest.importorskip("pillow_heif")
+    buffer = io.BytesIO()
+    pillow_heif.from_pillow(Image.fromarray(image)).save(buffer, quality=95, **options)
+    return buffer.getvalue()
+
+
+def test_heic_without_its_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pillow_heif" else find(name))
+    with pytest.raises(UnsupportedFormat, match="install the extra 'heic'") as caught:
+        read_photo(HEADER_ONLY)
+    assert caught.value.extra == {"extra": "heic"}
+
+
+def test_heic_is_read() -> None:
+    picture = bad.picture(128, 96)
+    photo = read_photo(heic(picture, exif=bad.exif(focal=26)))
+    assert photo.size == (128, 96)
+    assert np.abs(photo.pixels.astype(int) - picture).mean() < 4
+    assert photo.focal_35mm == 26
+    assert photo.warnings == ()
+
+
+def test_limits_hold_before_heic_is_decoded() -> None:
+    with pytest.raises(TooManyPixels, match="256 x 128"):
+        read_photo(heic(bad.picture(256, 128)), Limits(max_side=200))
+
+
+def test_moving_heic() -> None:
+    with pytest.raises(AnimatedImage):
+        read_photo(HEADER_ONLY.replace(b"ftypheic", b"ftyphevc"))
+
+
+def test_cut_and_damaged_heic() -> None:
+    data = heic(bad.picture(128, 96))
+    for percent in range(1, 100, 12):
+        with pytest.raises(UnreadableInput):
+            read_photo(data[: len(data) * percent // 100])
+    with pytest.raises(CorruptImage):
+        read_photo(HEADER_ONLY)
