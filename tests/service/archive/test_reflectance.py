@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from service.archive.avatar import Avatar
-from service.archive.container import MEMBER_NAMES
+from service.archive.container import MEMBERS
 from service.archive.manifest import from_json
 from service.archive.maps import COARSEST_STEP
 from service.archive.pack import archive_members
@@ -201,7 +201,7 @@ def test_the_fine_mesh_comes_with_high_quality(members: dict[str, bytes], fine_m
     mesh = cast(trimesh.Trimesh, trimesh.load(io.BytesIO(data), file_type="obj", process=False, force="mesh"))
     assert len(mesh.faces) == 2 * data.count(b"\nf ")
     assert np.ptp(mesh.vertices, axis=0).max() < 0.3, "metres"
-    assert list(fine_members) and set(fine_members) <= set(MEMBER_NAMES)
+    assert list(fine_members) and set(fine_members) <= set(MEMBERS)
 
 
 def test_embossing_moves_along_the_normal_by_millimetres() -> None:
