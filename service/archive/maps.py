@@ -234,18 +234,32 @@ OBJ_TEXTURE_PX, SMALL_OBJ_PX = 1024, 512
 
 
 def chart_pictures(avatar: Avatar) -> dict[str, Picture]:
-    """Textures of the chart by role, as ``gltf_materials.Materials`` wants them.
+    """Textures of the chart by role, in the channels where glTF reads them.
 
-    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo.
+    "diffuse_albedo" is the texture, with the photo's light in it, where there is no albedo. Specular albedo is in alpha
+    (KHR_materials_specular): the factor scales F0 = 0.04 of the default index of refraction, as the map does. Normals
+    are of tangent space, +Y up; glTF decodes code / 127.5 - 1, so that 128 is 0.004 instead of 0; no code is 0 exactly,
+    and the error is invisible. Roughness is in green and cavity in red of one picture, beside a blue without metal.
     """
-    made = avatar.reflectance
-    packed = surface_picture(avatar)
-    found: dict[str, Picture | None] = {"diffuse_albedo": colours(avatar), "roughness": packed}
-    if avatar.surface is not None and avatar.surface.cavity is not None:
-        found["cavity"] = packed
-    if made is not None:
-        found |= {"specular_normal": normal_picture(made), "specular_albedo": specular_picture(made)}
-    return {role: picture for role, picture in found.items() if picture is not None}
+    made, surface = avatar.reflectance, avatar.surface
+    albedo = None if made is None else made.diffuse_albedo
+    colours = _fitting(avatar.texture.texture) if albedo is None else (_fitting(albedo) // 257).astype(np.uint8)
+    found = {"diffuse_albedo": Picture(encode_jpeg(colours, JPEG_QUALITY), "image/jpeg")}
+    if surface is not None and surface.roughness is not None:
+        channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
+        channels[..., 0] = 255 if surface.cavity is None else surface.cavity
+        channels[..., 1] = surface.roughness
+        found["roughness"] = _data_picture(channels)
+        if surface.cavity is not None:
+            found["cavity"] = found["roughness"]
+    if made is not None and made.specular_normal is not None:
+        found["specular_normal"] = _data_picture(encode_normals8(unpack_normals(_fitting(made.specular_normal))))
+    if made is not None and made.specular_albedo is not None:
+        alpha = _fitting(made.specular_albedo)
+        rgba = np.full((*alpha.shape, 4), 255, np.uint8)
+        rgba[..., 3] = to_8_bits(alpha)
+        found["specular_albedo"] = _data_picture(rgba)
+    return found
 
 
 def chart_values(avatar: Avatar) -> dict[str, Float32]:
@@ -264,57 +278,10 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
     return {role: np.asarray(values, np.float32) for role, values in found.items()}
 
 
-def surface_picture(avatar: Avatar) -> Picture | None:
-    """Cavity in red, roughness in green, metallic (none) in blue, as 8-bit PNG; None where there is no roughness."""
-    surface = avatar.surface
-    if surface is None or surface.roughness is None:
-        return None
-    channels = np.zeros((*surface.roughness.shape, 3), np.uint8)
-    channels[..., 0] = 255 if surface.cavity is None else surface.cavity
-    channels[..., 1] = surface.roughness
-    return Picture(_packed(channels), "image/png")
-
-
-def colours(avatar: Avatar) -> Picture:
-    """Diffuse albedo where there is one, else the texture with the photo's light in it."""
-    made = avatar.reflectance
-    if made is None or made.diffuse_albedo is None:
-        return glb_texture(avatar.texture.texture)
-    return glb_texture((_fitting(made.diffuse_albedo) // 257).astype(np.uint8))
-
-
-def glb_texture(texture: UInt8) -> Picture:
-    """A texture (h, w, 3) uint8 sRGB as JPEG, larger ones reduced to ``GLB_TEXTURE_PX``."""
-    return Picture(encode_jpeg(_fitting(texture), JPEG_QUALITY), "image/jpeg")
-
-
-def normal_picture(made: Reflectance) -> Picture | None:
-    """Specular normals, tangent space, +Y up, as 8-bit PNG; None where there are none.
-
-    glTF decodes code / 127.5 - 1, so that 128 is 0.004 instead of 0; no code is 0 exactly, and the error is invisible.
-    """
-    if made.specular_normal is None:
-        return None
-    codes = encode_normals8(unpack_normals(_fitting(made.specular_normal)))
-    return Picture(_packed(codes), "image/png")
-
-
-def specular_picture(made: Reflectance) -> Picture | None:
-    """Specular albedo in the alpha of an 8-bit PNG, where KHR_materials_specular reads it; None where there is none.
-
-    The factor scales F0 = 0.04 of the default index of refraction, which is the convention of the map.
-    """
-    if made.specular_albedo is None:
-        return None
-    alpha = _fitting(made.specular_albedo)
-    rgba = np.full((*alpha.shape, 4), 255, np.uint8)
-    rgba[..., 3] = to_8_bits(alpha)
-    return Picture(_packed(rgba), "image/png")
-
-
-def _packed(codes: UInt8) -> bytes:
-    """PNG of data, the harder the smaller it is."""
-    return encode_png(codes, srgb=False, level=7 if max(codes.shape) <= SMALL_GLB_PX else 3)
+def _data_picture(codes: UInt8) -> Picture:
+    """PNG of data, compressed the harder the smaller it is."""
+    level = 7 if max(codes.shape) <= SMALL_GLB_PX else 3
+    return Picture(encode_png(codes, srgb=False, level=level), "image/png")
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:

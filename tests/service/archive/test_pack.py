@@ -17,9 +17,10 @@ import pytest
 from service.archive.container import MEMBERS
 from service.archive.images import decode_normals8
 from service.archive.licences import licences_text
-from service.archive.maps import GLB_TEXTURE_PX, glb_texture
+from service.archive.maps import GLB_TEXTURE_PX, chart_pictures
 from service.archive.pack import archive_members, write_archive
 from service.errors import NumericFault
+from service.reflectance.reflectance_maps import Reflectance
 from tests.service.archive.toys import toy_avatar, toy_texture
 
 
@@ -111,10 +112,11 @@ def test_nothing_is_written_where_a_result_is_not_finite(tmp_path: Path) -> None
 
 def test_a_large_texture_is_made_smaller_for_the_glb() -> None:
     flat = np.full((2048, 3072, 3), (200, 40, 90), np.uint8)
-    picture = glb_texture(flat)
-    image = decode(picture.data)
-    assert picture.mime == "image/jpeg" and picture.data[:2] == b"\xff\xd8"
-    assert image.shape == (1366, GLB_TEXTURE_PX, 3) or image.shape == (1365, GLB_TEXTURE_PX, 3)
-    assert np.abs(image.astype(int) - (200, 40, 90)).max() <= 3
-    small = glb_texture(flat[:64, :96])
-    assert small.mime == "image/jpeg" and decode(small.data).shape == (64, 96, 3)
+    for albedo in (None, flat.astype(np.uint16) * 257):
+        made = None if albedo is None else Reflectance(size=(3072, 2048), diffuse_albedo=albedo)
+        avatar = toy_avatar(texture=replace(toy_texture(), texture=flat), reflectance=made)
+        picture = chart_pictures(avatar)["diffuse_albedo"]
+        image = decode(picture.data)
+        assert picture.mime == "image/jpeg" and image.shape == (1365, GLB_TEXTURE_PX, 3)
+        assert np.abs(image.astype(int) - (200, 40, 90)).max() <= 3
+    assert decode(chart_pictures(toy_avatar())["diffuse_albedo"].data).shape == (64, 96, 3)
