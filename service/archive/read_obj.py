@@ -97,73 +97,50 @@ def read_obj(data: bytes) -> ObjMesh:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise BadMesh("the OBJ file is not text; a Wavefront OBJ file is expected") from error
-    reader = _Reader()
+    vertices: list[list[float]] = []
+    uv: list[list[float]] = []
+    faces: list[tuple[list[int], list[int], int]] = []
+    names: list[str] = []
+    objects, current = False, 0
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.split()
-        if words and words[0] in _KINDS:
-            reader.take(number, words[0], words[1:])
-    return reader.mesh()
-
-
-_KINDS = ("v", "vt", "f", "o", "g")
-
-
-class _Reader:
-    def __init__(self) -> None:
-        self.vertices: list[list[float]] = []
-        self.uv: list[list[float]] = []
-        self.polygons: list[list[int]] = []
-        self.polygon_uv: list[list[int]] = []
-        self.owner: list[int] = []
-        self.names: list[str] = []
-        self.objects = False
-
-    def take(self, number: int, kind: str, words: Sequence[str]) -> None:
+        kind, *words = line.split() or [""]
         if kind == "v":
-            self.vertices.append(_numbers(number, words, 3))
-            if len(self.vertices) > MAX_VERTICES:
-                raise BadMesh(f"the mesh has more than {MAX_VERTICES} vertices, which is the most that is accepted")
+            vertices.append(_numbers(number, words, 3))
         elif kind == "vt":
-            self.uv.append(_numbers(number, words, 2))
+            uv.append(_numbers(number, words, 2))
         elif kind == "f":
-            self._face(number, words)
-        elif kind == "o" or not self.objects:
-            self.objects |= kind == "o"
-            self._begin(" ".join(words) or "unnamed")
+            names = names or ["skin"]
+            faces.append((*_face(number, words, len(vertices), len(uv)), current))
+        elif kind == "o" or (kind == "g" and not objects):
+            objects |= kind == "o"
+            name = " ".join(words) or "unnamed"
+            names += [name] * (name not in names)
+            current = names.index(name)
+        if len(vertices) > MAX_VERTICES or len(names) > MAX_PARTS:
+            raise BadMesh(f"the mesh has more than {MAX_VERTICES} vertices or {MAX_PARTS} parts, the most accepted")
+    if not faces:
+        raise BadMesh("the OBJ file has no faces; a mesh is expected")
+    polygons, places, owners = zip(*faces, strict=True)
+    used, owner = np.unique(owners, return_inverse=True)  # exporters write empty groups
+    return ObjMesh(
+        np.array(vertices, np.float64),
+        np.array(uv, np.float64).reshape(-1, 2),
+        np.array(polygons, np.int32),
+        np.array(places, np.int32),
+        tuple(names[index] for index in used),
+        owner.astype(np.uint8),
+    )
 
-    def _begin(self, name: str) -> None:
-        if name not in self.names:
-            self.names.append(name)
-        if len(self.names) > MAX_PARTS:
-            raise BadMesh(f"the mesh has more than {MAX_PARTS} parts, which is the most that is accepted")
-        self.current = name
 
-    def _face(self, number: int, words: Sequence[str]) -> None:
-        if len(words) not in (3, 4):
-            raise BadMesh(f"line {number}: a face of {len(words)} corners; three or four are accepted")
-        if not self.names:
-            self._begin("skin")
-        corners = [word.split("/") for word in words]
-        vertex = [_index(number, corner[0], len(self.vertices), "v") for corner in corners]
-        chart = [_index(number, c[1], len(self.uv), "vt") if len(c) > 1 and c[1] else -1 for c in corners]
-        padding = [-1] * (4 - len(words))
-        self.polygons.append(vertex + padding)
-        self.polygon_uv.append((chart if min(chart) >= 0 else [-1] * len(words)) + padding)
-        self.owner.append(self.names.index(self.current))
-
-    def mesh(self) -> ObjMesh:
-        if not self.polygons:
-            raise BadMesh("the OBJ file has no faces; a mesh is expected")
-        used = sorted(set(self.owner))  # exporters write empty groups
-        position = {old: new for new, old in enumerate(used)}
-        return ObjMesh(
-            np.array(self.vertices, np.float64),
-            np.array(self.uv, np.float64).reshape(-1, 2),
-            np.array(self.polygons, np.int32),
-            np.array(self.polygon_uv, np.int32),
-            tuple(self.names[i] for i in used),
-            np.array([position[i] for i in self.owner], np.uint8),
-        )
+def _face(number: int, words: Sequence[str], vertices: int, places: int) -> tuple[list[int], list[int]]:
+    """Four vertex and four chart indices of a face, -1 in the last place for a triangle and where there is no chart."""
+    if len(words) not in (3, 4):
+        raise BadMesh(f"line {number}: a face of {len(words)} corners; three or four are accepted")
+    corners = [word.split("/") for word in words]
+    vertex = [_index(number, corner[0], vertices, "v") for corner in corners]
+    chart = [_index(number, c[1], places, "vt") if len(c) > 1 and c[1] else -1 for c in corners]
+    padding = [-1] * (4 - len(words))
+    return vertex + padding, (chart if min(chart) >= 0 else [-1] * len(words)) + padding
 
 
 def _numbers(number: int, words: Sequence[str], count: int) -> list[float]:

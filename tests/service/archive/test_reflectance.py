@@ -23,7 +23,7 @@ from service.archive.surfaces import displaced, heights_at, subdivided_head
 from service.geometry.normals import face_normals
 from service.map_registry import MAP_NAMES
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Reflectance, unpack_normals
-from tests.service.archive.test_meshes import validator_report
+from tests.service.archive.test_meshes import Glb, validator_report
 from tests.service.archive.toys import REFLECTANCE_SIZE, toy_avatar, toy_head, toy_reflectance
 from tests.toyhead import CENTRE
 
@@ -141,56 +141,38 @@ def test_the_khronos_validator_accepts_the_textures(members: dict[str, bytes], t
 
 
 def test_the_glb_shows_the_maps_on_the_skin_only(members: dict[str, bytes]) -> None:
-    data = members["mesh/head.glb"]
-    length = int.from_bytes(data[12:16], "little")
-    document = json.loads(data[20 : 20 + length])
-    names = [texture["name"] for texture in document["textures"]]
+    glb, made = Glb.read(members["mesh/head.glb"]), toy_reflectance()
+    names = [texture["name"] for texture in glb.json["textures"]]
     assert names == ["diffuse_albedo", "specular_normal", "specular_albedo"]
-    skin = next(material for material in document["materials"] if material["name"] == "skin")
+    skin = next(material for material in glb.json["materials"] if material["name"] == "skin")
     assert names[skin["normalTexture"]["index"]] == "specular_normal"
     specular = skin["extensions"]["KHR_materials_specular"]["specularTexture"]["index"]
-    assert names[specular] == "specular_albedo" and document["extensionsUsed"] == ["KHR_materials_specular"]
-    assert sum("normalTexture" in material for material in document["materials"]) == 1
-    made = toy_reflectance()
-    binary = data[20 + length + 8 :]
-    pictures = []
-    for image in document["images"]:
-        view = document["bufferViews"][image["bufferView"]]
-        pictures.append(decode(binary[view["byteOffset"] :][: view["byteLength"]]))
+    assert names[specular] == "specular_albedo" and glb.json["extensionsUsed"] == ["KHR_materials_specular"]
+    assert sum("normalTexture" in material for material in glb.json["materials"]) == 1
+    views = [glb.json["bufferViews"][image["bufferView"]] for image in glb.json["images"]]
+    colour, normal, rgba = (decode(glb.binary[view["byteOffset"] :][: view["byteLength"]]) for view in views)
     assert made.diffuse_albedo is not None and made.specular_normal is not None and made.specular_albedo is not None
     # JPEG, of noise here.
-    assert np.abs(pictures[0].astype(int) - made.diffuse_albedo // 257).mean() < 8
-    np.testing.assert_allclose(pictures[1] / 127.5 - 1, unpack_normals(made.specular_normal), atol=0.01)
-    alpha = cv2.imdecode(np.frombuffer(binary, np.uint8)[_start(document, 2) :], cv2.IMREAD_UNCHANGED)
-    np.testing.assert_allclose(np.asarray(alpha)[..., 3] / 255, made.specular_albedo / 65535, atol=0.5 / 255 + 1e-6)
+    assert np.abs(colour.astype(int) - made.diffuse_albedo // 257).mean() < 8
+    np.testing.assert_allclose(normal / 127.5 - 1, unpack_normals(made.specular_normal), atol=0.01)
+    alpha = rgba[..., 0]  # OpenCV's order, turned round
+    np.testing.assert_allclose(alpha / 255, made.specular_albedo / 65535, atol=0.5 / 255 + 1e-6)
 
 
 def test_tangents_point_along_u_and_the_bitangent_up_the_chart(members: dict[str, bytes]) -> None:
     """On the sphere u runs east and v north; a flipped sign would turn every pore inside out."""
-    scene = trimesh.load(io.BytesIO(members["mesh/head.glb"]), file_type="glb", process=False)
-    data = members["mesh/head.glb"]
-    length = int.from_bytes(data[12:16], "little")
-    document, binary = json.loads(data[20 : 20 + length]), data[20 + length + 8 :]
-    skin = document["meshes"][0]["primitives"][0]["attributes"]
-    assert scene is not None and sum("TANGENT" in m["primitives"][0]["attributes"] for m in document["meshes"]) == 1
-    read = {}
-    for name, width in (("POSITION", 3), ("NORMAL", 3), ("TANGENT", 4)):
-        accessor = document["accessors"][skin[name]]
-        start = document["bufferViews"][accessor["bufferView"]]["byteOffset"] + accessor.get("byteOffset", 0)
-        read[name] = np.frombuffer(binary, "<f4", accessor["count"] * width, start).reshape(-1, width)
-    tangent = read["TANGENT"]
+    glb = Glb.read(members["mesh/head.glb"])
+    assert sum("TANGENT" in mesh["primitives"][0]["attributes"] for mesh in glb.json["meshes"]) == 1
+    skin = glb.json["meshes"][0]["primitives"][0]["attributes"]
+    position, normal, tangent = (glb.accessor(skin[name]) for name in ("POSITION", "NORMAL", "TANGENT"))
     np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1, atol=1e-4)
-    np.testing.assert_allclose(np.einsum("ni,ni->n", tangent[:, :3], read["NORMAL"]), 0, atol=1e-4)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", tangent[:, :3], normal), 0, atol=1e-4)
     assert (tangent[:, 3] == 1).all()
-    away = read["POSITION"] - CENTRE
+    away = position - CENTRE
     middle = np.hypot(away[:, 0], away[:, 2]) > 0.5 * np.linalg.norm(away, axis=1)
     east = np.stack([away[:, 2], np.zeros(len(away)), -away[:, 0]], 1)[middle]
     assert (np.einsum("ni,ni->n", tangent[middle, :3], east) > 0).all()
-    assert (np.cross(read["NORMAL"], tangent[:, :3])[middle, 1] > 0).all()
-
-
-def _start(document: dict[str, Any], image: int) -> int:
-    return int(document["bufferViews"][document["images"][image]["bufferView"]]["byteOffset"])
+    assert (np.cross(normal, tangent[:, :3])[middle, 1] > 0).all()
 
 
 def test_the_fine_mesh_comes_with_high_quality(members: dict[str, bytes], fine_members: dict[str, bytes]) -> None:
