@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from service import GENERATOR
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.surfaces import Piece
 from service.arrays import AnyFloat, AnyInt, Float32, UInt8
@@ -134,6 +135,7 @@ Slot = Literal["colour", "roughness", "specular", "normal", "cavity"]
 
 SPECULAR, IOR, TRANSMISSION = "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission"
 
+COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
 DEFAULT_IOR = 1.5
 JPEG_QUALITY = 92
 """Of colours without alpha; ``maps/`` has all of them without loss."""
@@ -279,10 +281,9 @@ def glb_bytes(
     charts: Mapping[str, Picture],
     *,
     units: Sequence[str],
-    generator: str,
-    copyright_notice: str,
     expression: Mapping[str, float],
-    extras: Mapping[str, Any],
+    head: str,
+    licence: str,
 ) -> bytes:
     """Binary glTF of a head in its neutral pose, as all morph weights are zero.
 
@@ -290,10 +291,9 @@ def glb_bytes(
         parts: meshes in the order of the file; those of opacity 0 are left out.
         charts: maps of the chart by role, in glTF's coding.
         units: names of the blendshapes, in the order of the targets.
-        generator: for ``asset.generator``.
-        copyright_notice: for ``asset.copyright``.
         expression: weight of each blendshape in the photo, kept in ``extras.expressionWeights``.
-        extras: further ``asset.extras``, JSON values.
+        head: name of the head model, in ``asset.extras``.
+        licence: of the head model, likewise.
     """
     writer = GltfWriter()
     materials = GltfMaterials(writer, charts)
@@ -303,7 +303,12 @@ def glb_bytes(
     weights = {name: round(float(expression.get(name, 0.0)), 6) for name in units}
     nodes.append({"name": "head", "children": list(range(len(drawn))), "extras": {"expressionWeights": weights}})
     document: Object = {
-        "asset": {"version": "2.0", "generator": generator, "copyright": copyright_notice, "extras": dict(extras)},
+        "asset": {
+            "version": "2.0",
+            "generator": GENERATOR,
+            "copyright": COPYRIGHT,
+            "extras": {"headModel": head, "headModelLicence": licence, "units": "metre"},
+        },
         "scene": 0,
         "scenes": [{"name": "avatar", "nodes": [len(drawn)]}],
         "nodes": nodes,

@@ -15,8 +15,6 @@ from service.reflectance.albedo.diffuse_albedo import LIGHT_NETWORK
 from service.runtime.network_registry import REGISTRY, networks_of
 from service.runtime.sessions import model_table
 
-COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
-
 _TEXT = """\
 # Licences
 

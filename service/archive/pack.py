@@ -17,7 +17,7 @@ from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
 from service.archive.glb import glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
-from service.archive.licences import COPYRIGHT, licences_text
+from service.archive.licences import licences_text
 from service.archive.manifest import to_json
 from service.archive.maps import (
     MAPS,
@@ -97,10 +97,9 @@ def meshes(avatar: Avatar, parts: Sequence[MeshPart], maps: MapFiles) -> dict[st
             parts,
             chart_pictures(avatar),
             units=head.expression_names,
-            generator=GENERATOR,
-            copyright_notice=COPYRIGHT,
             expression=weights,
-            extras={"headModel": head.name, "headModelLicence": head.licence, "units": "metre"},
+            head=head.name,
+            licence=head.licence,
         ),
         "mesh/head.usda": usda_bytes(
             parts, maps, title, units=head.expression_names, expression=weights, joints=joints,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from service.archive.container import ArchiveFile
 from service.errors import OutputFault
-from service.kits.source import environment, unpack, write
+from service.kits.source import described, unpack, write, write_light
 
 SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_scene.txt"
 """The script; not named .py, as it runs in Blender and not here."""
@@ -26,22 +26,9 @@ BUILD_SECONDS = 600
 def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
     written = unpack(source, folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
-    light = environment(source)
-    if light is not None:
-        write(folder / "photo_light.exr", light)
-        written.append(folder / "photo_light.exr")
-    manifest = source.manifest
-    fit = manifest.get("fit") or {}
-    facts = {
-        "units": manifest["head"]["blendshapes"],
-        "expression": fit.get("expression", {}),
-        "parts": manifest["parts"],
-        "materials": manifest["materials"],
-        "joints": manifest["joints"],
-        "displacement": manifest.get("displacement"),
-        "camera": manifest.get("camera"),
-        "environment": None if light is None else "photo_light.exr",
-    }
+    light = write_light(source, folder)
+    written += light
+    facts = described(source) | {"environment": light[0].name if light else None}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     write(folder / "avatar_scene.py", SCRIPT.read_bytes())
     return [*written, folder / "kit.json", folder / "avatar_scene.py"]

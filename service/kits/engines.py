@@ -6,19 +6,16 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from service import GENERATOR
 from service.archive.container import ArchiveFile
 from service.archive.glb import Picture, glb_bytes
 from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_jpeg, encode_png
-from service.archive.licences import COPYRIGHT
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
 from service.kits.lod import levels_of_detail, triangles
-from service.kits.source import environment, materials_of, read_parts, unpack, write
+from service.kits.source import described, materials_of, read_parts, unpack, write, write_light
 
 LARGEST = 4096
 IN_GLB = 2048
@@ -221,34 +218,19 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
             write(path, encode_png(one.make(charts), srgb=one.srgb))
             written.append(path)
             textures.append({"file": f"textures/{path.name}", "srgb": one.srgb, "use": one.use})
-    pictures = glb_charts(charts)
+    pictures, head = glb_charts(charts), source.manifest["head"]
+    facts = described(source)
     levels = []
     for number, level in enumerate(levels_of_detail(parts)):
         path = folder / f"head_lod{number}.glb"
-        write(path, _glb(source, level, pictures))
+        data = glb_bytes(
+            level, pictures, units=facts["units"], expression=facts["expression"], head=head["name"],
+            licence=head["licence"],
+        )  # fmt: skip
+        write(path, data)
         written.append(path)
         levels.append({"file": path.name, "triangles": sum(map(triangles, level))})
-    light = environment(source)
-    if light is not None:
-        write(folder / "photo_light.exr", light)
-        written.append(folder / "photo_light.exr")
-    facts = {"tool": tool, "levels": levels, "textures": textures, **_described(source)}
+    written += write_light(source, folder)
+    facts = {"tool": tool, "levels": levels, "textures": textures, **facts}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     return [*written, folder / "kit.json"]
-
-
-def _described(source: ArchiveFile) -> dict[str, Any]:
-    manifest = source.manifest
-    return {name: manifest.get(name) for name in ("parts", "materials", "joints", "displacement", "camera")} | {
-        "units": manifest["head"]["blendshapes"], "expression": (manifest.get("fit") or {}).get("expression", {}),
-    }  # fmt: skip
-
-
-def _glb(source: ArchiveFile, parts: Any, pictures: Any) -> bytes:
-    manifest = source.manifest
-    head = manifest["head"]
-    return glb_bytes(
-        parts, pictures, units=head["blendshapes"], generator=GENERATOR, copyright_notice=COPYRIGHT,
-        expression=(manifest.get("fit") or {}).get("expression", {}),
-        extras={"headModel": head["name"], "headModelLicence": head["licence"], "units": "metre"},
-    )  # fmt: skip

@@ -167,6 +167,23 @@ LEAST_SKIN = 50
 """Fewest texels of lit skin from which its albedo is estimated."""
 
 
+def described(archive: ArchiveFile) -> dict[str, Any]:
+    """What ``kit.json`` says of the head in every kit."""
+    manifest = archive.manifest
+    fit = manifest.get("fit") or {}
+    named = {name: manifest.get(name) for name in ("parts", "materials", "joints", "displacement", "camera")}
+    return {"units": manifest["head"]["blendshapes"], "expression": fit.get("expression", {}), **named}
+
+
+def write_light(archive: ArchiveFile, folder: Path) -> list[Path]:
+    """The photo's light as ``photo_light.exr`` in a folder; returns its path, or nothing where there is none."""
+    light = environment(archive)
+    if light is None:
+        return []
+    write(folder / "photo_light.exr", light)
+    return [folder / "photo_light.exr"]
+
+
 def environment(source: ArchiveFile) -> bytes | None:
     """EXR of the radiance around the head, equirectangular, Z up as in Blender; None where the photo gave no light.
 

@@ -202,7 +202,7 @@ def test_the_shipped_head_passes_too_and_is_small(tmp_path: Path) -> None:
     picture = Picture(encode_png(toy_texture(576, 384).texture, srgb=True), "image/png")
     neutral = head.shape(np.full(5, 0.7))
     parts, units = head_parts(head, neutral, neutral), head.expression_names
-    facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
+    facts: dict[str, Any] = {"expression": {}, "head": "h", "licence": "CC0-1.0"}
     data = glb_bytes(parts, {"diffuse_albedo": picture}, units=units, **facts)
     issues = validator_report(data, tmp_path)["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
@@ -286,7 +286,7 @@ def test_a_marked_texel_lands_on_the_same_vertex_in_obj_and_glb(
 def test_glb_refuses_nan_and_takes_a_head_without_blendshapes(avatar: Avatar, tmp_path: Path) -> None:
 
     picture = Picture(encode_png(toy_texture().texture, srgb=True), "image/png")
-    facts: dict[str, Any] = {"generator": "g", "copyright_notice": "c", "expression": {}, "extras": {}}
+    facts: dict[str, Any] = {"expression": {}, "head": "h", "licence": "CC0-1.0"}
     broken = avatar.fit.neutral.copy()
     broken[0, 0] = np.nan
     with pytest.raises(NumericFault):
