@@ -29,7 +29,7 @@ class Container(NamedTuple):
     Attributes:
         codec: which decoder to use.
         size: (width, height) in pixels as stored, before any EXIF turn; None where only the decoder can tell.
-        payload: the file up to the end of its first image; of a PNG only the chunks that tell how to show it.
+        payload: the file up to the end of its first image, with what tells how to show that, and without text.
         warnings: stable codes of what was found and left out.
     """
 
@@ -42,7 +42,9 @@ class Container(NamedTuple):
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"sRGB", b"gAMA"))
 """Without text, which Pillow keeps beside what it tells of the image, under names that the file chooses."""
-_EOI, _SOS, _DHT, _DAC = 0xD9, 0xDA, 0xC4, 0xCC
+_EOI, _SOS, _DHT, _DAC, _APP1, _COM = 0xD9, 0xDA, 0xC4, 0xCC, 0xE1, 0xFE
+_JPEG_KEPT = (b"JFIF\0", b"Adobe", b"ICC_PROFILE\0", b"MPF\0")
+"""Application segments that tell how to show the image, or that there are more; and EXIF."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {_DHT, 0xC8, _DAC}
 _LOSSLESS = (0xC3, 0xC7, 0xCB, 0xCF)
 # Inside entropy-coded data 0xFF is always followed by a stuffed zero or a restart number (T.81, B.1.1.5).
@@ -131,20 +133,29 @@ def open_container(data: bytes, limits: Limits) -> Container:
 
 def _open_jpeg(data: bytes, limits: Limits) -> Container:
     """Walk over the segments of a JPEG file (ITU-T T.81, annex B) up to the end of its first image."""
-    size, scans, position = None, 0, 2
+    size, scans, position, start, wanted, exif = None, 0, 2, 0, True, False
+    kept: list[bytes] = []
     for _ in range(MAX_SEGMENTS):
         found = _MARKER.search(data, position)
         if found is None:
             raise _cut_off("JPEG", len(data))
-        marker, position = data[found.start() + 1], found.end()
+        if wanted:
+            kept.append(data[start : found.start()])
+        start, marker, position = found.start(), data[found.start() + 1], found.end()
         if marker == _EOI:
             if size is None or not scans:
                 raise CorruptImage("the JPEG file ends before its first scan")
             more = data[position : position + 64].lstrip(b"\0").startswith(b"\xff\xd8\xff")
-            return Container(Codec.JPEG, size, data[:position], ("extra-images-ignored",) if more else ())
+            whole = b"".join([*kept, data[start:position]])
+            return Container(Codec.JPEG, size, whole, ("extra-images-ignored",) if more else ())
         length = int.from_bytes(data[position : position + 2], "big")
         if length < 2 or position + length > len(data):
             raise _cut_off("JPEG", position)
+        body = data[position + 2 : position + length]
+        wanted = not (0xE0 <= marker <= 0xEF or marker == _COM) or body.startswith(_JPEG_KEPT)
+        if marker == _APP1 and body.startswith(b"Exif\0\0"):
+            # One segment, 64 kB, as Pillow reads all of it, and entries may each claim the whole.
+            wanted, exif = not exif, True
         if marker in _FRAMES:
             if size is not None or length < 8:
                 raise CorruptImage("the JPEG frame header is damaged or repeated")

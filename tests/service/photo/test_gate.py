@@ -359,6 +359,11 @@ def test_metadata_goes_no_further() -> None:
     assert np.array_equal(photo.pixels, read_photo(data).pixels)
     known = ["pixels", "focal_35mm", "sha256", "warnings", "steps"]
     assert [field.name for field in dataclasses.fields(Photo)] == known
+    payload = gate.open_container(marked, Limits()).payload
+    for secret in (b"xap", b"8BIM", b"secret"):
+        assert secret not in payload, "the decoder sees no metadata but the first EXIF segment"
+    exif = bad.segment(0xE1, b"Exif\0\0" + bad.exif(focal=35).ljust(60_000, b"x"))
+    assert gate.open_container(bad.insert(data, exif, exif, exif), Limits()).payload == bad.insert(data, exif)
 
 
 # Row 32
