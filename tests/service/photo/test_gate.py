@@ -29,6 +29,7 @@ from service.errors import (
     UsageError,
 )
 from service.photo import gate
+from service.photo.container import open_container
 from service.photo.gate import read_photo
 from service.photo.limits import Limits, check_size
 from service.photo.photo import Photo
@@ -359,11 +360,11 @@ def test_metadata_goes_no_further() -> None:
     assert np.array_equal(photo.pixels, read_photo(data).pixels)
     known = ["pixels", "focal_35mm", "sha256", "warnings", "steps"]
     assert [field.name for field in dataclasses.fields(Photo)] == known
-    payload = gate.open_container(marked, Limits()).payload
+    payload = open_container(marked, Limits()).payload
     for secret in (b"xap", b"8BIM", b"secret"):
         assert secret not in payload, "the decoder sees no metadata but the first EXIF segment"
     exif = bad.segment(0xE1, b"Exif\0\0" + bad.exif(focal=35).ljust(60_000, b"x"))
-    assert gate.open_container(bad.insert(data, exif, exif, exif), Limits()).payload == bad.insert(data, exif)
+    assert open_container(bad.insert(data, exif, exif, exif), Limits()).payload == bad.insert(data, exif)
 
 
 # Row 32
