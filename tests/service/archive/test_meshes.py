@@ -21,6 +21,7 @@ from service.archive.glb import Picture, glb_bytes
 from service.archive.images import encode_png
 from service.archive.obj import obj_bytes
 from service.archive.pack import archive_members
+from service.archive.surfaces import vertex_normals
 from service.archive.usd_text import fixed_tuples
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
