@@ -14,7 +14,7 @@ from service.jobs import telemetry
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import EVENTS, IS_DERIVED, JOBS, now
 from service.jobs.settings import Settings
-from service.jobs.store import OWNERS, Lookups, Row, Store, workflows
+from service.jobs.store import OWNERS, Row, Store, workflows
 from service.jobs.view import FINAL
 
 MEASURED = ("quality", "size", "maps")
@@ -111,7 +111,7 @@ class Strays:
         artifacts: their files.
     """
 
-    def __init__(self, settings: Settings, jobs: Lookups, artifacts: Artifacts) -> None:
+    def __init__(self, settings: Settings, jobs: Store, artifacts: Artifacts) -> None:
         self._settings, self._jobs, self._artifacts = settings, jobs, artifacts
         self._unknown: dict[str, float] = {}
 

@@ -19,8 +19,6 @@ MOST_WAITING = 20_000
 PATIENCE = 2.0
 """Seconds that the end of a process waits for its last lines."""
 
-_BATCH = 500
-
 
 class JsonFormatter(logging.Formatter):
     """``time``, ``level``, ``logger``, ``message``, fields given as ``extra``, ``traceback`` of an exception."""
@@ -80,11 +78,11 @@ class Background(logging.Handler):
 
     def _write(self) -> None:
         while True:
-            batch = [self._waiting.get()]
-            with contextlib.suppress(queue.Empty):
-                while len(batch) < _BATCH:
-                    batch.append(self._waiting.get_nowait())
-            lines = [self._line(entry) for entry in batch if isinstance(entry, logging.LogRecord)]
+            entry = self._waiting.get()
+            if isinstance(entry, threading.Event):
+                entry.set()
+                continue
+            lines = [self._line(entry)]
             if self._lost:
                 lost, self._lost = self._lost, 0
                 words = {"level": "warning", "logger": __name__, "message": f"{lost} lines of the log were left out"}
@@ -94,9 +92,6 @@ class Background(logging.Handler):
                 with contextlib.suppress(OSError, ValueError):
                     stream.write("".join(line + "\n" for line in lines))
                     stream.flush()
-            for entry in batch:
-                if isinstance(entry, threading.Event):
-                    entry.set()
 
     def _line(self, record: logging.LogRecord) -> str:
         try:

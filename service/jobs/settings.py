@@ -111,21 +111,8 @@ class Settings:
     batch_program: str = "service.batch.photo_process"
 
     def __post_init__(self) -> None:
-        low = {
-            "jobs": 1,
-            "batches": 0,
-            "port": 0,
-            "uploads": 1,
-            "connections": 0,
-            "renders": 0,
-            "exports": 0,
-            "max_queued": 1,
-            "max_unfinished": 1,
-            "memory_mb": 0,
-            "reserve_mb": 0,
-            "decode_mb": 0,
-        }
-        for name, least in low.items():
+        for field in (field for field in fields(self) if field.type == "int" and field.name != "niceness"):
+            name, least = field.name, int(field.name in ("jobs", "uploads", "max_queued", "max_unfinished"))
             if getattr(self, name) < least:
                 raise UsageError(f"{name} is {getattr(self, name)}; it has to be at least {least}", field=name)
         for name in (field.name for field in fields(self) if field.name.endswith(("_seconds", "_hours"))):
@@ -161,7 +148,7 @@ class Settings:
 
     def to_json(self) -> str:
         """For a process that this one starts; see :func:`from_json`."""
-        return json.dumps({name: str(value) if name == "data" else value for name, value in asdict(self).items()})
+        return json.dumps(asdict(self), default=str)
 
 
 def from_json(text: str) -> Settings:

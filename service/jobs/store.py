@@ -22,11 +22,22 @@ from service.jobs.view import job_json
 Row = sa.RowMapping
 
 
-class Lookups:
-    """Answers about jobs; safe for many threads and processes at once."""
+OWNERS = {
+    "key": None, "digest": "", "photo": "", "photo_sha256": "", "photo_bytes": 0, "metadata": "{}",
+}  # fmt: skip
+"""Columns that tell of the photo and of the request, as they are when nothing of both may be known any more."""
+
+
+class Store:
+    """Reads and changes jobs; safe for many threads and processes at once.
+
+    Args:
+        engine: of the database.
+    """
 
     def __init__(self, engine: sa.Engine) -> None:
         self.engine = engine
+        self.queue = Queue(engine)
 
     def get(self, job: str) -> Row | None:
         """The row of a job, None where there is none."""
@@ -101,27 +112,6 @@ class Lookups:
     def _all(self, query: sa.Select[Any]) -> list[Row]:
         with self.engine.connect() as connection:
             return list(connection.execute(query).mappings())
-
-
-def workflows(row: Mapping[str, Any] | Row) -> list[str]:
-    """Names of all workflows that a job ever had, with those that told of its end."""
-    first, _, count = str(row["workflow"]).partition(".")
-    told = [f"{row['id']}.told.{attempt}" for attempt in range(1, ATTEMPTS + 1)]
-    return [*(f"{first}.{number}" for number in range(1, int(count) + 1)), *told]
-
-
-OWNERS = {
-    "key": None, "digest": "", "photo": "", "photo_sha256": "", "photo_bytes": 0, "metadata": "{}",
-}  # fmt: skip
-"""Columns that tell of the photo and of the request, as they are when nothing of both may be known any more."""
-
-
-class Store(Lookups):
-    """Reads and changes jobs; safe for many threads and processes at once."""
-
-    def __init__(self, engine: sa.Engine) -> None:
-        super().__init__(engine)
-        self.queue = Queue(engine)
 
     def add(self, job: NewJob, bounds: Bounds | None = None) -> Row:
         """Let a job in, store it and put it into the queue, in one transaction.
@@ -309,3 +299,10 @@ class Store(Lookups):
         body = json.dumps(job_json(row))
         connection.execute(sa.insert(EVENTS).values(job=job, n=row["events"], name=event, body=body))
         return row
+
+
+def workflows(row: Mapping[str, Any] | Row) -> list[str]:
+    """Names of all workflows that a job ever had, with those that told of its end."""
+    first, _, count = str(row["workflow"]).partition(".")
+    told = [f"{row['id']}.told.{attempt}" for attempt in range(1, ATTEMPTS + 1)]
+    return [*(f"{first}.{number}" for number in range(1, int(count) + 1)), *told]

@@ -10,7 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.errors import AvatarError
-from service.jobs.kinds import KINDS, Kind
+from service.jobs.kinds import KINDS
 
 FINAL = ("succeeded", "failed", "cancelled")
 """States that a job does not leave."""
@@ -26,19 +26,23 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
     """
     kind = KINDS[row["kind"]]
     address = f"/v1/{kind.place}/{row['id']}"
-    if kind.derived:
-        return _derived_json(row, kind, address)
     done = row["state"] == "succeeded" and row["gone"] is None
     error = json.loads(row["error"]) if row["error"] else None
-    return {
+    options = json.loads(row["options"])
+    common = {
         "id": row["id"],
         "state": row["state"],
+        **{name: stamp(row[name]) for name in ("created_at", "started_at", "finished_at", "expires_at")},
+        "error": {**error, "instance": address} if error else None,
+    }
+    if kind.derived:
+        result = f"{address}/{kind.file}" if done else None
+        links = {"self": address, "avatar": f"/v1/avatars/{row['source']}", kind.artifact: result}
+        return {**common, "links": links, "request": options.get("request", {})}
+    return {
+        **common,
         "stage": row["stage"],
         "progress": round(float(row["progress"]), 4),
-        "created_at": stamp(row["created_at"]),
-        "started_at": stamp(row["started_at"]),
-        "finished_at": stamp(row["finished_at"]),
-        "expires_at": stamp(row["expires_at"]),
         "links": {
             "self": address,
             "events": f"{address}/events",
@@ -46,29 +50,10 @@ def job_json(row: sa.RowMapping | Mapping[str, Any]) -> dict[str, Any]:
             "files": f"{address}/files" if done else None,
             "photo": f"{address}/photo" if row["keep_photo"] and row["photo"] and row["gone"] is None else None,
         },
-        "error": {**error, "instance": address} if error else None,
         "warnings": json.loads(row["warnings"]),
-        "options": json.loads(row["options"]),
+        "options": options,
         "priority": row["priority"],
         "metadata": json.loads(row["metadata"]),
-    }
-
-
-def _derived_json(row: sa.RowMapping | Mapping[str, Any], kind: Kind, address: str) -> dict[str, Any]:
-    done = row["state"] == "succeeded" and row["gone"] is None
-    error = json.loads(row["error"]) if row["error"] else None
-    times = {name: stamp(row[name]) for name in ("created_at", "started_at", "finished_at", "expires_at")}
-    return {
-        "id": row["id"],
-        "state": row["state"],
-        **times,
-        "links": {
-            "self": address,
-            "avatar": f"/v1/avatars/{row['source']}",
-            kind.artifact: f"{address}/{kind.file}" if done else None,
-        },
-        "error": {**error, "instance": address} if error else None,
-        "request": json.loads(row["options"]).get("request", {}),
     }
 
 
