@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Collection, Mapping
 from typing import Any
-from urllib.parse import urlsplit
 
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, Serializer, WorkflowStatus
@@ -84,7 +83,7 @@ class Queue:
             job: ``id``, ``tenant`` and ``webhook`` of the job.
             attempt: its number, from 1 to ``ATTEMPTS``; each one after the first is due after its pause.
         """
-        receiver = f"{job['tenant']}\n{urlsplit(job['webhook']).netloc.lower()}"
+        receiver = f"{job['tenant']}\n{job["webhook"].split("/")[2].lower()}"
         options: EnqueueOptions = {
             "queue_name": MESSAGES, "workflow_name": MESSAGE, "workflow_id": f"{job['id']}.told.{attempt}",
             "queue_partition_key": hashlib.sha256(receiver.encode()).hexdigest(),
