@@ -83,7 +83,8 @@ class Queue:
             job: ``id``, ``tenant`` and ``webhook`` of the job.
             attempt: its number, from 1 to ``ATTEMPTS``; each one after the first is due after its pause.
         """
-        receiver = f"{job['tenant']}\n{job["webhook"].split("/")[2].lower()}"
+        host = job["webhook"].split("/")[2].lower()
+        receiver = f"{job['tenant']}\n{host}"
         options: EnqueueOptions = {
             "queue_name": MESSAGES, "workflow_name": MESSAGE, "workflow_id": f"{job['id']}.told.{attempt}",
             "queue_partition_key": hashlib.sha256(receiver.encode()).hexdigest(),
