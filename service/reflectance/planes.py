@@ -1,9 +1,8 @@
 """Input channels of the networks, by name, however they are stored.
 
 A channel is a full-size map of codes, a full-size float array, or a coarse field that is interpolated. Its value at a
-texel depends on the texel's position on the whole chart only, and not on the tile in which it is read.
-
-Values at texels of a map: picked from planes of its size, or interpolated from coarser planes of the same chart.
+texel depends on the texel's position on the whole chart only, and not on the tile in which it is read: it is picked
+from a plane of the map's size, or interpolated from a coarser plane of the same chart.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -51,8 +51,6 @@ def _enlarged_block(plane: Float32, tall: int, wide: int, rows: Indices, columns
     OpenCV is several times as fast as indexing. One more coarse texel on each side keeps its border handling out of the
     result.
     """
-    import cv2
-
     top, bottom = max(int(rows.min()) // tall - 1, 0), min(int(rows.max()) // tall + 2, plane.shape[0])
     left, right = max(int(columns.min()) // wide - 1, 0), min(int(columns.max()) // wide + 2, plane.shape[1])
     part = np.ascontiguousarray(plane[top:bottom, left:right])
@@ -213,7 +211,5 @@ def _read_grey(planes: Sequence[Codes], rows: Indices, columns: Indices, into: F
 
 def _resized(plane: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
     """(height, width, ...) by area where the result is smaller, else linearly."""
-    import cv2
-
     way = cv2.INTER_AREA if size[0] <= plane.shape[1] else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(np.ascontiguousarray(plane), size, interpolation=way))

@@ -1,15 +1,11 @@
-"""Input channels of the networks that describe the head: its geometry on the chart, and what each texel shows.
-
-How much brighter a surface becomes when its normal turns, in a known light.
-
-Normals of a map, from tangent space to head space.
-"""
+"""What the stages know of one head: geometry on the chart, what each texel shows, how light answers to normals."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -19,6 +15,7 @@ from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import blurred, shrunk, stretched_to
 from service.light.harmonics import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
@@ -170,11 +167,10 @@ class Subject:
     @property
     def clues(self) -> Float32:
         """(9, h, w) float32 channels ``CLUES`` at ``GEOMETRY_SIZE``."""
-        import cv2
 
         def whole(plane: Float32 | None, usual: float) -> Float32:
             drawn = np.full((1, 1), usual, np.float32) if plane is None else plane
-            return np.asarray(cv2.resize(np.asarray(drawn, np.float32), GEOMETRY_SIZE), np.float32)[None]
+            return stretched_to(np.asarray(drawn, np.float32), GEOMETRY_SIZE)[None]
 
         eyes = np.broadcast_to(self.eyes, (len(EYES), *GEOMETRY_SIZE[::-1]))
         shown, inpainted = whole(self.lit, 1.0), whole(self.inpainted, 0.0)
@@ -182,12 +178,12 @@ class Subject:
         lit = shown * self.own_skin
         lit = lit if lit.any() else self.own_skin[None]  # of a photo without lit skin all of it has to count
         # Softly: relief that ends at a line would show as a patch.
-        beneath = np.asarray(cv2.GaussianBlur(brows[0], (0, 0), BROW_SOFT), np.float32)
+        beneath = blurred(brows[0], BROW_SOFT)
         # Fair hair is taken for lit skin by its colour; on the scalp hair is the rule.
         bare = (1 - (1 - shown) * (1 - inpainted)) * self.bare(GEOMETRY_SIZE)
         # Lashes are no groove.
         lashes = cv2.dilate(self.chart.spread(lash_line(self.chart)[:, None])[..., 0], np.ones((5, 5), np.uint8))
-        lashes = np.clip(2 * np.asarray(cv2.GaussianBlur(lashes, (0, 0), LASHES_SOFT), np.float32), 0, 1)
+        lashes = np.clip(2 * blurred(lashes, LASHES_SOFT), 0, 1)
         covered = np.maximum(np.maximum(beneath, lashes), 1 - bare)
         grows = self.chart.interpolate(vertex_mask(self.head, "beard"))[..., 0]
         beard = (1 - inpainted) * np.clip(grows, 0, 1) * self.own_skin
@@ -200,11 +196,9 @@ class Subject:
 
     def bare(self, size: tuple[int, int]) -> Float32:
         """(H, W) float32 in [0, 1]: skin where no hair is to be expected."""
-        import cv2
-
         hair = self.chart.interpolate(vertex_mask(self.head, "scalp"))[..., 0]
         smooth = self.chart.fill_outside(np.asarray(self.own_skin * (1 - np.clip(hair, 0, 1)), np.float32))
-        return np.asarray(cv2.resize(smooth, size, interpolation=cv2.INTER_AREA), np.float32)
+        return shrunk(smooth, size)
 
     def skin(self, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
         """(H, W) uint8: 255 where a texel is skin, which is what the networks learnt; 0 on eyes, teeth, tongue, lashes.
@@ -212,8 +206,6 @@ class Subject:
         Also falls to 0 inside the mouth and the eye sockets. Texels outside the islands count as skin, as they
         continue it.
         """
-        import cv2
-
         hidden = self.chart.fill_outside(
             self.chart.interpolate(vertex_mask(self.head, "mouth_inner", "eye_socket"))[..., 0]
         )

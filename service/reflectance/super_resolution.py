@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32
@@ -90,8 +91,6 @@ def add_noise(planes: Planes, channels: tuple[str, ...], grain: Grain) -> None:
 
 def resample(texture: Codes, size: tuple[int, int]) -> Codes:
     """(height, width, 3) codes of a texture resized to ``size`` (width, height): by area down, bicubically up."""
-    import cv2
-
     if texture.shape[1::-1] == size:
         return texture
     way = cv2.INTER_AREA if size[0] < texture.shape[1] else cv2.INTER_CUBIC

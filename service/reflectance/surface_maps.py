@@ -1,12 +1,9 @@
 """Maps of the surface that need no network: roughness, cavity and thickness.
 
-Cavity: how much of the sky the relief leaves open, in pores, folds and wrinkles.
-
-Roughness of one GGX lobe that stands for both of the skin's: by region, and by how oily the skin is.
-
-Regions have the factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt.
-
-Thickness of the flesh under the skin: how far it is to the other side of an ear, a nostril, a lid.
+- Roughness of one GGX lobe that stands for both of the skin's: by region, and by how oily the skin is. Regions have the
+  factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt.
+- Cavity: how much of the sky the relief leaves open, in pores, folds and wrinkles.
+- Thickness of the flesh under the skin: how far it is to the other side of an ear, a nostril, a lid.
 """
 
 from __future__ import annotations
@@ -15,6 +12,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +21,7 @@ from service.geometry.chart import Chart
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
+from service.image_filters import blurred, shrunk
 from service.materials.of_head import SKIN, material_of
 from service.reflectance.reflectance_maps import SCALE_MM, Reflectance
 from service.reflectance.subject import GEOMETRY_SIZE
@@ -50,13 +49,11 @@ def cavity(displacement: UInt16, texel_mm: float, size: tuple[int, int]) -> Floa
         texel_mm: size of a texel of the result on the face, mm.
         size: (width, height) of the result.
     """
-    import cv2
-
-    height = np.asarray(cv2.resize(displacement, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(SCALE_MM)
+    height = shrunk(displacement, size) * np.float32(SCALE_MM)
     depth = np.zeros_like(height)
     for sigma_mm, hidden_mm in (FINE, COARSE):
         sigma = min(max(sigma_mm / max(texel_mm, 1e-6), 0.3), WIDEST)
-        mean = np.asarray(cv2.GaussianBlur(height, (0, 0), sigma), np.float32)
+        mean = blurred(height, sigma)
         depth += np.maximum(mean - height, 0) / np.float32(hidden_mm)
     return np.asarray(FLOOR + (1 - FLOOR) * np.exp(-STRENGTH * depth), np.float32)
 
@@ -230,8 +227,6 @@ def _texel_mm(head: HeadModel, vertices: AnyFloat, width: int) -> float:
 
 
 def _resized(image: npt.NDArray[Scalar], size: tuple[int, int]) -> npt.NDArray[Scalar]:
-    import cv2
-
     smaller = image.shape[1] > size[0]
     pixels: Any = image
     made = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)

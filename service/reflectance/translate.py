@@ -1,8 +1,7 @@
 """Run one image-to-image network over the whole map, in tiles; its result counts on skin only.
 
-psi: specular albedo (AvatarMe, section 4.3).
-
-rho and sigma: normals for specular and for diffuse reflection, in tangent space (AvatarMe, section 4.3).
+So are made the specular albedo, by psi, and the tangent-space normals for specular and for diffuse reflection, by rho
+and sigma (AvatarMe, section 4.3).
 """
 
 from __future__ import annotations

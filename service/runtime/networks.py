@@ -5,32 +5,27 @@ it is ahead of onnxruntime where the processor has AVX-512, and with AVX2 alone 
 ``python -m benchmarks.runtimes`` measures that. ``auto`` is a rule made of those measurements and not a measurement at
 every start: the runtimes differ in the last bits, and the same photo has to give the same bytes.
 
-A network is loaded when a stage begins, or before (``service.runtime.networks``), and released when it ends, so the
-memory of a run is that of its largest stage.
-
-What a map network says about itself: the JSON under the key "description" of its ONNX file.
-
-Nothing else in the program knows which channels a network takes or how far it looks, so another network of the same
-role takes its place without a change of code.
-
-Networks loaded while something else is computed.
-
+A network is loaded when a stage begins and released when it ends, so the memory of a run is that of its largest stage.
 OpenVINO compiles a network for a fifth of a second, on one core. Fit and texture use one core too; so the networks of
-the later stages are made ready beside them.
+the later stages are made ready beside them (:func:`loading_ahead`).
+
+What a network takes and how far it looks stands in its ONNX file, as JSON under the key "description": another network
+of the same role takes its place without a change of code.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, MinLen
+from pydantic import Strict, TypeAdapter, ValidationError
 
 from service.arrays import Float32
 from service.errors import ModelFault, OutOfMemory, UsageError
@@ -48,6 +43,9 @@ from service.runtime.sessions import (
 
 KEY = "description"
 
+_Count = Annotated[int, Strict(), Ge(1)]
+_Names = Annotated[tuple[str, ...], MinLen(1)]
+
 
 @dataclass(frozen=True)
 class Description:
@@ -64,12 +62,12 @@ class Description:
     """
 
     network: str
-    channels: tuple[str, ...]
-    outputs: tuple[str, ...]
-    stride: int = 1
-    halo: int = 0
-    scale: int = 1
-    whole: tuple[int, int] | None = None
+    channels: _Names
+    outputs: _Names
+    stride: _Count = 1
+    halo: Annotated[int, Strict(), Ge(0)] = 0
+    scale: _Count = 1
+    whole: tuple[_Count, _Count] | None = None
 
     def planes(self, count: int) -> tuple[str, ...]:
         """Names of ``count`` output planes: ``outputs``, or the one name numbered from 0 where there are several."""
@@ -85,42 +83,12 @@ class Description:
             ModelFault: it is no description; the message says what is wrong with it.
         """
         try:
-            content = json.loads(text)
-            whole = content.get("whole")
-            found = cls(
-                network=str(content["network"]),
-                channels=_names(content["channels"]),
-                outputs=_names(content["outputs"]),
-                stride=_count(content, "stride", 1),
-                halo=_count(content, "halo", 0),
-                scale=_count(content, "scale", 1),
-                whole=None if whole is None else (_positive(whole[0]), _positive(whole[1])),
-            )
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-            raise ModelFault(f"model {name}: its description cannot be read ({error!r}): {text[:200]!r}") from error
+            found = TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            raise ModelFault(f"model {name}: its description cannot be read ({error}): {text[:200]!r}") from error
         if found.halo % found.stride:
             raise ModelFault(f"model {name}: halo {found.halo} is not a multiple of its stride {found.stride}")
         return found
-
-
-def _names(values: Any) -> tuple[str, ...]:
-    names = tuple(str(value) for value in values)
-    if isinstance(values, str) or not names:
-        raise ValueError(f"{values!r} has to be a list of names")
-    return names
-
-
-def _count(content: dict[str, Any], key: str, least: int) -> int:
-    value = content.get(key, least)
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{key} is {value!r}, it has to be a whole number of at least {least}")
-    return value
-
-
-def _positive(value: Any) -> int:
-    if not isinstance(value, int) or value < 1:
-        raise ValueError(f"{value!r} has to be a size in pixels")
-    return value
 
 
 RuntimeName = Literal["onnxruntime", "openvino"]
@@ -137,19 +105,10 @@ sooner on onnxruntime."""
 _BF16 = frozenset({"amx_bf16", "avx512_bf16"})
 
 
-class _Compiled(Protocol):
-    def __call__(self, maps: Float32, /) -> Float32: ...
-
+_Compiled = Callable[[Float32], Float32]
 
 Loaded = tuple[Description, _Compiled]
 """A network's description, and what computes it."""
-
-
-class Loader(Protocol):
-    """Has networks that were loaded before they are needed."""
-
-    def take(self, name: str) -> Loaded | None:
-        """One of them, which it forgets; None if it has not got it. Raises as :func:`load`."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +129,7 @@ class Engine:
     threads: int = 2
     folder: Path = MODELS
     exceptions: frozenset[str] = frozenset()
-    ahead: Loader | None = field(default=None, compare=False, repr=False)
+    ahead: Ahead | None = field(default=None, compare=False, repr=False)
 
     def of(self, name: str) -> Engine:
         """What network ``name`` runs on, without exceptions."""
@@ -386,7 +345,7 @@ class Ahead:
         return None if found is None or found.cancel() else found.result()
 
     def close(self) -> None:
-        """Forget what nobody took, and do not begin with what is not begun."""
+        """Drop networks that nobody took, and cancel loads that have not begun."""
         self._loads.clear()
         self._pool.shutdown(cancel_futures=True)
 

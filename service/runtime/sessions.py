@@ -1,17 +1,16 @@
-"""Model files and their sessions: the only file that touches onnxruntime.
+"""Model files, the libraries that run them, and the memory that they leave: only here onnxruntime and OpenVINO are met.
 
 Every model file is listed in ``data/models/models.json`` with its sha256; a file that is missing or changed is refused
 before the runtime sees it.
 
-OpenVINO, which only Linux on x86-64 installs by default: the only file that imports it.
+OpenVINO is installed by default on Linux on x86-64 only.
 
-Memory that is given back when it is freed, with the C library of most Linux systems.
-
-glibc keeps freed blocks of up to 32 MiB for later ones. The tensors of a network that takes a whole map are of about
-that size and come and go by the dozen, and what is kept lies in pieces: measured, a body of zeta that needs 0.2 GB took
-0.6 to 2.2 GB. Within :func:`prompt_release` larger blocks come from the system and go back to it at once. That costs
-time for fresh pages, a second for zeta's body, so it is not for networks that run in many tiles; what those leave
-behind goes back when they are done, by :func:`release`.
+Memory is given back when it is freed, with the C library of most Linux systems: glibc keeps freed blocks of up to 32
+MiB for later ones. The tensors of a network that takes a whole map are of about that size and come and go by the dozen,
+and what is kept lies in pieces: measured, a body of zeta that needs 0.2 GB took 0.6 to 2.2 GB. Within
+:func:`prompt_release` larger blocks come from the system and go back to it at once. That costs time for fresh pages, a
+second for zeta's body, so it is not for networks that run in many tiles; what those leave behind goes back when they
+are done, by :func:`release`.
 """
 
 from __future__ import annotations

@@ -4,15 +4,15 @@ A smooth base colour is solved for on the mesh. It follows the photo where skin 
 that is seen (after matching its light), and tends to the person's mean skin or hair colour far from both. The photo's
 detail above the base (brows, lips, wrinkles, spots) is added where it is seen, and mirrored to where only the other
 side is seen; elsewhere a faint grain of similar strength is added. As the base agrees with the photo at its borders,
-detail can fade out there without a seam.
-
-Grain for inpainted skin: noise in 3-D space, so that the chart's stretch does not draw it out into streaks.
+detail can fade out there without a seam. The grain is noise in 3-D space, so that the chart's stretch does not draw it
+out into streaks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, Float64
@@ -20,6 +20,7 @@ from service.colour import luma
 from service.geometry.chart import Chart, mirrored_map
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
+from service.image_filters import blurred, ramp, smoothstep
 
 BAND = (0.8, 2.5)
 """Standard deviations of the two Gaussians whose difference is the band, in cells of the noise."""
@@ -61,8 +62,6 @@ def grain(chart: Chart, seed: int) -> Float32:
 
 def _texel(chart: Chart, position: Float32) -> Float32:
     """(N,) metres, longer side of each inner texel, median-filtered over 5 x 5 texels."""
-    import cv2
-
     filled = chart.fill_outside(position)
     sides = [np.linalg.norm(np.gradient(filled, axis=axis), axis=2) for axis in (0, 1)]
     longer = np.maximum(*sides).astype(np.float32)
@@ -144,8 +143,7 @@ class Completed:
 
 def opacity(weight: AnyFloat) -> Float32:
     """(N,) opacity of the photo in [0, 1], from its weight (N,)."""
-    t = np.clip((np.asarray(weight, np.float32) - OPAQUE[0]) / (OPAQUE[1] - OPAQUE[0]), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
+    return smoothstep(np.asarray(weight, np.float32), OPAQUE)
 
 
 def complete_skin(
@@ -202,10 +200,8 @@ def _base(chart: Chart, values: Float32, trust: Float32, skin: Float32, scalp: F
 
 def _fine(chart: Chart, colour: Float32, seen: Float32) -> Float32:
     """(N,) strength of the photo's fine detail: distance of the luma from its local mean, at most ``MOST_GRAIN``."""
-    import cv2
-
     both = chart.spread(np.stack([luma(colour) * seen, seen], 1))
-    soft = np.asarray(cv2.GaussianBlur(both, (0, 0), max(chart.width / 480, 0.5))).reshape(-1, 2)[chart.texels]
+    soft = blurred(both, max(chart.width / 480, 0.5)).reshape(-1, 2)[chart.texels]
     middle = soft[:, 0] / np.maximum(soft[:, 1], 1e-6)
     return np.asarray(np.minimum(np.abs(luma(colour) - middle), MOST_GRAIN), np.float32)
 
@@ -219,16 +215,14 @@ def _lip_difference(chart: Chart, colour: Float32, base: Float32, seen: Float32)
         base: (N, 3) sRGB.
         seen: (N,) opacity of the photo.
     """
-    import cv2
-
     lips = chart.inside(vertex_mask(chart.head, "lips")[:, None])[:, 0]
-    lips = np.clip((lips - LIP[0]) / (LIP[1] - LIP[0]), 0, 1).astype(np.float32)
+    lips = ramp(lips, LIP)
     weight = (lips * seen)[:, None]
     if not float(weight.sum()) > 0:
         return np.zeros_like(base)
     shown = np.where(weight > 0, colour, 0) * weight
     spread = chart.spread(np.concatenate([shown, weight], 1).astype(np.float32))
-    near = np.asarray(cv2.GaussianBlur(spread, (0, 0), chart.width * LIPS_ALIKE)).reshape(-1, 4)[chart.texels]
+    near = blurred(spread, chart.width * LIPS_ALIKE).reshape(-1, 4)[chart.texels]
     mean = shown.sum(0) / weight.sum()
     lip = (near[:, :3] + LEAST_LIP * mean) / (near[:, 3:] + LEAST_LIP)
     return np.asarray(lips[:, None] * (lip - base), np.float32)
@@ -242,10 +236,8 @@ def _flip(chart: Chart, values: Float32) -> Float32:
 
 def _feather(chart: Chart, share: Float32) -> Float32:
     """(N,) shares, eroded and blurred by some texels, so that the seen area fades out towards its borders."""
-    import cv2
-
     image = chart.fill_outside(chart.spread(share[:, None])[..., 0])
     sigma = max(chart.width / 576 * 2.0, 0.5)
     reach = 2 * round(sigma) + 1
-    soft = cv2.GaussianBlur(np.asarray(cv2.erode(image, np.ones((reach, reach), np.uint8))), (0, 0), sigma)
-    return np.asarray(np.minimum(share, np.asarray(soft, np.float32).ravel()[chart.texels]))
+    soft = blurred(np.asarray(cv2.erode(image, np.ones((reach, reach), np.uint8))), sigma)
+    return np.minimum(share, soft.ravel()[chart.texels])

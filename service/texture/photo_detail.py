@@ -12,15 +12,14 @@ of sensor and compression, and w = 1 - N / E. So p keeps the power of its signal
 z fills up to the power P of this skin as far as the photo does not tell; t = seen H^2 S / (H^2 S + N), Wiener's share
 with S the larger of w E / H^2 and Z, is what it tells, and P the photo's power or the usual one by that. Both sides of
 a border have equal grain. In the two coarsest octaves, which the map took from the photo as well, h = 1 - g.
-
-What was found out about the photo's own detail.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32, UInt8
@@ -29,10 +28,11 @@ from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import blurred, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.map_registry import SEEN
 from service.photo.photo import Photo
-from service.texture.photo_sampling import Places, Reader, halo, joined, split, stretched
+from service.texture.photo_sampling import STRIP, Places, Reader, Strip, joined, octave_strips, split, stretched
 from service.texture.sharpness import LEAST_LEFT, Sharpness, measure
 from service.texture.texture_maps import Texture
 
@@ -68,8 +68,6 @@ class Detail:
     pixels_per_mm: Mapping[str, float]
 
 
-STRIP = 512
-"""Rows at a time."""
 AROUND, KERNEL = 1.5, (11, 11)
 """Standard deviation, texels of an octave's own level, of the neighbourhood over which its power is measured; and where
 that ends."""
@@ -116,14 +114,12 @@ class OwnDetail:
     @classmethod
     def of(cls, photo: Photo, head: HeadModel, fit: Fit, texture: Texture) -> OwnDetail:
         """Measure the photo where the texture shows it."""
-        import cv2
-
         places = Places.of(head, fit)
         code = texture.confidence.astype(np.float32)
         shown = np.asarray(np.clip((code - SEEN) / np.float32(255 - SEEN), 0, 1) * texture.mask, np.float32)
         reach = 2 * round(SOFT) + 1
         core = np.asarray(cv2.erode(shown, np.ones((reach, reach), np.uint8)), np.float32)
-        seen = np.minimum(shown, np.asarray(cv2.GaussianBlur(core, (0, 0), SOFT), np.float32))
+        seen = np.minimum(shown, blurred(core, SOFT))
         return cls(photo, places, measure(_face(photo, places, seen), photo.steps), seen, _per_mm(places, head, seen))
 
     def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
@@ -132,10 +128,8 @@ class OwnDetail:
         Args:
             most: width that it must not exceed.
         """
-        import cv2
-
         size = self.places.finest.shape[::-1]
-        seen = np.asarray(cv2.resize(self.seen, size)) > 0.5
+        seen = stretched_to(self.seen, size) > 0.5
         if not seen.any():
             return TEXTURE_SIZE
         pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
@@ -144,12 +138,11 @@ class OwnDetail:
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
 
-    def onto(self, codes: Codes, told: Callable[[float], None] = lambda done: None) -> Detail:
+    def onto(self, codes: Codes) -> Detail:
         """Bring the photo's detail onto a map, in place; nothing coarser than the texture's texels changes.
 
         Args:
             codes: (H, W, 3) sRGB-coded colours of the head in the photo's light, 65535 = 1.
-            told: called with the share that is done.
 
         Returns:
             What was done; without octaves where the map is no larger than the texture.
@@ -159,10 +152,8 @@ class OwnDetail:
         if not count:
             return self._told(())
         work = _Work(self, (width, height), count)
-        above: Codes | None = None  # of a strip, rows that the strip before has changed
-        for top in range(0, height, STRIP):
-            above = work.strip(codes, top, min(top + STRIP, height), above)
-            told(min(top + STRIP, height) / height)
+        for one in octave_strips(codes, self.seen > LEAST_SEEN, count):
+            codes[one.place] = work.changed(one)
         return self._told(work.octaves())
 
     def _told(self, octaves: tuple[Octave, ...]) -> Detail:
@@ -177,8 +168,6 @@ def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> U
         own: the photo's detail.
         size: (width, height), 3:2; what the photo does not resolve is smooth.
     """
-    import cv2
-
     across = texture.texture.shape[1]
     if size[0] == across:
         return None
@@ -202,11 +191,9 @@ def octaves_of(width: int) -> int:
 
 def _per_mm(places: Places, head: HeadModel, seen: Float32) -> dict[str, float]:
     """Median pixels per millimetre of each of ``REGIONS`` of which the photo shows enough."""
-    import cv2
-
     chart = Chart.build(head, *SHOWN_SIZE)
-    dense = np.asarray(cv2.resize(places.per_mm, SHOWN_SIZE))
-    shown = np.asarray(cv2.resize(seen, SHOWN_SIZE)) > 0.5
+    dense = stretched_to(places.per_mm, SHOWN_SIZE)
+    shown = stretched_to(seen, SHOWN_SIZE) > 0.5
     found = {}
     for name in REGIONS:
         inside = shown & (chart.interpolate(vertex_mask(head, name))[..., 0] > 0.5)
@@ -217,9 +204,7 @@ def _per_mm(places: Places, head: HeadModel, seen: Float32) -> dict[str, float]:
 
 def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
     """The part of the photo that most seen texels lie in."""
-    import cv2
-
-    shown = np.asarray(cv2.resize(seen, places.finest.shape[::-1])) > 0.5
+    shown = stretched_to(seen, places.finest.shape[::-1]) > 0.5
     if not shown.any():
         return photo.pixels[:0, :0]
     low, high = (np.quantile(places.pixel[shown], q, axis=0) for q in (0.02, 0.98))
@@ -230,10 +215,8 @@ def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
 
 def _clipped(photo: Float32) -> Float32:
     """(h, w) in [0, 1]: where a photo (h, w, 3) is white or black in all channels, which tells of no detail."""
-    import cv2
-
     lost = (photo.min(-1) > WHITE) | (photo.max(-1) < BLACK)
-    return np.asarray(cv2.GaussianBlur(lost.astype(np.float32), (0, 0), CLIPPED_SOFT), np.float32)
+    return blurred(lost.astype(np.float32), CLIPPED_SOFT)
 
 
 class _Work:
@@ -242,70 +225,39 @@ class _Work:
     def __init__(self, own: OwnDetail, size: tuple[int, int], octaves: int) -> None:
         self._own, self._size, self._octaves = own, size, octaves
         self._reader = Reader.of(own.photo, own.places, size)
-        self._halo = halo(octaves)
         self._power = np.zeros(octaves)
         self._area = 0.0
 
-    def _columns(self, top: int, bottom: int) -> tuple[int, int] | None:
-        """First column and column after the last, multiples of the coarsest texel, where rows show the photo."""
-        scale = self._own.seen.shape[0] / self._size[1]
-        part = self._own.seen[max(int(top * scale) - 1, 0) : int(np.ceil(bottom * scale)) + 1]
-        where = np.flatnonzero((part > LEAST_SEEN).any(0))
-        if not len(where):
-            return None
-        across, grid = self._size[0] / self._own.seen.shape[1], 2**self._octaves
-        first = max(int((where[0] - 1) * across) // grid * grid, 0)
-        return first, min(-(-int((where[-1] + 2) * across) // grid) * grid, self._size[0])
-
-    def strip(self, codes: Codes, top: int, bottom: int, above: Codes | None) -> Codes:
-        """Change rows ``top`` to ``bottom`` of a map; returns what the last of them were, for the next strip."""
-        reach, width = self._halo, self._size[0]
-        kept = codes[max(bottom - reach, 0) : bottom].copy()
-        columns = self._columns(top, bottom)
-        if columns is None:
-            return kept
-        first, last = max(top - reach, 0), min(bottom + reach, self._size[1])
-        begin, end = max(columns[0] - reach, 0), min(columns[1] + reach, width)
-        part = codes[first:last, begin:end].copy()
-        if above is not None:
-            part[: top - first] = above[len(above) - (top - first) :, begin:end]
-        grid = 2**self._octaves  # a map of any size goes on beyond its border to the next whole texel of all octaves
-        part = np.pad(part, ((0, -part.shape[0] % grid), (0, -part.shape[1] % grid), (0, 0)), "edge")
-        window = (first, first + part.shape[0], begin, begin + part.shape[1])
-        map_ = part.astype(np.float32) * np.float32(1 / FULL_CODE)
-        seen = np.clip(stretched(self._own.seen, self._size, window), 0, 1)
-        photo = self._reader.rows(window[0], window[1], window[2:])
+    def changed(self, one: Strip) -> Codes:
+        """New codes of a strip."""
+        map_ = one.before.astype(np.float32) * np.float32(1 / FULL_CODE)
+        seen = np.clip(stretched(self._own.seen, self._size, one.window), 0, 1)
+        photo = self._reader.rows(one.window[0], one.window[1], one.window[2:])
         seen *= 1 - _clipped(photo)
-        inside = (slice(top - first, bottom - first), slice(columns[0] - begin, columns[1] - begin))
         ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
         theirs, _ = split(map_, self._octaves)
-        pixels = stretched(self._own.places.coarsest, self._size, window)
+        pixels = stretched(self._own.places.coarsest, self._size, one.window)
         pixels = pixels * np.float32(self._own.places.coarsest.shape[1] / self._size[0])
-        side = stretched(self._own.places.texel_mm, self._size, window)
+        side = stretched(self._own.places.texel_mm, self._size, one.window)
         change = []
         for index, (p, z) in enumerate(zip(ours, theirs, strict=True)):
             share, gain, rest = self._shares(index, p, z, seen, pixels)
             change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
-            self._count(index, share, seen, side, inside)
-        change_map = joined(change)
-        new = map_[inside] + change_map[inside]
-        codes[top:bottom, columns[0] : columns[1]] = np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE))
-        return kept
+            self._count(index, share, seen, side, one.inside)
+        new = map_[one.inside] + joined(change)[one.inside]
+        return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16)
 
     def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,
                 pixels: Float32) -> tuple[Float32, Float32, Float32]:  # fmt: skip
         """(h, w) what the photo tells of an octave, t; gains of the photo, g, and of what is made up, h."""
-        import cv2
-
-        def resized(plane: Float32) -> Float32:
-            return np.asarray(cv2.resize(plane, band.shape[1::-1], interpolation=cv2.INTER_AREA), np.float32)
+        size = band.shape[1::-1]
 
         def power(octave: Float32) -> Float32:
             grey = luma(octave)
             return np.asarray(cv2.GaussianBlur(grey * grey, KERNEL, AROUND), np.float32)
 
-        here, least = resized(seen), np.float32(1e-10)
-        lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(resized(pixels), np.float32(1e-4))
+        here, least = shrunk(seen, size), np.float32(1e-10)
+        lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(shrunk(pixels, size), np.float32(1e-4))
         left = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
         noise = self._own.sharpness.noise_power(lowest)
         found, usual = power(band), np.maximum(power(made_up), USUAL**2)
@@ -320,10 +272,8 @@ class _Work:
         return told, gain, np.sqrt(np.clip((1 - told) * missing / usual, 0, 1))
 
     def _count(self, index: int, share: Float32, seen: Float32, side: Float32, inside: tuple[slice, slice]) -> None:
-        import cv2
-
         size = share.shape[1::-1]
-        weight = np.asarray(cv2.resize(seen * side * side, size, interpolation=cv2.INTER_AREA), np.float64)
+        weight = shrunk(seen * side * side, size).astype(np.float64)
         scale = 2**index
         own = tuple(slice(part.start // scale, part.stop // scale) for part in inside)
         self._power[index] += float((share[own] * weight[own]).sum()) * scale**2
@@ -342,8 +292,6 @@ class _Work:
 
     def _texel_mm(self) -> float:
         """Median side of a texel of this map on the seen skin."""
-        import cv2
-
         side = self._own.places.texel_mm
-        shown = np.asarray(cv2.resize(self._own.seen, side.shape[::-1])) > 0.5
+        shown = stretched_to(self._own.seen, side.shape[::-1]) > 0.5
         return float(np.median(side[shown])) * side.shape[1] / self._size[0] if shown.any() else 0.0

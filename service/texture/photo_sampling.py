@@ -4,28 +4,29 @@ Where a texel is smaller than a pixel, pixels are interpolated bicubically; wher
 two levels of a pyramid of halved photos, averaged in linear light (Williams 1983), by its longer side: what is seen at
 a grazing angle is rather blurred than aliased.
 
-Where the texels of a map lie in the photo, and how closely the photo's pixels lie there.
-
-Octaves of detail on a chart: a Laplacian pyramid (Burt and Adelson 1983), counted in texels of the full map.
-
-Octave k has periods of ``2^(k+1)`` to ``2^(k+2)`` texels. An image is worked on in strips with so much around them that
-any strips give what the whole gives. Down it goes by means, up bicubically: the usual kernel of five passes half of
-an octave into the next, so that made-up pores would lie over the photo's spots.
+Octaves of detail on a chart are those of a Laplacian pyramid (Burt and Adelson 1983), counted in texels of the full
+map: octave k has periods of ``2^(k+1)`` to ``2^(k+2)`` texels. An image is worked on in strips with so much around them
+that any strips give what the whole gives. Down it goes by means, up bicubically: the usual kernel of five passes half
+of an octave into the next, so that made-up pores would lie over the photo's spots.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
-from service.arrays import Float32, UInt8
+from service.arrays import Bool, Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb, to_bytes
 from service.face.fit.result import Fit
 from service.geometry.camera import NEAREST_M
 from service.geometry.chart import Chart, chart_points, solve_affine
 from service.head.model import HeadModel
+from service.image_filters import marked_columns, shrunk, strips
 from service.photo.photo import Photo
 
 SIZE = (768, 512)
@@ -145,8 +146,6 @@ class Reader:
 
 def _read(image: UInt8, scale: float, x: Float32, y: Float32, chosen: np.ndarray, *, cubic: bool) -> Float32:
     """(h, w, 3) values of a level in [0, 1] at pixels of level 0; of the level only what ``chosen`` reads."""
-    import cv2
-
     across, down = x / np.float32(scale) - np.float32(0.5), y / np.float32(scale) - np.float32(0.5)
     height, width = image.shape[:2]
     place = []
@@ -168,8 +167,6 @@ def stretched(plane: Float32, size: tuple[int, int], window: tuple[int, int, int
         size: (width, height) of the map.
         window: first row, row after the last, first column, column after the last.
     """
-    import cv2
-
     first, last, begin, end = window
     down, across = plane.shape[0] / size[1], plane.shape[1] / size[0]
     top = max(int(first * down) - 2, 0)
@@ -184,17 +181,18 @@ def stretched(plane: Float32, size: tuple[int, int], window: tuple[int, int, int
 
 def halved(image: UInt8) -> UInt8:
     """(h // 2, w // 2, 3) sRGB of (h, w, 3): means of 2 x 2 pixels in linear light."""
-    import cv2
-
     height, width = image.shape[0] // 2, image.shape[1] // 2
     result = np.zeros((height, width, 3), np.uint8)
     for top in range(0, height, ROWS // 2):
         part = bytes_to_linear(image[2 * top : 2 * min(top + ROWS // 2, height), : 2 * width])
         part = part[: part.shape[0] // 2 * 2]
-        mean = np.asarray(cv2.resize(part, (width, part.shape[0] // 2), interpolation=cv2.INTER_AREA), np.float32)
+        mean = shrunk(part, (width, part.shape[0] // 2))
         result[top : top + len(mean)] = to_bytes(linear_to_srgb(mean))
     return result
 
+
+STRIP = 512
+"""Rows of a map that are changed at a time."""
 
 REACH = 8
 """Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five."""
@@ -207,16 +205,12 @@ def halo(octaves: int) -> int:
 
 def down(image: Float32) -> Float32:
     """(h / 2, w / 2, ...) means of 2 x 2 texels; h and w even."""
-    import cv2
-
     size = (image.shape[1] // 2, image.shape[0] // 2)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    return shrunk(image, size)
 
 
 def up(image: Float32, shape: tuple[int, int]) -> Float32:
     """Bicubic interpolation to (h, w) texels, twice as many."""
-    import cv2
-
     return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_CUBIC), np.float32)
 
 
@@ -240,3 +234,51 @@ def joined(bands: Sequence[Float32], rest: Float32 | None = None) -> Float32:
         result = band.copy() if result is None else band + up(result, band.shape[:2])
     assert result is not None  # noqa: S101 - there is at least one octave
     return result
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A part of a map that is changed octave by octave, with as much around it as that needs.
+
+    Attributes:
+        place: rows and columns of the map that may change.
+        inside: the same within ``before``.
+        window: first row, row after the last, first column and column after the last of ``before`` on the map; its
+            border lies beyond the map's where that is no multiple of the coarsest texel.
+        before: the map there as it was before any strip was changed, continued beyond its border.
+    """
+
+    place: tuple[slice, slice]
+    inside: tuple[slice, slice]
+    window: tuple[int, int, int, int]
+    before: npt.NDArray[Any]
+
+    def of(self, other: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The same part of another map of the same size, which does not change."""
+        top, bottom, left, right = self.window
+        part = other[top:bottom, left:right]
+        more = [(0, bottom - top - part.shape[0]), (0, right - left - part.shape[1])]
+        return np.pad(part, [*more, *[(0, 0)] * (other.ndim - 2)], "edge")
+
+
+def octave_strips(values: npt.NDArray[Any], marked: Bool, octaves: int) -> Iterator[Strip]:
+    """Parts of a map (H, W, C) to be changed in place, one after the other, where coarser marks (h, w) lie."""
+    height, width = values.shape[:2]
+    reach, grid = halo(octaves), 2**octaves
+    above: npt.NDArray[Any] | None = None  # the last rows before the strip, as they were
+    for rows in strips(height, STRIP):
+        kept = values[max(rows.stop - reach, 0) : rows.stop].copy()
+        columns = marked_columns(marked, (width, height), rows, grid)
+        if columns is not None:
+            top, left = max(rows.start - reach, 0), max(columns[0] - reach, 0)
+            part = values[top : rows.stop + reach, left : columns[1] + reach].copy()
+            if above is not None:
+                part[: rows.start - top] = above[len(above) - (rows.start - top) :, left : columns[1] + reach]
+            part = np.pad(part, ((0, -part.shape[0] % grid), (0, -part.shape[1] % grid), (0, 0)), "edge")
+            yield Strip(
+                (rows, slice(*columns)),
+                (slice(rows.start - top, rows.stop - top), slice(columns[0] - left, columns[1] - left)),
+                (top, top + part.shape[0], left, left + part.shape[1]),
+                part,
+            )
+        above = kept

@@ -1,16 +1,14 @@
-"""The reader's parts on the chart: what hides the head in the photo makes texels unseen, whatever their colour.
+"""Where on the chart a photo shows the head's own surface, and where that is skin whose light can be measured.
 
-Parts are probabilities of cells of about two millimetres: soft edges stay soft on the chart.
-
-Where a photo shows the head's own surface, and where that is skin whose light can be measured.
-
-The head's soft region masks on the chart.
+What hides the head makes texels unseen, whatever their colour. The reader's parts are probabilities of cells of about
+two millimetres: soft edges stay soft on the chart.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
@@ -34,6 +32,7 @@ from service.face.reading.part_labels import (
 from service.face.reading.reader import Reading, parts_at_pixels
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
+from service.image_filters import blurred, smoothstep
 from service.texture.inpainting import opacity
 from service.texture.unwrap import Unwrapped
 
@@ -125,8 +124,8 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     """
     share = parts[:, list(BEFORE)].sum(1)
     if not bald:
-        return ramp(share + parts[:, HAIR] * (1 - zones.scalp))
-    return np.maximum(ramp(share + parts[:, HAIR]), ramp(parts[:, HAIR], STRANDS))
+        return smoothstep(share + parts[:, HAIR] * (1 - zones.scalp), RAMP)
+    return np.maximum(smoothstep(share + parts[:, HAIR], RAMP), smoothstep(parts[:, HAIR], STRANDS))
 
 
 def opened(parts: Float32, zones: Zones) -> Float32:
@@ -134,24 +133,16 @@ def opened(parts: Float32, zones: Zones) -> Float32:
 
     Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
     """
-    return np.asarray(ramp(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
+    return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
     """(N,) float32 what hides the head, larger by ``SHADOW``: hair throws a shadow on the skin before it."""
-    import cv2
-
     reach = max(round(SHADOW * chart.width), 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)
     image = cv2.dilate(chart.spread(hidden[:, None])[..., 0], kernel)
-    soft = np.asarray(cv2.GaussianBlur(image, (0, 0), reach / 2), np.float32)
+    soft = blurred(image, reach / 2)
     return np.maximum(soft.ravel()[chart.texels], hidden)
-
-
-def ramp(share: Float32, between: tuple[float, float] = RAMP) -> Float32:
-    """Smooth step of probabilities of any shape, from 0 at the first of ``between`` to 1 at the second."""
-    t = np.clip((share - between[0]) / (between[1] - between[0]), 0.0, 1.0)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
 SURFACE = (SKIN, BROW, BEARD, LIP)
@@ -196,8 +187,8 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
         zones: of the same texels.
     """
     # Beards and brows look like shade to who measures light: theirs is that of the skin beside them.
-    smooth = 1 - grown(chart, ramp(parts[:, [BEARD, BROW]].sum(1)))
-    lit = np.asarray(smooth * (1 - ramp(1 - parts[:, list(SURFACE)].sum(1))), np.float32)
+    smooth = 1 - grown(chart, smoothstep(parts[:, [BEARD, BROW]].sum(1), RAMP))
+    lit = np.asarray(smooth * (1 - smoothstep(1 - parts[:, list(SURFACE)].sum(1), RAMP)), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
     doubt = zones.neck * (parts[:, [SKIN, BEARD]].sum(1) < SURE_NECK)  # collars take the neck's shape
@@ -218,6 +209,6 @@ def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...
         return ()
     worn = {
         "glasses-removed": (face[:, GLASSES] > FRAME[0]).mean() > FRAME[1],
-        "face-covered": (ramp(face[:, [HAT, CLOTH, OTHER]].sum(1)) > 0.5).mean() > COVERED,
+        "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), RAMP) > 0.5).mean() > COVERED,
     }
     return tuple(name for name, true in worn.items() if true)

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import AnyFloat, Float32, UInt8
 from service.colour import luma
+from service.image_filters import blurred
 
 SECOND_BLUR = 1.0
 """Standard deviation t, pixels."""
@@ -77,8 +79,6 @@ class Sharpness:
 
 def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     """Of a crop (h, w, 3) sRGB of the photo that holds the face; a crop too small to tell counts as blurred."""
-    import cv2
-
     if min(face.shape[:2]) < 16:
         return Sharpness(UNKNOWN_BLUR, 0.01, steps)
     grey = luma(face.astype(np.float32)) * np.float32(1 / 255)
@@ -86,7 +86,7 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     noise = 1.4826 * float(np.median(np.abs(cv2.filter2D(grey, -1, kernel)))) / 6
     noise = max(noise, QUIET)
     steep = _gradient(grey)
-    softer = _gradient(np.asarray(cv2.GaussianBlur(grey, (0, 0), SECOND_BLUR), np.float32))
+    softer = _gradient(blurred(grey, SECOND_BLUR))
     # Ridges of the gradient: beside them the second blur brings in what the first had not.
     peak = softer >= np.asarray(cv2.dilate(softer, np.ones((3, 3), np.uint8)))
     least = max(float(np.quantile(softer, 1 - EDGES)), ABOVE_NOISE * noise * 0.2)
@@ -105,8 +105,6 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
 
 def _gradient(grey: Float32) -> Float32:
     """(h, w) magnitude of central differences."""
-    import cv2
-
     kernel = np.array([[-0.5, 0, 0.5]], np.float32)
     across, down = cv2.filter2D(grey, -1, kernel), cv2.filter2D(grey, -1, kernel.T)
     return np.asarray(np.sqrt(across * across + down * down), np.float32)

@@ -1,9 +1,7 @@
 """The texture stage: one fitted photo becomes the maps of a whole head.
 
-The shadow of hair's roots on bald skin, where the photo shows hair or the head would have it.
-
-It is pigment between pores and no relief: it darkens the albedo when that is made, and the networks of normals never
-see it.
+Bald skin has the shadow of hair's roots where the photo shows hair, or the head would have it. It is pigment between
+pores and no relief: it darkens the albedo when that is made, and the networks of normals never see it.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import smoothstep
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.texture.inpainting import Completed, complete_skin, grain
@@ -37,6 +36,8 @@ OPACITY = 0.5
 """Of the shadow where hair grows densely: skin between roots shows as much again."""
 DARKER = 0.8
 """Colour of roots over the mean of the hair's strands: no light gets between them."""
+HAIRLINE = (0.15, 0.85)
+"""Values of the scalp's soft mask between which hair begins."""
 SMOOTHNESS = 0.5
 PRIOR_TRUST = 0.01
 """Weights of the density's smoothness and of what is expected where no scalp is seen, relative to a seen texel."""
@@ -65,7 +66,7 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         known, trust = splat(chart.corners, chart.weights, value, weight * both * zones.scalp * zones.skin, count)
         edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count)
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
-    grown = chart.inside(density.astype(np.float32))[:, 0] * _soft(zones.scalp) * zones.skin
+    grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, HAIRLINE) * zones.skin
     points = np.clip(1 + GRAIN * grain(chart, 1)[:, 0], 0, 2)
     return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
 
@@ -76,11 +77,6 @@ def darkening(colour: Float32, shadow: Float32, hair: Hair) -> Float32:
     skin = srgb_to_linear(colour)
     left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
     return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
-
-
-def _soft(scalp: Float32) -> Float32:
-    t = np.clip((scalp - 0.15) / 0.7, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
 DEFAULT_SKIN = np.array([0.75, 0.59, 0.51], np.float32)

@@ -1,7 +1,4 @@
-"""Result of the texture stage.
-
-Maps of the head's shape: normals in object and tangent space, and depth.
-"""
+"""Result of the texture stage, and in it the head's shape: normals in object and tangent space, and depth."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32, Float64, Int64
@@ -152,8 +153,6 @@ class _Buffer:
 
 def _margins(depth: Float32, cell: float) -> Float32:
     """(h, w) in [0, 1], how far each cell is from outlines and inner edges; ``cell`` is its side in metres."""
-    import cv2
-
     far = np.where(np.isfinite(depth), depth, np.float32(1e3))
     square = np.ones((3, 3), np.uint8)
     background = np.asarray(cv2.dilate((~np.isfinite(depth)).astype(np.uint8), square)) > 0

@@ -1,8 +1,6 @@
-"""What a photo tells of somebody's hair: which style it is like, and its colours.
+"""What a photo tells of somebody's hair: the style whose silhouette and length are most like it, and its colours.
 
-What a photo shows of somebody's hair, on cells of a square that holds all of it.
-
-The style whose silhouette and length agree best with the hair that a photo shows.
+It is read on cells of a square that holds all of the hair.
 """
 
 from __future__ import annotations
@@ -10,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from service.anatomy.hair.hair_colour import LEAST_PIXELS, HairColour, guessed, measure
@@ -35,6 +34,7 @@ from service.face.reading.reader import PART_CELLS, Reading, middles, parts_at_p
 from service.face.region import Region
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import ramp
 from service.photo.photo import Photo
 
 CELLS = 176
@@ -74,22 +74,17 @@ class Seen:
         parts = parts_at_pixels(reading, at).reshape(count, count, -1)
         margin = EDGE_CELLS * region.side / count
         inside = ((at >= margin) & (at < np.array(photo.size) - margin)).all(1).reshape(count, count)
-        hidden = ramp(_sum(parts, HAT, OTHER))
-        hair = ramp(_sum(parts, HAIR))
+        hidden = ramp(_sum(parts, HAT, OTHER), RAMP)
+        hair = ramp(_sum(parts, HAIR), RAMP)
         return cls(
             region,
             bytes_to_linear(region.cut(photo.pixels, count)),
             hair,
-            ramp(_sum(parts, SKIN, BROW, BEARD, SCLERA, IRIS)),
+            ramp(_sum(parts, SKIN, BROW, BEARD, SCLERA, IRIS), RAMP),
             _sum(parts, BROW),
             np.asarray(inside * (1 - hidden), np.float32),
             np.asarray(inside),
         )
-
-
-def ramp(share: Float32) -> Float32:
-    """``RAMP`` as a share in [0, 1]."""
-    return np.asarray(np.clip((share - RAMP[0]) / (RAMP[1] - RAMP[0]), 0, 1), np.float32)
 
 
 def _sum(parts: Float32, *kinds: int) -> Float32:
@@ -314,8 +309,6 @@ def _choose(
 
 def well_within(certain: Bool) -> Bool:
     """Cells of hair well within it, as others are mixed with what lies behind; all cells where too few are."""
-    import cv2
-
     inner = cv2.erode(certain.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=BORDER_CELLS) > 0
     return np.asarray(inner if inner.sum() >= LEAST_PIXELS else certain)
 

@@ -1,7 +1,4 @@
-"""The colours of a person's hair, measured in a photo.
-
-The texture of a style of hair in somebody's colours.
-"""
+"""The colours of a person's hair, measured in a photo, and the texture of a style of hair in them."""
 
 from __future__ import annotations
 
@@ -13,6 +10,7 @@ from service.anatomy.hair.wearables import Item
 from service.arrays import Bool, Float32, UInt8
 from service.colour import linear_to_srgb, luma
 from service.geometry.raster import interpolate, rasterise
+from service.image_filters import blurred
 
 LEAST_PIXELS = 40
 """Fewest pixels of hair from which its colour is measured."""
@@ -180,8 +178,6 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
         colour: in the photo's light.
         light: (3,) factors from colours in the photo's light to albedo.
     """
-    import cv2
-
     grey, alpha = item.picture[..., 0], item.picture[..., -1]
     solid = np.sort(grey[alpha > 127]) if (alpha > 127).any() else np.zeros(1, np.uint8)
     table = sum(np.searchsorted(solid, np.arange(256), side) for side in ("left", "right")) / (2 * len(solid))
@@ -189,7 +185,7 @@ def hair_picture(item: Item, colour: HairColour, light: Float32) -> UInt8:
     low, high = (float(np.quantile(solid, q)) for q in (0.05, 0.95))
     level = np.clip((np.arange(256) - low) / max(high - low, 8.0), 0, 1)
     # Between levels too: in a dark picture a third of the texels have one level, and its border would be an edge.
-    soft = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), LEVELS_PX * grey.shape[1] / 512))
+    soft = blurred(grey.astype(np.float32), LEVELS_PX * grey.shape[1] / 512)
     lit = np.interp(soft, np.arange(256), 0.5 * table + 0.5 * level).astype(np.float32)[..., None]
     along = _on_texture(item)[..., None]
     shaded, bright = (np.maximum(one, np.float32(1e-5)) for one in lifted(colour.shaded * light, colour.lit * light))
@@ -230,12 +226,10 @@ def lifted(shaded: Float32, lit: Float32) -> tuple[Float32, Float32]:
 
 def _fading(item: Item, along: Float32) -> Float32:
     """(H, W) factor on alpha in [0, 1]: 0 at the roots, 1 from ``HAIRLINE`` on, uneven from strand to strand."""
-    import cv2
-
     if item.along is None:
         return np.ones_like(along)
     grey = item.picture[..., 0].astype(np.float32)
-    strands = grey - np.asarray(cv2.GaussianBlur(grey, (0, 0), STRANDS_PX * grey.shape[1] / 512))
+    strands = grey - blurred(grey, STRANDS_PX * grey.shape[1] / 512)
     uneven = strands / max(float(strands.std()), 1e-3)
     t = np.clip(along / HAIRLINE + 0.25 * uneven * (along < HAIRLINE), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)
@@ -243,8 +237,6 @@ def _fading(item: Item, along: Float32) -> Float32:
 
 def _on_texture(item: Item) -> Float32:
     """(H, W) the coordinate from root to tip of the cards, extended between them; 0.5 without one."""
-    import cv2
-
     height, width = item.picture.shape[:2]
     if item.along is None:
         return np.full((height, width), 0.5, np.float32)
@@ -255,5 +247,5 @@ def _on_texture(item: Item) -> Float32:
     corners = item.triangles[drawn.triangle.ravel()[shown]]
     both[shown, 0] = interpolate(item.along[:, None], corners, drawn.barycentric.reshape(-1, 3)[shown])[:, 0]
     both[shown, 1] = 1
-    soft = np.asarray(cv2.GaussianBlur(both.reshape(height, width, 2), (0, 0), SPREAD * width))
+    soft = blurred(both.reshape(height, width, 2), SPREAD * width)
     return np.asarray(np.clip((soft[..., 0] + 1e-3 * 0.5) / (soft[..., 1] + 1e-3), 0, 1), np.float32)

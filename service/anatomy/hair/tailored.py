@@ -4,8 +4,6 @@ Ten styles are few, but most differ from somebody's hair in what a hairdresser w
 the head, where it begins on the forehead, and how long it is. The first moves vertices along the rays from the middle
 of the head, as the outline in the photo tells; the others cut triangles along lines of a field over the vertices
 ("marching triangles"), which is 0 where the photo shows skin, or nothing, where the style has hair.
-
-The outline of a style moved to that of the hair in a photo, along rays from the middle of the head.
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ import numpy as np
 from service.anatomy.hair.wearables import CLEARANCE_M, EAR_M, REACH_M, Frame, Item, Skull
 from service.arrays import Bool, Float32, Float64, Int32, Int64
 from service.geometry.subdivide import clipped, split_in_four
+from service.image_filters import blurred
 
 RAYS = 72
 """Directions in the picture in which outlines are compared."""
@@ -313,9 +312,7 @@ def _strands(uv: Float64 | Float32) -> Float64:
 
 
 def _blurred(image: Float32, sigma: float) -> Float32:
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(np.asarray(image, np.float32), (0, 0), sigma), np.float32)
+    return blurred(np.asarray(image, np.float32), sigma)
 
 
 def _near_cut(field: Float64, triangles: Int64) -> Bool:

@@ -1,12 +1,10 @@
-"""Meshes that follow the head: hair, lashes, brows and the bust, and files of them.
+"""Meshes that follow the head: hair, lashes, brows and the bust; files of them, and what of a photo they would cover.
 
 Every vertex of an item is a point beside the head that it was fitted to, plus a weighted mean of how a few vertices of
 that head have moved since. So items follow identity, and where they should, expression. ``python -m
 models.people.tailor`` makes the files from MakeHuman's assets (CC0).
 
-Hair on a head: it follows identity, keeps off the skin, and is as full and as long as the photo's.
-
-Which pixels of a photo a style of hair would cover, and how well that agrees with where the photo shows hair.
+Hair on a head follows identity, keeps off the skin, and is as full as the photo's.
 """
 
 from __future__ import annotations

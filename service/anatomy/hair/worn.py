@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -25,6 +26,7 @@ from service.geometry.sampling import sample_chart
 from service.geometry.subdivide import split_in_four
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import shrunk
 from service.materials.material import Material, OwnMap
 from service.materials.of_head import SKIN
 from service.materials.part import MeshPart, targets_of
@@ -318,8 +320,6 @@ def _welded(item: Item) -> Int64:
 
 def bust_picture(item: Item, head: HeadModel, chart_colours: UInt8) -> UInt8:
     """(SIDE, SIDE, 3) uint8 sRGB, extended beyond the islands; arguments as :func:`bust_part` has them."""
-    import cv2
-
     colours = _colours(item, head, chart_colours)
     at: Float64 = np.stack([item.uv[:, 0], 1 - item.uv[:, 1]], 1).astype(np.float64) * SIDE
     drawn = rasterise(at, np.zeros(len(at)), item.triangles, SIDE, SIDE)
@@ -331,8 +331,8 @@ def bust_picture(item: Item, head: HeadModel, chart_colours: UInt8) -> UInt8:
     _, label = cv2.distanceTransformWithLabels(beside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     source = np.zeros(int(label.max()) + 1, np.int64)
     source[label.ravel()[shown]] = shown
-    return np.rint(255 * np.clip(linear_to_srgb(out[source[label.ravel()]]), 0, 1)).astype(np.uint8).reshape(
-        SIDE, SIDE, 3
+    return (
+        np.rint(255 * np.clip(linear_to_srgb(out[source[label.ravel()]]), 0, 1)).astype(np.uint8).reshape(SIDE, SIDE, 3)
     )
 
 
@@ -350,7 +350,5 @@ def to_albedo(texture: UInt8, albedo: UInt8, lit_skin: UInt8) -> Float32:
 
 
 def _small(albedo: UInt16, shape: tuple[int, ...]) -> UInt8:
-    import cv2
-
-    small = np.asarray(cv2.resize(albedo, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.float32)
+    small = shrunk(albedo, (shape[1], shape[0]))
     return np.rint(small / 257).astype(np.uint8)

@@ -15,11 +15,13 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32, UInt8
 from service.colour import LUMA
 from service.errors import ModelFault
+from service.image_filters import blurred, shrunk, stretched_to
 
 FILE = Path(str(files("service"))) / "data" / "albedo" / "error.json"
 
@@ -90,15 +92,13 @@ def clues(
         apart: (h, w) >= 0, standard deviation of log luminance by the prior; None: not known.
         white_seen: whether sclera or teeth tell how bright the light is.
     """
-    import cv2
-
     bright = np.asarray(np.tensordot(LUMA, light, 1), np.float32)
     shown = np.log(np.maximum(np.tensordot(LUMA, texture, 1), DARKEST)).astype(np.float32)
     weight = seen if float(seen.sum()) >= 1 else np.ones_like(seen)
     total = float(weight.sum())
     mean = float((bright * weight).sum()) / total
     pale = float(((shown - bright) * weight).sum()) / total
-    soft = cv2.GaussianBlur(shown, (0, 0), SOFT)
+    soft = blurred(shown, SOFT)
     edge = np.hypot(cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=1 / 8))
     coded = np.clip(texture.max(0), 0, 1) ** np.float32(1 / 2.2)
     same = np.ones_like(bright)
@@ -126,8 +126,6 @@ def error_map(stated: Float32, skin: UInt8, size: tuple[int, int]) -> UInt8:
         skin: (h', w') uint8, 255 on skin, 0 on eyes and teeth.
         size: of the map.
     """
-    import cv2
-
-    whole = np.asarray(cv2.resize(stated, size, interpolation=cv2.INTER_LINEAR), np.float32)
-    on_skin = np.asarray(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
+    whole = stretched_to(stated, size)
+    on_skin = shrunk(skin, size) * np.float32(1 / 255)
     return np.rint(255 / MOST * (MOST + on_skin * (whole - MOST))).clip(0, 255).astype(np.uint8)

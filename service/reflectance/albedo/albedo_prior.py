@@ -15,12 +15,14 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import LUMA
 from service.errors import ModelFault
+from service.image_filters import stretched_to
 
 FILE = Path(str(files("service"))) / "data" / "albedo" / "prior.npz"
 
@@ -82,15 +84,13 @@ class AlbedoPrior:
         Of the posterior, whose covariance depends on what is seen alone: ``weight`` (H, W) in [0, 1] as in
         :meth:`complete`.
         """
-        import cv2
-
         shape = self.mean.shape[1:]
         share = _shrunk(weight[None], shape)[0] * self.inside
         covariance = np.linalg.inv(self._normal(share))
         grey = np.tensordot(self.components, LUMA, ((1,), (0,))).reshape(len(self.components), -1)
         variance = np.einsum("kn,kl,ln->n", grey, covariance.astype(np.float32), grey, optimize=True)
         plane = np.sqrt(np.maximum(variance, 0)).reshape(shape)
-        return np.asarray(cv2.resize(plane, weight.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        return stretched_to(plane, weight.shape[::-1])
 
     def _normal(self, share: Float32) -> npt.NDArray[np.float64]:
         """(K, K) inverse covariance of the components' weights given the share (h, w) of each texel that is seen."""
@@ -105,8 +105,6 @@ class AlbedoPrior:
             seen: (3, H, W) log albedo; what it is where ``weight`` is 0 does not matter, so long as it is finite.
             weight: (H, W) in [0, 1], how far a texel is seen; 0 everywhere gives the mean of all heads.
         """
-        import cv2
-
         shape = self.mean.shape[1:]
         share = _shrunk(weight[None], shape)[0] * self.inside
         values = _shrunk(seen * weight, shape) / np.maximum(_shrunk(weight[None], shape), np.float32(1e-6))
@@ -116,7 +114,7 @@ class AlbedoPrior:
         coefficients = np.linalg.solve(self._normal(share), basis @ (trust * apart))
         whole = self.mean + np.tensordot(coefficients.astype(np.float32), self.components, 1)
         size = (weight.shape[1], weight.shape[0])
-        return np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR)) for plane in whole])
+        return np.stack([stretched_to(plane, size) for plane in whole])
 
 
 @lru_cache(maxsize=2)
@@ -127,8 +125,6 @@ def albedo_prior(bearded: bool) -> AlbedoPrior:
 
 def _shrunk(planes: Float32, shape: tuple[int, ...]) -> Float32:
     """(C, h, w) means over areas."""
-    import cv2
-
     size = (shape[1], shape[0])
     return np.stack(
         [

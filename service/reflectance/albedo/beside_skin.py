@@ -1,21 +1,21 @@
-"""Padding of the albedo outside the islands of the chart.
+"""The diffuse albedo where it is not bare skin: the shadow of hair's roots, and padding outside the chart's islands.
 
 delta's result there is arbitrary, as it was never trained on these texels, and the networks that read the albedo would
 take the step at an island's border for a crease. So skin is padded from inside, as in the texture. So is what is drawn
 on eyes and teeth: a renderer that filters the map mixes in texels beside an island, and a pale line would divide the
 teeth.
-
-The shadow of hair's roots (``service.texture.texture``) on the diffuse albedo.
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
+from service.image_filters import shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.subject import Subject, margin
 
@@ -30,14 +30,12 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
         albedo: (H, W, 3) codes.
         subject: whose chart it is; the albedo stays as it is where that shows no skin.
     """
-    import cv2
-
     height, width = albedo.shape[:2]
     chart, skin = subject.chart, subject.head.part_names.index("skin")
     inside = cv2.erode((chart.part == skin).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     if not np.any(inside):
         return albedo
-    small = np.asarray(cv2.resize(albedo, (chart.width, chart.height), interpolation=cv2.INTER_AREA), np.float32)
+    small = shrunk(albedo, (chart.width, chart.height))
     colour = small.reshape(-1, 3)[nearest_inside(np.asarray(inside)).ravel()].reshape(small.shape)
     beside_skin = chart.part.ravel()[nearest_inside(chart.mask)] == skin
     planes = np.concatenate([np.moveaxis(colour, 2, 0), beside_skin.reshape(1, *inside.shape).astype(np.float32)])
@@ -61,8 +59,6 @@ def pad_parts(albedo: Codes, subject: Subject) -> Codes:
         albedo: (H, W, 3) codes.
         subject: whose chart it is.
     """
-    import cv2
-
     height, width = albedo.shape[:2]
     names, reach = subject.head.part_names, margin(width) + 1
     islands = subject.islands((width, height))

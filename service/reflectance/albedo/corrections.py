@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,21 +14,6 @@ SEEN_CHANGE = 1 / 255
 """Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
 
 
-@dataclass(frozen=True)
-class Constant:
-    """A number that a correction rests on.
-
-    Attributes:
-        value: the number, or several.
-        unit: for example "log radiance", "texels", "share".
-        origin: literature, or the command that measured it.
-    """
-
-    value: float | tuple[float, ...]
-    unit: str
-    origin: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class Correction:
     """One rule.
@@ -36,15 +21,11 @@ class Correction:
     Attributes:
         name: lower case, words joined by hyphens; what ``--without`` takes.
         mends: what is wrong without it, one sentence.
-        source: what it alters: "texture", "light", "albedo" or "relief".
-        constants: its few numbers by name.
         cases: groups of photos of ``benchmarks.corrections`` on which it has to gain.
     """
 
     name: str
     mends: str
-    source: str
-    constants: Mapping[str, Constant] = field(default_factory=dict)
     cases: tuple[str, ...] = ()
 
 

@@ -3,10 +3,7 @@
 What light the photo was taken in is seen from the whole head, not from a tile. A small network therefore looks at the
 whole chart once and leaves its findings as coarse planes that every tile reads.
 
-What the context network tells of the light on a whole chart, corrected.
-
-All corrections in the order in which they run: rules that alter what a network or the photo gave.
-
+Rules correct what it finds, and what is left after it: ``REGISTRY`` has all of them in the order in which they run.
 ``avatarme make --without NAME,...`` switches them off; ``benchmarks.corrections`` takes each on trial.
 """
 

@@ -8,15 +8,16 @@ is a pattern of bright dots, the sides of pores that mirror the lamp: its colour
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
+from service.image_filters import marked_columns, ramp, shrunk, stretched_to, strips
 from service.levels import TEXTURE_SIZE
-from service.reflectance.albedo.corrections import Constant, Correction, Ledger, changed_texels
+from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
 from service.reflectance.planes import interpolated
-from service.runtime.tiles import Indices
 
 WIDTH = TEXTURE_SIZE[0]
 """Texels along the chart where highlights are sought: as many as the texture has, finer detail is the network's."""
@@ -26,7 +27,8 @@ ROUNDS, PALE = 4, 0.06
 """Times that pale and red spots are left out of the usual colour, and the grey share of red, more or less, that makes
 one. Without pale ones alone the usual colour would be that of the reddest skin around."""
 BRIGHTER = (1.03, 1.18)
-"""Times of the albedo's luminance around from which on something may be a highlight, and is one."""
+"""Times of the albedo's luminance around from which on something may be a highlight, and is one; this and the next two
+measured on rendered oily skin."""
 SHONE = (1.25, 1.8)
 """The same for the photo, over a wider surrounding (``AROUND``): a sheen may have lost its brightness, not its grey."""
 GREY = (0.10, 0.20)
@@ -61,27 +63,22 @@ def without_highlights(
         grey: (H, W) codes of the same skin in grey, which is to change, in place, as the albedo's luma does.
         ledger: told how many texels of the small map change.
     """
-    import cv2
-
     height, width = albedo.shape[:2]
     size = (min(WIDTH, width), max(1, round(height * min(1.0, WIDTH / width))))
-    bare, shown = (
-        srgb_to_linear(np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA)) * np.float32(1 / FULL_CODE))
-        for codes in (albedo, texture)
-    )
-    weight = np.asarray(cv2.resize(skin, size, interpolation=cv2.INTER_AREA), np.float32) * np.float32(1 / 255)
+    bare, shown = (srgb_to_linear(shrunk(codes, size) * np.float32(1 / FULL_CODE)) for codes in (albedo, texture))
+    weight = shrunk(skin, size) * np.float32(1 / 255)
     if lit is not None:
-        weight = weight * np.asarray(cv2.resize(lit, size), np.float32)
+        weight = weight * stretched_to(lit, size)
     change, told = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
     marked = np.abs(change).max(-1) > 0
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
-    for top in range(0, height, STRIP):
-        rows = np.arange(top, min(top + STRIP, height), dtype=np.int64)
-        columns = _touched(marked, rows, (width, height))
-        if not len(columns):
+    for strip in strips(height, STRIP):
+        reached = marked_columns(marked, (width, height), strip)
+        if reached is None:
             continue
-        place = (slice(top, top + STRIP), slice(int(columns[0]), int(columns[-1]) + 1))
+        place = (strip, slice(*reached))
+        rows, columns = np.r_[place[0]], np.r_[place[1]]
         planes = [interpolated(change[..., i], (width, height), rows, columns) for i in range(3)]
         added = np.stack(planes, -1)
         chosen = (np.abs(added).max(-1) > 1e-4) & (skin[place] == 255)
@@ -96,16 +93,6 @@ def without_highlights(
             grey[place][chosen] = np.clip(grey[place][chosen] + more, 0, FULL_CODE).astype(np.uint16)
         albedo[place][chosen] = changed
     return albedo
-
-
-def _touched(marked: npt.NDArray[np.bool_], rows: Indices, size: tuple[int, int]) -> Indices:
-    """Columns of a map of ``size``, without a gap, that marks on a small one (h, w) can reach within some rows."""
-    tall, wide = size[1] / marked.shape[0], size[0] / marked.shape[1]
-    part = np.flatnonzero(marked[max(int(rows[0] / tall) - 1, 0) : int(rows[-1] / tall) + 2].any(0))
-    if not len(part):
-        return np.arange(0, dtype=np.int64)
-    first, last = int(part[0]), int(part[-1])
-    return np.arange(max(int((first - 1) * wide), 0), min(int(np.ceil((last + 2) * wide)), size[0]), dtype=np.int64)
 
 
 def skin_detail(detail: Float32, colour: Float32, share: Float32) -> Float32:
@@ -140,10 +127,10 @@ def highlights(albedo: Float32, texture: Float32, skin: Float32, scale: float = 
     usual = _usual_ratios(albedo, skin, scale)
     bright = luma(albedo)
     around = _mean(bright, skin, NEAR * scale)
-    brighter = _rise(bright / np.maximum(around, 1e-3), BRIGHTER)
+    brighter = ramp(bright / np.maximum(around, 1e-3), BRIGHTER)
     photo = luma(texture)
-    shone = _rise(photo / np.maximum(_mean(photo, skin, AROUND * scale), 1e-3), SHONE)
-    pale = _rise(_grey_share(albedo, usual), GREY) * _rise(1 - usual[..., 1], COLOURFUL)
+    shone = ramp(photo / np.maximum(_mean(photo, skin, AROUND * scale), 1e-3), SHONE)
+    pale = ramp(_grey_share(albedo, usual), GREY) * ramp(1 - usual[..., 1], COLOURFUL)
     told = skin * np.maximum(brighter, shone) * pale
     # Light that was cut off at white is less than the network takes it for: there it comes out too dark as well.
     wanted = np.minimum(bright, around) + shone * np.maximum(around - bright, 0)
@@ -184,25 +171,12 @@ def _mean(values: Float32, weight: Float32, sigma: float) -> Float32:
 
 
 def _blur(image: npt.NDArray[np.floating], sigma: float) -> Float32:
-    import cv2
-
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), max(sigma, 0.3), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, np.float32).reshape(image.shape)
-
-
-def _rise(value: npt.NDArray[np.floating], ramp: tuple[float, float]) -> Float32:
-    """0 up to the ramp's start, 1 from its end, straight between."""
-    return np.asarray(np.clip((value - ramp[0]) / (ramp[1] - ramp[0]), 0, 1), np.float32)
 
 
 HIGHLIGHTS = Correction(
     name="highlights",
     mends="Highlights of oily skin and flash stay in the albedo as pale spots.",
-    source="albedo",
-    constants={
-        "brighter": Constant(BRIGHTER, "times the albedo around: begins, is one", "rendered oily skin"),
-        "shone": Constant(SHONE, "times the photo around: begins, is one", "rendered oily skin"),
-        "grey": Constant(GREY, "share of grey in red: begins, is one", "dichromatic model, Shafer 1985"),
-    },
     cases=("oily",),
 )

@@ -1,24 +1,19 @@
 """Corrections of the light that delta's context network finds on the whole chart.
 
-How red and how yellow skin can be.
+**How red and how yellow skin can be.** Skin alone does not tell warm light from warm skin, nor a photo's saturation
+from either. But melanin and blood leave little choice: as spectrophotometers find it, the reddest fair cheek has twice
+as much red as green, and only dark skin has more. What a network finds beyond that is the light's or the camera's.
 
-Skin alone does not tell warm light from warm skin, nor a photo's saturation from either. But melanin and blood leave
-little choice: as spectrophotometers find it, the reddest fair cheek has twice as much red as green, and only dark skin
-has more. What a network finds beyond that is the light's or the camera's.
+**How much of a photo's contrast from region to region is light**: less than a network of even skins takes it for. Where
+shade and pigment cannot be told apart, the best estimate divides the contrast between both by their variances (Wiener).
+The light stage's skin varies less from region to region than real skin does, whose lids are darker than its cheeks by a
+quarter to a half and whose cheeks and forehead are paler: so the network gives light too large a share. Within two
+centimetres a share of what it found is light, and the rest is the skin's. The overall form of the light, which is
+wider, stays.
 
-How much of a photo's contrast from region to region is light: less than a network of even skins takes it for.
-
-Where shade and pigment cannot be told apart, the best estimate divides the contrast between both by their variances
-(Wiener). The light stage's skin varies less from region to region than real skin does, whose lids are darker than its
-cheeks by a quarter to a half and whose cheeks and forehead are paler: so the network gives light too large a share.
-Within two centimetres a share of what it found is light, and the rest is the skin's. The overall form of the light,
-which is wider, stays.
-
-Light where the photo shows no skin: under hair and hats, and where the texture was inpainted.
-
-The network has seen lit skin only, and would take other colours for brightly lit or shaded skin. There its light is
-replaced: by the light continued from lit skin; on inpainted skin by the light under which the albedo is that of the
-seen skin around.
+**Light where the photo shows no skin**: under hair and hats, and where the texture was inpainted. The network has seen
+lit skin only, and would take other colours for brightly lit or shaded skin. There its light is replaced: by the light
+continued from lit skin; on inpainted skin by the light under which the albedo is that of the seen skin around.
 """
 
 from __future__ import annotations
@@ -26,12 +21,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
+from service.image_filters import blurred
 from service.reflectance.albedo.albedo_prior import AlbedoPrior, albedo_prior
-from service.reflectance.albedo.corrections import SEEN_CHANGE, Constant, Correction, Ledger
+from service.reflectance.albedo.corrections import SEEN_CHANGE, Correction, Ledger
 
 BORDER = 3
 """Width of the border over which lit skin fades out, texels of the context's chart, 1.5 mm each."""
@@ -69,8 +66,6 @@ class ChartLight:
     @property
     def bearded(self) -> bool:
         """Whether the photo shows a beard: what is shown beside lit skin and its soft border."""
-        import cv2
-
         skin = cv2.dilate(self.lit, np.ones((2 * BORDER + 1, 2 * BORDER + 1), np.uint8))
         return float(np.clip((self.shown - skin) * self.inside, 0, None).sum()) > LEAST_BEARD
 
@@ -116,13 +111,14 @@ FAIR, DARK = float(np.log(0.25)), float(np.log(0.11))
 """Log luminance of the albedo from which on skin counts as fair, and down to which as dark; between them, between."""
 
 REDDEST = (0.70, 1.1)
-"""Log of red over green of linear albedo that hardly anyone's fair, dark skin exceeds: CIELAB a* of about 17 and 19."""
+"""Log of red over green of linear albedo that hardly anyone's fair, dark skin exceeds: CIELAB a* of about 17 and 19, by
+spectrophotometry."""
 
 YELLOWEST = (0.50, 0.87)
 """The same of green over blue: b* of about 22 and 25."""
 
 BEYOND = 0.2
-"""What is left of an excess: redder findings stay redder than others."""
+"""What is left of an excess, chosen by eye: redder findings stay redder than others."""
 
 FEW = 50
 """Fewest texels of lit skin by whose median the hue is told."""
@@ -160,19 +156,13 @@ def _excess(found: float, limits: tuple[float, float], share: float) -> float:
 SKIN_HUE = LightCorrection(
     name="skin-hue",
     mends="Warm light or a saturated photo leaves skin redder or yellower than skin is.",
-    source="light",
-    constants={
-        "reddest": Constant(REDDEST, "log red over green, fair and dark skin", "spectrophotometry: a* 17, 19"),
-        "yellowest": Constant(YELLOWEST, "log green over blue, fair and dark skin", "spectrophotometry: b* 22, 25"),
-        "beyond": Constant(BEYOND, "share of an excess that stays", "chosen by eye"),
-    },
     cases=("warm", "graded"),
     apply=lambda at: within_skin(at.light, at.texture, at.weight),
 )
 
 
 KEPT = 0.5
-"""Share of the light's contrast that is light."""
+"""Share of the light's contrast that is light, measured on rendered people."""
 WIDE = 14.0
 """Standard deviation of what counts as its overall form, texels of the context: 2 cm on the face."""
 LEAST = 1e-3
@@ -188,44 +178,35 @@ def less_contrast(light: Float32, lit: Float32, kept: float = KEPT, wide: float 
         kept: share of the contrast, in [0, 1].
         wide: standard deviation of the surroundings, texels.
     """
-    import cv2
-
-    def blurred(plane: Float32) -> Float32:
-        return np.asarray(cv2.GaussianBlur(np.asarray(plane, np.float32), (0, 0), wide), np.float32)
-
-    near = blurred(lit)
-    form = np.stack([blurred(plane * lit) for plane in light]) / np.maximum(near, np.float32(LEAST))
+    near = blurred(lit, wide)
+    form = np.stack([blurred(plane * lit, wide) for plane in light]) / np.maximum(near, np.float32(LEAST))
     return np.asarray(np.where(near > LEAST, form + np.float32(kept) * (light - form), light), np.float32)
 
 
 LIGHT_CONTRAST = LightCorrection(
     name="light-contrast",
     mends="Regions of the skin that are darker or paler than the rest are taken for shade and light.",
-    source="light",
-    constants={
-        "kept": Constant(KEPT, "share of the contrast", "docs/reflectance.md"),
-        "wide": Constant(WIDE, "texels of the context, standard deviation", "docs/reflectance.md"),
-    },
     cases=("soft", "hard"),
     apply=lambda at: less_contrast(at.light, at.weight),
 )
 
 
 WIDEST = 64
-"""Standard deviation of the widest blur that continues light, texels of the context."""
+"""Standard deviation of the widest blur that continues light, texels of the context: a third of the chart's width."""
 
 SEAM = 0.12
-"""Share of the chart's width and height over which the two sides of the seam are blended."""
+"""Share of the chart's width and height over which the two sides of the seam are blended: the back of the head."""
 
 GRAIN = 3.0
-"""Standard deviation of the blur below which inpainted skin keeps its own detail, texels of the context."""
+"""Standard deviation of the blur below which inpainted skin keeps its own detail, texels of the context: finer than any
+shade of a fold."""
 
 BEARD_END = 8.0
-"""Standard deviation of the blur over which a beard fades beyond what is seen of it, texels of the context; how far it
-goes on is for the prior to tell."""
+"""Standard deviation of the blur over which a beard fades beyond what is seen of it, texels of the context: 14 mm. How
+far it goes on is for the prior to tell."""
 
 SHADED = 0.3
-"""Quantile of the light on lit skin below which no continued light falls."""
+"""Quantile of the light on lit skin below which no continued light falls; chosen on photos with caps and fringes."""
 
 DARKEST = 1e-3
 """Linear albedo at which logarithms stop."""
@@ -240,8 +221,6 @@ def continued(light: Float32, lit: Float32) -> Float32:
         light: what the context network found.
         lit: (h, w) in [0, 1], where the light is to be believed.
     """
-    import cv2
-
     weight = np.clip(lit, 0, 1).astype(np.float32)
     total = float(weight.sum())
     if total < 1:
@@ -251,12 +230,12 @@ def continued(light: Float32, lit: Float32) -> Float32:
     filled: Float32 = np.broadcast_to(weighted.sum((0, 1)) / np.float32(total), planes.shape).astype(np.float32)
     sigma = WIDEST
     while sigma >= 2:
-        near = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)[..., None]
-        spread = np.asarray(cv2.GaussianBlur(weighted, (0, 0), sigma), np.float32).reshape(planes.shape)
+        near = blurred(weight, sigma)[..., None]
+        spread = blurred(weighted, sigma).reshape(planes.shape)
         trust = near / (near + np.float32(0.02))
         filled = np.asarray(trust * spread / np.maximum(near, np.float32(1e-6)) + (1 - trust) * filled, np.float32)
         sigma //= 2
-    soft = np.minimum(np.asarray(cv2.GaussianBlur(weight, (0, 0), 2), np.float32), weight)[..., None]
+    soft = np.minimum(blurred(weight, 2), weight)[..., None]
     return np.asarray(np.moveaxis(soft * planes + (1 - soft) * filled, 2, 0), np.float32)
 
 
@@ -324,22 +303,20 @@ def as_seen_skin(
     usual = np.zeros_like(seen) if prior is None else prior.complete(seen, shown)
     skin = continued(seen - usual, lit)
     wanted = usual + skin + _nearby((shown - lit) * (seen - usual - skin), shown)
-    plain = _blurred(colour * inpainted, GRAIN) / np.maximum(_blurred(inpainted[None], GRAIN), np.float32(1e-6))
-    share = np.minimum(_blurred(inpainted[None], 2.0), inpainted[None])
+    plain = _blurred(colour * inpainted, GRAIN) / np.maximum(blurred(inpainted, GRAIN), np.float32(1e-6))
+    share = np.minimum(blurred(inpainted, 2.0), inpainted)
     return np.asarray(light + share * (plain - wanted - light), np.float32)
 
 
 def _nearby(planes: Float32, shown: Float32) -> Float32:
     """(C, h, w) what is shown, 0 where nothing is to be added, gone on with and faded out over ``BEARD_END``."""
-    near = _blurred(shown[None], BEARD_END)
+    near = blurred(shown, BEARD_END)
     return np.asarray(_blurred(planes, BEARD_END) / np.maximum(near, np.float32(1e-3)) * np.minimum(2 * near, 1))
 
 
 def _blurred(planes: Float32, sigma: float) -> Float32:
     """(C, h, w) Gaussian blur of each plane."""
-    import cv2
-
-    return np.stack([np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32) for plane in planes])
+    return np.stack([blurred(plane, sigma) for plane in planes])
 
 
 def everywhere(at: ChartLight) -> Float32:
@@ -356,14 +333,6 @@ def everywhere(at: ChartLight) -> Float32:
 UNSEEN_SKIN = LightCorrection(
     name="unseen-skin",
     mends="The network takes inpainted colour, hair and caps for lit or shaded skin.",
-    source="light",
-    constants={
-        "widest": Constant(WIDEST, "texels of the context, standard deviation", "a third of the chart's width"),
-        "floor": Constant(SHADED, "quantile of the light on lit skin", "chosen on photos with caps and fringes"),
-        "beard": Constant(BEARD_END, "texels of the context, standard deviation", "14 mm: no border of hair is a line"),
-        "grain": Constant(GRAIN, "texels of the context, standard deviation", "finer than any shade of a fold"),
-        "blend": Constant(SEAM, "share of the chart's sides", "as wide as the back of the head"),
-    },
     cases=("cap", "beard", "hard"),
     apply=everywhere,
 )

@@ -4,10 +4,8 @@ A tangent-space normal (x, y, z) has slopes -x/z along u and -y/z across it; the
 of height per texel. Only relief finer than ``COARSEST_MM`` is kept: coarser shape belongs to the mesh, and errors of
 the integration are coarse.
 
-Equal heights at both sides of the chart's seams, where the chart is cut but the surface is not.
-
-Islands are integrated independently, so that heights at both sides of a seam differ. Each side is moved by half of the
-difference, fading out over ``REACH_MM``.
+Islands are integrated independently, so that heights at both sides of the chart's seams differ, where the chart is cut
+but the surface is not. Each side is moved by half of the difference, fading out over ``REACH_MM``.
 """
 
 from __future__ import annotations
@@ -15,12 +13,14 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt16
 from service.geometry.chart import Chart, chart_points
 from service.head.model import HeadModel
+from service.image_filters import shrunk, stretched_to
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Integration, unpack_normals
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
@@ -143,13 +143,11 @@ def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
     one side only, so that any slope would leave a rim. The Gaussian's width in texels varies over the chart; the result
     is interpolated between a few fixed widths.
     """
-    import cv2
-
     width = min(_COARSE_WIDTH, height.shape[1])
     size = (width, max(width * height.shape[0] // height.shape[1], 1))
-    weight = np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
-    total = np.asarray(cv2.resize(height, size, interpolation=cv2.INTER_AREA), np.float32)  # 0 outside the mask
-    mm = np.asarray(cv2.resize(steps.texel_mm(), size, interpolation=cv2.INTER_AREA)) * (steps.width / size[0])
+    weight = shrunk(mask.astype(np.float32), size)
+    total = shrunk(height, size)  # 0 outside the mask
+    mm = shrunk(steps.texel_mm(), size) * (steps.width / size[0])
     sigma = COARSEST_MM / np.maximum(mm, 1e-3)
     level = np.interp(np.log(sigma), np.log(_SIGMAS), np.arange(len(_SIGMAS))).astype(np.float32)
     smooth = np.zeros(total.shape, np.float32)
@@ -157,8 +155,7 @@ def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
             smooth += share * _local_planes(total, weight, width_px)
-    result = np.asarray(cv2.resize(smooth, height.shape[::-1], interpolation=cv2.INTER_LINEAR))
-    return np.asarray(result * mask, np.float32)
+    return np.asarray(stretched_to(smooth, height.shape[::-1]) * mask, np.float32)
 
 
 def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
@@ -171,8 +168,6 @@ def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
         weight: (h, w) >= 0.
         sigma: standard deviation in texels of the Gaussian that multiplies the weights.
     """
-    import cv2
-
     place = np.arange(-round(4 * sigma), round(4 * sigma) + 1) / sigma
     gauss = np.exp(-0.5 * place * place)
     kernels = [(gauss / gauss.sum() * place**power).astype(np.float32) for power in range(3)]
@@ -239,8 +234,6 @@ def _fill_holes(height: Float32, known: Bool, mask: Bool) -> Bool:
 
     Texels without a known one so close stay 0.
     """
-    import cv2
-
     missing = mask & ~known
     if not missing.any():
         return known
@@ -295,8 +288,6 @@ def join(height: Float32, seams: Seams, mask: Bool, texel_mm: Float32) -> Float3
         mask: (H, W) bool; only texels in the same connected component of it as their side of the seam are changed.
         texel_mm: (h, w) side of a texel of the (H, W) map, on the same chart at any size.
     """
-    import cv2
-
     if not len(seams.one):
         return height
     flat = height.ravel()

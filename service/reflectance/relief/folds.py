@@ -1,16 +1,12 @@
-"""Where the photo's expression folds the skin, in which directions, and which units do it.
+"""Folds that the photo's expression makes: where they are, and maps without them and of them alone.
 
-Skin that an expression compresses gets folds that run across the compression (wrinkle maps of performance capture
-use the same measure: Oat 2007; Bickel et al. 2008). So the strain between the neutral and the fitted mesh tells what
-relief in the photo is the expression's and not the person's.
+Skin that an expression compresses gets folds that run across the compression (wrinkle maps of performance capture use
+the same measure: Oat 2007; Bickel et al. 2008). So the strain between the neutral and the fitted mesh tells what relief
+in the photo is the expression's and not the person's.
 
-How an expression stretches and compresses the skin: the finite strain of the surface on the chart.
-
-With J the Jacobian of a surface over the chart and the neutral tangent frame (t along u, b across it), the right
-Cauchy-Green tensor of the motion is C = J0^-T (J^T J) J0^-1; its eigenvalues are the squares of the principal
-stretches (Ogden, Non-Linear Elastic Deformations, 2.2).
-
-Maps without the folds of the photo's expression, and the folds as maps of their own.
+The strain is the finite one of the surface on the chart. With J the Jacobian of a surface over the chart and the
+neutral tangent frame (t along u, b across it), the right Cauchy-Green tensor of the motion is C = J0^-T (J^T J) J0^-1;
+its eigenvalues are the squares of the principal stretches (Ogden, Non-Linear Elastic Deformations, 2.2).
 
 Of the relief only what is as coarse as a fold and slopes in the direction of the compression, by its structure tensor,
 is taken: pores are finer, shape is coarser, and lines that run along the compression are the person's. Where nothing is
@@ -22,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +27,7 @@ from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
+from service.image_filters import blurred, shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
 
@@ -176,8 +174,6 @@ def _compression(
 
 def _spread(weight: Float32, across: Float32) -> Float32:
     """(DIRECTIONS, h, w) the largest weight, of compression in about each direction, within ``REACH``."""
-    import cv2
-
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH + 1, 2 * REACH + 1))
     found = []
     for k in range(DIRECTIONS):
@@ -189,15 +185,11 @@ def _spread(weight: Float32, across: Float32) -> Float32:
 
 
 def _smoothed(chart: Chart, vertices: AnyFloat) -> Float32:
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(chart.fill_outside(chart.metric(vertices)), (0, 0), SMOOTH), np.float32)
+    return blurred(chart.fill_outside(chart.metric(vertices)), SMOOTH)
 
 
 def _foldable(chart: Chart) -> Float32:
     """(h, w) in [0, 1]: visible skin of the face."""
-    import cv2
-
     skin = np.asarray(chart.part == chart.head.part_names.index("skin"), np.float32)
     never = np.clip(2 * chart.interpolate(vertex_mask(chart.head, *NEVER))[..., 0], 0, 1)
     return np.asarray(cv2.GaussianBlur(skin * (1 - never), (0, 0), SMOOTH) * skin, np.float32)
@@ -227,11 +219,9 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
         codes: x and y of tangent-space normals times ``NORMAL_ONE``, +Y up.
         creases: where they are.
     """
-    import cv2
-
     size = _small(codes.shape)
-    small = np.stack([cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in np.moveaxis(codes, 2, 0)], -1)
-    x, y, z = np.moveaxis(unpack_normals(small.astype(np.float32)), 2, 0)
+    small = np.stack([shrunk(plane, size) for plane in np.moveaxis(codes, 2, 0)], -1)
+    x, y, z = np.moveaxis(unpack_normals(small), 2, 0)
     slopes = [_band(-part / np.maximum(z, 0.05)) for part in (x, y)]
     fold = _share(creases, slopes[0], slopes[1])[..., None] * np.stack(slopes, -1)
     group = cv2.resize(creases.group, size, interpolation=cv2.INTER_NEAREST)
@@ -240,7 +230,7 @@ def unfolded(codes: npt.NDArray[np.int16], creases: Creases) -> tuple[npt.NDArra
         own = np.where((group == list(GROUPS).index(name))[..., None], fold, np.float32(0))
         if np.abs(own).max() > LEAST_SLOPE:
             half = _small((codes.shape[0] // 2, codes.shape[1] // 2))
-            own = np.asarray(cv2.resize(own, half, interpolation=cv2.INTER_AREA), np.float32)
+            own = shrunk(own, half)
             wrinkles.append(Wrinkle(name, units, _codes(own)))
     return _without(codes, fold), tuple(wrinkles)
 
@@ -251,10 +241,8 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
     Each channel gets what it lacks to its surroundings. A gain would turn what is nearly black, as a cast shadow that
     lies along a fold, into its own hue: bright red.
     """
-    import cv2
-
     size = _small(albedo.shape)
-    small = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = shrunk(albedo, size)
     line = _band(np.log(np.maximum(small.mean(2), 1.0)))
     right, down = cv2.Sobel(line, cv2.CV_32F, 1, 0), cv2.Sobel(line, cv2.CV_32F, 0, 1)
     share = _share(creases, np.asarray(right, np.float32), -np.asarray(down, np.float32))
@@ -278,9 +266,7 @@ def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
     The direction of lines is that of the larger eigenvector of the structure tensor, their coherence the difference of
     its eigenvalues over their sum (Bigun and Granlund 1987).
     """
-    import cv2
-
-    xx, yy, xy = (np.asarray(cv2.GaussianBlur(one, (0, 0), AROUND)) for one in (x * x, y * y, x * y))
+    xx, yy, xy = (blurred(one, AROUND) for one in (x * x, y * y, x * y))
     coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12)
     line = np.clip((coherence - LINE[0]) / (LINE[1] - LINE[0]), 0, 1)
     # Tent functions of the direction, with a period of pi.
@@ -295,8 +281,6 @@ def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
 
 
 def _band(plane: Float32) -> Float32:
-    import cv2
-
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.GaussianBlur(plane, (0, 0), FINEST) - cv2.GaussianBlur(plane, (0, 0), COARSEST), np.float32)
 

@@ -5,14 +5,13 @@ The heights whose differences between neighbouring texels best match the slopes 
 solution on the full rectangle by two cosine transforms (Simchony, Chellappa, Shao 1990). A Fourier transform would
 treat the map as periodic and turn any overall slope into waves.
 
-Robust integration of slopes, which keeps cliffs: depth discontinuities, as at a nostril or between the lips.
-
-The slopes of neighbouring texels across a cliff belong to no common surface, and least squares spreads the
-contradiction over a region as wide as the cliff is long. Here each equation between neighbours is weighted by its
-residual (Geman-McClure, iteratively reweighted least squares: Agrawal, Raskar, Chellappa 2006, section 5; Queau, Durou,
-Aujol 2018, section 4), so that a few equations on the cliff are given up and all others are met. The weights of
-bilateral normal integration (Cao et al. 2022), which compare the residuals at both sides of a texel, do not help at
-this scale: a cliff of a millimetre spans a few texels, and the residuals at both sides are alike.
+Robust integration keeps cliffs: depth discontinuities, as at a nostril or between the lips. The slopes of neighbouring
+texels across a cliff belong to no common surface, and least squares spreads the contradiction over a region as wide as
+the cliff is long. Here each equation between neighbours is weighted by its residual (Geman-McClure, iteratively
+reweighted least squares: Agrawal, Raskar, Chellappa 2006, section 5; Queau, Durou, Aujol 2018, section 4), so that a
+few equations on the cliff are given up and all others are met. The weights of bilateral normal integration (Cao et al.
+2022), which compare the residuals at both sides of a texel, do not help at this scale: a cliff of a millimetre spans a
+few texels, and the residuals at both sides are alike.
 
 This is done on a map at most ``WIDTH`` texels wide; its difference to least squares is added to the full map.
 """
@@ -22,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
@@ -322,8 +322,6 @@ def cliff_part(right: Float32, down: Float32, mask: Bool, texel_mm: Float32) -> 
         mask: (H, W) bool, texels of the surface.
         texel_mm: (h, w) side of a texel of the (H, W) map, on the same chart at any size.
     """
-    import cv2
-
     tall, wide = mask.shape
     factor = max(wide / WIDTH, 1.0)
     size = (round(wide / factor), round(tall / factor))
@@ -369,8 +367,6 @@ def _weights(residuals: tuple[Float32, Float32], scale: np.float32) -> Edges:
 
 def _shrunk(values: Float32, size: tuple[int, int]) -> Float32:
     """(h, w) values at a size (width, height), by area where that is smaller, else linearly."""
-    import cv2
-
     if values.shape[::-1] == size:
         return np.asarray(values, np.float32)
     way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_LINEAR
@@ -379,7 +375,6 @@ def _shrunk(values: Float32, size: tuple[int, int]) -> Float32:
 
 def _pad(values: Float32, known: Bool) -> None:
     """Set texels adjacent to known ones to the mean of those, in place, so that interpolation meets no edge."""
-    import cv2
 
     def around(plane: Float32) -> Float32:
         return np.asarray(cv2.boxFilter(plane, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT))

@@ -1,33 +1,32 @@
-"""Shaded grey, an input of rho and sigma: the grey texture divided by the smooth light, with its fine shading kept.
+"""What rho and sigma read relief from: shaded grey, and how far its fine detail was drawn by super-resolution.
 
-A crease is visible by its shading. delta removes that, as it should, and the albedo then shows relief by colour alone.
-So the networks of the normals read the texture divided by the smooth light of the whole chart, as in their training
+**Shaded grey** is the grey texture divided by the smooth light, with its fine shading kept. A crease is visible by its
+shading. delta removes that, as it should, and the albedo then shows relief by colour alone. So the networks of the
+normals read the texture divided by the smooth light of the whole chart, as in their training
 (``models.training.normals.shaded``).
 
-How far the fine detail of a map was drawn by super-resolution, an input of rho and sigma.
+**Drawn detail.** The detail that zeta draws is the light stage's skin, whose colour follows its height: its pores are
+dark and deep. On skin that a photo shows they hardly have to do with each other (``models.training.real_skins``). So
+the networks of the normals are told which they look at, as in their training (``models.training.normals``), and draw
+the relief that belongs to drawn pores, but none from a photo's own pigment.
 
-The detail that zeta draws is the light stage's skin, whose colour follows its height: its pores are dark and deep. On
-skin that a photo shows they hardly have to do with each other (``models.training.real_skins``). So the networks of the
-normals are told which they look at, as in their training (``models.training.normals``), and draw the relief that
-belongs to drawn pores, but none from a photo's own pigment.
-
-Grey skin, from which relief is read, beyond what the photo shows: coarse variation there is no relief.
-
-Where the photo's skin ends it shades off at the silhouette, mixes with hair or collar, and inpainting begins, in which
-light was guessed. A network that knows creases reads a groove along all of that line. So beyond the outline of the seen
-skin what is coarser than ``GRAIN`` is continued from inside, and within ``BORDER`` of it all that is coarser than a
-texel of ``GEOMETRY_SIZE``; finer detail stays on both sides. Holes in the seen skin, the openings of eyes and mouth,
-are no border of it.
+**Beyond what the photo shows** coarse variation of grey is no relief. Where the photo's skin ends it shades off at the
+silhouette, mixes with hair or collar, and inpainting begins, in which light was guessed. A network that knows creases
+reads a groove along all of that line. So beyond the outline of the seen skin what is coarser than ``GRAIN`` is
+continued from inside, and within ``BORDER`` of it all that is coarser than a texel of ``GEOMETRY_SIZE``; finer detail
+stays on both sides. Holes in the seen skin, the openings of eyes and mouth, are no border of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes
+from service.image_filters import blurred, shrunk, stretched_to
 from service.reflectance.albedo.light_corrections import continued
 from service.reflectance.planes import Planes, interpolated
 from service.reflectance.relief.shading import RELIEF
@@ -82,13 +81,11 @@ def drawn_detail(seen: Float32 | None, octaves: Sequence[Octave], strength: floa
         octaves: what the photo tells of each, finest first; none where nothing of it was brought onto the map.
         strength: in [0, 1], of the detail that super-resolution drew; 0 where it did not run.
     """
-    import cv2
-
     power = np.square(RELIEF[-len(octaves) :] if octaves else RELIEF)
     shares = np.array([octave.share for octave in octaves][: len(power)] or [0.0])
     told = float(np.clip((shares * power[: len(shares)]).sum() / power[: len(shares)].sum(), 0, 1))
     shown = np.zeros((1, 1), np.float32) if seen is None else np.clip(np.nan_to_num(seen), 0, 1)
-    across = cv2.resize(np.asarray(shown, np.float32), GEOMETRY_SIZE, interpolation=cv2.INTER_LINEAR)
+    across = stretched_to(np.asarray(shown, np.float32), GEOMETRY_SIZE)
     return np.asarray(2 * np.clip(strength, 0, 1) * (1 - told * across) - 1, np.float32)
 
 
@@ -109,8 +106,6 @@ def zones(lit: Float32) -> tuple[Float32, Float32]:
     Args:
         lit: (h, w) in [0, 1], share of lit skin.
     """
-    import cv2
-
     _, label = cv2.connectedComponents((lit <= SEEN).astype(np.uint8), connectivity=4)
     rim = np.unique(np.concatenate([label[0], label[-1], label[:, 0], label[:, -1]]))
     outside = np.isin(label, rim[rim > 0]).astype(np.uint8)
@@ -118,8 +113,7 @@ def zones(lit: Float32) -> tuple[Float32, Float32]:
 
     def within(mask: np.ndarray) -> Float32:
         core = cv2.erode(mask.astype(np.float32), kernel)
-        soft = cv2.GaussianBlur(core, (0, 0), SOFT)
-        return np.asarray(np.clip(2 * soft - 1, 0, 1), np.float32)  # 0 from the core's edge on
+        return np.asarray(np.clip(2 * blurred(core, SOFT) - 1, 0, 1), np.float32)  # 0 from the core's edge on
 
     return within(1 - outside), within(outside)
 
@@ -131,16 +125,14 @@ def without_border(grey: Codes, planes: Planes) -> Codes:
         grey: (H, W) codes (``service.reflectance.relief.normal_inputs``).
         planes: with ``LIT``, or the grey stays as it is; so it does where no skin or all of it is seen.
     """
-    import cv2
-
     if LIT not in planes.channels:
         return grey
     height, width = grey.shape
     inside, outside = zones(planes.shrunk([LIT], GEOMETRY_SIZE)[0])
     if not (inside > SEEN).any() or inside.min() > SEEN:
         return grey
-    small = np.asarray(cv2.resize(grey, GEOMETRY_SIZE, interpolation=cv2.INTER_AREA), np.float32)
-    both = np.asarray(cv2.GaussianBlur(np.dstack([small * outside, outside]), (0, 0), GRAIN), np.float32)
+    small = shrunk(grey, GEOMETRY_SIZE)
+    both = blurred(np.dstack([small * outside, outside]), GRAIN)
     grain = small - both[..., 0] / np.maximum(both[..., 1], np.float32(1e-3))
     smooth = continued(small[None], inside)[0] + outside * grain
     change, columns = (1 - inside) * (smooth - small), np.arange(width)

@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, Codes
+from service.image_filters import shrunk, stretched_to
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.translate import pack_normals
 from service.runtime.network_registry import COVERED
-from service.texture.photo_sampling import halo, joined, split, stretched
+from service.texture.photo_sampling import joined, octave_strips, split, stretched
 
 PIGMENT = (0.0193, 0.0211, 0.0235, 0.0243, 0.0289)
 """Standard deviation of log albedo, octave by octave from periods of 2 to 4 texels of ``FULL_WIDTH`` on; measured by
@@ -37,8 +38,6 @@ GAMMA = 2.2
 """Of coded brightness, as in ``service.reflectance.relief.normal_inputs``."""
 LEAST = 0.02
 """Coded brightness below which logarithms stop."""
-STRIP = 512
-"""Rows at a time."""
 
 
 def updated(normal: Float32, shade: Float32, slope: Float32, error: float, pigment: float) -> Float32:
@@ -63,9 +62,7 @@ def bare(seen: Float32, planes: Planes) -> Float32:
         seen: (H, W) in [0, 1], how far texels show the photo.
         planes: with ``COVERED``, or all of it counts as bare.
     """
-    import cv2
-
-    shown = np.clip(cv2.resize(seen, GEOMETRY_SIZE, interpolation=cv2.INTER_LINEAR), 0, 1)
+    shown = np.clip(stretched_to(seen, GEOMETRY_SIZE), 0, 1)
     over = planes.shrunk([COVERED], GEOMETRY_SIZE)[0] if COVERED in planes.channels else np.float32(0)
     return np.asarray(shown * (1 - np.clip(over, 0, 1)), np.float32)
 
@@ -87,54 +84,20 @@ def with_shade(normals: npt.NDArray[np.int16], grey: Codes, slope: Float32, trus
     octaves = min(len(weights), len(shares))
     if not octaves or not (trust > 0).any():
         return normals
-    reach, grid = halo(octaves), 2**octaves
-    above: npt.NDArray[np.int16] | None = None  # rows before this strip as they were
-    for top in range(0, height, STRIP):
-        bottom = min(top + STRIP, height)
-        begin, end = max(top - reach, 0), min(bottom + reach, height)
-        kept = normals[max(bottom - reach, 0) : bottom].copy()
-        part = normals[begin:end].copy()
-        if above is not None:
-            part[: top - begin] = above[len(above) - (top - begin) :]
-        above = kept
-        columns = _columns(trust, (width, height), (top, bottom), grid)
-        if columns is None:
-            continue
-        left, right = max(columns[0] - reach, 0), min(columns[1] + reach, width)
-        window = (begin, end + -(end - begin) % grid, left, right + -(right - left) % grid)
-        inside = (slice(top - begin, bottom - begin), slice(columns[0] - left, columns[1] - left))
-        whole = ((0, window[1] - end), (0, window[3] - right))
-        bent = np.pad(part[:, left:right], (*whole, (0, 0)), "edge") * np.float32(1 / NORMAL_ONE)
-        coded = np.pad(grey[begin:end, left:right], whole, "edge") * np.float32(1 / FULL_CODE)
+    planes = [np.ascontiguousarray(plane) for plane in (slope[..., 0], slope[..., 1], trust)]
+    for one in octave_strips(normals, trust > 0, octaves):
+        bent = one.before * np.float32(1 / NORMAL_ONE)
+        coded = one.of(grey) * np.float32(1 / FULL_CODE)
         bands, _ = split(np.log(np.maximum(coded, np.float32(LEAST))) * np.float32(GAMMA), octaves)
         guess, _ = split(bent, octaves)
-        planes = (slope[..., 0], slope[..., 1], trust)
-        across = np.dstack([stretched(np.ascontiguousarray(plane), (width, height), window) for plane in planes])
+        across = np.dstack([stretched(plane, (width, height), one.window) for plane in planes])
         change = []
         for index, (shade, normal) in enumerate(zip(bands, guess, strict=True)):
-            here = _resized(across, normal.shape[:2])
+            here = shrunk(across, normal.shape[1::-1])
             more = updated(normal, shade, here[..., :2], weights[index], PIGMENT[first + index])
             change.append(np.asarray(more * here[..., 2:] * np.float32(shares[index]), np.float32))
-        better = (bent + joined(change))[inside]
+        better = (bent + joined(change))[one.inside]
         z = np.sqrt(np.maximum(1 - (better * better).sum(-1), 0))
-        told = across[inside][..., 2:] > 0
-        place = normals[top:bottom, columns[0] : columns[1]]
-        np.copyto(place, pack_normals(better[..., 0], better[..., 1], z), where=told)
+        told = across[one.inside][..., 2:] > 0
+        np.copyto(normals[one.place], pack_normals(better[..., 0], better[..., 1], z), where=told)
     return normals
-
-
-def _columns(trust: Float32, size: tuple[int, int], rows: tuple[int, int], grid: int) -> tuple[int, int] | None:
-    """First column and column after the last, multiples of ``grid``, where rows of a map have any trust."""
-    down, across = trust.shape[0] / size[1], size[0] / trust.shape[1]
-    part = trust[max(int(rows[0] * down) - 1, 0) : int(np.ceil(rows[1] * down)) + 1]
-    where = np.flatnonzero((part > 0).any(0))
-    if not len(where):
-        return None
-    first = max(int((where[0] - 1) * across) // grid * grid, 0)
-    return first, min(-(-int((where[-1] + 2) * across) // grid) * grid, size[0])
-
-
-def _resized(planes: Float32, shape: tuple[int, ...]) -> Float32:
-    import cv2
-
-    return np.asarray(cv2.resize(planes, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
