@@ -8,9 +8,9 @@ import pytest
 from service.geometry.chart import Chart
 from service.light.harmonics import LUMINANCE, sh_basis
 from service.reflectance.reflectance_maps import NORMAL_ONE
-from service.reflectance.relief import shading
 from service.reflectance.relief.shading import GAMMA, PIGMENT, RELIEF, UNTOLD, updated, with_shade
 from service.reflectance.subject import sensitivity
+from service.texture import photo_sampling
 from tests.toyhead import sphere_head
 
 WIDTH, HEIGHT = 6144, 256
@@ -76,7 +76,7 @@ def test_strips_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     normals = rng.integers(-3000, 3000, (512, 1536, 2)).astype(np.int16)
     results = []
     for rows in (1024, 64):
-        monkeypatch.setattr(shading, "STRIP", rows)
+        monkeypatch.setattr(photo_sampling, "STRIP", rows)
         results.append(with_shade(normals.copy(), grey, *planes(), OCTAVES).astype(int))
     assert np.abs(results[0] - normals).max() > 100
     assert np.abs(results[0] - results[1]).max() <= 3

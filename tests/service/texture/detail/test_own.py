@@ -11,7 +11,7 @@ import pytest
 from service.arrays import Float32
 from service.geometry.chart import Chart
 from service.photo.photo import Photo
-from service.texture import photo_detail as module
+from service.texture import photo_sampling
 from service.texture.photo_detail import Detail, OwnDetail, own_texture_of
 from service.texture.photo_sampling import Reader
 from service.texture.sharpness import LEAST_BLUR, Sharpness
@@ -84,9 +84,9 @@ def test_low_frequencies_stay(scene: tuple[Photo, Texture, OwnDetail]) -> None:
 def test_strips_do_not_show(scene: tuple[Photo, Texture, OwnDetail], monkeypatch: pytest.MonkeyPatch) -> None:
     _, texture, own = scene
     whole, cut = enlarged(texture), enlarged(texture)
-    monkeypatch.setattr(module, "STRIP", 4096)
+    monkeypatch.setattr(photo_sampling, "STRIP", 4096)
     own.onto(whole)
-    monkeypatch.setattr(module, "STRIP", 128)
+    monkeypatch.setattr(photo_sampling, "STRIP", 128)
     own.onto(cut)
     assert np.abs(whole.astype(int) - cut).max() <= 65535 / 2000
 
