@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from service.arrays import AnyFloat, Bool, Float32
 
-Image = npt.NDArray[np.generic]
+Image = npt.NDArray[np.integer | np.floating]
 """(h, w) or (h, w, C) of any type that OpenCV takes."""
 
 
