@@ -1,7 +1,7 @@
-"""Colour: sRGB and linear light, luma, and 16-bit codes.
+"""Colour: sRGB and linear light, CIE L*a*b*, luma.
 
 "sRGB" means coded values in [0, 1] (or uint8), "linear" means values proportional to light, 1 = the display's white.
-Source: IEC 61966-2-1 for the coding, ITU-R BT.709 for the primaries.
+Source: IEC 61966-2-1 for the coding, ITU-R BT.709 for the primaries, CIE 15 for L*a*b*.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ Codes = npt.NDArray[np.uint16]
 
 FULL_CODE = 65535
 """Colours between stages are 16-bit codes: 8 bits would drown pores, and floats take twice the memory."""
+
+_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+_WHITE = _TO_XYZ.sum(1)  # D65
 
 
 def srgb_to_linear(coded: npt.NDArray[np.floating]) -> Float32:
@@ -52,6 +57,18 @@ def luma(rgb: npt.NDArray[np.floating]) -> Float32:
     """(...) float32 weighted sum of (..., 3): luminance of linear values, luma of coded ones; the range stays."""
     x = np.asarray(rgb, np.float32)
     return np.asarray(x[..., 0] * LUMA[0] + x[..., 1] * LUMA[1] + x[..., 2] * LUMA[2], np.float32)
+
+
+def linear_to_lab(linear: npt.NDArray[np.floating]) -> Float32:
+    """(..., 3) float32 CIE L*a*b* (D65): L* in [0, 100], a* and b* about [-128, 128], of linear (..., 3) >= 0.
+
+    Negative values are taken as 0.
+    """
+    xyz = np.maximum(np.asarray(linear, np.float32), 0) @ (_TO_XYZ / _WHITE[:, None]).T.astype(np.float32)
+    knee = np.float32((6 / 29) ** 3)
+    f = np.where(xyz > knee, np.cbrt(xyz), xyz * np.float32((29 / 6) ** 2 / 3) + np.float32(4 / 29))
+    lightness = 116 * f[..., 1] - 16
+    return np.stack([lightness, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
 
 
 def to_codes(values: Float32) -> Codes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.colour import bytes_to_linear, linear_to_srgb, luma, srgb_to_linear, to_bytes
+from service.colour import bytes_to_linear, linear_to_lab, linear_to_srgb, luma, srgb_to_linear, to_bytes
 from service.robust import geman_mcclure
 
 
@@ -34,6 +34,20 @@ def test_values_outside_are_clipped_not_nan() -> None:
     x = np.array([-1.0, -1e-9, 2.0])
     assert np.allclose(linear_to_srgb(x), [0, 0, 1])
     assert np.allclose(srgb_to_linear(x), [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("rgb", "lab"),
+    [
+        ([255, 255, 255], [100, 0, 0]),
+        ([0, 0, 0], [0, 0, 0]),
+        ([255, 0, 0], [53.24, 80.09, 67.20]),
+        ([0, 0, 255], [32.30, 79.19, -107.86]),
+        ([119, 119, 119], [50.03, 0, 0]),
+    ],
+)
+def test_lab_of_known_colours(rgb: list[int], lab: list[float]) -> None:
+    assert np.allclose(linear_to_lab(srgb_to_linear(np.array([rgb]) / 255)), [lab], atol=0.05)
 
 
 def test_luma_of_white_is_one_and_green_weighs_most() -> None:
