@@ -25,8 +25,8 @@ from models.networks.configs import Zeta, build
 from models.tables import tell
 from service.bench.stages import computed
 from service.levels import FULL_SIZE, TEXTURE_SIZE
-from service.reflectance.plan import ROLES, Plan
-from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe, open_network
+from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
+from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe_network, open_network
 from service.runtime.sessions import has_openvino, model_table
 from service.runtime.tiles import DEFAULT_TILE
 
@@ -101,7 +101,7 @@ def measure(
     name: str, threads: int, rounds: int, side: int, config: str = "", clock: Clock = time.perf_counter
 ) -> Timed:
     """Time one network on inputs of about ``side`` pixels."""
-    what = describe(name)
+    what = describe_network(name)
     edge = side // what.scale // what.stride * what.stride
     shape = what.whole[::-1] if what.whole else (edge, edge)
     maps = np.random.default_rng(0).uniform(-1, 1, (len(what.channels), *shape)).astype(np.float32)
@@ -153,7 +153,7 @@ def main(
     torch.set_num_threads(count)
     clock = time.process_time if processor else time.perf_counter
     found = []
-    for name in Plan.of(ROLES).networks:
+    for name in ReflectancePlan.of(ROLES).networks:
         found.append(measure(name, count, rounds, side, config, clock))
         typer.echo(
             f"{name}: " + ", ".join(f"{key} {value:.2f} s" for key, value in found[-1].seconds.items()), err=True

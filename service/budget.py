@@ -10,7 +10,7 @@ import numpy as np
 
 from service.levels import LEVELS, TEXTURE_SIZE
 from service.options import Options
-from service.reflectance.plan import Plan
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.networks import ENLARGING, Engine, choose_engine, open_network
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
@@ -85,12 +85,12 @@ def expected(options: Options) -> dict[str, float]:
     for name, each in asked.items():
         engine = choose_engine(options.runtime, precision=each.level.precision)
         if engine not in speeds:
-            speeds[engine] = measure(engine, networks)
-        result[name] = SAFETY * estimate(speeds[engine], each, each.plan())
+            speeds[engine] = measure_speed(engine, networks)
+        result[name] = SAFETY * estimate_seconds(speeds[engine], each, each.plan())
     return result
 
 
-def estimate(speed: Speed, options: Options, plan: Plan) -> float:
+def estimate_seconds(speed: Speed, options: Options, plan: ReflectancePlan) -> float:
     """Seconds for one avatar."""
     width, height = options.map_size
     texels = width * height / 1e6
@@ -108,7 +108,7 @@ def estimate(speed: Speed, options: Options, plan: Plan) -> float:
     return seconds
 
 
-def measure(engine: Engine, networks: tuple[str, ...]) -> Speed:
+def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
     """Time one small tile of each network, and what else grows with the maps."""
     from scipy.fft import dctn, idctn
 

@@ -36,8 +36,8 @@ from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from service.photo.photo import Photo
 from service.pipeline import Progress
-from service.reflectance.plan import Plan
 from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.reflectance.surface_maps import surface_maps
 from service.runtime.networks import choose_engine
@@ -160,7 +160,7 @@ def default_maps() -> tuple[str, ...]:
     """Every map that can be made from a texture and a mesh with the installed networks."""
     return tuple(
         name for name in MAP_NAMES
-        if name not in NOT_MADE and installed(Plan.of([name], super_resolution=False).networks)
+        if name not in NOT_MADE and installed(ReflectancePlan.of([name], super_resolution=False).networks)
     )  # fmt: skip
 
 
@@ -207,7 +207,7 @@ def make_external(
     made = _texture(source, head, vertices, options.base_size)
     timings["texture"] = time.perf_counter() - begin
     # A texture finer than the input of super-resolution keeps its own detail.
-    plain = Plan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)
+    plain = ReflectancePlan.of(options.maps, super_resolution=False, keep_cliffs=options.level.keep_cliffs)
     plan = plain if fine else options.plan()
     reflectance = None
     if plan.stages:

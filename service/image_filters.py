@@ -34,12 +34,6 @@ def ramp(value: AnyFloat, between: tuple[float, float]) -> Float32:
     return np.asarray(np.clip((value - between[0]) / (between[1] - between[0]), 0, 1), np.float32)
 
 
-def smoothstep(value: AnyFloat, between: tuple[float, float]) -> Float32:
-    """As :func:`ramp`, with slope 0 at both ends."""
-    t = np.clip((value - between[0]) / (between[1] - between[0]), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
-
-
 def strips(height: int, rows: int) -> Iterator[slice]:
     """Rows of a map, so many at a time."""
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))

@@ -16,7 +16,7 @@ from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.map_registry import MAP_NAMES, maps_made_by
-from service.reflectance.plan import Plan
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.runtime.network_registry import networks_of
 
 TEXTURE_MAPS = maps_made_by("photo")
@@ -161,14 +161,14 @@ class Options(Checked):
         """Bits per component of normal maps."""
         return self.bits or self.level.normal_bits
 
-    def plan(self) -> Plan:
+    def plan(self) -> ReflectancePlan:
         """The stages of reflectance that the maps need.
 
         Without a network to enlarge it in this installation the texture is resampled, and the manifest says so.
         """
         enlarged = self.level.super_resolution and self.map_size[0] >= SMALLEST_ENLARGED
         there = enlarged and installed(networks_of("super_resolution"))
-        return Plan.of(self.maps, super_resolution=there, keep_cliffs=self.level.keep_cliffs)
+        return ReflectancePlan.of(self.maps, super_resolution=there, keep_cliffs=self.level.keep_cliffs)
 
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""
@@ -182,7 +182,7 @@ class Options(Checked):
 
 def default_maps() -> tuple[str, ...]:
     """Every map, but for those whose networks this installation does not list."""
-    return tuple(name for name in MAP_NAMES if installed(Plan.of([name], super_resolution=False).networks))
+    return tuple(name for name in MAP_NAMES if installed(ReflectancePlan.of([name], super_resolution=False).networks))
 
 
 def installed(networks: Collection[str]) -> bool:

@@ -1,6 +1,6 @@
 """Strength of colour and of relief by octave on synthetic skin: ``python -m models.lightstage.octaves``.
 
-``service.reflectance.relief.shading`` weighs what a photo's shade tells of the normals by these.
+``service.reflectance.relief.shade_update`` weighs what a photo's shade tells of the normals by these.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import typer
 from models.lightstage.stage import Stage
 from models.tables import tell
 from service.colour import LUMA
-from service.texture.photo_sampling import split
+from service.texture.photo_sampling import split_octaves
 
 COUNT = 5
 TEXEL_MM = 1 / 14
@@ -32,8 +32,8 @@ def strengths(stage: Stage, seed: int, size: int = 512) -> np.ndarray:
     for place in ("cheek", "forehead"):
         maps = skin.maps(stage.window(*stage.places()[place], size))
         colour = maps.diffuse_albedo.permute(1, 2, 0).numpy() @ LUMA
-        bands, _ = split(np.log(np.maximum(colour, 1e-3)).astype(np.float32), COUNT)
-        bent, _ = split(np.ascontiguousarray(maps.specular_normal.permute(1, 2, 0).numpy()[..., :2]), COUNT)
+        bands, _ = split_octaves(np.log(np.maximum(colour, 1e-3)).astype(np.float32), COUNT)
+        bent, _ = split_octaves(np.ascontiguousarray(maps.specular_normal.permute(1, 2, 0).numpy()[..., :2]), COUNT)
         found.append([(float(a.std()), float(np.sqrt(b.var((0, 1)).mean()))) for a, b in zip(bands, bent, strict=True)])
     return np.array(found)
 

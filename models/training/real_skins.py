@@ -7,7 +7,7 @@ it: a flat map, and "dark is deep", the albedo itself taken for a height.
 
 Correlations are given of slopes along x and along y apart, which agree where relief is read that the scan has.
 A second table has the mean angle as the service uses rho: on skin that a light from the side or from above shades, with
-what that shade corrects (``service.reflectance.relief.shading``).
+what that shade corrects (``service.reflectance.relief.shade_update``).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from models.tables import tell
 from service.arrays import Float32
 from service.colour import LUMA, linear_to_srgb
 from service.head.files import load_head
-from service.reflectance.relief.shading import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
+from service.reflectance.relief.shade_update import GAMMA, LEAST, PIGMENT, RELIEF, UNTOLD, updated
 from service.reflectance.translate import STEEPEST_Z
 from service.runtime.network_registry import DRAWN_DETAIL, SHADED_GREY
 from service.runtime.networks import Engine, open_network
 from service.runtime.sessions import MODELS
-from service.texture.photo_sampling import joined, split
+from service.texture.photo_sampling import joined_octaves, split_octaves
 
 PPM = 14.0
 """Texels per mm of the full chart on cheeks."""
@@ -97,14 +97,14 @@ def in_light(patch: Patch, sensitivity: float, turn: float, folder: Path = MODEL
     normal = asked(lit, patch.name, folder)
     guess = np.moveaxis(normal[:2] / np.linalg.norm(normal, axis=0), 0, 2).astype(np.float32)
     octaves = len(RELIEF)
-    shade, _ = split(np.log(np.maximum(lit, LEAST)) * np.float32(GAMMA), octaves)
-    bands, _ = split(np.ascontiguousarray(guess), octaves)
+    shade, _ = split_octaves(np.log(np.maximum(lit, LEAST)) * np.float32(GAMMA), octaves)
+    bands, _ = split_octaves(np.ascontiguousarray(guess), octaves)
     change = [
         updated(one, seen, np.broadcast_to(toward.astype(np.float32), one.shape), UNTOLD * strength, pigment)
         for one, seen, strength, pigment in zip(bands, shade, RELIEF, PIGMENT, strict=True)
     ]
     flat = np.zeros_like(truth)
-    return error(flat, truth), error(slopes_of(guess), truth), error(slopes_of(guess + joined(change)), truth)
+    return error(flat, truth), error(slopes_of(guess), truth), error(slopes_of(guess + joined_octaves(change)), truth)
 
 
 def slopes_of(xy: Float32) -> Array:

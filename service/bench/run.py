@@ -21,7 +21,7 @@ from service.bench.stages import marked, measure_stages, rule_notes
 from service.bench.variants import NETWORKS, STAGES, Bench, Extent, Family, Launch, Progress, Setting, StageName
 from service.bench.whole import marked_wholes, measure_wholes, straight
 from service.errors import Crashed, ModelFault
-from service.runtime.networks import choose_engine, describe
+from service.runtime.networks import choose_engine, describe_network
 
 T = TypeVar("T")
 
@@ -78,7 +78,7 @@ def bench(
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         progress("photo", 0.0)
-        size = describe("zeta_body", first.folder).whole if "zeta_body" in first.networks else None
+        size = describe_network("zeta_body", first.folder).whole if "zeta_body" in first.networks else None
         launch(from_photo, data, size, extent.side, folder)
         at = Setting(extent, families, folder, launch, data, threads, SampleHead.load(folder))
         rows = measure_stages(at, chosen, progress)

@@ -18,7 +18,7 @@ from service.bench.variants import STAGES_SHARE, Extent, Family, Made, Progress,
 from service.diagnosis import peak_rss_mb
 from service.errors import AvatarError
 from service.levels import FULL_SIZE, LEVELS, SMALLEST_ENLARGED
-from service.reflectance.plan import ROLES, Plan
+from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
 from service.runtime.network_registry import networks_of
 from service.runtime.networks import Engine, choose_engine
 from service.runtime.sessions import model_table
@@ -46,11 +46,11 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     from service.reflectance.subject import Subject
 
     there = set(model_table(run.engine.folder))
-    roles = tuple(role for role in ROLES if set(Plan.of([role], super_resolution=False).networks) <= there)
+    roles = tuple(role for role in ROLES if set(ReflectancePlan.of([role], super_resolution=False).networks) <= there)
     size = None if run.width is None else (run.width, run.width * 2 // 3)
     options = Options(maps=(*roles, *TEXTURE_MAPS), quality=run.quality, size=size, face="largest")  # type: ignore[arg-type]
     enlarged = options.level.super_resolution and options.map_size[0] >= SMALLEST_ENLARGED
-    plan = Plan.of(
+    plan = ReflectancePlan.of(
         roles,
         super_resolution=enlarged and set(networks_of("super_resolution")) <= there,
         keep_cliffs=options.level.keep_cliffs,
@@ -98,7 +98,7 @@ def whole_runs(at: Extent, families: Sequence[Family], threads: int) -> list[Who
 def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine) -> list[Whole]:
     """Draft quality with other engines, tiles and networks."""
     found = []
-    networks = Plan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
+    networks = ReflectancePlan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
     for runtime, precision in [("onnxruntime", "fp32"), *precisions()]:
         other = Engine(runtime, precision, engine.threads, engine.folder)
         if any(other.of(name) != engine.of(name) for name in networks):

@@ -31,11 +31,11 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
         columns: of the map.
     """
     result = np.zeros((len(rows), len(columns)), np.float32)
-    interpolate(plane, size, rows, columns, result)
+    interpolate_into(plane, size, rows, columns, result)
     return result
 
 
-def interpolate(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
+def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
     """The same as :func:`interpolated`, written into an existing plane."""
     tall, wide = size[1] / plane.shape[0], size[0] / plane.shape[1]
     if not (tall.is_integer() and wide.is_integer()) or not into.size:
@@ -158,7 +158,7 @@ class Planes:
         """Add the channels of a coarser (C, h, w) array on the same chart, interpolated between its texels' centres."""
         for name, plane in zip(names, values, strict=True):
             self.channels[name] = Channel(
-                lambda rows, columns, into, plane=plane: interpolate(plane, self.size, rows, columns, into),  # type: ignore[misc]
+                lambda rows, columns, into, plane=plane: interpolate_into(plane, self.size, rows, columns, into),  # type: ignore[misc]
                 lambda size, plane=plane: _resized(plane, size),  # type: ignore[misc]
             )
 

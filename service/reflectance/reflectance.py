@@ -30,13 +30,21 @@ from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
 from service.reflectance.albedo.corrections import Applied, Ledger
 from service.reflectance.albedo.diffuse_albedo import diffuse_albedo
 from service.reflectance.albedo.highlights import HIGHLIGHTS, without_highlights
-from service.reflectance.plan import Plan
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import Integration, Reflectance, Wrinkle
-from service.reflectance.relief.displacement import MOST_MM, Seams, Steps, displacement, encode, join, pad_heights
+from service.reflectance.reflectance_plan import ReflectancePlan
+from service.reflectance.relief.displacement import (
+    MOST_MM,
+    Seams,
+    Steps,
+    displacement,
+    encode_heights,
+    join,
+    pad_heights,
+)
 from service.reflectance.relief.folds import unfolded, unfolded_albedo
 from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
-from service.reflectance.relief.shading import bare, with_shade
+from service.reflectance.relief.shade_update import bare, with_shade
 from service.reflectance.subject import Subject
 from service.reflectance.super_resolution import Grain, enlarge, resample
 from service.reflectance.translate import MapInputs, specular_albedo, tangent_normals
@@ -44,11 +52,11 @@ from service.runtime.network_registry import CLUES, DRAWN_DETAIL, GEOMETRY, PART
 from service.runtime.networks import Engine, lacks_openvino
 from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
-from service.texture.photo_detail import Detail, OwnDetail
+from service.texture.photo_detail import OwnDetail, PhotoDetail
 
 T = TypeVar("T")
 
-Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], Detail | None, UInt8 | None]
+Unlit = tuple[Codes, Codes | None, tuple[Applied, ...], PhotoDetail | None, UInt8 | None]
 """Albedo, shaded grey, corrections that ran, what of the detail is the photo's, and how far the albedo may be off."""
 
 Progress = Callable[[str, float], None]
@@ -58,7 +66,7 @@ Progress = Callable[[str, float], None]
 def make_reflectance(
     texture: npt.NDArray[np.uint8],
     subject: Subject,
-    plan: Plan,
+    plan: ReflectancePlan,
     size: tuple[int, int],
     engine: Engine,
     *,
@@ -105,7 +113,7 @@ def make_reflectance(
     skin = subject.skin(size)
     made = _Maps()
     corrections: tuple[Applied, ...] = ()
-    found_detail: Detail | None = None
+    found_detail: PhotoDetail | None = None
 
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
@@ -194,7 +202,9 @@ def make_reflectance(
     )
 
 
-def _fallbacks(plan: Plan, engine: Engine, subject: Subject, texture: npt.NDArray[np.uint8]) -> tuple[str, ...]:
+def _fallbacks(
+    plan: ReflectancePlan, engine: Engine, subject: Subject, texture: npt.NDArray[np.uint8]
+) -> tuple[str, ...]:
     delighted = "diffuse_albedo" in plan.stages
     told = {
         "texture-resampled": "super_resolution" not in plan.stages,
@@ -220,7 +230,7 @@ class _Maps:
 class _Run:
     """Runs stages one after the other: times them, keeps their results, tells how far all of it is."""
 
-    def __init__(self, plan: Plan, stages: StageCache, progress: Progress) -> None:
+    def __init__(self, plan: ReflectancePlan, stages: StageCache, progress: Progress) -> None:
         self.timings: dict[str, float] = {}
         self._shares = plan.shares()
         self._stages = stages
@@ -256,4 +266,4 @@ def _displaced(
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     pad_heights(height, surface, islands == NO_PART)
-    return encode(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction
+    return encode_heights(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction

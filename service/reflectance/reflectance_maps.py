@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from service.arrays import Float32, UInt8, UInt16
 from service.reflectance.albedo.corrections import Applied
-from service.texture.photo_detail import Detail
+from service.texture.photo_detail import PhotoDetail
 
 NORMAL_ONE = 32767
 """Code of 1 in the int16 components of normals."""
@@ -102,7 +102,7 @@ class Reflectance:
     integration: Integration | None = None
     wrinkles: tuple[Wrinkle, ...] = ()
     corrections: tuple[Applied, ...] = ()
-    detail: Detail | None = None
+    detail: PhotoDetail | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
 

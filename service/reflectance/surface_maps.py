@@ -124,7 +124,7 @@ _BLOCK = 512
 """Vertices that are compared with all others at once."""
 
 
-def thickness_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
+def flesh_mm(head: HeadModel, vertices: AnyFloat) -> Float32:
     """(V,) float32 diameter in mm of the largest ball under each vertex of the skin, at most ``LARGEST_MM``.
 
     Other parts than the skin have ``LARGEST_MM``.
@@ -205,7 +205,7 @@ def surface_maps(
     specular = None if made is None else made.specular_albedo
     relief = None if made is None else made.displacement
     oil = oil_of(chart, None if specular is None else _resized(specular, (chart.width, chart.height)))
-    thick = chart.fill_outside(chart.interpolate(thickness_mm(head, vertices)))[..., 0]
+    thick = chart.fill_outside(chart.interpolate(flesh_mm(head, vertices)))[..., 0]
     open_sky = None if relief is None else cavity(relief, _texel_mm(head, vertices, size[0]), size)
     return SurfaceMaps(
         roughness=_codes(_resized(roughness(chart, oil), size), 255) if "roughness" in wanted else None,

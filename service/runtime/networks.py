@@ -230,7 +230,7 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
     Raises:
         ModelFault: the file is missing, not the one of models.json, has no description, or cannot be loaded.
     """
-    description, compiled = (engine.ahead.take(name) if engine.ahead else None) or load(name, engine)
+    description, compiled = (engine.ahead.take(name) if engine.ahead else None) or load_network(name, engine)
     held = [compiled]
     del compiled
     try:
@@ -240,14 +240,14 @@ def open_network(name: str, engine: Engine) -> Iterator[Network]:
         release()
 
 
-def load(name: str, engine: Engine) -> Loaded:
+def load_network(name: str, engine: Engine) -> Loaded:
     """What :func:`open_network` opens; raises as it does."""
     engine = engine.of(name)
     data = checked_bytes(name, engine.folder)
     return (_openvino if engine.runtime == "openvino" else _onnxruntime)(name, data, engine)
 
 
-def describe(name: str, folder: Path = MODELS) -> Description:
+def describe_network(name: str, folder: Path = MODELS) -> Description:
     """Description of a network without keeping it loaded; raises as :func:`open_network`."""
     session = native_session(name, checked_bytes(name, folder), 1, folder, optimise=False)
     return _parse(name, session.get_modelmeta().custom_metadata_map.get(KEY))
@@ -333,13 +333,13 @@ class Ahead:
 
     def __init__(self, names: Iterable[str], engine: Engine) -> None:
         self._pool = ThreadPoolExecutor(1)
-        self._loads: dict[str, Future[Loaded]] = {name: self._pool.submit(load, name, engine) for name in names}
+        self._loads: dict[str, Future[Loaded]] = {name: self._pool.submit(load_network, name, engine) for name in names}
 
     def take(self, name: str) -> Loaded | None:
         """A network, as soon as it is loaded; None where it was not asked for, or was taken before.
 
         Raises:
-            AvatarError: as ``service.runtime.networks.load``.
+            AvatarError: as ``service.runtime.networks.load_network``.
         """
         found = self._loads.pop(name, None)
         return None if found is None or found.cancel() else found.result()

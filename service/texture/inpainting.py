@@ -20,7 +20,8 @@ from service.colour import luma
 from service.geometry.chart import Chart, mirrored_map
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, ramp, smoothstep
+from service.image_filters import blurred, ramp
+from service.robust import smoothstep
 
 BAND = (0.8, 2.5)
 """Standard deviations of the two Gaussians whose difference is the band, in cells of the noise."""
@@ -143,7 +144,7 @@ class Completed:
 
 def opacity(weight: AnyFloat) -> Float32:
     """(N,) opacity of the photo in [0, 1], from its weight (N,)."""
-    return smoothstep(np.asarray(weight, np.float32), OPAQUE)
+    return smoothstep(np.asarray(weight, np.float32), *OPAQUE)
 
 
 def complete_skin(

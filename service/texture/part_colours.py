@@ -35,7 +35,7 @@ KNOWN = 0.05
 
 
 @dataclass(frozen=True)
-class PartLight:
+class LightOnParts:
     """Light of the photo on eyes, teeth and tongue.
 
     Attributes:
@@ -47,7 +47,7 @@ class PartLight:
     colourfulness: float
 
     @classmethod
-    def of(cls, sclera: Float32 | None, skin: Float32 | None, face: Float32) -> PartLight:
+    def of(cls, sclera: Float32 | None, skin: Float32 | None, face: Float32) -> LightOnParts:
         """From the sclera where it was seen, else from the brightest texels of the face.
 
         Args:
@@ -115,7 +115,7 @@ def paint_parts(
         skin: (3,) sRGB of the person's skin.
     """
     seen = opacity(unwrapped.weight)
-    light = PartLight.of(fit.sclera, skin, unwrapped.colour[face])
+    light = LightOnParts.of(fit.sclera, skin, unwrapped.colour[face])
     iris = IRIS if fit.iris is None else likely_iris(np.asarray(srgb_to_linear(fit.iris) / light.white, np.float32))
     work = _Work(chart, light, colour.copy(), code.copy(), np.zeros_like(colour), np.zeros(len(colour), np.float32))
 
@@ -160,7 +160,7 @@ class _Work:
     """What has been painted so far, at the inner texels."""
 
     chart: Chart
-    light: PartLight
+    light: LightOnParts
     colour: Float32
     code: Float32
     albedo: Float32

@@ -32,8 +32,17 @@ from service.image_filters import blurred, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.map_registry import SEEN
 from service.photo.photo import Photo
-from service.texture.photo_sampling import STRIP, Places, Reader, Strip, joined, octave_strips, split, stretched
-from service.texture.sharpness import LEAST_LEFT, Sharpness, measure
+from service.texture.photo_sampling import (
+    STRIP,
+    Places,
+    Reader,
+    Strip,
+    joined_octaves,
+    octave_strips,
+    split_octaves,
+    stretched,
+)
+from service.texture.sharpness import LEAST_LEFT, Sharpness, measure_sharpness
 from service.texture.texture_maps import Texture
 
 
@@ -52,7 +61,7 @@ class Octave:
 
 
 @dataclass(frozen=True)
-class Detail:
+class PhotoDetail:
     """A photo's detail on a map.
 
     Attributes:
@@ -120,7 +129,9 @@ class OwnDetail:
         reach = 2 * round(SOFT) + 1
         core = np.asarray(cv2.erode(shown, np.ones((reach, reach), np.uint8)), np.float32)
         seen = np.minimum(shown, blurred(core, SOFT))
-        return cls(photo, places, measure(_face(photo, places, seen), photo.steps), seen, _per_mm(places, head, seen))
+        return cls(
+            photo, places, measure_sharpness(_face(photo, places, seen), photo.steps), seen, _per_mm(places, head, seen)
+        )
 
     def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
         """(width, height) of a texture that loses nothing of what the photo holds on most of the seen skin.
@@ -138,7 +149,7 @@ class OwnDetail:
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
 
-    def onto(self, codes: Codes) -> Detail:
+    def onto(self, codes: Codes) -> PhotoDetail:
         """Bring the photo's detail onto a map, in place; nothing coarser than the texture's texels changes.
 
         Args:
@@ -156,8 +167,8 @@ class OwnDetail:
             codes[one.place] = work.changed(one)
         return self._told(work.octaves())
 
-    def _told(self, octaves: tuple[Octave, ...]) -> Detail:
-        return Detail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
+    def _told(self, octaves: tuple[Octave, ...]) -> PhotoDetail:
+        return PhotoDetail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
 
 
 def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:
@@ -234,8 +245,8 @@ class _Work:
         seen = np.clip(stretched(self._own.seen, self._size, one.window), 0, 1)
         photo = self._reader.rows(one.window[0], one.window[1], one.window[2:])
         seen *= 1 - _clipped(photo)
-        ours, _ = split(np.where(seen[..., None] > 0, photo, map_), self._octaves)
-        theirs, _ = split(map_, self._octaves)
+        ours, _ = split_octaves(np.where(seen[..., None] > 0, photo, map_), self._octaves)
+        theirs, _ = split_octaves(map_, self._octaves)
         pixels = stretched(self._own.places.coarsest, self._size, one.window)
         pixels = pixels * np.float32(self._own.places.coarsest.shape[1] / self._size[0])
         side = stretched(self._own.places.texel_mm, self._size, one.window)
@@ -244,7 +255,7 @@ class _Work:
             share, gain, rest = self._shares(index, p, z, seen, pixels)
             change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
             self._count(index, share, seen, side, one.inside)
-        new = map_[one.inside] + joined(change)[one.inside]
+        new = map_[one.inside] + joined_octaves(change)[one.inside]
         return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16)
 
     def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,

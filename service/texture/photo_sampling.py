@@ -214,7 +214,7 @@ def up(image: Float32, shape: tuple[int, int]) -> Float32:
     return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_CUBIC), np.float32)
 
 
-def split(image: Float32, octaves: int) -> tuple[list[Float32], Float32]:
+def split_octaves(image: Float32, octaves: int) -> tuple[list[Float32], Float32]:
     """Octaves of an image (h, w) or (h, w, C), finest first, each at its own level's size; and the rest.
 
     Both sides have to be multiples of ``2^octaves``.
@@ -227,8 +227,8 @@ def split(image: Float32, octaves: int) -> tuple[list[Float32], Float32]:
     return bands, rest
 
 
-def joined(bands: Sequence[Float32], rest: Float32 | None = None) -> Float32:
-    """The image of octaves, inverse of :func:`split`; a ``rest`` of None counts as 0."""
+def joined_octaves(bands: Sequence[Float32], rest: Float32 | None = None) -> Float32:
+    """The image of octaves, inverse of :func:`split_octaves`; a ``rest`` of None counts as 0."""
     result = rest
     for band in reversed(bands):
         result = band.copy() if result is None else band + up(result, band.shape[:2])

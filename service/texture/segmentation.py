@@ -32,7 +32,8 @@ from service.face.reading.part_labels import (
 from service.face.reading.reader import Reading, parts_at_pixels
 from service.geometry.chart import Chart
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, smoothstep
+from service.image_filters import blurred
+from service.robust import smoothstep
 from service.texture.inpainting import opacity
 from service.texture.unwrap import Unwrapped
 
@@ -124,16 +125,16 @@ def covered(parts: Float32, zones: Zones, *, bald: bool = False) -> Float32:
     """
     share = parts[:, list(BEFORE)].sum(1)
     if not bald:
-        return smoothstep(share + parts[:, HAIR] * (1 - zones.scalp), RAMP)
-    return np.maximum(smoothstep(share + parts[:, HAIR], RAMP), smoothstep(parts[:, HAIR], STRANDS))
+        return smoothstep(share + parts[:, HAIR] * (1 - zones.scalp), *RAMP)
+    return np.maximum(smoothstep(share + parts[:, HAIR], *RAMP), smoothstep(parts[:, HAIR], *STRANDS))
 
 
-def opened(parts: Float32, zones: Zones) -> Float32:
+def shows_opening(parts: Float32, zones: Zones) -> Float32:
     """(N,) float32 in [0, 1], 1 on skin in whose place the photo shows an eye or the inside of the mouth.
 
     Lids and lips of the fitted head are never exactly where the photo's are: an iris on a lid would stay there.
     """
-    return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), CERTAIN) * zones.skin, np.float32)
+    return np.asarray(smoothstep(parts[:, [SCLERA, IRIS, MOUTH]].sum(1), *CERTAIN) * zones.skin, np.float32)
 
 
 def grown(chart: Chart, hidden: Float32) -> Float32:
@@ -187,8 +188,8 @@ def segment(chart: Chart, unwrapped: Unwrapped, parts: Float32, zones: Zones) ->
         zones: of the same texels.
     """
     # Beards and brows look like shade to who measures light: theirs is that of the skin beside them.
-    smooth = 1 - grown(chart, smoothstep(parts[:, [BEARD, BROW]].sum(1), RAMP))
-    lit = np.asarray(smooth * (1 - smoothstep(1 - parts[:, list(SURFACE)].sum(1), RAMP)), np.float32)
+    smooth = 1 - grown(chart, smoothstep(parts[:, [BEARD, BROW]].sum(1), *RAMP))
+    lit = np.asarray(smooth * (1 - smoothstep(1 - parts[:, list(SURFACE)].sum(1), *RAMP)), np.float32)
     face = (zones.face > 0.5) & zones.skin & (unwrapped.weight > 0.25) & (lit > 0.5)
     colour = np.median(unwrapped.colour[face], 0).astype(np.float32) if face.any() else None
     doubt = zones.neck * (parts[:, [SKIN, BEARD]].sum(1) < SURE_NECK)  # collars take the neck's shape
@@ -209,6 +210,6 @@ def worn_before(parts: Float32, weight: Float32, zones: Zones) -> tuple[str, ...
         return ()
     worn = {
         "glasses-removed": (face[:, GLASSES] > FRAME[0]).mean() > FRAME[1],
-        "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), RAMP) > 0.5).mean() > COVERED,
+        "face-covered": (smoothstep(face[:, [HAT, CLOTH, OTHER]].sum(1), *RAMP) > 0.5).mean() > COVERED,
     }
     return tuple(name for name, true in worn.items() if true)

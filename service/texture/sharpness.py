@@ -77,7 +77,7 @@ class Sharpness:
         return np.asarray(white + diagonal**2 / 12 * np.minimum(area, 1), np.float32)
 
 
-def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
+def measure_sharpness(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     """Of a crop (h, w, 3) sRGB of the photo that holds the face; a crop too small to tell counts as blurred."""
     if min(face.shape[:2]) < 16:
         return Sharpness(UNKNOWN_BLUR, 0.01, steps)
@@ -98,7 +98,7 @@ def measure(face: UInt8, steps: Float32 | None = None) -> Sharpness:
     found = max(float(np.quantile(blur, SHARPEST)), LEAST_BLUR)
     if found > WIDE and min(face.shape[:2]) >= 64:  # far wider than the second blur, it hardly tells: look at half size
         half = np.asarray(cv2.resize(face, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-        coarser = measure(half).blur
+        coarser = measure_sharpness(half).blur
         found = found if coarser == UNKNOWN_BLUR else max(found, 2 * coarser)
     return Sharpness(found, noise, steps)
 

@@ -23,12 +23,21 @@ from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import smoothstep
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
+from service.robust import smoothstep
 from service.texture.inpainting import Completed, complete_skin, grain
 from service.texture.part_colours import paint_parts
-from service.texture.segmentation import Zones, covered, grown, opened, parts_at, parts_of_face, segment, worn_before
+from service.texture.segmentation import (
+    Zones,
+    covered,
+    grown,
+    parts_at,
+    parts_of_face,
+    segment,
+    shows_opening,
+    worn_before,
+)
 from service.texture.texture_maps import Texture, depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 
@@ -66,7 +75,7 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         known, trust = splat(chart.corners, chart.weights, value, weight * both * zones.scalp * zones.skin, count)
         edges = laplacian(head.triangles[head.triangle_part == head.part_names.index("skin")], count)
         density = np.clip(smooth_fit(edges, known, trust, SMOOTHNESS, prior, PRIOR_TRUST), 0, 1)
-    grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, HAIRLINE) * zones.skin
+    grown = chart.inside(density.astype(np.float32))[:, 0] * smoothstep(zones.scalp, *HAIRLINE) * zones.skin
     points = np.clip(1 + GRAIN * grain(chart, 1)[:, 0], 0, 2)
     return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
 
@@ -117,7 +126,7 @@ def make_texture(
     weight, bald = unwrapped.weight, hair is not None and hair.bald_beneath
     part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
     hidden = covered(part, zones, bald=bald)
-    hidden = np.maximum(grown(chart, hidden) if bald else hidden, opened(part, zones))
+    hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
     bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
     unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
     found = segment(chart, unwrapped, part, zones)

@@ -23,8 +23,8 @@ from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
 from service.external import check_aspect, default_maps, make_external, vertices_of
 from service.head.files import save_head
 from service.options import Options
-from service.reflectance.plan import Plan
 from service.reflectance.reflectance_maps import Reflectance
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from tests.toyhead import sphere_head
 
@@ -135,7 +135,7 @@ def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.M
     seen = {}
 
     def reflectance(
-        texture: np.ndarray, subject: Subject, plan: Plan, size: object, *_: object, **__: object
+        texture: np.ndarray, subject: Subject, plan: ReflectancePlan, size: object, *_: object, **__: object
     ) -> object:
         seen[texture.shape[1]] = (plan.stages, float(texture.std()))
         return Reflectance((1536, 1024))

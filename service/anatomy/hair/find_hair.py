@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from service.anatomy.hair.hair_colour import LEAST_PIXELS, HairColour, guessed, measure
+from service.anatomy.hair.hair_colour import LEAST_PIXELS, HairColour, guessed, measure_hair
 from service.anatomy.hair.names import AUTO, NONE
-from service.anatomy.hair.tailored import Tailored, tailored, thickness_mm, to_outline
+from service.anatomy.hair.tailored import Tailored, hair_thickness_mm, tailored, to_outline
 from service.anatomy.hair.wearables import (
     EAR_M,
     Cut,
@@ -46,7 +46,7 @@ RAMP = (0.15, 0.45)
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenHair:
     """Of each cell of a square in the photo; (C, C) float32 in [0, 1] but for ``pixels`` and ``inside``.
 
     Attributes:
@@ -66,7 +66,7 @@ class Seen:
     inside: Bool
 
     @classmethod
-    def of(cls, photo: Photo, reading: Reading) -> Seen:
+    def of(cls, photo: Photo, reading: Reading) -> SeenHair:
         """The narrow crop of the reader where that reaches, and the wider one around it."""
         region = reading.region if reading.around is None else reading.around.region
         count = PART_CELLS if reading.around is None else CELLS
@@ -160,7 +160,7 @@ def choose(
         scalp = float(frame.scalp.sum())
         if not (float(seen.sum()) > LEAST_SCALP * scalp or float((shown * known).sum()) > LEAST_HAIR * scalp):
             return Choice(UNSEEN, Cut(), 0.0, 1.0, ("hair-unseen",))
-        thick = thickness_mm(frame, shown, known)
+        thick = hair_thickness_mm(frame, shown, known)
         if share < BALD or (thick is not None and thick < CROPPED_MM):
             return Choice(None, Cut(), 0.0, share)
 
@@ -263,7 +263,7 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         name = None if asked == NONE else named[0] if named else UNSEEN
         doubts = () if asked != AUTO else ("hair-unseen",)
         return Hair(asked, Choice(name, Cut(), 0.0, 1.0, doubts), guessed(skin))
-    seen = Seen.of(photo, reading)
+    seen = SeenHair.of(photo, reading)
     certain = well_within((seen.hair >= CERTAIN) & seen.inside)
     frame = _frame(head, fit, seen)
     brow_colour = _brow(seen)
@@ -274,17 +274,17 @@ def find_hair(photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, 
         choice, along, fitted = _choose(head, fit, seen, items, frame, named)
     # What hides the scalp may be taken for hair.
     certain = np.zeros_like(certain) if "hair-unseen" in choice.doubts else certain
-    found = measure(seen.pixels.reshape(-1, 3), along.ravel(), certain.ravel())
+    found = measure_hair(seen.pixels.reshape(-1, 3), along.ravel(), certain.ravel())
     return Hair(asked, choice, found or guessed(skin, brow_colour), brow, brow_colour, fitted)
 
 
-def _frame(head: HeadModel, fit: Fit, seen: Seen) -> Frame:
+def _frame(head: HeadModel, fit: Fit, seen: SeenHair) -> Frame:
     side, scalp = len(seen.hair), vertex_mask(head, "scalp")
     return Frame.of(fit.camera, lambda at: seen.region.to_crop(at, side), side, head, fit.vertices, scalp)
 
 
 def _choose(
-    head: HeadModel, fit: Fit, seen: Seen, items: Items, frame: Frame, named: list[str] | None
+    head: HeadModel, fit: Fit, seen: SeenHair, items: Items, frame: Frame, named: list[str] | None
 ) -> tuple[Choice, Float32, Tailored | None]:
     """The style, its coordinate from root to tip in the frame, 0 beside it, and the style fitted to the photo.
 
@@ -313,7 +313,7 @@ def well_within(certain: Bool) -> Bool:
     return np.asarray(inner if inner.sum() >= LEAST_PIXELS else certain)
 
 
-def _brow_shape(fit: Fit, seen: Seen, items: Items, frame: Frame) -> str:
+def _brow_shape(fit: Fit, seen: SeenHair, items: Items, frame: Frame) -> str:
     """The brows that overlap most with those of the photo."""
     shown = np.asarray(seen.brow > 0.5, np.float32)
     moved = fit.vertices - items.fitted_head
@@ -322,7 +322,7 @@ def _brow_shape(fit: Fit, seen: Seen, items: Items, frame: Frame) -> str:
     return max((agreement(shown, mask, np.ones_like(shown)), name) for name, mask in masks)[1]
 
 
-def _brow(seen: Seen) -> Float32 | None:
+def _brow(seen: SeenHair) -> Float32 | None:
     """(3,) linear RGB of the darker half of the brows; None where hardly any are seen."""
     own = seen.pixels[(seen.brow > RAMP[1]) & seen.inside]
     if len(own) < 12:

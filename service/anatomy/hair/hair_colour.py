@@ -76,7 +76,7 @@ class HairColour:
         return replace(self, shaded=as_melanin(self.shaded * light) / light, lit=as_melanin(self.lit * light) / light)
 
 
-def measure(colours: Float32, along: Float32, certain: Bool) -> HairColour | None:
+def measure_hair(colours: Float32, along: Float32, certain: Bool) -> HairColour | None:
     """Colours of hair.
 
     Args:

@@ -75,7 +75,7 @@ def off_skin(points: Float64, skull: Skull) -> Float64:
     return np.asarray(points + np.where(lower, CLEARANCE_M - height, 0.0)[:, None] * normal)
 
 
-def thickness_mm(frame: Frame, shown: Float32, known: Float32) -> float | None:
+def hair_thickness_mm(frame: Frame, shown: Float32, known: Float32) -> float | None:
     """How far the outline of the photo's hair stands off that of the bare head, median over the top and the sides.
 
     None where fewer than ``LEAST_RAYS`` tell. Arguments are those of :func:`to_outline`.

@@ -32,7 +32,7 @@ from service.reflectance.albedo.light_corrections import (
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
-from service.runtime.networks import Engine, Network, describe, open_network
+from service.runtime.networks import Engine, Network, describe_network, open_network
 from service.runtime.tiles import run_whole
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
@@ -119,7 +119,7 @@ class Delit:
 
 def needs_context(engine: Engine) -> bool:
     """Whether the network reads planes of the context network."""
-    return not set(CONTEXT).isdisjoint(describe(NETWORK, engine.folder).channels)
+    return not set(CONTEXT).isdisjoint(describe_network(NETWORK, engine.folder).channels)
 
 
 def without(light: Float32, coded: Float32) -> Float32:

@@ -187,12 +187,12 @@ def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
     return np.asarray(mh - along * mx - down * my, np.float32)
 
 
-def encode(height: Float32) -> UInt16:
+def encode_heights(height: Float32) -> UInt16:
     """(H, W) uint16 codes of heights in mm; see ``MID`` and ``SCALE_MM``."""
     return np.asarray(np.clip(np.rint(height * np.float32(1 / SCALE_MM)) + MID, 0, 65535), np.uint16)
 
 
-def decode(codes: UInt16) -> Float32:
+def decode_heights(codes: UInt16) -> Float32:
     """(H, W) float32 mm, heights of codes; rounding errors are at most 25 nm."""
     return (codes.astype(np.float32) - MID) * np.float32(SCALE_MM)
 

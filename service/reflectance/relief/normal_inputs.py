@@ -29,7 +29,7 @@ from service.colour import FULL_CODE, LUMA, Codes
 from service.image_filters import blurred, shrunk, stretched_to
 from service.reflectance.albedo.light_corrections import continued
 from service.reflectance.planes import Planes, interpolated
-from service.reflectance.relief.shading import RELIEF
+from service.reflectance.relief.shade_update import RELIEF
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.runtime.network_registry import CONTEXT, LIT, REGISTRY, SHADED_GREY
 from service.texture.photo_detail import Octave

@@ -18,7 +18,7 @@ from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
 from service.reflectance.reflectance_maps import Integration, Reflectance
-from service.reflectance.relief.displacement import encode
+from service.reflectance.relief.displacement import encode_heights
 from service.reflectance.surface_maps import surface_maps
 from service.reflectance.translate import pack_normals
 from service.texture.texture_maps import Texture
@@ -119,7 +119,7 @@ def toy_reflectance() -> Reflectance:
         specular_albedo=rng.integers(0, 65536, shape, np.uint16),
         specular_normal=normals,
         diffuse_normal=normals[::-1].copy(),
-        displacement=encode(rng.normal(0, 0.05, shape).astype(np.float32)),
+        displacement=encode_heights(rng.normal(0, 0.05, shape).astype(np.float32)),
         tile=1024,
         super_resolution=True,
         integration=Integration(4, 0.001, 0.0),

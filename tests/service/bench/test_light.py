@@ -16,8 +16,8 @@ from service.bench.stages import measure
 from service.bench.variants import Whole, reference
 from service.bench.whole import make
 from service.colour import Codes
-from service.reflectance.plan import Plan
 from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.subject import Subject
 from service.runtime.networks import Engine
 from tests.service.archive.toys import toy_avatar
@@ -54,7 +54,7 @@ def avatar(monkeypatch: pytest.MonkeyPatch) -> Avatar:
 def product(avatar: Avatar, engine: Engine) -> Codes:
     """The diffuse albedo that the pipeline makes of the head."""
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
-    plan = Plan.of(["diffuse_albedo"], super_resolution=False)
+    plan = ReflectancePlan.of(["diffuse_albedo"], super_resolution=False)
     made = make_reflectance(avatar.texture.texture, subject, plan, (WIDTH, WIDTH * 2 // 3), engine)
     assert made.diffuse_albedo is not None
     return made.diffuse_albedo

@@ -1,4 +1,4 @@
-"""Loading, describing and refusing networks of maps; the runtimes agree."""
+"""Networks by their descriptions, on each runtime, and loaded ahead."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import platform
 import shutil
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,7 +17,16 @@ from onnx import TensorProto, helper
 
 from service.errors import ModelFault, NumericFault, UsageError
 from service.runtime import networks
-from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe, load, open_network
+from service.runtime.networks import (
+    Description,
+    Engine,
+    RuntimeName,
+    choose_engine,
+    describe_network,
+    load_network,
+    loading_ahead,
+    open_network,
+)
 from service.runtime.sessions import has_openvino
 from tests.service.runtime.toynets import finish, toy_net, write_models
 
@@ -35,7 +45,7 @@ def engine(folder: Path) -> Engine:
 
 def test_the_description_is_that_of_the_file(folder: Path) -> None:
     expected = Description("one", ("a",), ("x",), stride=2, halo=16)
-    assert describe("one", folder) == expected
+    assert describe_network("one", folder) == expected
     for runtime in RUNTIMES_HERE:
         with open_network("one", Engine(runtime, threads=1, folder=folder)) as network:
             assert network.description == expected
@@ -65,10 +75,10 @@ def test_a_network_without_description_is_refused(tmp_path: Path) -> None:
     del model.metadata_props[:]
     write_models(tmp_path, {"bare": bytes(model.SerializeToString())})
     with pytest.raises(ModelFault, match="bare has no 'description'"):
-        describe("bare", tmp_path)
+        describe_network("bare", tmp_path)
     for runtime in RUNTIMES_HERE:
         with pytest.raises(ModelFault, match="bare has no 'description'"):
-            load("bare", Engine(runtime, threads=1, folder=tmp_path))
+            load_network("bare", Engine(runtime, threads=1, folder=tmp_path))
 
 
 def test_a_flipped_bit_is_refused_by_hash(folder: Path) -> None:
@@ -224,3 +234,50 @@ def test_openvino_computes_the_same(folder: Path) -> None:
         for shape in ((1, 16, 16), (1, 40, 24), (1, 16, 16)):
             maps = rng.uniform(-1, 1, shape).astype(np.float32)
             np.testing.assert_allclose(other.run(maps), plain.run(maps), atol=1e-4)
+
+
+@pytest.fixture
+def plain(tmp_path: Path) -> Engine:
+    nets = {name: toy_net(name, ["a"], ["x"], seed=seed) for seed, name in enumerate(("one", "two", "three"))}
+    return Engine(threads=1, folder=write_models(tmp_path, nets))
+
+
+def test_a_network_loaded_ahead_is_the_same_and_is_loaded_once(plain: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is opened a second time, or was not asked for, is loaded as ever."""
+    maps = np.random.default_rng(1).random((1, 16, 16), np.float32)
+    with open_network("one", plain) as network:
+        expected = network.run(maps)
+    loaded: list[str] = []
+
+    def spied(name: str, engine: Engine) -> networks.Loaded:
+        if threading.current_thread() is not threading.main_thread():
+            loaded.append(name)
+        return load_network(name, engine)
+
+    monkeypatch.setattr(networks, "load_network", spied)
+    with loading_ahead(("one", "two"), plain) as engine:
+        assert engine == plain, "what runs does not depend on when it was loaded"
+        for name in ("one", "one", "three"):
+            with open_network(name, engine) as network:
+                assert network.engine == plain.of(name)
+                assert (network.run(maps) == expected).all() == (name == "one")
+    assert loaded[0] == "one" and loaded.count("one") == 1 and "three" not in loaded
+
+
+def test_a_fault_shows_where_the_network_is_opened(plain: Engine) -> None:
+    """Not in the thread, where nobody would see it, and not where another network is opened."""
+    (plain.folder / "two.onnx").write_bytes(b"broken")
+    with loading_ahead(("two", "one"), plain) as engine:
+        with open_network("one", engine):
+            pass
+        with pytest.raises(ModelFault, match="sha256"), open_network("two", engine):
+            pass
+
+
+def test_what_nobody_takes_does_not_outlive_the_block(plain: Engine) -> None:
+    """A run that ends early, or whose stages were kept, must not go on loading."""
+    with pytest.raises(KeyError), loading_ahead(("one", "two", "three"), plain) as engine:
+        raise KeyError
+    assert engine.ahead is not None and engine.ahead.take("three") is None
+    with open_network("three", engine) as network:
+        assert network.name == "three", "after the block networks load as ever"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.anatomy.hair.find_hair import BALD, CROPPED_MM, UNSEEN, choose
-from service.anatomy.hair.tailored import thickness_mm
+from service.anatomy.hair.tailored import hair_thickness_mm
 from service.anatomy.hair.wearables import CLEARANCE_M, Cut, Frame, Skull, agreement, fits, hair_on, read_items
 from service.arrays import Float32
 from service.head.files import load_head
@@ -68,11 +68,11 @@ def test_hair_cropped_to_the_skull_is_no_mesh(frame: Frame) -> None:
     skin = np.asarray(np.isfinite(frame.behind) * (1 - scalp), np.float32)
     found = choose(ITEMS, SKULL, frame, scalp, skin, np.ones_like(scalp))
     assert found.name is None and found.share > BALD
-    thick = thickness_mm(frame, scalp, np.ones_like(scalp))
+    thick = hair_thickness_mm(frame, scalp, np.ones_like(scalp))
     assert thick is not None and thick < CROPPED_MM
     worn, _ = silhouette(frame, "hair/short02", Cut())
-    assert (thickness_mm(frame, worn, np.ones_like(worn)) or 0.0) > CROPPED_MM
-    assert thickness_mm(frame, scalp, np.zeros_like(scalp)) is None, "what is hidden does not tell"
+    assert (hair_thickness_mm(frame, worn, np.ones_like(worn)) or 0.0) > CROPPED_MM
+    assert hair_thickness_mm(frame, scalp, np.zeros_like(scalp)) is None, "what is hidden does not tell"
 
 
 def test_longer_hair_is_longer(frame: Frame) -> None:

@@ -16,7 +16,7 @@ from service.anatomy.hair.hair_colour import (
     guessed,
     hair_picture,
     lifted,
-    measure,
+    measure_hair,
 )
 from service.anatomy.hair.wearables import read_items
 from service.anatomy.hair.worn import to_albedo
@@ -33,7 +33,7 @@ def strands(colour: np.ndarray, count: int = 400, spread: float = 0.3) -> np.nda
 def test_the_hue_survives_a_tenth_of_wrong_pixels() -> None:
     pixels = strands(BROWN)
     pixels[:40] = [0.9, 0.95, 1.0]  # sky between strands
-    found = measure(pixels, np.zeros(len(pixels), np.float32), np.ones(len(pixels), bool))
+    found = measure_hair(pixels, np.zeros(len(pixels), np.float32), np.ones(len(pixels), bool))
     assert found is not None and found.measured
     np.testing.assert_allclose(found.usual / luma(found.usual), BROWN / luma(BROWN.astype(np.float32)), rtol=0.03)
     assert 0.7 < float(luma(found.usual) / luma(BROWN.astype(np.float32))) < 1.4
@@ -42,7 +42,7 @@ def test_the_hue_survives_a_tenth_of_wrong_pixels() -> None:
 
 def test_contrast_stays_within_what_hair_has() -> None:
     for spread in (0.0, 2.0):
-        found = measure(strands(BROWN, spread=spread), np.zeros(400, np.float32), np.ones(400, bool))
+        found = measure_hair(strands(BROWN, spread=spread), np.zeros(400, np.float32), np.ones(400, bool))
         assert found is not None
         ratio = float(luma(found.lit) / luma(found.shaded))
         assert CONTRAST[0] - 0.01 <= ratio <= CONTRAST[1] + 0.01
@@ -51,19 +51,19 @@ def test_contrast_stays_within_what_hair_has() -> None:
 def test_bleached_tips_are_told_from_roots() -> None:
     along = np.linspace(0.01, 1, 400).astype(np.float32)
     pixels = strands(BROWN, spread=0.1) * (1 + along[:, None])
-    found = measure(pixels, along, np.ones(400, bool))
+    found = measure_hair(pixels, along, np.ones(400, bool))
     assert found is not None and (found.tip > 1.1).all() and (found.root < 0.95).all()
 
 
 def test_grey_hair_is_grey() -> None:
-    found = measure(strands(np.array([0.3, 0.29, 0.28])), np.zeros(400, np.float32), np.ones(400, bool))
+    found = measure_hair(strands(np.array([0.3, 0.29, 0.28])), np.zeros(400, np.float32), np.ones(400, bool))
     assert found is not None and found.grey == 1.0
 
 
 def test_black_hair_that_mirrors_a_window_is_not_violet() -> None:
     """Measured on a portrait in warm light: black strands show the sky, and the light on the skin is taken off them."""
     light = np.array([0.74, 0.79, 1.14], np.float32)
-    found = measure(strands(np.array([0.035, 0.020, 0.0172])), np.zeros(400, np.float32), np.ones(400, bool))
+    found = measure_hair(strands(np.array([0.035, 0.020, 0.0172])), np.zeros(400, np.float32), np.ones(400, bool))
     assert found is not None
     before, after = found.usual * light, found.natural(light).usual * light
     assert before[2] > before[1] and (np.diff(after) < 1e-6).all() and after[2] > 0
@@ -84,15 +84,15 @@ def test_channels_in_the_wrong_order_meet() -> None:
 
 def test_too_little_hair_gives_no_colour() -> None:
     few = strands(BROWN, LEAST_PIXELS - 1)
-    assert measure(few, np.zeros(len(few), np.float32), np.ones(len(few), bool)) is None
-    assert measure(few[:0], np.zeros(0, np.float32), np.zeros(0, bool)) is None
+    assert measure_hair(few, np.zeros(len(few), np.float32), np.ones(len(few), bool)) is None
+    assert measure_hair(few[:0], np.zeros(0, np.float32), np.zeros(0, bool)) is None
     assert not guessed(np.full(3, 0.4, np.float32)).measured
 
 
 @pytest.mark.parametrize("name", ["hair/short02", "hair/long01"])
 def test_the_texture_has_the_colour_of_the_hair(name: str) -> None:
     item = read_items().items[name]
-    found = measure(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
+    found = measure_hair(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
     assert found is not None
     light = np.array([1.5, 1.2, 1.0], np.float32)
     picture = hair_picture(item, found, light)
@@ -129,7 +129,7 @@ def test_black_hair_is_no_hole_and_bright_hair_stays() -> None:
 def test_a_dark_texture_has_no_edges_where_its_levels_change() -> None:
     """A third of the texels of a dark style have one level of grey: its border was an edge through the hair."""
     item = read_items().items["hair/braid01"]
-    found = measure(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
+    found = measure_hair(strands(BROWN), np.zeros(400, np.float32), np.ones(400, bool))
     assert found is not None
     picture = hair_picture(item, found, np.ones(3, np.float32))[..., 0].astype(float)
     grey, solid = item.picture[..., 0].astype(int), item.picture[..., 1] > 200

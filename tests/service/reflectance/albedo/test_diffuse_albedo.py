@@ -1,0 +1,93 @@
+"""delta, what lies beside the skin, and how sure the albedo is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from service.anatomy.canvas import PartTexels
+from service.anatomy.eye_painting import BRIGHTEST
+from service.colour import FULL_CODE, linear_to_srgb, srgb_to_linear
+from service.face.features.eye_colours import SCLERA
+from service.geometry.chart import NO_PART
+from service.head.files import load_head
+from service.reflectance.albedo.beside_skin import darkened, pad_parts, pad_skin
+from service.reflectance.albedo.diffuse_albedo import light_between_lids, without
+from service.reflectance.subject import Subject
+
+
+def test_the_white_of_an_eye_is_white_in_any_light() -> None:
+    """In dim or coloured light eyes would else be darker than the skin, or of the light's opposite colour."""
+    for factor in ([0.05, 0.05, 0.05], [0.9, 0.4, 0.2], [1.0, 1.0, 1.0]):
+        coded = linear_to_srgb((SCLERA * factor).astype(np.float32)).reshape(1, 1, 3) * 2 - 1
+        bare = without(np.log(np.array(factor, np.float32)), coded)
+        assert np.allclose(srgb_to_linear(bare * 0.5 + 0.5)[0, 0], SCLERA, atol=2e-3)
+
+
+def test_eyes_that_were_not_seen_lose_the_light_of_the_face() -> None:
+    """Less what the lids shade; finite without any lit skin, and no tooth is brighter than a tooth can be."""
+    light = np.full((3, 8, 12), -1.0, np.float32)
+    light[:, :, :6] = 5.0
+    lit = np.zeros((8, 12), np.float32)
+    lit[:, 6:] = 1
+    found = light_between_lids(light, lit)
+    assert (found < -1.0).all() and (found > -2.0).all()
+    assert np.isfinite(light_between_lids(light, 0 * lit)).all()
+    bright = without(np.full(3, -50.0, np.float32), np.ones((2, 2, 3), np.float32))
+    assert np.allclose(srgb_to_linear(bright * 0.5 + 0.5), BRIGHTEST, atol=2e-3)
+
+
+HEAD = load_head()
+SIZE = (1536, 1024)
+
+
+def test_skin_goes_on_beyond_its_island_and_nothing_on_it_changes() -> None:
+    """Another tone out there was a crease along the rim of the neck in the normals."""
+    subject = Subject.of(HEAD, HEAD.mean)
+    part = subject.islands(SIZE)
+    albedo = np.full((SIZE[1], SIZE[0], 3), 30000, np.uint16)
+    albedo[part == NO_PART] = 50000
+    albedo[(part != NO_PART) & (part != HEAD.part_names.index("skin"))] = 10000
+    after = pad_skin(albedo.copy(), subject)
+    assert np.array_equal(after[part != NO_PART], albedo[part != NO_PART])
+    outside = after[part == NO_PART]
+    assert (outside == 30000).all(1).mean() > 0.8  # the others lie beside eyes and teeth
+    assert set(np.unique(outside)) <= {30000, 50000}
+
+
+def test_teeth_and_eyes_go_on_beyond_their_islands_and_no_other_island_changes() -> None:
+    """Filtered by a renderer, a pale texel beside the biting edge was a line between the teeth."""
+    subject = Subject.of(HEAD, HEAD.mean)
+    part = subject.islands(SIZE)
+    albedo = np.full((SIZE[1], SIZE[0], 3), 50000, np.uint16)
+    drawn = np.zeros(part.shape, bool)
+    for name in HEAD.part_names:
+        place = PartTexels.of(HEAD, name, SIZE) if name.startswith(("eye", "teeth")) else None
+        if place is not None:
+            albedo[place.box][place.inside] = 10000 + 1000 * HEAD.part_names.index(name)
+            drawn[place.box] |= place.inside
+    after = pad_parts(albedo.copy(), subject)
+    own = [index for index, name in enumerate(HEAD.part_names) if name.startswith(("eye", "teeth"))]
+    others = (part != NO_PART) & ~np.isin(part, own)
+    assert np.array_equal(after[drawn], albedo[drawn]) and np.array_equal(after[others], albedo[others])
+    assert drawn.sum() > 2000
+    beside = (cv2.dilate(drawn.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~drawn & ~others
+    assert beside.sum() > 300 and (after[beside] < 50000).all()
+    far = cv2.dilate(drawn.astype(np.uint8), np.ones((15, 15), np.uint8)) == 0
+    assert np.array_equal(after[far], albedo[far])
+
+
+def test_the_factor_is_on_linear_albedo() -> None:
+    skin = np.array([0.4, 0.25, 0.2], np.float32)
+    albedo = np.tile(np.rint(linear_to_srgb(skin) * FULL_CODE).astype(np.uint16), (64, 96, 1))
+    left = np.full((16, 24, 3), 255, np.uint8)
+    left[:8] = [128, 64, 255]
+    before = albedo.copy()
+    found = srgb_to_linear(darkened(albedo, left) / FULL_CODE)
+    assert np.allclose(found[:24], skin * np.array([128, 64, 255]) / 255, atol=2e-4)
+    assert np.array_equal(albedo[40:], before[40:])
+
+
+def test_black_stays_black() -> None:
+    albedo = np.zeros((8, 8, 3), np.uint16)
+    assert not darkened(albedo, np.zeros((2, 2, 3), np.uint8)).any()

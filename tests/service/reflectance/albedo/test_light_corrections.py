@@ -1,0 +1,228 @@
+"""Corrections of the light on the chart: hue, contrast, and light where no skin is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.colour import LUMA
+from service.reflectance.albedo.light_corrections import (
+    BEYOND,
+    FEW,
+    KEPT,
+    REDDEST,
+    YELLOWEST,
+    as_seen_skin,
+    continued,
+    less_contrast,
+    seamless,
+    with_shade_floor,
+    within_skin,
+)
+
+SHAPE = (192, 288)
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
+EVERYWHERE = np.ones(SHAPE, np.float32)
+
+
+def test_a_small_dark_region_keeps_a_share_of_its_shade() -> None:
+    spot = -0.4 * np.exp(-((X - 144) ** 2 + (Y - 96) ** 2) / (2 * 4.0**2))
+    found = less_contrast(np.stack([spot] * 3).astype(np.float32), EVERYWHERE)
+    assert abs(found[0, 96, 144] / -0.4 - KEPT) < 0.12
+    assert np.abs(found[:, :, :30]).max() < 1e-3, "far from it nothing changes"
+
+
+def test_the_wide_form_of_the_light_stays() -> None:
+    wide = np.stack([0.8 * np.sin(2 * np.pi * X / 288)] * 3).astype(np.float32)
+    found = less_contrast(wide, EVERYWHERE)
+    assert np.abs(found - wide)[:, 50:-50, 50:-50].max() < 0.05
+
+
+def test_what_is_not_lit_has_no_say() -> None:
+    lit = EVERYWHERE.copy()
+    lit[:, 150:] = 0
+    light = np.zeros((3, *SHAPE), np.float32)
+    light[:, :, 150:] = -5
+    found = less_contrast(light, lit)
+    assert np.abs(found[:, :, :150]).max() < 1e-4
+    assert np.array_equal(found[:, :, -30:], light[:, :, -30:]), "far from all lit skin it stays"
+
+
+def test_no_lit_skin_leaves_the_light_as_it_is_and_all_is_finite() -> None:
+    light = np.random.default_rng(1).normal(size=(3, *SHAPE)).astype(np.float32)
+    assert np.array_equal(less_contrast(light, np.zeros(SHAPE, np.float32)), light)
+    assert np.isfinite(less_contrast(light, 1e-6 * EVERYWHERE)).all()
+    assert np.allclose(less_contrast(light, EVERYWHERE, kept=1.0), light, atol=1e-5)
+
+
+LIT = np.ones((12, 16), np.float32)
+DARK_LIGHT = np.full((3, 12, 16), -1.0, np.float32)
+
+
+def seen(albedo: tuple[float, float, float]) -> np.ndarray:
+    """Texture of one albedo in ``DARK_LIGHT``."""
+    return np.full((3, 12, 16), np.array(albedo)[:, None, None] * np.exp(-1.0), np.float32)
+
+
+def hue_of(linear: np.ndarray, light: np.ndarray) -> tuple[float, float]:
+    """Log of red over green and of green over blue of the albedo."""
+    red, green, blue = (float(np.median(np.log(linear[i]) - light[i])) for i in range(3))
+    return red - green, green - blue
+
+
+def test_skin_of_every_usual_tone_stays_bit_for_bit() -> None:
+    """CIELAB of fair, tan, brown and dark skin as spectrophotometers find it, and a grey photo."""
+    for albedo in ((0.53, 0.30, 0.22), (0.41, 0.23, 0.15), (0.32, 0.15, 0.09), (0.15, 0.07, 0.045), (0.3, 0.3, 0.3)):
+        assert (within_skin(DARK_LIGHT, seen(albedo), LIT) == DARK_LIGHT).all(), albedo
+
+
+def test_what_is_beyond_skin_is_the_lights() -> None:
+    """Under a red lamp the network left a fair face with 3.3 times as much red as green."""
+    linear = seen((0.50, 0.15, 0.06))
+    red, yellow = hue_of(linear, within_skin(DARK_LIGHT, linear, LIT))
+    assert REDDEST[0] < red < REDDEST[1] - 0.1 and YELLOWEST[0] < yellow < YELLOWEST[1] - 0.1
+    lights = (DARK_LIGHT, within_skin(DARK_LIGHT, linear, LIT))
+    before, after = (LUMA @ (linear * np.exp(-light))[:, 0, 0] for light in lights)
+    assert 0.8 * before < after < before
+
+
+def test_redder_findings_stay_redder() -> None:
+    """And by a little only: a step would make two photos of one face jump."""
+    albedos = [(0.2 * np.exp(step), 0.2, 0.15) for step in np.linspace(0.5, 1.6, 23)]
+    hues = np.diff([hue_of(seen(a), within_skin(DARK_LIGHT, seen(a), LIT))[0] for a in albedos])
+    assert (hues > 0).all() and hues[-1] == pytest.approx(BEYOND * 1.1 / 22, rel=0.6)
+
+
+def test_dark_skin_may_be_redder_than_fair() -> None:
+    dark = seen((0.20, 0.075, 0.04))
+    assert (within_skin(DARK_LIGHT, dark, LIT) == DARK_LIGHT).all()
+    assert (within_skin(DARK_LIGHT, dark * 4, LIT) != DARK_LIGHT).any()
+
+
+def test_lips_brows_and_what_is_not_lit_do_not_matter() -> None:
+    linear = seen((0.53, 0.30, 0.22))
+    linear[:, :4] = np.array([0.5, 0.05, 0.05])[:, None, None]
+    assert (within_skin(DARK_LIGHT, linear, LIT) == DARK_LIGHT).all()
+    linear[:, :10] = np.array([0.5, 0.05, 0.05])[:, None, None]
+    lit = LIT.copy()
+    lit[:10] = 0
+    lit[10:] = 0.4
+    assert (within_skin(DARK_LIGHT, linear, lit) == DARK_LIGHT).all()
+
+
+def test_black_or_hardly_any_skin_gives_no_logarithm_of_zero() -> None:
+    assert np.isfinite(within_skin(DARK_LIGHT, np.zeros((3, 12, 16), np.float32), LIT)).all()
+    few = np.zeros_like(LIT)
+    few.ravel()[: FEW - 1] = 1
+    assert within_skin(DARK_LIGHT, seen((0.9, 0.1, 0.1)), few) is DARK_LIGHT
+
+
+CONTEXT_SHAPE = (96, 144)
+ALBEDO = np.array([0.5, 0.3, 0.2], np.float32)[:, None, None]
+
+
+def test_even_light_stays_even_whatever_was_found_in_made_up_parts() -> None:
+    """Colour that was continued carries its source's light; the network's guess there would print a halo."""
+    light = np.full((3, 48, 72), 0.4, np.float32)
+    seen = np.zeros((48, 72), np.float32)
+    seen[10:30, 20:50] = 1
+    light[:, seen == 0] = -2.0
+    assert np.abs(continued(light, seen) - 0.4).max() < 1e-4
+
+
+def test_seen_parts_keep_their_light_and_joins_are_smooth() -> None:
+    rng = np.random.default_rng(0)
+    light = rng.normal(size=(3, 48, 72)).astype(np.float32)
+    seen = np.zeros((48, 72), np.float32)
+    seen[:, 30:] = 1
+    result = continued(light, seen)
+    assert np.abs(result[:, :, 40:] - light[:, :, 40:]).max() < 1e-4
+    assert np.abs(np.diff(result[:, :, :25], axis=2)).max() < 0.3
+    assert np.isfinite(result).all()
+
+
+def test_nothing_seen_and_all_seen_change_nothing() -> None:
+    """A weight of zero would be divided by."""
+    light = np.random.default_rng(1).normal(size=(3, 20, 30)).astype(np.float32)
+    assert np.array_equal(continued(light, np.zeros((20, 30), np.float32)), light)
+    assert np.allclose(continued(light, np.ones((20, 30), np.float32)), light, atol=1e-5)
+
+
+def test_light_meets_itself_at_the_seam() -> None:
+    """Left and right border, and both halves of the upper one, are the same places; the face stays as it is."""
+    light = np.random.default_rng(0).normal(size=(3, 96, 144)).astype(np.float32).cumsum(2) * np.float32(0.1)
+    made = seamless(light)
+    for edge in (made[:, :, :1] - made[:, :, -1:], made[:, :1] - made[:, :1, ::-1]):
+        assert np.abs(edge).max() < 0.02 * np.abs(light[:, :, :1] - light[:, :, -1:]).max()
+    assert np.array_equal(made[:, 14:, 22:-22], light[:, 14:, 22:-22])
+    assert np.array_equal(seamless(light[:, :1, :1]), light[:, :1, :1])
+
+
+def _half_seen(shade: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Texture, light as a network may find it, and lit skin: the left half of a face, made up on in shade."""
+    lit = np.zeros(CONTEXT_SHAPE, np.float32)
+    lit[:, :72] = 1
+    light = np.where(lit > 0, np.float32(-0.3), np.float32(1.5)) * np.ones((3, 1, 1), np.float32)
+    texture = ALBEDO * np.exp(np.where(lit > 0, np.float32(-0.3), np.float32(shade)))
+    return np.asarray(texture, np.float32), light, lit
+
+
+def test_made_up_skin_is_as_fair_as_the_seen_whatever_shade_was_continued() -> None:
+    """Else necks come out paler than faces, or with the shadow of the jaw, by as much as the fill is off."""
+    for shade in (-1.5, 0.4):
+        texture, light, lit = _half_seen(shade)
+        goes_on = continued(light, lit)
+        made = as_seen_skin(goes_on, texture, light, lit, 1 - lit, lit)
+        away = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - made[:, :, 84:])
+        unmended = np.abs(np.log(texture[:, :, 84:] / ALBEDO) - goes_on[:, :, 84:])
+        assert away.max() < 0.02 < 0.5 < unmended.min()
+        assert np.array_equal(made[:, :, :60], goes_on[:, :, :60]), "seen skin keeps its light"
+
+
+def test_made_up_skin_keeps_its_grain() -> None:
+    texture, light, lit = _half_seen(-1.5)
+    grain = np.exp(0.05 * np.random.default_rng(0).standard_normal(CONTEXT_SHAPE).astype(np.float32))
+    made = as_seen_skin(continued(light, lit), texture * grain, light, lit, 1 - lit, lit)
+    albedo = (texture * grain * np.exp(-made) / ALBEDO)[:, :, 90:]
+    assert 0.8 < np.log(albedo).std() / np.log(grain[:, 90:]).std() < 1.1
+
+
+def test_a_beard_that_ends_where_the_photo_does_goes_on() -> None:
+    """A beard tells no light and is no lit skin: filled from lit skin alone, the chin below it came out bare."""
+    texture, light, lit = _half_seen(-0.3)
+    beard = np.zeros(CONTEXT_SHAPE, np.float32)
+    beard[30:60, 40:72] = 1  # up to the border of what is seen
+    bearded = texture * np.exp(-1.5 * beard)
+    skin = lit * (1 - beard)
+    goes_on = continued(light, skin)
+    beyond = (slice(None), slice(40, 50), slice(74, 78))
+    darker = {}
+    for name, shown in (("heeded", lit), ("not heeded", skin)):
+        made = as_seen_skin(goes_on, bearded, light, skin, 1 - lit, shown)
+        darker[name] = float(np.log(bearded * np.exp(-made) / ALBEDO)[beyond].mean())
+        far = np.log(bearded * np.exp(-made) / ALBEDO)[:, :10, 84:]
+        assert np.abs(far).max() < 0.2, "bare skin far from the beard stays bare"
+    assert darker["heeded"] < -0.7 and abs(darker["not heeded"]) < 0.1
+
+
+def test_no_lit_skin_or_nothing_made_up_changes_no_light() -> None:
+    """The mean of no skin would be 0 / 0, and black texels have no logarithm."""
+    texture, light, lit = _half_seen(-1.5)
+    assert as_seen_skin(light, texture, light, 0 * lit, 1 - lit, 0 * lit) is light
+    assert as_seen_skin(light, texture, light, lit, 0 * lit, lit) is light
+    assert np.isfinite(as_seen_skin(light, 0 * texture, light, lit, 1 - lit, lit)).all()
+
+
+def test_the_shade_under_a_brim_ends_where_the_skin_does() -> None:
+    """Carried on, it would make a cap glow; a quarter of the face lies in shade of one seventh."""
+    lit = np.zeros(CONTEXT_SHAPE, np.float32)
+    lit[40:] = 1
+    light = np.zeros((3, *CONTEXT_SHAPE), np.float32)
+    light[:, 40:54] = -2
+    light[:, 54:] = np.array([0.1, 0.0, -0.1], np.float32)[:, None, None]
+    on = continued(light, lit)
+    result = with_shade_floor(on, light, lit)
+    assert on[:, 10].mean() < -0.8 and abs(float(result[:, 10].mean())) < 1e-5
+    assert np.array_equal(result[:, 40:], on[:, 40:])
+    assert np.allclose(result - on, (result - on)[:1], atol=1e-6)  # the tint stays
+    assert np.array_equal(with_shade_floor(on, light, np.zeros_like(lit)), on)

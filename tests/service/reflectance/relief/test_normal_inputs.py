@@ -1,0 +1,205 @@
+"""What the networks of normals read: shaded grey, drawn detail, and grey beyond what is seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from service.arrays import Float32
+from service.colour import FULL_CODE, LUMA, linear_to_srgb
+from service.reflectance import reflectance as make
+from service.reflectance.albedo.highlights import without_highlights
+from service.reflectance.planes import Planes
+from service.reflectance.reflectance import make_reflectance
+from service.reflectance.reflectance_plan import ReflectancePlan
+from service.reflectance.relief.normal_inputs import READERS, drawn_detail, shaded_grey, without_border
+from service.reflectance.subject import GEOMETRY_SIZE
+from service.runtime.network_registry import CONTEXT as LIGHT
+from service.runtime.network_registry import LIT
+from service.runtime.networks import Engine
+from service.texture.photo_detail import Octave
+from tests.service.reflectance.toys import noise, toy_folder, toy_subject
+
+Float = npt.NDArray[np.float32]
+
+SIZE = (96, 600)
+ALBEDO = np.array([0.5, 0.3, 0.22], np.float32)
+
+
+def codes_of(linear: Float) -> npt.NDArray[np.uint16]:
+    return np.rint(linear_to_srgb(linear) * FULL_CODE).astype(np.uint16)
+
+
+def planes_of(texture: npt.NDArray[np.uint16], log_light: Float) -> Planes:
+    planes = Planes(SIZE)
+    planes.add_codes("texture", texture)
+    planes.add_coarse(LIGHT, np.stack([log_light] * 3))
+    return planes
+
+
+def in_light(shade: Float) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], Float]:
+    """Texture in light from the side with a finer shade, the albedo's codes, and the light's logarithm."""
+    light = np.broadcast_to(np.linspace(-1.8, 0.2, SIZE[0], dtype=np.float32), SIZE[::-1])
+    albedo = np.broadcast_to(ALBEDO, (*SIZE[::-1], 3))
+    return codes_of(albedo * np.exp(light + shade)[..., None]), codes_of(albedo), np.ascontiguousarray(light)
+
+
+def test_a_crease_is_seen_and_the_light_that_it_lies_in_is_not() -> None:
+    """delta takes the crease off the albedo: read there, wrinkles would come out flat."""
+    crease = np.zeros(SIZE[::-1], np.float32)
+    crease[300] = -0.5
+    texture, albedo, light = in_light(crease)
+    grey = shaded_grey(planes_of(texture, light), albedo) / FULL_CODE
+    expected = float(linear_to_srgb(ALBEDO) @ LUMA)
+    plain = np.delete(grey, 300, axis=0)
+    assert np.abs(plain / expected - 1).max() < 0.06, "the light goes; sRGB is not quite a power"
+    assert np.abs(grey[300] / plain[299] / np.exp(-0.5 / 2.2) - 1).max() < 0.04
+
+
+@pytest.mark.parametrize("strength", [-1e4, 1e4, np.nan, np.inf])
+def test_any_light_gives_a_value(strength: float) -> None:
+    """exp of it would overflow, and a NaN in 16-bit codes is any number."""
+    texture, albedo, light = in_light(np.zeros(SIZE[::-1], np.float32))
+    light[:, :40] = strength
+    with np.errstate(all="raise", under="ignore"):
+        grey = shaded_grey(planes_of(texture, light), albedo)
+    assert grey.shape == SIZE[::-1]
+    assert np.ptp(grey[:, :30], axis=0).max() == 0, "the same in every row"
+    assert np.array_equal(grey[:, 50:], shaded_grey(planes_of(texture, in_light(np.zeros(SIZE[::-1], np.float32))[2]),
+                                                    albedo)[:, 50:])  # fmt: skip
+
+
+def test_without_a_known_light_it_is_the_luma_of_the_albedo() -> None:
+    """Of a delta that has no context; the texture's light would be read as relief."""
+    texture, albedo, _ = in_light(np.zeros(SIZE[::-1], np.float32))
+    planes = Planes(SIZE)
+    planes.add_codes("texture", texture)
+    assert np.abs(shaded_grey(planes, albedo) - (albedo @ LUMA)).max() < 1
+
+
+def test_a_highlight_goes_from_the_grey_as_from_the_albedo() -> None:
+    """Its border would be read as a rim."""
+    y, x = np.indices((128, 192))
+    spot = np.exp(-((x - 90) ** 2 + (y - 60) ** 2) / (2 * 4.0**2)).astype(np.float32)[..., None]
+    skin = np.broadcast_to(ALBEDO, (128, 192, 3))
+    shown = codes_of(np.minimum(skin + 0.5 * spot, 1).astype(np.float32))
+    albedo, grey = shown.copy(), np.rint(shown @ LUMA).astype(np.uint16)
+    before = albedo @ LUMA
+    without_highlights(albedo, shown, np.full((128, 192), 255, np.uint8), grey=grey)
+    assert before[60, 90] - float(albedo[60, 90] @ LUMA) > 0.05 * FULL_CODE
+    assert np.abs(grey.astype(np.float32) - albedo @ LUMA).max() < 3
+
+
+def test_it_is_made_only_where_a_network_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """25 million texels that nobody asked for would take a second."""
+    engine, calls = Engine(threads=1, folder=toy_folder(tmp_path)), []
+
+    def counted(*given: Planes) -> npt.NDArray[np.uint16]:
+        calls.append(1)
+        return shaded_grey(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(make, "shaded_grey", counted)
+    for roles, times in (({"diffuse_albedo", "specular_albedo"}, 0), (READERS, 1)):
+        calls.clear()
+        make_reflectance(noise(), toy_subject(), ReflectancePlan.of(roles), (240, 160), engine)
+        assert len(calls) == times
+
+
+HALF = np.repeat(np.array([[1, 0]], np.float32), 288, 1)[[0] * 384]
+"""A photo that shows the left half of a texture of 576 x 384."""
+
+
+def octaves(*shares: float) -> list[Octave]:
+    return [Octave(0.13 * 2**k, 0.27 * 2**k, share) for k, share in enumerate(shares)]
+
+
+def test_a_resampled_texture_has_no_drawn_detail() -> None:
+    assert (drawn_detail(HALF, octaves(0, 0), 0.0) == -1).all()
+    assert (drawn_detail(None, (), 0.0) == -1).all()
+
+
+def test_without_a_photo_all_detail_is_drawn() -> None:
+    drawn = drawn_detail(None, (), 1.0)
+    assert drawn.shape == GEOMETRY_SIZE[::-1] and (drawn == 1).all()
+    assert (drawn_detail(HALF, (), 1.0) == 1).all(), "a photo of which nothing was brought onto the map"
+
+
+def test_less_drawn_detail_is_told_as_less() -> None:
+    """``--detail 0.5`` makes pores half as deep in the colour; relief at full strength would not belong to them."""
+    assert (drawn_detail(None, (), 0.5) == 0).all()
+
+
+def test_a_sharp_photo_draws_its_own_skin_and_no_more() -> None:
+    """Else rho would read relief off the pigment of the one, and leave the other without pores."""
+    drawn = drawn_detail(HALF, octaves(1, 1, 1, 1, 1), 1.0)
+    width = GEOMETRY_SIZE[0]
+    assert (drawn[:, : width // 2 - 2] == -1).all() and (drawn[:, width // 2 + 2 :] == 1).all()
+
+
+@pytest.mark.parametrize("shares", [(0.0, 0.0, 0.2, 0.8, 1.0), (0.1, 0.9), (0.5,)])
+def test_a_soft_photo_lies_between(shares: tuple[float, ...]) -> None:
+    """Less of what is fine is the photo's than of what is coarse; fine octaves hold most of the relief."""
+    left = drawn_detail(HALF, octaves(*shares), 1.0)[:, 5]
+    assert ((left > -1) & (left < 1)).all()
+    assert len(shares) == 1 or (1 - left.mean()) / 2 < np.mean(shares) + 1e-6
+
+
+def test_shares_out_of_range_stay_in_it() -> None:
+    """NaN in the photo's opacity or a share beyond 1 would reach a network that was taught [-1, 1]."""
+    broken = np.full_like(HALF, np.nan)
+    for seen, told in ((HALF * 3, octaves(2.0, 2.0)), (broken, octaves(1.0, 1.0))):
+        drawn = drawn_detail(seen, told, 1.0)
+        assert np.isfinite(drawn).all() and np.abs(drawn).max() <= 1
+
+
+BORDER_SIZE = (1536, 1024)
+Y, X = np.mgrid[: GEOMETRY_SIZE[1], : GEOMETRY_SIZE[0]]
+FROM_MIDDLE = np.hypot(X - 384, Y - 256)
+FACE, EYE = 150, 20
+LIT_SKIN = ((FROM_MIDDLE < FACE) & (FROM_MIDDLE > EYE)).astype(np.float32)
+GRAIN = np.random.default_rng(5).normal(0, 400, BORDER_SIZE[::-1])
+
+
+def planes(lit: Float32) -> Planes:
+    made = Planes(BORDER_SIZE)
+    made.add_coarse((LIT,), lit[None])
+    return made
+
+
+def rimmed() -> np.ndarray:
+    """Skin with a dark line of 4 mm where the face ends, another tone beyond it, a dark eye, and grain all over."""
+    tone = np.where(FROM_MIDDLE < FACE, 30000.0, 22000.0)
+    tone -= 12000 * np.exp(-(((FROM_MIDDLE - FACE + 1) / 2) ** 2))
+    tone -= 9000 * (FROM_MIDDLE < EYE)
+    return np.rint(cv2.resize(tone.astype(np.float32), BORDER_SIZE) + GRAIN).astype(np.uint16)
+
+
+def at(low: float, high: float) -> np.ndarray:
+    far = cv2.resize(FROM_MIDDLE.astype(np.float32), BORDER_SIZE)
+    return np.asarray((far > low) & (far < high))
+
+
+def test_the_dark_line_and_the_step_go_and_the_grain_stays() -> None:
+    before, after = rimmed(), without_border(rimmed(), planes(LIT_SKIN))
+    coarse = cv2.GaussianBlur(after.astype(np.float32), (0, 0), 4)
+    assert np.ptp(coarse[at(FACE - 30, FACE + 60)]) < 0.1 * 12000
+    far = at(FACE + 20, FACE + 60)
+    whole = [image.astype(np.float32) for image in (before, after)]
+    fine = [image - cv2.GaussianBlur(image, (0, 0), 2) for image in whole]
+    assert fine[1][far].std() == pytest.approx(fine[0][far].std(), rel=0.05)
+
+
+def test_what_is_seen_stays_to_the_bit_openings_too() -> None:
+    before, after = rimmed(), without_border(rimmed(), planes(LIT_SKIN))
+    inside = at(-1, FACE - 20)
+    assert (before[inside] == after[inside]).all()
+
+
+@pytest.mark.parametrize("lit", [0.0, 1.0])
+def test_nothing_changes_where_none_or_all_of_it_is_seen(lit: float) -> None:
+    assert (without_border(rimmed(), planes(np.full_like(LIT_SKIN, lit))) == rimmed()).all()
+    assert (without_border(rimmed(), Planes(BORDER_SIZE)) == rimmed()).all()

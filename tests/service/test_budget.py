@@ -1,0 +1,76 @@
+"""The budget of time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from service import budget
+from service.budget import OVER_BUDGET, Speed, estimate_seconds, measure_speed, within_budget
+from service.levels import LEVELS
+from service.map_registry import MAP_NAMES
+from service.options import TEXTURE_MAPS, Options
+from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
+from service.runtime.networks import Engine
+from tests.service.reflectance.toys import toy_folder
+
+TILED = {"zeta_tail": (4, 8), "delta": (120, 1), "psi": (88, 1), "rho": (120, 1), "sigma": (88, 1)}
+SPEED = Speed(
+    yardstick=0.03,
+    transform=0.03,
+    packing=0.08,
+    networks={**dict.fromkeys(TILED, 0.5), "zeta_body": 1.0, "delta_context": 0.2},
+    opening=dict.fromkeys((*TILED, "zeta_body", "delta_context"), 0.2),
+    halos=TILED,
+    whole=frozenset({"zeta_body", "delta_context"}),
+)
+
+
+@pytest.fixture(autouse=True)
+def every_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.options.installed", lambda networks: True)
+
+
+def seconds(**asked: object) -> float:
+    options = Options(**({"maps": MAP_NAMES} | asked))  # type: ignore[arg-type]
+    return estimate_seconds(SPEED, options, options.plan())
+
+
+def test_finer_levels_take_longer() -> None:
+    expected = [seconds(quality=name) for name in LEVELS]
+    assert expected == sorted(expected)
+    assert expected[0] < 0.3 * expected[1]
+
+
+def test_what_is_not_asked_for_costs_nothing() -> None:
+    assert seconds(maps=("diffuse_albedo",)) < seconds(maps=("diffuse_albedo", "displacement")) < seconds()
+    assert seconds(size=(3072, 2048)) < 0.5 * seconds()
+
+
+def test_the_measurement_covers_every_network(tmp_path: Path) -> None:
+    networks = ReflectancePlan.of(ROLES).networks
+    speed = measure_speed(Engine(threads=1, folder=toy_folder(tmp_path)), networks)
+    assert set(speed.networks) == set(networks)
+    assert speed.whole == {"zeta_body", "delta_context"}
+    assert all(value > 0 for value in (*speed.networks.values(), speed.yardstick, speed.transform, speed.packing))
+    options = Options(maps=MAP_NAMES)
+    assert 0 < estimate_seconds(speed, options, options.plan()) < 1e4
+
+
+@pytest.mark.parametrize(("limit", "level", "warnings"), [
+    (1.0, "draft", (OVER_BUDGET,)), (12.0, "draft", ()), (25.0, "standard", ()), (100.0, "reference", ()),
+])  # fmt: skip
+def test_the_best_level_that_fits(
+    limit: float, level: str, warnings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = {"draft": 5.0, "standard": 20.0, "high": 30.0, "reference": 90.0}
+    monkeypatch.setattr(budget, "expected", lambda options: times)
+    found, told = within_budget(Options(maps=MAP_NAMES, budget=limit))
+    assert (found.quality, told) == (level, warnings)
+
+
+def test_without_a_budget_or_networks_nothing_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "expected", lambda options: pytest.fail("measured for nothing"))
+    for options in (Options(maps=MAP_NAMES), Options(maps=TEXTURE_MAPS, budget=3.0)):
+        assert within_budget(options) == (options, ())

@@ -1,0 +1,351 @@
+"""The photo's own detail on a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from service.arrays import Float32
+from service.geometry.camera import Camera
+from service.geometry.chart import Chart
+from service.photo.photo import Photo
+from service.texture import photo_sampling
+from service.texture.photo_detail import OwnDetail, PhotoDetail, own_texture_of
+from service.texture.photo_sampling import Reader, joined_octaves, split_octaves
+from service.texture.sharpness import LEAST_BLUR, Sharpness
+from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
+from tests.service.texture.scenes import SKIN, Array, bare, fitted, photograph, plain, turned
+from tests.toyhead import sphere_head
+
+HEAD = sphere_head(40, 60)
+CHART = Chart.build(HEAD, 576, 384)
+SIZE = (1536, 1024)
+
+
+def spots(points: Array) -> Array:
+    """Waves of 3 mm on a skin tone, the finest that a map of ``SIZE`` and a photo of 1000 pixels hold well."""
+    wave = np.cos(points[:, 0] * 2 * np.pi / 0.003) * np.cos(points[:, 1] * 2 * np.pi / 0.003)
+    return np.asarray(SKIN) * (1 + 0.08 * wave[:, None])
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[Photo, Texture, OwnDetail]:
+    photo, fit = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
+    texture = make_texture(photo, HEAD, fit, CHART, bare(HEAD, turned(0, 1000)))
+    return photo, texture, OwnDetail.of(photo, HEAD, fit, texture)
+
+
+def enlarged(texture: Texture, size: tuple[int, int] = SIZE) -> np.ndarray:
+    large = cv2.resize(texture.texture.astype(np.uint16) * np.uint16(257), size, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(large)
+
+
+def truth(size: tuple[int, int] = SIZE) -> Float32:
+    chart = Chart.build(HEAD, *size)
+    return spots(chart.interpolate(HEAD.mean).reshape(-1, 3).astype(float)).reshape(*size[::-1], 3).astype(np.float32)
+
+
+def seen_by(own: OwnDetail, size: tuple[int, int] = SIZE) -> np.ndarray:
+    return np.asarray(cv2.resize(own.seen, size)) > 0.99
+
+
+def test_the_map_comes_nearer_to_what_was_painted(scene: tuple[Photo, Texture, OwnDetail]) -> None:
+    _, texture, own = scene
+    before, after = enlarged(texture), enlarged(texture)
+    told = own.onto(after)
+    where, right = seen_by(own), truth()
+    assert where.mean() > 0.05
+    errors = [float(np.abs(codes / 65535 - right)[where].mean()) for codes in (before, after)]
+    assert errors[1] < 0.5 * errors[0]
+    assert told.octaves[-1].share > 0.8
+    assert told.octaves[0].longest_mm == told.octaves[1].shortest_mm
+
+
+def test_what_the_photo_does_not_show_stays_to_the_bit(scene: tuple[Photo, Texture, OwnDetail]) -> None:
+    _, texture, own = scene
+    before, after = enlarged(texture), enlarged(texture)
+    own.onto(after)
+    hidden = cv2.dilate(np.asarray(cv2.resize(own.seen, SIZE)), np.ones((65, 65), np.uint8)) == 0
+    assert hidden.mean() > 0.1
+    assert (before[hidden] == after[hidden]).all()
+
+
+def test_low_frequencies_stay(scene: tuple[Photo, Texture, OwnDetail]) -> None:
+    _, texture, own = scene
+    before, after = enlarged(texture), enlarged(texture)
+    own.onto(after)
+    low = [cv2.resize(codes, (72, 48), interpolation=cv2.INTER_AREA).astype(float) / 257 for codes in (before, after)]
+    assert np.abs(low[0] - low[1]).max() < 1.5
+
+
+def test_strips_do_not_show(scene: tuple[Photo, Texture, OwnDetail], monkeypatch: pytest.MonkeyPatch) -> None:
+    _, texture, own = scene
+    whole, cut = enlarged(texture), enlarged(texture)
+    monkeypatch.setattr(photo_sampling, "STRIP", 4096)
+    own.onto(whole)
+    monkeypatch.setattr(photo_sampling, "STRIP", 128)
+    own.onto(cut)
+    assert np.abs(whole.astype(int) - cut).max() <= 65535 / 2000
+
+
+@pytest.mark.parametrize("size", [(1203, 802), (1536, 1024)])
+def test_any_size_can_be_asked_for(scene: tuple[Photo, Texture, OwnDetail], size: tuple[int, int]) -> None:
+    _, texture, own = scene
+    codes = enlarged(texture, size)
+    own.onto(codes)
+    right, where = truth(size), seen_by(own, size)
+    assert np.abs(codes / 65535 - right)[where].mean() < 0.02
+
+
+def degraded(photo: Photo, blur: float = 0.0, noise: float = 0.0, factor: int = 1) -> Photo:
+    image: np.ndarray = photo.pixels.astype(np.float32)
+    if factor > 1:
+        small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+        image = cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC)
+    image = cv2.GaussianBlur(image, (0, 0), blur) if blur else image
+    image = image + np.random.default_rng(0).normal(0, noise, image.shape)
+    return Photo(np.rint(np.clip(image, 0, 255)).astype(np.uint8))
+
+
+def told_of(photo: Photo) -> tuple[PhotoDetail, float]:
+    """What is said of a photo, and the error of the map on seen skin."""
+    fit = fitted(HEAD, turned(0, 1000))
+    texture = make_texture(photo, HEAD, fit, CHART, bare(HEAD, turned(0, 1000)))
+    own, codes = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture)
+    told = own.onto(codes)
+    return told, float(np.abs(codes / 65535 - truth())[seen_by(own)].mean())
+
+
+@pytest.mark.parametrize("worse", [{"blur": 6.0}, {"factor": 8}, {"noise": 40.0}])
+def test_a_worse_photo_tells_less_and_does_no_harm(
+    scene: tuple[Photo, Texture, OwnDetail], worse: dict[str, float]
+) -> None:
+    photo, texture, own = scene
+    good = own.onto(enlarged(texture))
+    bad, error = told_of(degraded(photo, **worse))  # type: ignore[arg-type]
+    assert bad.octaves[1].share < 0.6 * good.octaves[1].share
+    assert error < 0.09
+
+
+def test_a_photo_that_shows_no_head_changes_nothing() -> None:
+    camera = turned(0)
+    away = type(camera)(400, 400, camera.focal_px, np.array([9000.0, 200.0]), camera.rotation, camera.translation)
+    photo, fit = Photo(np.full((400, 400, 3), 90, np.uint8)), fitted(HEAD, away)
+    texture = make_texture(photo, HEAD, fit, CHART)
+    own, codes = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture)
+    told = own.onto(codes)
+    assert (codes == enlarged(texture)).all()
+    assert all(one.share == 0 for one in told.octaves)
+    assert told.pixels_per_mm == {}
+    assert own.texture_size() == (576, 384)
+    assert own_texture_of(texture, own, (576, 384)) is None
+
+
+def test_the_texture_is_as_large_as_the_photo_holds(scene: tuple[Photo, Texture, OwnDetail]) -> None:
+    _, _, own = scene
+    sharp = replace(own, sharpness=Sharpness(LEAST_BLUR, 0.001))
+    assert sharp.texture_size() == (4608, 3072)  # the toy face lies closer on its chart than ours
+    assert own.texture_size() == (2304, 1536)  # waves have no sharp edges: they count as somewhat blurred
+    assert own.texture_size(2000) == (1152, 768)
+    assert own.texture_size(576) == (576, 384)
+    small = photograph(HEAD, turned(0, 150), plain(SKIN))
+    fit = fitted(HEAD, turned(0, 150))
+    coarse = make_texture(small, HEAD, fit, CHART)
+    assert OwnDetail.of(small, HEAD, fit, coarse).texture_size() == (576, 384)
+
+
+@pytest.mark.parametrize("size", [(1536, 1024), (1203, 802), (288, 192)])
+def test_a_texture_has_the_size_that_was_asked_for(
+    scene: tuple[Photo, Texture, OwnDetail], size: tuple[int, int]
+) -> None:
+    _, texture, own = scene
+    made = own_texture_of(texture, own, size)
+    assert made is not None
+    assert made.shape == (size[1], size[0], 3)
+    error = np.abs(made / 255 - truth(size))[seen_by(own, size)].mean()
+    assert error < (0.02 if size[0] > 576 else 0.03)
+
+
+def test_a_photo_with_much_around_the_head_is_read_alike_and_is_not_halved_as_a_whole(
+    scene: tuple[Photo, Texture, OwnDetail],
+) -> None:
+    photo, _, own = scene
+    wide = replace(photo, pixels=np.pad(photo.pixels, ((2048, 512), (1024, 3072), (0, 0)), "edge"))
+    moved = replace(own.places, pixel=own.places.pixel + np.array([1024, 2048], np.float32))
+    size = (288, 192)  # three levels
+    plain_reader, wide_reader = Reader.of(photo, own.places, size), Reader.of(wide, moved, size)
+    assert len(wide_reader.levels) == len(plain_reader.levels) >= 3
+    assert wide_reader.levels[0].size < 2 * photo.pixels.size
+    inside = seen_by(own, size)
+    different = np.abs(plain_reader.rows(0, size[1]) - wide_reader.rows(0, size[1]))[inside]
+    assert float(different.max()) < 0.01  # positions of some thousand pixels are rounded
+    assert float(different.mean()) < 1e-4
+
+
+SHARP, FIT = photograph(HEAD, turned(0, 1000), spots), fitted(HEAD, turned(0, 1000))
+RANDOM = np.random.default_rng(7)
+
+Damage = Callable[[Float32], Float32]
+
+
+def damaged(how: Damage) -> Photo:
+    return Photo(np.rint(np.clip(how(SHARP.pixels.astype(np.float32)), 0, 255)).astype(np.uint8))
+
+
+def upscaled(image: Float32) -> Float32:
+    small = cv2.resize(image, None, fx=1 / 5, fy=1 / 5, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC))
+
+
+def noise(shape: tuple[int, ...]) -> Float32:
+    """Of luma and of colour, as a sensor's at ISO 12800."""
+    random = np.random.default_rng(7)
+    return np.asarray(random.normal(0, 14, shape[:2])[..., None] + random.normal(0, 10, shape), np.float32)
+
+
+def iso_12800(image: Float32) -> Float32:
+    return np.asarray(image + noise(image.shape), np.float32)
+
+
+def blotchy(image: Float32) -> Float32:
+    """The same after a camera's denoising."""
+    return np.asarray(image + cv2.GaussianBlur(noise(image.shape), (0, 0), 0.7), np.float32)
+
+
+def moire(image: Float32) -> Float32:
+    """The beat of a screen's pixels with the sensor's."""
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    return np.asarray(image + 5 * np.cos(2 * np.pi * (x + 0.3 * y) / 2.3)[..., None], np.float32)
+
+
+def halos(image: Float32) -> Float32:
+    """Sharpened by an unsharp mask."""
+    return np.asarray(image + 1.2 * (image - cv2.GaussianBlur(image, (0, 0), 1.5)), np.float32)
+
+
+def blurred(image: Float32) -> Float32:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 6))
+
+
+def own_of(photo: Photo) -> tuple[Texture, OwnDetail]:
+    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
+    return texture, OwnDetail.of(photo, HEAD, FIT, texture)
+
+
+@pytest.mark.parametrize("how", [upscaled, iso_12800, moire, blurred])
+def test_the_map_is_not_worse_for_it(how: Damage) -> None:
+    texture, own = own_of(damaged(how))
+    before, after = enlarged(texture), enlarged(texture)
+    own.onto(after)
+    where, right = seen_by(own), truth()
+    errors = [float(np.abs(codes / 65535 - right)[where].mean()) for codes in (before, after)]
+    assert errors[1] < 1.02 * errors[0], how.__name__
+
+
+def test_blotchy_noise_counts_as_detail_in_part() -> None:
+    """What is measured is noise that differs from pixel to pixel; a third more error is what the rest may cost."""
+    texture, own = own_of(damaged(blotchy))
+    before, after = enlarged(texture), enlarged(texture)
+    own.onto(after)
+    where, right = seen_by(own), truth()
+    errors = [float(np.abs(codes / 65535 - right)[where].mean()) for codes in (before, after)]
+    assert errors[1] < 1.33 * errors[0]
+
+
+def test_halos_of_sharpening_are_no_stronger_than_in_the_photo() -> None:
+    texture, own = own_of(damaged(halos))
+    after = enlarged(texture)
+    own.onto(after)
+    where, right = seen_by(own), truth()
+    photo = Reader.of(own.photo, own.places, SIZE).rows(0, SIZE[1])
+    assert np.abs(after / 65535 - right)[where].mean() < 1.1 * np.abs(photo - right)[where].mean()
+
+
+@pytest.mark.parametrize("how", [upscaled, blurred])
+def test_the_texture_is_as_large_as_what_the_photo_truly_holds(how: Damage) -> None:
+    _, sharp = own_of(SHARP)
+    _, worse = own_of(damaged(how))
+    assert worse.texture_size()[0] <= sharp.texture_size()[0] / 2
+
+
+def test_a_small_face_in_a_photo_of_24_megapixels() -> None:
+    side = 170
+    face = photograph(HEAD, turned(0, side), spots).pixels
+    pixels = np.full((4000, 6000, 3), (25, 153, 51), np.uint8)
+    pixels[1000 : 1000 + side, 2000 : 2000 + side] = face
+    camera = turned(0, side)
+    middle = camera.principal_point + np.array([2000.0, 1000.0])
+    far = Camera(6000, 4000, camera.focal_px, middle, camera.rotation, camera.translation)
+    photo, fit = Photo(pixels), fitted(HEAD, far)
+    texture = make_texture(photo, HEAD, fit, CHART)
+    own, before, after = OwnDetail.of(photo, HEAD, fit, texture), enlarged(texture), enlarged(texture)
+    told = own.onto(after)
+    assert own.texture_size() == (576, 384)
+    assert told.octaves[0].share < 0.01
+    assert np.abs(before.astype(int) - after).mean() < 0.02 * 65535
+
+
+def test_what_glasses_cover_stays_to_the_bit() -> None:
+    texture, _ = own_of(SHARP)
+    confidence = texture.confidence.copy()
+    confidence[150:230, 200:280] = 0
+    hidden = replace(texture, confidence=confidence)
+    own, before, after = OwnDetail.of(SHARP, HEAD, FIT, hidden), enlarged(texture), enlarged(texture)
+    own.onto(after)
+    scale = SIZE[0] / 576
+    place = tuple(slice(int(low * scale), int(high * scale)) for low, high in ((165, 215), (215, 265)))
+    assert (before[place] == after[place]).all()
+    assert (before != after).any()
+
+
+def test_clipped_light_takes_no_grain_from_the_map() -> None:
+    photo = photograph(HEAD, turned(0, 1000), plain(SKIN))
+    half = photo.pixels.copy()
+    half[:, :500] = 255
+    texture = make_texture(photo, HEAD, FIT, CHART, bare(HEAD, turned(0, 1000)))
+    grain = RANDOM.normal(0, 1500, (*SIZE[::-1], 1))
+    before = np.clip(enlarged(texture) + grain, 0, 65535).astype(np.uint16)
+    after, lit = before.copy(), before.copy()
+    own = OwnDetail.of(photo, HEAD, FIT, texture)
+    replace(own, photo=Photo(half)).onto(after)
+    own.onto(lit)
+
+    def fine(codes: np.ndarray) -> np.ndarray:
+        grey = codes[..., 1].astype(np.float32)
+        return np.asarray(grey - cv2.GaussianBlur(grey, (0, 0), 3))
+
+    x = cv2.resize(np.ascontiguousarray(own.places.pixel[..., 0]), SIZE)
+    lost = seen_by(own) & (x < 470)
+    assert lost.sum() > 1000
+    assert fine(after)[lost].std() == pytest.approx(fine(before)[lost].std(), rel=0.05)
+    assert fine(lit)[lost].std() < 0.7 * fine(before)[lost].std()  # flat skin that is seen is flat in the map
+
+
+NOISE = np.random.default_rng(3)
+
+
+@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3)])
+def test_octaves_and_the_rest_are_the_image(shape: tuple[int, ...]) -> None:
+    image = NOISE.random(shape, np.float32)
+    bands, rest = split_octaves(image, 4)
+    assert [band.shape[:2] for band in bands] == [(64, 96), (32, 48), (16, 24), (8, 12)]
+    assert np.abs(joined_octaves(bands, rest) - image).max() < 1e-5
+
+
+def test_a_constant_has_no_detail() -> None:
+    bands, rest = split_octaves(np.full((32, 32), 0.7, np.float32), 3)
+    assert max(float(np.abs(band).max()) for band in bands) < 1e-6
+    assert np.allclose(rest, 0.7)
+
+
+@pytest.mark.parametrize(("period", "octave"), [(3.0, 0), (5.7, 1), (11.3, 2), (22.6, 3)])
+def test_a_wave_lies_in_its_octave(period: float, octave: int) -> None:
+    wave = np.tile(np.cos(2 * np.pi * np.arange(256) / period), (256, 1)).astype(np.float32)
+    power = [float((band[4:-4, 4:-4] ** 2).sum()) * 4**index for index, band in enumerate(split_octaves(wave, 5)[0])]
+    assert int(np.argmax(power)) == octave
+    assert power[octave] > 0.6 * sum(power)

@@ -1,0 +1,242 @@
+"""What of the chart the photo shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.spatial import cKDTree
+
+from service.face.reading.part_labels import (
+    BACKGROUND,
+    BEARD,
+    BROW,
+    CLOTH,
+    GLASSES,
+    HAIR,
+    HAT,
+    IRIS,
+    OTHER,
+    PARTS,
+    SKIN,
+)
+from service.face.reading.reader import CELLS, PART_CELLS, Reading
+from service.face.region import Region
+from service.geometry.chart import Chart
+from service.head.files import load_head
+from service.map_registry import SEEN
+from service.texture.segmentation import Zones, covered, parts_at, segment, worn_before
+from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
+from service.texture.unwrap import unwrap
+from tests.service.texture.scenes import SKIN as TONE
+from tests.service.texture.scenes import fitted, photograph, plain, read_off, turned
+
+HEAD = load_head(None)
+CHART = Chart.build(HEAD, 288, 192)
+CAMERA = turned(0.0)
+FIT = fitted(HEAD, CAMERA)
+
+
+def reading(part: int, left_half: bool = True) -> Reading:
+    """All is skin, but one half of the picture (or all of it) shows ``part``."""
+    parts = np.zeros((PART_CELLS, PART_CELLS, len(PARTS)), np.float32)
+    parts[..., SKIN] = 1
+    where = slice(0, PART_CELLS // 2) if left_half else slice(None)
+    parts[:, where] = np.eye(len(PARTS), dtype=np.float32)[part]
+    grid = np.ones((CELLS, CELLS))
+    return Reading(Region(200, 200, 400), np.zeros((CELLS, CELLS, 2)), grid, np.zeros((CELLS, CELLS, 3)), grid, parts)
+
+
+@pytest.mark.parametrize("part", [BACKGROUND, GLASSES, HAT, CLOTH, OTHER, HAIR])
+def test_the_part_hides_its_half_and_no_more(part: int) -> None:
+    """One pixel off, or x and y exchanged, and the border would not lie in the middle of the face."""
+    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
+    hidden = covered(parts_at(reading(part), FIT, unwrapped), zones)
+    shown = (unwrapped.weight > 0) & (zones.scalp == 0)
+    x = CAMERA.project(unwrapped.position)[:, 0]
+    assert (hidden[shown & (x < 195)] > 0.99).all() and (hidden[shown & (x > 205)] < 0.01).all()
+    assert (hidden[unwrapped.weight == 0] == 0).all()
+
+
+def test_hair_on_the_scalp_is_the_head_s_own() -> None:
+    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
+    hidden = covered(parts_at(reading(HAIR, left_half=False), FIT, unwrapped), zones)
+    assert (hidden[zones.scalp > 0.99] == 0).all()
+    assert (hidden[(unwrapped.weight > 0) & (zones.scalp == 0)] == 1).all()
+
+
+def test_a_hand_of_the_colour_of_skin_is_not_kept() -> None:
+    """Colours cannot tell it from the face: only the reader does."""
+
+    def half_red(points: np.ndarray) -> np.ndarray:
+        return np.where(points[:, :1] < 0, np.array([[0.85, 0.6, 0.5]]), np.array([[*TONE]]))
+
+    photo = photograph(HEAD, CAMERA, half_red)
+    without = make_texture(photo, HEAD, FIT, CHART)
+    with_it = make_texture(photo, HEAD, FIT, CHART, reading=reading(OTHER))
+    # The seen half is mirrored into the other: red goes.
+    cheek = np.s_[85:100, 110:125]
+    assert with_it.texture[cheek][..., 0].mean() < without.texture[cheek][..., 0].mean() - 5
+    assert with_it.visible_fraction < without.visible_fraction
+
+
+def test_everything_hidden_still_gives_a_head() -> None:
+    """No texel is seen: means over nothing must not become NaN."""
+    texture = make_texture(photograph(HEAD, CAMERA, plain(TONE)), HEAD, FIT, CHART, reading=reading(HAT, False))
+    assert np.isfinite(texture.depth).all() and "little-seen" in texture.warnings
+
+
+def test_beyond_the_crop_all_is_hidden() -> None:
+    """Nothing was read there: a collar below the crop would be skin of the neck."""
+    unwrapped, zones = unwrap(photograph(HEAD, CAMERA, plain(TONE)), FIT, CHART), Zones.of(CHART)
+    whole = reading(SKIN)
+    half = Reading(Region(200, 100, 200), whole.chart, whole.chart_mm, whole.normal, whole.normal_sine, whole.parts)
+    shown, y = unwrapped.weight > 0, CAMERA.project(unwrapped.position)[:, 1]
+    hidden = covered(parts_at(half, FIT, unwrapped), zones)
+    inside = np.abs(CAMERA.project(unwrapped.position)[:, 0] - 200) < 95
+    assert (hidden[shown & inside & (y < 195)] < 0.01).all() and (hidden[shown & (y > 205)] > 0.99).all()
+
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Where = Callable[[Array], Mask]
+
+ZONES = Zones.of(CHART)
+FRONT = turned(0.0, 500)
+FRONT_FIT = fitted(HEAD, FRONT)
+POINTS = CHART.interpolate(HEAD.mean).astype(float)
+SKIN_PART = HEAD.part_names.index("skin")
+OWN = (CHART.part == SKIN_PART) & CHART.mask
+EYE_Y = float(HEAD.mean[HEAD.region("eyelid_left") > 0.5, 1].mean())
+MOUTH_Y = float(HEAD.mean[HEAD.region("lips") > 0.5, 1].mean())
+BLACK = (0.06, 0.05, 0.05)
+
+
+def chin(points: Array) -> Mask:
+    return np.asarray((points[:, 1] < MOUTH_Y + 0.004) & (points[:, 1] > MOUTH_Y - 0.05) & (points[:, 2] > 0.0))
+
+
+def forehead(points: Array) -> Mask:
+    return np.asarray(points[:, 1] > EYE_Y + 0.03)
+
+
+def frame(points: Array) -> Mask:
+    return np.asarray((np.abs(points[:, 1] - EYE_Y) < 0.016) & (points[:, 2] > 0.0))
+
+
+def everything(points: Array) -> Mask:
+    return np.ones(len(points), bool)
+
+
+def made(where: Where, colour: tuple[float, float, float], part: int) -> Texture:
+    """The texture of a head of which a place has a colour and is a part; all else is skin."""
+    photo = photograph(HEAD, FRONT, lambda p: np.where(where(p)[:, None], colour, TONE))
+    return make_texture(photo, HEAD, FRONT_FIT, CHART, read_off(HEAD, FRONT, lambda p: np.where(where(p), part, SKIN)))
+
+
+def inner(where: Where, texels: int = 4) -> Mask:
+    """Texels well inside a place, or with negative ``texels`` well outside of it."""
+    found = where(POINTS.reshape(-1, 3)).reshape(CHART.mask.shape)
+    found = found if texels > 0 else ~found
+    smaller = cv2.erode(found.astype(np.uint8), np.ones((2 * abs(texels) + 1,) * 2, np.uint8))
+    return np.asarray(OWN & (np.asarray(smaller) > 0))
+
+
+@cache
+def bare_face() -> tuple[Texture, Mask]:
+    """The texture of a bare face, and the texels of skin that the photo shows well."""
+    bare = made(everything, TONE, SKIN)
+    return bare, np.asarray(OWN & (bare.confidence > 200) & (bare.lit_skin > 250))
+
+
+@pytest.mark.parametrize("part", [BEARD, BROW])
+def test_hair_on_the_face_is_seen_and_kept_and_no_light_is_read_from_it(part: int) -> None:
+    """Left out it would be replaced by skin; taken for lit skin its darkness would be taken for shade."""
+    texture = made(chin, BLACK, part)
+    hair, bare = inner(chin) & bare_face()[1], inner(chin, -8) & bare_face()[1]
+    assert hair.sum() > 150 and bare.sum() > 1000
+    assert (texture.confidence[hair] >= SEEN).all() and (texture.lit_skin[hair] < 5).all()
+    assert np.abs(texture.texture[hair] / 255 - BLACK).max() < 0.03
+    assert (texture.lit_skin[bare] > 250).all() and texture.warnings == ()
+
+
+@pytest.mark.parametrize("part", [HAT, OTHER, CLOTH])
+@pytest.mark.parametrize("colour", [(0.45, 0.6, 0.95), TONE], ids=["blue", "like skin"])
+def test_what_is_worn_is_not_seen_whatever_its_colour(part: int, colour: tuple[float, float, float]) -> None:
+    """A cap of the colour of skin would be a forehead, a blue one would make the light blue."""
+    texture = made(forehead, colour, part)
+    hidden = inner(forehead) & bare_face()[1]
+    assert hidden.sum() > 500
+    assert (texture.confidence[hidden] < SEEN).all() and (texture.lit_skin[hidden] < 5).all()
+    assert np.abs(texture.texture[hidden] / 255 - TONE).max() < 0.06
+    assert texture.warnings == ("face-covered",)
+
+
+def test_a_frame_is_taken_off_and_the_archive_says_so() -> None:
+    texture = made(frame, BLACK, GLASSES)
+    worn = inner(frame, 2) & bare_face()[1]
+    assert worn.sum() > 50 and "glasses-removed" in texture.warnings
+    off = np.abs(texture.texture[worn] / 255 - TONE).max(1)
+    assert (texture.confidence[worn] < SEEN).all() and np.median(off) < 0.05 and off.max() < 0.2, "0.74 with it left in"
+
+
+@pytest.mark.parametrize("colour", [(0.2, 0.3, 0.8), (0.5, 0.5, 0.5), (0.02, 0.02, 0.02), (1.0, 1.0, 1.0)])
+def test_skin_of_any_colour_is_skin(colour: tuple[float, float, float]) -> None:
+    """Face paint, a grey photo, clipped shadows and clipped lights: no rule about colours leaves any of it out."""
+    texture, usual = made(everything, colour, SKIN), bare_face()[0]
+    assert np.array_equal(texture.lit_skin, usual.lit_skin) and np.array_equal(texture.confidence, usual.confidence)
+
+
+def test_the_colour_of_the_skin_is_that_of_bare_skin() -> None:
+    """Far from all that is seen it is the skin's: with the beard in it a bearded man's neck would be grey."""
+
+    def paint(points: Array) -> Array:
+        return np.where(chin(points)[:, None], BLACK, TONE)
+
+    reading = read_off(HEAD, FRONT, lambda p: np.where(chin(p), BEARD, SKIN))
+    unwrapped = unwrap(photograph(HEAD, FRONT, paint), FRONT_FIT, CHART)
+    found = segment(CHART, unwrapped, parts_at(reading, FRONT_FIT, unwrapped), ZONES)
+    assert found.colour is not None and np.abs(found.colour - TONE).max() < 0.02
+    nothing = segment(CHART, unwrapped, np.zeros((len(unwrapped.weight), len(PARTS)), np.float32), ZONES)
+    assert nothing.colour is None and not nothing.lit.any()
+
+
+def test_eyes_are_the_photo_s_where_it_shows_eyes() -> None:
+    """Where lids or lenses are in their place, skin would be printed on the eyeball."""
+    eyes = np.isin(CHART.part, [i for i, name in enumerate(HEAD.part_names) if name.startswith("eye")]) & CHART.mask
+    photo = photograph(HEAD, FRONT, plain((0.9, 0.1, 0.9)))
+    shut, wide = (
+        make_texture(photo, HEAD, FRONT_FIT, CHART, read_off(HEAD, FRONT, lambda p: np.full(len(p), part)))  # noqa: B023
+        for part in (SKIN, IRIS)
+    )
+    assert not (shut.confidence[eyes] >= SEEN).any() and (wide.confidence[eyes] >= SEEN).sum() > 20
+
+
+def test_without_a_reading_the_face_is_taken_from_the_photo_and_nothing_else() -> None:
+    """Hair, collar and wall cannot be told: painted on scalp and neck they would be tattoos."""
+
+    nearest = cKDTree(HEAD.mean[HEAD.triangles[HEAD.triangle_part == SKIN_PART].ravel()])
+    mask = HEAD.region("face")[HEAD.triangles[HEAD.triangle_part == SKIN_PART].ravel()]
+
+    def paint(points: Array) -> Array:
+        return np.where(mask[nearest.query(points)[1]][:, None] < 0.1, (0.1, 0.2, 0.9), TONE)
+
+    texture = make_texture(photograph(HEAD, FRONT, paint), HEAD, FRONT_FIT, CHART)
+    assert texture.warnings == ("not-segmented",)
+    zone = np.zeros(CHART.mask.shape, np.float32)
+    zone.ravel()[CHART.texels] = ZONES.face
+    assert (texture.confidence[OWN & (zone < 0.3)] < SEEN).all()
+    assert (texture.confidence[OWN & (zone > 0.9)] >= SEEN).mean() > 0.6
+    blue = texture.texture[..., 2].astype(int) - texture.texture[..., 0]
+    assert blue[OWN].max() < 0
+
+
+def test_nothing_shown_is_worth_no_warning() -> None:
+    """Shares of a face of no texels."""
+    count = len(ZONES.skin)
+    assert worn_before(np.ones((count, len(PARTS)), np.float32), np.zeros(count, np.float32), ZONES) == ()
