@@ -1,0 +1,85 @@
+"""Colours of hair from its melanin, and back.
+
+Absorption follows d'Eon et al. 2011 ("An Energy-Conserving Hair Reflectance Model", section 6.1); the colour of many
+strands together and its inverse follow Chiang et al. 2016 ("A Practical and Controllable Hair and Fur Model", eq. 9).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+
+EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
+PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
+"""Absorption by unit concentration in red, green and blue."""
+ROUGHNESS = 0.3
+"""Azimuthal roughness of a strand."""
+GREY = 0.015
+"""Melanin that is left in a grey hair."""
+
+
+@dataclass(frozen=True)
+class Melanin:
+    """Pigment of a head of hair.
+
+    Attributes:
+        eumelanin: concentration; 0.04 to 0.2 is blond, 0.45 to 1.4 brown, more is black.
+        pheomelanin: concentration; 0.35 to 1 with little eumelanin is red.
+        fade: relative loss of pigment from root to tip.
+        spread: standard deviation of the logarithm of the concentration from strand to strand.
+        grey: share of strands without pigment.
+        highlights: share of strands that were lightened, to a quarter of their pigment.
+    """
+
+    eumelanin: float
+    pheomelanin: float
+    fade: float = 0.15
+    spread: float = 0.12
+    grey: float = 0.0
+    highlights: float = 0.0
+
+    def colours(self, strands: int, points: int, rng: np.random.Generator) -> Float:
+        """(strands, points, 3) float32 linear RGB in [0, 1]."""
+        amount = np.exp(rng.normal(0, self.spread, strands))
+        lot = rng.random(strands)
+        amount = np.where(lot < self.grey, GREY / max(self.eumelanin + self.pheomelanin, GREY), amount)
+        amount = np.where((lot >= self.grey) & (lot < self.grey + self.highlights), 0.25 * amount, amount)
+        along = 1 - self.fade * np.linspace(0, 1, points)
+        share = (amount[:, None] * along)[..., None]
+        return reflected(share * (self.eumelanin * EUMELANIN + self.pheomelanin * PHEOMELANIN))
+
+
+def reflected(absorption: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> Float:
+    """(..., 3) linear RGB of a volume of strands with this absorption (..., 3)."""
+    return np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness)).astype(np.float32)
+
+
+def absorption_of(colour: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> Float:
+    """(..., 3) absorption that gives linear RGB (..., 3): the inverse of :func:`reflected`."""
+    logs = np.log(np.clip(colour, 1e-9, 1 - 1e-6))
+    return np.square(logs / _width(roughness)).astype(np.float32)
+
+
+def melanin_of(colour: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> tuple[float, float, float]:
+    """Eumelanin and pheomelanin that come nearest to a linear RGB colour (3,), and what is left over.
+
+    Returns:
+        Both concentrations, at least 0, and the distance of the logarithms that no melanin explains: dyed hair.
+    """
+    from scipy.optimize import nnls
+
+    wanted = absorption_of(colour, roughness)
+    scale = 1 / np.maximum(wanted, 1e-3)
+    (eu, pheo), _ = nnls(np.stack([EUMELANIN, PHEOMELANIN], 1) * scale[:, None], wanted * scale)
+    found = reflected(eu * EUMELANIN + pheo * PHEOMELANIN, roughness)
+    left = np.abs(np.log(np.maximum(found, 1e-4)) - np.log(np.maximum(colour, 1e-4))).max()
+    return float(eu), float(pheo), float(left)
+
+
+def _width(roughness: float) -> float:
+    b = roughness
+    return 5.969 - 0.215 * b + 2.532 * b**2 - 10.73 * b**3 + 5.574 * b**4 + 0.245 * b**5

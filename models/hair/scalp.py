@@ -1,0 +1,204 @@
+"""Where hair grows and what it must not enter: roots on the scalp, and the distance to head and shoulders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+
+from service.geometry.normals import vertex_normals
+from service.head.model import HeadModel
+
+Float = npt.NDArray[np.float32]
+
+CENTRE = np.array([0.0, 0.02, -0.07], np.float32)
+"""Middle of the skull, metres in the head's frame: azimuth and elevation of a root are seen from there."""
+CROWN = np.array([0.012, 0.095, -0.125], np.float32)
+"""The whorl, from which hair turns away; usually a little to the left of the middle (Wunderlich and Heerema 1975)."""
+SHOULDERS = ((0.0, -0.27, -0.085), (0.215, 0.075, 0.085))
+"""Middle and half axes, metres, of the ellipsoid that stands for the shoulders."""
+SLIDES_BELOW = -0.165
+"""Height, metres, below which hair is pushed level out of the body."""
+CELL_M = 0.008
+"""Side of a cell of the grid of distances."""
+LOW, HIGH = (-0.30, -0.48, -0.34), (0.30, 0.26, 0.22)
+"""Corners of that grid, metres."""
+SPACING_M = 0.004
+"""Distance between the points that stand for the skin when distances are measured."""
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Where strands begin.
+
+    Attributes:
+        position: (N, 3) float32 metres, on the skin.
+        normal: (N, 3) float32 unit, outwards.
+        edge: (N,) float32 in [0, 1]: 0 on the hairline, 1 well inside the scalp.
+    """
+
+    position: Float
+    normal: Float
+    edge: Float
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def chosen(self, index: npt.NDArray[np.int64] | npt.NDArray[np.bool_]) -> Roots:
+        """Those of an index or a mask."""
+        return Roots(self.position[index], self.normal[index], self.edge[index])
+
+    @property
+    def azimuth(self) -> Float:
+        """(N,) radians round the vertical, 0 in front, positive to the subject's left, pi behind."""
+        away = self.position - CENTRE
+        return np.arctan2(away[:, 0], away[:, 2])
+
+    @property
+    def elevation(self) -> Float:
+        """(N,) radians above the middle of the skull."""
+        away = self.position - CENTRE
+        return np.arcsin(away[:, 1] / np.maximum(np.linalg.norm(away, axis=1), 1e-6))
+
+
+@dataclass(frozen=True)
+class Scalp:
+    """The skin on which hair grows, and the distance to the body.
+
+    Attributes:
+        corners: (T, 3, 3) float32 metres of the triangles of the scalp.
+        normals: (T, 3, 3) float32 unit, at their corners.
+        grows: (T, 3) float32 in [0, 1] at their corners: 1 on the scalp, 0 on bare skin.
+        distance: (X, Y, Z) float32 metres on a grid of ``CELL_M`` from ``LOW``: negative inside head or shoulders.
+    """
+
+    corners: Float
+    normals: Float
+    grows: Float
+    distance: Float
+
+    @classmethod
+    def of(cls, head: HeadModel, vertices: npt.NDArray[np.floating] | None = None) -> Scalp:
+        """The scalp of a head.
+
+        Args:
+            head: the model; its region ``scalp`` says where hair grows.
+            vertices: (V, 3) metres; None for the mean head.
+        """
+        points = np.asarray(head.mean if vertices is None else vertices, np.float32)
+        normal = vertex_normals(points, head.triangles).astype(np.float32)
+        skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
+        mask = head.region("scalp")
+        own = skin[(mask[skin] > 0.02).any(1)]
+        hidden = np.maximum(head.region("mouth_inner"), head.region("eye_socket"))
+        outer = skin[(hidden[skin] < 0.5).all(1)]
+        return cls(points[own], normal[own], mask[own].astype(np.float32), _distances(points[outer]))
+
+    def roots(self, count: int, rng: np.random.Generator, least: float = 0.45) -> Roots:
+        """``count`` random roots where hair grows: more of them where the mask is surer, none below ``least`` of it."""
+        area = np.linalg.norm(
+            np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
+        )
+        chance = area * self.grows.mean(1)
+        found: list[tuple[Float, Float, Float]] = []
+        wanted = count
+        while wanted > 0:
+            triangle = rng.choice(len(area), 2 * wanted + 64, p=chance / chance.sum())
+            weight = rng.dirichlet(np.ones(3), len(triangle)).astype(np.float32)[..., None]
+            grows = (self.grows[triangle] * weight[..., 0]).sum(1)
+            kept = np.flatnonzero(grows > least)[:wanted]
+            position = (self.corners[triangle[kept]] * weight[kept]).sum(1)
+            normal = (self.normals[triangle[kept]] * weight[kept]).sum(1)
+            edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
+            found.append((position, _unit(normal), edge.astype(np.float32)))
+            wanted -= len(kept)
+        return Roots(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+    def outside(self, points: Float) -> Float:
+        """(...) float32 metres from points (..., 3) to the body, negative inside; beyond the grid its border's."""
+        return _read(self.distance, points)
+
+    def pushed(self, points: Float, clearance: Float | float, most: float = 1.0) -> Float:
+        """Points (..., 3) moved out of the body until they are ``clearance`` metres from it, by at most ``most``."""
+        moved = np.array(points, np.float32)
+        wanted = np.broadcast_to(np.asarray(clearance, np.float32), moved.shape[:-1])
+        for _ in range(2):
+            away = wanted - self.outside(moved)
+            near = away > 0
+            if not near.any():
+                break
+            moved[near] += np.minimum(away[near], most)[:, None] * self.outwards(moved[near])
+        return moved
+
+    def outwards(self, points: Float) -> Float:
+        """(..., 3) float32 unit vectors along which the distance to the body grows fastest."""
+        step = np.float32(CELL_M)
+        slopes = [
+            _read(self.distance, points + step * axis) - _read(self.distance, points - step * axis)
+            for axis in np.eye(3, dtype=np.float32)
+        ]
+        found = np.stack(slopes, -1)
+        # Hair slides off the shoulders, to the front or to the back; it does not lie on them like straw.
+        low = points[..., 1] < SLIDES_BELOW
+        found[..., 1] = np.where(low, 0.0, found[..., 1])
+        ahead = np.where(points[..., 2] < SHOULDERS[0][2] + 0.02, -1.0, 1.0)
+        found[..., 2] = np.where(low, found[..., 2] + 0.5 * CELL_M * ahead, found[..., 2])
+        return _unit(found)
+
+
+@lru_cache(maxsize=1)
+def mean_scalp() -> Scalp:
+    """The scalp of the mean head in the box."""
+    from service.head.files import load_head
+
+    return Scalp.of(load_head())
+
+
+def _unit(vectors: Float) -> Float:
+    return (vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)).astype(np.float32)
+
+
+def _read(grid: Float, points: Float) -> Float:
+    at = (points.reshape(-1, 3).T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
+    return map_coordinates(grid, at, order=1, mode="nearest").reshape(points.shape[:-1]).astype(np.float32)
+
+
+def _distances(triangles: Float) -> Float:
+    """Signed distances on the grid to triangles (T, 3, 3), whose fronts look outwards, and to the shoulders."""
+    samples, normals = _dense(triangles)
+    axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    apart, nearest = cKDTree(samples).query(cells.reshape(-1, 3), k=4)
+    # The nearest sample's plane alone flips sign beside folds such as the ear's; four together vote.
+    offset = cells.reshape(-1, 1, 3) - samples[nearest]
+    along = (offset * normals[nearest]).sum(-1).mean(1)
+    away = np.where(along < 0, -apart[:, 0], apart[:, 0]).reshape(cells.shape[:3])
+    # The neck is open below; what lies under its rim belongs to the shoulders.
+    rim = triangles[..., 1].min()
+    below = cells[..., 1] < rim
+    away = np.where(below, np.abs(away), away)
+    middle, radii = (np.array(values, np.float32) for values in SHOULDERS)
+    scaled = np.linalg.norm((cells - middle) / radii, axis=-1)
+    shoulders = (scaled - 1.0) * radii.min()
+    return np.minimum(away, shoulders).astype(np.float32)
+
+
+def _dense(triangles: Float) -> tuple[Float, Float]:
+    """Points on triangles, about ``SPACING_M`` apart, and the unit normals there."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    triangles, across, area = triangles[area > 1e-12], across[area > 1e-12], area[area > 1e-12]
+    count = np.maximum(1, np.ceil(area / 2 / SPACING_M**2)).astype(int)
+    index = np.repeat(np.arange(len(triangles)), count)
+    # A low-discrepancy sequence (R2) in the square, folded into the triangle.
+    order = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    u, v = (0.5 + order * 0.7548776662466927) % 1.0, (0.5 + order * 0.5698402909980532) % 1.0
+    flip = u + v > 1.0
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    a, b, c = np.moveaxis(triangles[index], 1, 0)
+    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    return points.astype(np.float32), _unit(across[index] / area[index, None])

@@ -1,0 +1,218 @@
+"""What a hairdresser would say of a head of hair: a style, by name, by seed, or with every number given."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from models.hair.colour import Melanin
+
+Gather = Literal["none", "ponytail", "bun", "half_up", "plait", "two_plaits", "pinned"]
+Parting = Literal["none", "left", "middle", "right"]
+Combing = Literal["natural", "down", "back", "forward", "side", "up"]
+Curl = Literal["1", "2a", "2b", "2c", "3a", "3b", "3c", "4a", "4b", "4c"]
+"""Andre Walker's types: 1 straight, 2 wavy, 3 curly, 4 coily."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Shape of one curl type along a strand.
+
+    Attributes:
+        radius_mm: of the helix; a wave has it across only.
+        pitch_mm: length of the strand's middle line in one turn.
+        flat: 1 for a wave in a plane, 0 for a round helix.
+        frizz: share of the radius by which strands of a lock differ.
+    """
+
+    radius_mm: float
+    pitch_mm: float
+    flat: float
+    frizz: float
+
+
+WAVES: Mapping[Curl, Wave] = {
+    "1": Wave(0.0, 80.0, 1.0, 0.0),
+    "2a": Wave(3.0, 80.0, 0.9, 0.15), "2b": Wave(5.5, 62.0, 0.8, 0.2), "2c": Wave(7.5, 48.0, 0.6, 0.25),
+    "3a": Wave(9.0, 34.0, 0.25, 0.2), "3b": Wave(7.0, 24.0, 0.1, 0.25), "3c": Wave(4.5, 16.0, 0.0, 0.3),
+    "4a": Wave(2.8, 9.0, 0.0, 0.35), "4b": Wave(2.0, 6.5, 0.0, 0.5), "4c": Wave(1.4, 5.0, 0.0, 0.7),
+}  # fmt: skip
+"""After what hairdressers tell the types by: chalk for 3a, a marker for 3b, a pencil for 3c, a needle for 4a."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """A head of hair.
+
+    Attributes:
+        kind: what one would call it.
+        top_mm, fringe_mm, sides_mm, back_mm: length of strands by where they grow; the fringe is what grows over the
+            forehead.
+        cut_y: height in metres in the head's frame at which everything that hangs is cut off; None for no such cut.
+        layers: 0 for one height of cut, 1 for ends that are spread over a third of the length.
+        parting: where the hair falls apart.
+        combing: which way it lies before it hangs.
+        lift: how far strands stand up from the skin, 0 to 1.
+        gravity: how soon they hang, 0 (coils, gel) to 1.
+        stiffness: how straight they go on, 0 to 1.
+        curl: type.
+        clump: how much the strands of a lock come together at its end, 0 to 1.
+        lock_mm: distance between locks at the roots.
+        frizz_mm: random wander of single strands.
+        flyaways: share of strands that leave their lock.
+        volume_mm: how far the outermost layer stands off the skin.
+        gather: whether and how it is tied.
+        tie_y: height in metres of the tie.
+        receding: of the temples, 0 to 1.
+        crown: bald on the crown, 0 to 1.
+        hairline: random rise and fall of the hairline, 0 to 1.
+        fade: how far up the sides are clipped short, 0 to 1.
+        density: strands for each that a full head has, 0 to 1.
+        melanin: its pigment.
+    """
+
+    kind: str
+    top_mm: float
+    fringe_mm: float
+    sides_mm: float
+    back_mm: float
+    cut_y: float | None = None
+    layers: float = 0.3
+    parting: Parting = "none"
+    combing: Combing = "natural"
+    lift: float = 0.3
+    gravity: float = 0.7
+    stiffness: float = 0.6
+    curl: Curl = "1"
+    clump: float = 0.35
+    lock_mm: float = 9.0
+    frizz_mm: float = 0.6
+    flyaways: float = 0.01
+    volume_mm: float = 14.0
+    gather: Gather = "none"
+    tie_y: float = 0.0
+    receding: float = 0.0
+    crown: float = 0.0
+    hairline: float = 0.15
+    fade: float = 0.0
+    density: float = 1.0
+    melanin: Melanin = field(default_factory=lambda: Melanin(0.45, 0.12))
+
+    def __post_init__(self) -> None:
+        for name in ("top_mm", "fringe_mm", "sides_mm", "back_mm", "volume_mm", "frizz_mm"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1500:
+                raise ValueError(f"{name} is {value!r}; a length of hair in mm is 0 to 1500")
+        for name in ("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
+                     "fade", "density"):  # fmt: skip
+            value = getattr(self, name)
+            if not 0 <= value <= 1:
+                raise ValueError(f"{name} is {value!r}; it goes from 0 to 1")
+        if self.lock_mm <= 0:
+            raise ValueError(f"lock_mm is {self.lock_mm!r}; locks are more than 0 mm apart")
+        if self.curl not in WAVES:
+            raise ValueError(f"curl is {self.curl!r}; there are {', '.join(WAVES)}")
+
+
+NAMED: Mapping[str, Style] = {
+    style.kind: style
+    for style in (
+        Style("shaved", 2, 2, 1, 1, lift=0.75, gravity=0, stiffness=1, clump=0, frizz_mm=0.1, volume_mm=2, flyaways=0),
+        Style("crop", 22, 18, 9, 9, combing="forward", lift=0.5, gravity=0.1, stiffness=0.9, clump=0.25, lock_mm=6,
+              frizz_mm=0.4, volume_mm=9, fade=0.3),
+        Style("side_part", 75, 90, 25, 20, parting="left", combing="side", lift=0.4, gravity=0.25, stiffness=0.8,
+              fade=0.35, volume_mm=16),
+        Style("slicked_back", 95, 110, 40, 35, combing="back", lift=0.25, gravity=0.2, stiffness=0.7, clump=0.6,
+              frizz_mm=0.3, volume_mm=11),
+        Style("afro", 75, 60, 65, 65, combing="up", lift=0.95, gravity=0.0, stiffness=0.9, curl="4b", clump=0.45,
+              lock_mm=5, frizz_mm=2.5, flyaways=0.04, volume_mm=60),
+        Style("bob", 300, 280, 240, 210, cut_y=-0.105, layers=0.05, parting="middle", combing="down", volume_mm=17,
+              frizz_mm=0.4),
+        Style("curly", 230, 200, 230, 230, cut_y=-0.17, layers=0.8, parting="left", curl="3b", clump=0.75, lock_mm=11,
+              frizz_mm=1.2, flyaways=0.03, volume_mm=30, lift=0.5, gravity=0.5),
+        Style("long_wavy", 520, 500, 480, 480, cut_y=-0.33, layers=0.6, parting="middle", combing="down", curl="2b",
+              clump=0.6, lock_mm=13, volume_mm=20),
+        Style("ponytail", 480, 480, 480, 480, combing="back", gather="ponytail", tie_y=0.045, clump=0.4,
+              frizz_mm=0.4, volume_mm=8, lift=0.1),
+        Style("bun", 380, 380, 380, 380, combing="back", gather="bun", tie_y=0.02, clump=0.4, frizz_mm=0.5,
+              volume_mm=8, lift=0.1),
+    )
+}  # fmt: skip
+"""Ten styles that most people can be given."""
+
+_CHANCE: Mapping[str, float] = {
+    "shaved": 0.07, "crop": 0.13, "side_part": 0.11, "slicked_back": 0.06, "afro": 0.08, "bob": 0.12, "curly": 0.12,
+    "long_wavy": 0.15, "ponytail": 0.09, "bun": 0.07,
+}  # fmt: skip
+"""How often a random style begins as each of :data:`NAMED`; none is rare, so that every kind is learnt."""
+
+
+def sample_style(seed: int) -> Style:
+    """A random style; the same for the same seed."""
+    rng = np.random.default_rng([seed, 0x4A1])
+    kinds = list(NAMED)
+    base = NAMED[str(rng.choice(kinds, p=np.array([_CHANCE[kind] for kind in kinds])))]
+    length = float(np.exp(rng.normal(0, 0.3)))
+    changes: dict[str, object] = {
+        name: float(np.clip(getattr(base, name) * length * np.exp(rng.normal(0, 0.15)), 0.5, 900))
+        for name in ("top_mm", "fringe_mm", "sides_mm", "back_mm")
+    }
+    changes |= {
+        "layers": _near(base.layers, 0.2, rng), "lift": _near(base.lift, 0.12, rng),
+        "gravity": _near(base.gravity, 0.1, rng), "stiffness": _near(base.stiffness, 0.1, rng),
+        "clump": _near(base.clump, 0.15, rng), "hairline": _near(0.2, 0.15, rng),
+        "frizz_mm": base.frizz_mm * float(np.exp(rng.normal(0, 0.4))),
+        "volume_mm": base.volume_mm * float(np.exp(rng.normal(0, 0.25))),
+        "lock_mm": base.lock_mm * float(np.exp(rng.normal(0, 0.25))),
+        "density": float(rng.uniform(0.6, 1.0)), "melanin": sample_melanin(rng),
+    }  # fmt: skip
+    if base.cut_y is not None:
+        changes["cut_y"] = float(base.cut_y + rng.normal(0, 0.04))
+    if base.gather == "none" and base.kind not in ("shaved", "afro"):
+        changes["parting"] = str(rng.choice(["none", "left", "middle", "right"], p=[0.25, 0.25, 0.3, 0.2]))
+    if base.kind in ("bob", "long_wavy"):
+        if rng.random() < 0.35:  # a fringe that is cut above the brows
+            changes |= {"fringe_mm": float(rng.uniform(45, 80)), "kind": f"{base.kind}_fringe"}
+        changes["curl"] = str(rng.choice(["1", "1", "2a", "2b", "2c"]))
+    elif base.kind == "curly":
+        changes["curl"] = str(rng.choice(["2c", "3a", "3b", "3c", "4a"]))
+        changes["cut_y"] = None if rng.random() < 0.4 else changes["cut_y"]
+    elif base.kind == "afro":
+        changes["curl"] = str(rng.choice(["4a", "4b", "4c"]))
+    elif base.kind in ("crop", "side_part", "slicked_back"):
+        changes["curl"] = str(rng.choice(["1", "1", "1", "2a", "3b", "4a"]))
+        changes["combing"] = str(rng.choice([base.combing, base.combing, "up", "forward", "side"]))
+        changes["fade"] = _near(base.fade, 0.25, rng)
+        changes["receding"] = float(np.clip(rng.normal(0, 0.5), 0, 1)) if rng.random() < 0.5 else 0.0
+        changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.12 else 0.0
+    elif base.kind == "ponytail":
+        gather = str(rng.choice(["ponytail", "ponytail", "half_up", "plait", "two_plaits", "pinned"]))
+        changes |= {"gather": gather, "tie_y": float(rng.uniform(-0.07, 0.075))}
+        changes["kind"] = base.kind if gather == "ponytail" else gather
+        changes["curl"] = str(rng.choice(["1", "1", "2a", "2b", "3b"]))
+    elif base.kind == "bun":
+        changes["tie_y"] = float(rng.uniform(-0.05, 0.09))
+    return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
+
+
+def sample_melanin(rng: np.random.Generator) -> Melanin:
+    """Pigment of a random person: black and brown are most frequent, then blond, then red; some have gone grey."""
+    kind = rng.choice(["black", "brown", "light_brown", "blond", "red"], p=[0.33, 0.29, 0.15, 0.16, 0.07])
+    low, high, pheo = {
+        "black": (1.4, 4.0, (0.05, 0.3)), "brown": (0.45, 1.4, (0.05, 0.3)), "light_brown": (0.2, 0.45, (0.05, 0.2)),
+        "blond": (0.04, 0.2, (0.02, 0.15)), "red": (0.05, 0.3, (0.35, 1.0)),
+    }[str(kind)]  # fmt: skip
+    grey = float(rng.beta(1.2, 1.2)) if rng.random() < 0.2 else 0.0
+    return Melanin(
+        eumelanin=float(np.exp(rng.uniform(np.log(low), np.log(high)))), pheomelanin=float(rng.uniform(*pheo)),
+        fade=float(rng.uniform(0, 0.4)), spread=float(rng.uniform(0.05, 0.25)), grey=grey,
+        highlights=float(rng.uniform(0.1, 0.4)) if grey == 0 and rng.random() < 0.15 else 0.0,
+    )  # fmt: skip
+
+
+def _near(value: float, spread: float, rng: np.random.Generator) -> float:
+    return float(np.clip(value + rng.normal(0, spread), 0, 1))

@@ -1,0 +1,129 @@
+"""Grooms: strands begin on the scalp, stay out of the body, have the length asked for, and repeat."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models.hair.colour import EUMELANIN, PHEOMELANIN, Melanin, absorption_of, melanin_of, reflected
+from models.hair.draw import draw, facing
+from models.hair.groom import make_groom
+from models.hair.scalp import CROWN, mean_scalp
+from models.hair.style import NAMED, WAVES, Style, sample_style
+from service.head.files import load_head
+
+COUNT = 600
+"""Strands of a groom in these tests."""
+
+
+def lengths_mm(points: np.ndarray) -> np.ndarray:
+    return np.asarray(1000 * np.linalg.norm(np.diff(points, axis=1), axis=2).sum(1))
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_strands_begin_on_the_scalp_and_stay_out_of_the_body(kind: str) -> None:
+    """Would break: a push along a gradient that vanishes inside the body, or none after curls were wound."""
+    skin, groom = mean_scalp(), make_groom(NAMED[kind], 3, COUNT)
+    assert len(groom.strands) > 0.5 * COUNT * NAMED[kind].density
+    assert np.isfinite(groom.strands).all() and np.isfinite(groom.colour).all()
+    assert groom.colour.min() >= 0 and groom.colour.max() <= 1
+    assert np.abs(skin.outside(groom.strands[:, 0])).max() < 0.006
+    deep = skin.outside(groom.strands[:, 2:]) < -0.003
+    assert deep.mean() < 0.01
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_styles_are_sound_and_repeat(seed: int) -> None:
+    style = sample_style(seed)
+    assert style == sample_style(seed) != sample_style(seed + 1000)
+    one, same = make_groom(style, seed, 200), make_groom(style, seed, 200)
+    np.testing.assert_array_equal(one.strands, same.strands)
+    np.testing.assert_array_equal(one.colour, same.colour)
+    assert np.isfinite(one.strands).all()
+
+
+def test_free_strands_have_the_length_that_is_asked_for() -> None:
+    style = Style("even", 60, 60, 60, 60, layers=0, frizz_mm=0, flyaways=0, clump=0)
+    found = lengths_mm(make_groom(style, 5, COUNT).strands)
+    assert np.median(found) == pytest.approx(57, rel=0.08)  # trimmed by up to a tenth
+
+
+def test_hair_that_is_cut_at_a_height_ends_there() -> None:
+    style = dataclasses.replace(NAMED["bob"], layers=0.0, frizz_mm=0.0, flyaways=0.0)
+    ends = make_groom(style, 2, COUNT).strands[:, -1, 1]
+    assert style.cut_y is not None
+    assert np.quantile(ends, 0.02) > style.cut_y - 0.02
+    assert abs(np.quantile(ends, 0.2) - style.cut_y) < 0.03
+
+
+@pytest.mark.parametrize(("gather", "most_m"), [("ponytail", 0.08), ("bun", 0.09)])
+def test_hair_that_is_tied_leaves_the_tie_in_one_body(gather: str, most_m: float) -> None:
+    groom = make_groom(NAMED[gather], 4, COUNT)
+    behind = groom.strands[:, -1]
+    spread = np.linalg.norm(behind - np.median(behind, 0), axis=1)
+    assert np.quantile(spread, 0.8) < most_m
+    assert (behind[:, 2] < -0.15).mean() > 0.95
+
+
+def test_curls_have_their_radius_about_their_lock() -> None:
+    """A helix about a straight guide: the closed form of its length, over the length of its middle line."""
+    wave = WAVES["3a"]
+    style = dataclasses.replace(NAMED["long_wavy"], curl="3a", frizz_mm=0.0, flyaways=0.0, clump=0.0)
+    straight = dataclasses.replace(style, curl="1")
+    curled, plain = (np.median(lengths_mm(make_groom(s, 1, COUNT).strands)) for s in (style, straight))
+    turn = np.hypot(1, 2 * np.pi * wave.radius_mm / wave.pitch_mm)
+    assert 1.05 < curled / plain < 1.3 * turn
+
+
+def test_receding_temples_and_a_bald_crown_have_no_roots() -> None:
+    full = make_groom(dataclasses.replace(NAMED["crop"], hairline=0.0), 1, COUNT)
+    bald = make_groom(dataclasses.replace(NAMED["crop"], hairline=0.0, receding=1.0, crown=1.0), 1, COUNT)
+    assert len(bald.strands) < 0.86 * len(full.strands)
+    on_crown = [(np.linalg.norm(one.strands[:, 0] - CROWN, axis=1) < 0.04).sum() for one in (full, bald)]
+    assert on_crown[1] < 0.5 * on_crown[0]
+
+
+def test_no_strands_are_no_groom_and_no_error() -> None:
+    """Everything receded: would break at the median of no lengths."""
+    none = make_groom(dataclasses.replace(NAMED["crop"], density=0.0), 1, 50)
+    assert none.strands.shape[0] == 0 and none.colour.shape[0] == 0
+    picture = draw(none, load_head(), facing(0, 48))
+    assert picture.hair.max() == 0 and np.isfinite(picture.colour).all()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"top_mm": -1}, {"lift": 1.5}, {"lock_mm": 0}, {"curl": "5z"}, {"sides_mm": float("nan")}]
+)
+def test_a_style_that_cannot_be_is_refused_with_its_value(wrong: dict[str, float]) -> None:
+    name, value = next(iter(wrong.items()))
+    with pytest.raises(ValueError, match=name):
+        dataclasses.replace(NAMED["crop"], **wrong)  # type: ignore[arg-type]
+    assert value != getattr(NAMED["crop"], name)
+
+
+def test_melanin_is_found_again_from_its_colour() -> None:
+    for eu, pheo in ((0.1, 0.1), (0.6, 0.2), (2.0, 0.1), (0.15, 0.8)):
+        colour = reflected(eu * EUMELANIN + pheo * PHEOMELANIN)
+        np.testing.assert_allclose(absorption_of(colour), eu * EUMELANIN + pheo * PHEOMELANIN, rtol=1e-3)
+        assert melanin_of(colour) == pytest.approx((eu, pheo, 0.0), abs=0.03)
+    assert melanin_of(np.array([0.05, 0.3, 0.1]))[2] > 0.3, "no melanin makes green hair"
+    assert all(np.isfinite(melanin_of(np.array(colour))).all() for colour in ([0, 0, 0], [1, 1, 1]))
+
+
+def test_grey_strands_are_paler_than_the_others() -> None:
+    rng = np.random.default_rng(0)
+    colours = Melanin(1.5, 0.1, grey=0.5, fade=0.0).colours(400, 2, rng)[:, 0].mean(1)
+    pale = colours > 0.3
+    assert 0.4 < pale.mean() < 0.6 and colours[~pale].max() < 0.2
+
+
+def test_the_picture_tells_where_hair_is_and_which_way_it_runs() -> None:
+    groom = make_groom(NAMED["bob"], 1, 3000)
+    picture = draw(groom, load_head(), facing(180, 96))
+    assert 0.1 < (picture.hair > 0.5).mean() < 0.6
+    there = picture.hair > 0.9
+    assert picture.direction[there][:, 1].mean() > 0.6, "a bob seen from behind hangs down"
+    size = np.linalg.norm(picture.direction, axis=2)
+    assert np.all((np.abs(size - 1) < 1e-3) | (size == 0)) and np.isfinite(picture.colour).all()
