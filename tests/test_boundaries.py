@@ -26,7 +26,7 @@ ORDER = {
         "kits", "options", "budget", "likeness", "pipeline", "jobs", "bench", "external", "api",
         "client", "batch", "cli", "__main__",
     ),
-    "models": ("colour", "tables", "networks", "lightstage", "head", "people", "training"),
+    "models": ("colour", "tables", "networks", "lightstage", "head", "hair", "people", "training"),
     "export": ("faces", "networks", "light"),
 }  # fmt: skip
 """The rooms of each package, lower ones first: a room imports itself and those before it, never one behind it.
