@@ -4,12 +4,11 @@ DIR holds ``lee_perry_smith/``, ``hifi3d_uv/``, ``ict_facekit_head.npz`` and ``f
 seen. Mitsuba takes sharp photos of heads whose colour and relief are known (``benchmarks.detail.shoot``); a camera
 adds blur, noise and JPEG; ``make_avatar`` makes the maps. On the skin that a photo shows, bands of 0.6-1.2, 1.2-2.5 and
 2.5-6 mm of the logarithm of coded luma are compared with the true albedo's, in the photo's frame: correlation /
-strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the albedo that zeta alone
-leads to (``--alone``: the photo's own detail is left out), the specular normals with the true ones, and the
-displacement with the heights that the true normals have, also its depth along the deepest creases. ``--sizes``
-takes the first head with as many pixels as the largest, makes that photo smaller and compares what comes out of it.
+strength. Beside ours stand the photo itself, made small to the texture of 576 x 384 as well, the specular normals with
+the true ones, and the displacement with the heights that the true normals have, also its depth along the deepest
+creases.
 
-Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``, with ``--alone`` twice as long.
+Photos are kept in ``--out``. A row takes as long as an avatar at ``standard``.
 """
 
 from __future__ import annotations
@@ -25,14 +24,12 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from benchmarks.detail.measure import BANDS_MM, Agreement, Kept, compare, without_own
+from benchmarks.detail.measure import BANDS_MM, Agreement, compare
 from benchmarks.detail.shoot import NAMES, Taken, shot, sitter, taken
 from models.tables import tell
-from service.archive.avatar import Avatar
 from service.colour import linear_to_srgb
 from service.options import Options
 from service.pipeline import make_avatar
-from service.stage_cache import NoCache, StageCache
 
 MARK = ("<!-- detail -->", "<!-- /detail -->")
 SIZE = 1300
@@ -40,8 +37,6 @@ SIZE = 1300
 YAW = 6.0
 CLEAN = 1 / 255
 """Noise of a good camera in good light, standard deviation of sRGB-coded values."""
-LOW_MM = 8.0
-"""Standard deviation, about, of what counts as a low frequency between photo sizes."""
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -73,18 +68,13 @@ CAMERAS = (
 )  # fmt: skip
 
 
-def avatar_of(data: bytes, maps: tuple[str, ...], stages: StageCache = NoCache()) -> Avatar:  # noqa: B008 - holds nothing
-    """The product's own way."""
-    return make_avatar(data, Options(maps=maps, face="largest"), stages=stages)
-
-
 def cells(found: tuple[Agreement, ...]) -> str:
     """Of a table: correlation / strength by band."""
     return " | ".join(f"{one.correlation:.2f} / {one.strength:.2f}" for one in found) if found else " | ".join("---")
 
 
 def rows(
-    data: Path, out: Path, who: list[str], lights: list[str], cameras: list[Camera], relief: bool, alone: bool
+    data: Path, out: Path, who: list[str], lights: list[str], cameras: list[Camera], relief: bool
 ) -> Iterator[str]:
     """Rows of the first table."""
     maps = ("diffuse_albedo", *(("specular_normal", "displacement") if relief else ()))
@@ -94,13 +84,11 @@ def rows(
             photo = taken(head, shot(light, YAW, SIZE), out)
             for camera in cameras:
                 file, pixels = camera.file(photo)
-                kept = Kept("super_resolution")
-                made = avatar_of(file, maps, kept)
+                made = make_avatar(file, Options(maps=maps, face="largest"))
                 found = compare(made, pixels, photo, head.unfit)
-                zeta = compare(without_own(made, kept), pixels, photo, head.unfit).albedo if alone else ()
                 told = made.reflectance.detail if made.reflectance is not None else None
                 share = "-" if told is None else " ".join(f"{100 * one.share:.0f}" for one in told.octaves)
-                kinds = (found.photo, found.texture, zeta, found.albedo, found.normals, found.relief)
+                kinds = (found.photo, found.texture, found.albedo, found.normals, found.relief)
                 deep = (
                     "-"
                     if found.creases_mm is None
@@ -110,25 +98,6 @@ def rows(
                 yield f"| {name} | {light} | {camera.name} | {parts} | {deep} | {share} |"
 
 
-def sizes_table(data: Path, out: Path, who: str, sizes: list[int]) -> list[str]:
-    """The same photo at several sizes: error of the albedo's detail, and how far the low frequencies differ."""
-    head = sitter(who, data, out)
-    truth = taken(head, shot("soft", YAW, SIZE), out)
-    _, pixels = Camera("clean").file(taken(head, shot("soft", YAW, max(sizes)), out))
-    lines = ["| rows | error of detail, 255ths | low frequencies against the largest, 255ths |", "|---|---|---|"]
-    largest: npt.NDArray[np.float32] | None = None
-    for size in sorted(sizes, reverse=True):
-        small = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
-        made = avatar_of(cv2.imencode(".png", small[..., ::-1])[1].tobytes(), ("diffuse_albedo",))
-        assert made.reflectance is not None and made.reflectance.diffuse_albedo is not None  # noqa: S101 - asked for
-        error = compare(made, small, truth, head.unfit).error
-        low = cv2.resize(made.reflectance.diffuse_albedo, (96, 64), interpolation=cv2.INTER_AREA) / np.float32(257)
-        seen = cv2.resize(made.texture.confidence, (96, 64), interpolation=cv2.INTER_AREA) > 200
-        largest = low if largest is None else largest
-        lines.append(f"| {size} | {error:.2f} | {np.sqrt(np.square(low - largest)[seen].mean()):.2f} |")
-    return lines
-
-
 def main(
     data: Annotated[Path | None, typer.Option(help="Folder of reference heads; else $AVATARME_BENCH_DATA.")] = None,
     out: Annotated[Path, typer.Option(help="Folder that keeps the photos.")] = Path("build/bench"),
@@ -136,8 +105,6 @@ def main(
     lights: Annotated[str, typer.Option(help="Of benchmarks.render, with commas between; '' for none.")] = "soft,left",
     cameras: Annotated[str, typer.Option(help="Cameras, with commas between, or 'all'.")] = "clean",
     relief: Annotated[bool, typer.Option(help="Compare normals and displacement, too.")] = True,
-    alone: Annotated[bool, typer.Option(help="Compare what zeta alone leads to, too.")] = False,
-    sizes: Annotated[str, typer.Option(help="Rows of the same photo, with commas between; '' for none.")] = "",
     write: Annotated[Path | None, typer.Option(help="Markdown file to put the tables into.")] = None,
 ) -> None:
     """Print the tables."""
@@ -148,16 +115,14 @@ def main(
         raise typer.BadParameter(f"{who!r} and {cameras!r}: there are {known}")
     out.mkdir(parents=True, exist_ok=True)
     bands = [f"{low:g}-{high:g}" for low, high in BANDS_MM]
-    kinds = ("photo itself", "texture 576", "zeta alone", "albedo", "normals", "displacement")
+    kinds = ("photo itself", "texture 576", "albedo", "normals", "displacement")
     lines = ["| head | light | camera | " + " | ".join(f"{kind} {one}" for kind in kinds for one in bands)
              + " | creases, mm | photo's share by octave, % |"]  # fmt: skip
     lines.append("|---" * (5 + len(kinds) * len(bands)) + "|")
     chosen = [one for one in CAMERAS if one.name in names]
-    for row in rows(folder, out, heads, lights.split(",") if lights else [], chosen, relief, alone):
+    for row in rows(folder, out, heads, lights.split(",") if lights else [], chosen, relief):
         typer.echo(row, err=True)
         lines.append(row)
-    if sizes:
-        lines += ["", *sizes_table(folder, out, heads[0], [int(one) for one in sizes.split(",")])]
     tell("\n".join(lines), MARK, write)
 
 

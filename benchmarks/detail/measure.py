@@ -5,9 +5,7 @@ All is compared in the photo's own frame, where map and photo lie on each other 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,53 +16,7 @@ from benchmarks.metrics import View, at_chart, face_region
 from service.archive.avatar import Avatar
 from service.colour import LUMA, linear_to_srgb
 from service.geometry.chart import Chart
-from service.options import Options
-from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_maps import MID, SCALE_MM, unpack_normals
-from service.reflectance.subject import Subject
-from service.runtime.networks import choose_engine
-
-T = TypeVar("T")
-
-
-class Kept:
-    """Keeps the results of some stages in memory (``service.stages.Stages``)."""
-
-    def __init__(self, *names: str) -> None:
-        self._names = names
-        self._results: dict[str, Any] = {}
-
-    def get_or_compute(self, name: str, make: Callable[[], T]) -> T:
-        """The kept result, else that of ``make``."""
-        if name in self._results:
-            kept: T = self._results[name]
-            return kept
-        result = make()
-        if name in self._names:
-            self._results[name] = result
-        return result
-
-
-def without_own(avatar: Avatar, kept: Kept) -> Avatar:
-    """The same avatar with the diffuse albedo that super-resolution alone leads to.
-
-    Args:
-        avatar: made with the standard options.
-        kept: stages of its making; has the enlarged texture.
-    """
-    options = Options(maps=("diffuse_albedo",))
-    made = make_reflectance(
-        avatar.texture.texture,
-        Subject.in_photo(avatar.head, avatar.fit, avatar.texture),
-        options.plan(),
-        options.map_size,
-        choose_engine(options.runtime, precision=options.level.precision),
-        seed=avatar.seed,
-        detail=options.detail,
-        stages=kept,
-    )
-    return replace(avatar, reflectance=made)
-
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
