@@ -30,7 +30,7 @@ from service.geometry.normals import vertex_normals
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.light.environment import radiance as environment_radiance
-from service.light.plan import Plan
+from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Response, Scene
 
 Float = npt.NDArray[np.float64]
@@ -181,7 +181,7 @@ def compare(size: int, samples: int, environment: str, chart: tuple[int, int] = 
     for name, plain in scenes(environment).items():
         scene = dataclasses.replace(plain, viewpoints=((0.0, -0.03, 1.2),))
         scene = expose(skin, geometry, scene, window)
-        chosen = Plan.everything(scene).without("scattering")
+        chosen = LightPlan.everything(scene).without("scattering")
         ours = radiance(skin, geometry, scene, chosen, window)[0][0].permute(1, 2, 0).numpy().astype(np.float64)
         results[name] = Difference.of(_coded(read(ours, uv), scene), _coded(drawn[name], scene), mask)
     return results

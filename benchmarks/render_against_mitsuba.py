@@ -24,11 +24,11 @@ from service.head.model import HeadModel
 from service.light.formulas import Graphs
 from service.light.scene import Environment, PointLight, Response, Scene
 from service.light.shading import develop
-from service.render.draw import Model, Seen, see
+from service.render.draw import DrawnHead, SeenHead, see
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.surface import LOBES, ROLES, Surface, build_surface
-from service.render.visibility import Detail
+from service.render.visibility import VisibilityDetail
 
 Float = npt.NDArray[np.float64]
 CHART = (768, 512)
@@ -46,10 +46,12 @@ def camera_of(size: int) -> Camera:
     return Camera(size, size, float(focal), np.full(2, size / 2), rotation, -rotation @ np.array(VIEW))
 
 
-def compare(archive: Path, size: int, samples: int, detail: Detail = Detail()) -> dict[str, Difference]:  # noqa: B008
+def compare(
+    archive: Path, size: int, samples: int, detail: VisibilityDetail = VisibilityDetail()  # noqa: B008
+) -> dict[str, Difference]:
     """Render an archive both ways under all scenes."""
     avatar = open_avatar(archive, ROLES)
-    model = Model.of(avatar.mesh.as_head("archive", "unknown"), avatar.mesh.vertices)
+    model = DrawnHead.of(avatar.mesh.as_head("archive", "unknown"), avatar.mesh.vertices)
     head = model.head
     surface = build_surface(head, avatar.mesh.vertices, avatar.maps, CHART)
     camera = camera_of(size)
@@ -73,7 +75,7 @@ def compare(archive: Path, size: int, samples: int, detail: Detail = Detail()) -
 
 
 def _reference(
-    reference: Reference, surface: Surface, head: HeadModel, seen: Seen, scene: Scene, samples: int
+    reference: Reference, surface: Surface, head: HeadModel, seen: SeenHead, scene: Scene, samples: int
 ) -> Float:
     """(size, size, 3) linear light by Mitsuba."""
     axes = (surface.tangent, surface.bitangent, surface.normal)
@@ -100,7 +102,7 @@ def _bitmap(reference: Reference, image: npt.NDArray[np.floating]) -> dict[str, 
     return {"type": "bitmap", "bitmap": bitmap, "raw": True}
 
 
-def _kept(size: int, surface: Surface, seen: Seen) -> Float:
+def _kept(size: int, surface: Surface, seen: SeenHead) -> Float:
     """(size, size) share of the matt light that the mirror leaves."""
     offset = np.array(VIEW, np.float32) - seen.position_m
     view = offset / np.linalg.norm(offset, axis=1, keepdims=True)

@@ -20,7 +20,7 @@ from typing import Annotated
 import typer
 
 from models.tables import tell
-from service.bench.losses import Line, line
+from service.bench.losses import FittedLine, line
 
 MARK = ("<!-- scaling -->", "<!-- /scaling -->")
 SETTLED = 3
@@ -73,7 +73,7 @@ def many_photos(photo: Path, count: int, width: int, target: Path) -> list[tuple
     return [(row[0], row[1]) for row in map(json.loads, done.stdout.splitlines())]
 
 
-def in_words(found: Line | None, unit: str) -> str:
+def in_words(found: FittedLine | None, unit: str) -> str:
     """A line as a sentence."""
     if found is None:
         return "Too few points for a line."

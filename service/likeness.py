@@ -20,7 +20,7 @@ from service.face.identity import Recogniser, centred_cosine, distance, populati
 from service.head.model import HeadModel
 from service.materials.part import MeshPart
 from service.photo.photo import Photo
-from service.render.draw import Model, over, see, sketch
+from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
 
 SIZE = (240, 300)
@@ -47,7 +47,7 @@ def likeness(
     """
     camera = turned_camera(fit.vertices, 0.0, *SIZE)
     colours = bytes_to_linear(texture)
-    seen = see(Model.of(head, fit.vertices, parts), camera, SAMPLES, colours)
+    seen = see(DrawnHead.of(head, fit.vertices, parts), camera, SAMPLES, colours)
     picture = over(*sketch(seen, seen.read(colours)), GREY)
     pixels = (picture * 255.0 + 0.5).astype(np.uint8)
     corners = head.triangles[head.landmark_triangle]

@@ -25,7 +25,7 @@ from service.materials.material import Material, OwnMap
 from service.materials.of_head import material_of
 from service.materials.part import MeshPart, framed
 from service.render.draw import without_parts
-from service.render.render import Kept, Picture, render_head
+from service.render.render import Kept, RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.shade import Clock
 from service.render.surface import ROLES
@@ -41,7 +41,7 @@ SECONDS = 4.0
 ENDINGS = (".gif", ".mp4")
 
 
-def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> Picture:
+def render_archive(source: Path | IO[bytes], request: RenderRequest, *, threads: int = 2) -> RenderedPicture:
     """A picture of the avatar in an archive.
 
     Args:

@@ -128,7 +128,7 @@ def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
 
 
 @dataclass(frozen=True)
-class Line:
+class FittedLine:
     """Least-squares line ``start + slope x``, and the largest relative deviation of a point from it."""
 
     start: float
@@ -136,7 +136,7 @@ class Line:
     worst: float
 
 
-def line(x: Sequence[float], y: Sequence[float]) -> Line | None:
+def line(x: Sequence[float], y: Sequence[float]) -> FittedLine | None:
     """Least-squares line through points weighted by 1 / y, which minimises relative errors.
 
     None with fewer than three points, which a line fits exactly, or with a y that is not above 0.
@@ -147,4 +147,4 @@ def line(x: Sequence[float], y: Sequence[float]) -> Line | None:
     design = np.stack([1 / up, across / up], 1)
     start, slope = np.linalg.lstsq(design, np.ones_like(up), rcond=None)[0]
     worst = float(np.abs((start + slope * across) / up - 1).max())
-    return Line(float(start), float(slope), worst)
+    return FittedLine(float(start), float(slope), worst)

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from service import diagnosis
 from service.bench.sample_head import SampleHead, from_photo
 from service.bench.stages import marked, measure_stages, rule_notes
-from service.bench.variants import NETWORKS, STAGES, Bench, Extent, Family, Launch, Progress, Setting, StageName
+from service.bench.variants import NETWORKS, STAGES, Bench, BenchExtent, Family, Launch, Progress, Setting, StageName
 from service.bench.whole import marked_wholes, measure_wholes, straight
 from service.errors import Crashed, ModelFault
 from service.runtime.networks import choose_engine, describe_network
@@ -46,8 +46,8 @@ def isolated(work: Callable[..., T], *arguments: Any) -> T:
             ) from error
 
 
-def bench(
-    extent: Extent,
+def run_bench(
+    extent: BenchExtent,
     families: Sequence[Family],
     *,
     photo: bytes | None = None,

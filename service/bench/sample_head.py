@@ -146,7 +146,7 @@ class SampleHead:
         return Steps(along, lean, across, self.steps.shape[2])
 
 
-def prepare(subject: Subject, texture: UInt8, seen: npt.NDArray[Any], side: int, folder: Path) -> None:
+def write_sample_head(subject: Subject, texture: UInt8, seen: npt.NDArray[Any], side: int, folder: Path) -> None:
     """Write the material of a head.
 
     Args:
@@ -191,4 +191,4 @@ def from_photo(data: bytes, texture_size: tuple[int, int] | None, side: int, fol
 
     avatar = make_avatar(data, Options(maps=TEXTURE_MAPS, size=texture_size or TEXTURE_SIZE, face="largest"))
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
-    prepare(subject, avatar.texture.texture, avatar.texture.confidence, side, folder)
+    write_sample_head(subject, avatar.texture.texture, avatar.texture.confidence, side, folder)

@@ -21,7 +21,7 @@ from service.bench.variants import (
     STAGES_SHARE,
     TRANSLATORS,
     Family,
-    Measured,
+    MeasuredStage,
     Progress,
     Row,
     Setting,
@@ -47,7 +47,7 @@ LONG_S = 4.0
 """Runs that take longer are not repeated, as start-up is a small part of them."""
 
 
-def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeats: int) -> Measured:
+def measure_stage(variant: Variant, engine: Engine, folder: Path, output: Path, repeats: int) -> MeasuredStage:
     """Run a variant once and ``repeats`` times more, and write the window of its map to ``output``.
 
     Args:
@@ -78,7 +78,7 @@ def measure(variant: Variant, engine: Engine, folder: Path, output: Path, repeat
     if isinstance(result, bytes):
         size, result = len(result) / 1e6 * job.scale, _decoded(variant, result)
     np.save(output, material.window.of(result) if variant.stage == "zeta" else result)
-    return Measured(job.fixed_s + seconds * job.scale, job.fixed_s + seconds, peak_rss_mb(), size)
+    return MeasuredStage(job.fixed_s + seconds * job.scale, job.fixed_s + seconds, peak_rss_mb(), size)
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ def measure_stages(at: Setting, chosen: Sequence[StageName], progress: Progress)
 def _measure(at: Setting, variant: Variant) -> Row:
     output = at.folder / (f"{variant.stage}.npy" if variant.reference else "variant.npy")
     try:
-        taken = at.launch(measure, variant, at.engine(variant), at.folder, output, at.extent.repeats)
+        taken = at.launch(measure_stage, variant, at.engine(variant), at.folder, output, at.extent.repeats)
     except AvatarError as error:
         return Row(variant, fault=error.message)
     source = variant.stage

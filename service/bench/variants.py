@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from service.bench.losses import UNITS, Line, Loss
+from service.bench.losses import UNITS, FittedLine, Loss
 from service.bench.sample_head import SampleHead
 from service.levels import FULL_SIZE
 from service.runtime.network_registry import networks_of
@@ -95,7 +95,7 @@ def reference(stage: StageName) -> Variant:
 
 
 @dataclass(frozen=True)
-class Extent:
+class BenchExtent:
     """Extent of a benchmark.
 
     Attributes:
@@ -123,14 +123,14 @@ class Extent:
     knobs: int = 99
 
 
-FULL = Extent(
+FULL = BenchExtent(
     1536, (3072, 1536), (256, 512, 1536), 512, (0.5, 0.0), ("draft", "standard", "high", "reference"),
     (1536, 3072, 6144), True, 1,
 )  # fmt: skip
-QUICK = Extent(512, (1536,), (256,), 256, (0.0,), (), (384, 768, 1536), False, 0, 1)
+QUICK = BenchExtent(512, (1536,), (256,), 256, (0.0,), (), (384, 768, 1536), False, 0, 1)
 
 
-def variants(extent: Extent, stages: Sequence[StageName], families: Sequence[str]) -> Iterator[Variant]:
+def variants(extent: BenchExtent, stages: Sequence[StageName], families: Sequence[str]) -> Iterator[Variant]:
     """Every variant, stage by stage, the reference of each stage first."""
     for stage in stages:
         first = reference(stage)
@@ -151,7 +151,7 @@ def precisions() -> Iterator[tuple[RuntimeName, Precision]]:
             yield "openvino", "bf16"
 
 
-def _of_networks(extent: Extent, first: Variant, families: Sequence[str]) -> Iterator[Variant]:
+def _of_networks(extent: BenchExtent, first: Variant, families: Sequence[str]) -> Iterator[Variant]:
     for runtime, precision in precisions():
         yield replace(first, runtime=runtime, precision=precision)
     yield from (replace(first, family=family) for family in families)
@@ -180,7 +180,7 @@ STAGES_SHARE = 0.5
 class Setting:
     """Context of the measurements of one run: extent, networks, material, machine; notes and caches are added to."""
 
-    extent: Extent
+    extent: BenchExtent
     families: Sequence[Family]
     folder: Path
     launch: Launch
@@ -204,7 +204,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredStage:
     """Time and memory of a variant.
 
     Attributes:
@@ -263,7 +263,7 @@ class Row:
     """
 
     variant: Variant
-    measured: Measured | None = None
+    measured: MeasuredStage | None = None
     loss: Loss | None = None
     front: bool = False
     fault: str = ""
@@ -296,7 +296,7 @@ class Bench:
     machine: Mapping[str, Any]
     rows: Sequence[Row]
     wholes: Sequence[WholeRow]
-    line: Line | None
+    line: FittedLine | None
     notes: Sequence[str]
     seconds: float
 
@@ -331,7 +331,7 @@ def _whole(row: WholeRow) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _taken(taken: Measured | Made | None, fault: str) -> dict[str, Any]:
+def _taken(taken: MeasuredStage | Made | None, fault: str) -> dict[str, Any]:
     return {"fault": fault} if taken is None else asdict(taken)
 
 

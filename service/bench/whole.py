@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.bench.losses import Kind, Line, compare, line, pareto
+from service.bench.losses import FittedLine, Kind, compare, line, pareto
 from service.bench.sample_head import SampleHead, resized_mask
-from service.bench.variants import STAGES_SHARE, Extent, Family, Made, Progress, Setting, Whole, WholeRow, precisions
+from service.bench.variants import (
+    STAGES_SHARE,
+    BenchExtent,
+    Family,
+    Made,
+    Progress,
+    Setting,
+    Whole,
+    WholeRow,
+    precisions,
+)
 from service.diagnosis import peak_rss_mb
 from service.errors import AvatarError
 from service.levels import FULL_SIZE, LEVELS, SMALLEST_ENLARGED
@@ -32,7 +42,7 @@ WRITING = "write"
 """Name of the time of writing the archive."""
 
 
-def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
+def make_whole(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     """Make an avatar, write its archive, and write the window of its maps to ``output`` (``.npz``).
 
     Raises:
@@ -77,7 +87,7 @@ def make(run: Whole, photo: bytes, folder: Path, output: Path) -> Made:
     return Made(end - begin, timings, peak, megabytes, options.map_size[0])
 
 
-def whole_runs(at: Extent, families: Sequence[Family], threads: int) -> list[Whole]:
+def whole_runs(at: BenchExtent, families: Sequence[Family], threads: int) -> list[Whole]:
     """Whole runs; the last is the reference. Levels with equal settings on this machine share one run."""
     folder = families[0].folder
     runs: dict[tuple[object, ...], Whole] = {}
@@ -95,7 +105,7 @@ def whole_runs(at: Extent, families: Sequence[Family], threads: int) -> list[Who
     return [*others, *sizes, *levels]
 
 
-def _draft_runs(at: Extent, families: Sequence[Family], engine: Engine) -> list[Whole]:
+def _draft_runs(at: BenchExtent, families: Sequence[Family], engine: Engine) -> list[Whole]:
     """Draft quality with other engines, tiles and networks."""
     found = []
     networks = ReflectancePlan.of(ROLES, super_resolution=LEVELS["draft"].super_resolution).networks
@@ -115,7 +125,7 @@ def measure_wholes(at: Setting, progress: Progress) -> list[WholeRow]:
     for index, run in enumerate(runs):
         progress(run.label, STAGES_SHARE + (1 - STAGES_SHARE) * index / len(runs))
         try:
-            made: Made = at.launch(make, run, at.photo, at.folder, at.folder / f"whole{index}.npz")
+            made: Made = at.launch(make_whole, run, at.photo, at.folder, at.folder / f"whole{index}.npz")
             rows.append(WholeRow(run, made))
         except AvatarError as error:
             rows.append(WholeRow(run, fault=error.message))
@@ -154,13 +164,13 @@ def _told(rows: Sequence[WholeRow]) -> list[str]:
     return [name for name in COMPARED if any(name in (row.losses or {}) for row in rows)]
 
 
-def straight(rows: Sequence[WholeRow], extent: Extent) -> Line | None:
+def straight(rows: Sequence[WholeRow], extent: BenchExtent) -> FittedLine | None:
     """Line through seconds without super-resolution, whose cost does not depend on the size of the map."""
     points = dict(sized(rows, extent))
     return line(*zip(*sorted(points.items()), strict=True)) if len(points) > 2 else None
 
 
-def sized(rows: Sequence[WholeRow], extent: Extent | None = None) -> list[tuple[float, float]]:
+def sized(rows: Sequence[WholeRow], extent: BenchExtent | None = None) -> list[tuple[float, float]]:
     """(megatexels, seconds without super-resolution) of the runs at different sizes."""
     found = []
     for row in rows:

@@ -38,7 +38,7 @@ def bench(*, quick: bool, as_json: bool, output: str | None, networks: str | Non
         if not target.is_dir():
             raise UsageError(f"there is no folder {target}; name one for the table and the plot", field="output")
     with progress_bar() as progress:
-        from service.bench.run import bench as run
+        from service.bench.run import run_bench as run
 
         found = run(QUICK if quick else FULL, families, progress=progress)
     if target is not None:

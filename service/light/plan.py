@@ -21,7 +21,7 @@ from service.light.samples import SurfaceSamples
 from service.light.scene import Scene
 from service.light.shading import BRIGHT, DARK, GONE, LOW, Item, Shading, develop
 
-__all__ = ["Estimates", "Facts", "develop", "estimate"]
+__all__ = ["Estimates", "Facts", "develop", "estimates_of"]
 
 MARGIN = 1.4
 """Factor of the bound for the approximations of the shading."""
@@ -148,7 +148,7 @@ class Estimates:
         )
 
 
-def estimate(scene: Scene, surface: SurfaceSamples) -> Estimates:
+def estimates_of(scene: Scene, surface: SurfaceSamples) -> Estimates:
     """Shade the samples; takes some hundredths of a second."""
     return Estimates(Shading(scene, surface, illumination(scene)))
 
@@ -184,7 +184,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Plan:
+class LightPlan:
     """Which effects run.
 
     Attributes:
@@ -216,19 +216,19 @@ class Plan:
                 return d.runs
         raise KeyError(f"the plan has no effect {effect!r} of light {light}")
 
-    def without(self, effect: str, light: int | None = None) -> Plan:
+    def without(self, effect: str, light: int | None = None) -> LightPlan:
         """The same plan with one effect left out."""
         changed = [
             dataclasses.replace(d, runs=False) if (d.effect, d.light) == (effect, light) else d for d in self.decisions
         ]
-        return Plan(tuple(changed), self.tolerance)
+        return LightPlan(tuple(changed), self.tolerance)
 
     def to_json(self) -> str:
         """As JSON, for manifests and logs."""
         return json.dumps({**dataclasses.asdict(self), "bound": self.bound}, indent=2)
 
     @classmethod
-    def everything(cls, scene: Scene) -> Plan:
+    def everything(cls, scene: Scene) -> LightPlan:
         """All effects of all lights."""
         items = _items(len(illumination(scene).lights))
         return cls(tuple(Decision(effect, light, True, 0.0, "asked for") for effect, light in items), 0.0)
@@ -238,7 +238,7 @@ def _items(lights: int) -> list[tuple[str, int | None]]:
     return [*((effect, None) for effect in WHOLE), *((effect, i) for i in range(lights) for effect in PER_LIGHT)]
 
 
-def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Plan:
+def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> LightPlan:
     """Choose the effects for a scene on a surface.
 
     Args:
@@ -256,7 +256,7 @@ def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Plan:
         )
     if not tolerance >= 0.0:
         raise UsageError(f"tolerance is {tolerance!r}; it has to be 0 or more, in 1/255 of sRGB")
-    estimates = estimate(scene, surface)
+    estimates = estimates_of(scene, surface)
     items = _items(estimates.light_count)
     bounds = {item: estimates.bound(*item) for item in items}
     chosen: list[tuple[str, int | None]] = []
@@ -270,7 +270,7 @@ def plan(scene: Scene, surface: SurfaceSamples, tolerance: float = 1.0) -> Plan:
         spent += bounds[item]
     left, facts = set(chosen), estimates.facts()
     decisions = [Decision(e, i, (e, i) not in left, bounds[e, i], _why(e, i, bounds[e, i], facts)) for e, i in items]
-    return Plan(tuple(decisions), float(tolerance))
+    return LightPlan(tuple(decisions), float(tolerance))
 
 
 def _why(effect: str, light: int | None, bound: float, e: Facts) -> str:
@@ -291,7 +291,7 @@ def _why(effect: str, light: int | None, bound: float, e: Facts) -> str:
     return f"{facts[effect]}: {bound:.2f}/255"
 
 
-def report(made: Plan) -> str:
+def report(made: LightPlan) -> str:
     """Text for people: which effects run, which do not and why, and the error at most."""
     lines = []
     for d in sorted(made.decisions, key=lambda d: (d.runs, -d.bound)):

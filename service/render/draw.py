@@ -61,7 +61,7 @@ class DrawnPart:
 
 
 @dataclass(frozen=True)
-class Model:
+class DrawnHead:
     """A head and everything beside it, as they are drawn.
 
     Attributes:
@@ -75,7 +75,7 @@ class Model:
     parts: tuple[DrawnPart, ...]
 
     @classmethod
-    def of(cls, head: HeadModel, vertices: AnyFloat, parts: Sequence[MeshPart] = ()) -> Model:
+    def of(cls, head: HeadModel, vertices: AnyFloat, parts: Sequence[MeshPart] = ()) -> DrawnHead:
         """Split a head into its skin and the rest.
 
         What is invisible or replaced by a part is left out. The head's own eyes, teeth and tongue become parts, as they
@@ -141,7 +141,7 @@ class SeenPart:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenHead:
     """The points that a picture shows, N of them on the head.
 
     Attributes:
@@ -156,7 +156,7 @@ class Seen:
         order: of the fragments of all parts, by sample and there from near to far.
     """
 
-    model: Model
+    model: DrawnHead
     camera: Camera
     shape: tuple[int, int]
     index: Int64
@@ -213,7 +213,7 @@ class Seen:
         return np.concatenate(each)[self.order]
 
 
-def see(model: Model, camera: Camera, samples: float, chart: Float32 | None = None) -> Seen:
+def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None = None) -> SeenHead:
     """Rasterise a head and the parts beside it.
 
     Args:
@@ -250,7 +250,7 @@ def see(model: Model, camera: Camera, samples: float, chart: Float32 | None = No
         keys.append((found.pixel << 32) | found.depth.view(np.int32))
     # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
     order = np.argsort(np.concatenate(keys), kind="stable")
-    return Seen(model, camera, (height, width), index, corners, weights, uv, position, tuple(parts), order)
+    return SeenHead(model, camera, (height, width), index, corners, weights, uv, position, tuple(parts), order)
 
 
 def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> tuple[Float32, Float32]:
@@ -293,7 +293,7 @@ def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: An
 
 
 def sketch(
-    seen: Seen, colour: Float32, light: Illumination | None = None, tint: Triple = WHITE
+    seen: SeenHead, colour: Float32, light: Illumination | None = None, tint: Triple = WHITE
 ) -> tuple[Float32, Float32]:
     """A quick picture, lit at the vertices: no shadows, no reflections. As :meth:`Seen.resolved`.
 

@@ -20,12 +20,12 @@ from service.geometry.sampling import surface_points, thinned
 from service.light.environment import Illumination, flux_by_direction, prefiltered, spread_directions
 from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_weights
 from service.light.harmonics import irradiance, project
-from service.light.plan import Plan
+from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material
 from service.materials.part import MeshPart, part_triangles
-from service.render.draw import RECESSES, Model, Seen, SeenPart, open_light, recess_of
-from service.render.visibility import Detail, Occluders
+from service.render.draw import RECESSES, DrawnHead, SeenHead, SeenPart, open_light, recess_of
+from service.render.visibility import Occluders, VisibilityDetail
 
 GRAIN_M = 0.0006
 """Distance of the points at which light is computed, metres: a quarter of the height of a narrow eye's white."""
@@ -111,7 +111,7 @@ class Arriving:
         return Arriving(found[:, :3], found[:, 3], found[:, 4], found[:, 5:])
 
 
-def surroundings(parts: Sequence[MeshPart], model: Model, spacing_mm: float, graphs: Graphs) -> Occluders:
+def surroundings(parts: Sequence[MeshPart], model: DrawnHead, spacing_mm: float, graphs: Graphs) -> Occluders:
     """What stands around and in the recess of a head that some parts lie in, as points ``spacing_mm`` apart."""
     millimetres = np.asarray(model.vertices, np.float64) * 1000.0
     near, clouds = np.zeros(len(millimetres), bool), []
@@ -127,7 +127,7 @@ def surroundings(parts: Sequence[MeshPart], model: Model, spacing_mm: float, gra
 
 
 @dataclass(frozen=True)
-class PartLight:
+class LightOnParts:
     """Light on parts.
 
     Attributes:
@@ -138,12 +138,12 @@ class PartLight:
     """
 
     light: Illumination
-    plan: Plan
+    plan: LightPlan
     graphs: Graphs
-    detail: Detail
+    detail: VisibilityDetail
     viewpoint: Triple
 
-    def light_parts(self, seen: Seen, skin: Float32) -> None:
+    def light_parts(self, seen: SeenHead, skin: Float32) -> None:
         """Set the radiance of all fragments, and the opacity of clear parts: what they do not mirror goes through.
 
         Args:

@@ -23,18 +23,18 @@ from service.head.model import HeadModel
 from service.light.environment import illumination, lookup
 from service.light.environment import radiance as environment_radiance
 from service.light.formulas import Graphs
-from service.light.plan import Plan, plan
+from service.light.plan import LightPlan, plan
 from service.light.samples import AZIMUTHS, Index, SurfaceSamples, survey
 from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
 from service.light.shading import Shading, develop
 from service.materials.part import MeshPart, framed
-from service.render.draw import Model, Seen, see
-from service.render.recess import PartLight
+from service.render.draw import DrawnHead, SeenHead, see
+from service.render.recess import LightOnParts
 from service.render.request import RenderRequest
-from service.render.shade import Clock, Shader
+from service.render.shade import Clock, HeadShader
 from service.render.surface import LARGEST, StoredMap, Surface, build_surface
 from service.render.view import camera_at, pixel_on_chart, viewpoint_of
-from service.render.visibility import Detail, Visibility
+from service.render.visibility import Visibility, VisibilityDetail
 
 NO_RELIEF = "relief-shadows-not-simulated"
 """Fallback: displacement maps are not read, as the decode gate returns 8 bits, too few for relief."""
@@ -50,7 +50,7 @@ _BAND = 64
 
 
 @dataclass(frozen=True)
-class Picture:
+class RenderedPicture:
     """One picture and how it was made.
 
     Attributes:
@@ -70,7 +70,7 @@ class Picture:
     covered: Float32
     camera: Camera
     scene: Scene
-    plan: Plan
+    plan: LightPlan
     chart: tuple[int, int]
     fallbacks: tuple[str, ...]
     timings_s: dict[str, float]
@@ -111,13 +111,13 @@ def render_head(
     request: RenderRequest,
     *,
     threads: int = 2,
-    detail: Detail = Detail(),  # noqa: B008 - frozen
+    detail: VisibilityDetail = VisibilityDetail(),  # noqa: B008 - frozen
     camera: Camera | None = None,
     without: tuple[str, ...] = (),
     clock: Clock | None = None,
     parts: Sequence[MeshPart] = (),
     kept: Kept | None = None,
-) -> Picture:
+) -> RenderedPicture:
     """A picture of a head with its maps.
 
     Args:
@@ -144,7 +144,7 @@ def render_head(
     light = illumination(scene)  # an unknown environment is refused before the maps are decoded
     camera = camera or camera_at(viewpoint, framed(vertices, parts), *request.size)
     fallbacks = (NO_SHADOWS,) if parts else ()
-    model = Model.of(head, vertices, parts)
+    model = DrawnHead.of(head, vertices, parts)
     head = model.head
     size = _chart_size(head, vertices, camera, detail.narrowest)
     with clock.step("maps"):
@@ -163,13 +163,13 @@ def render_head(
             # The 90th percentile of the samples' luminance becomes the response's target.
             scene = exposed_for(scene, float(np.quantile(Shading(scene, points, light).luminance(), BRIGHT)))
         chosen = _simulated(plan(scene, points, request.tolerance), without)
-    radiance = Shader(surface, visibility, light, chosen, graphs, clock).radiance(seen, viewpoint)
+    radiance = HeadShader(surface, visibility, light, chosen, graphs, clock).radiance(seen, viewpoint)
     if not np.isfinite(radiance).all():
         raise NumericFault(f"{int((~np.isfinite(radiance)).sum())} values of the picture's light are not finite")
     radiance = np.maximum(radiance, 0.0)
     with clock.step("parts"):
         skin = np.concatenate([seen.read(surface.albedo), np.float32(np.pi) * radiance], 1)
-        PartLight(light, chosen, graphs, detail, viewpoint).light_parts(seen, skin)
+        LightOnParts(light, chosen, graphs, detail, viewpoint).light_parts(seen, skin)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
         background = None
@@ -181,7 +181,7 @@ def render_head(
     if request.view is None and len(request.scene.viewpoints) > 1:
         fallbacks = (*fallbacks, "viewpoints-but-first-ignored")
     lit = surface.specular.shape[::-1]
-    return Picture(pixels, picture, covered, camera, scene, chosen, lit, fallbacks, clock.seconds)
+    return RenderedPicture(pixels, picture, covered, camera, scene, chosen, lit, fallbacks, clock.seconds)
 
 
 def _centre(camera: Camera) -> Triple:
@@ -189,11 +189,11 @@ def _centre(camera: Camera) -> Triple:
     return x, y, z
 
 
-def _simulated(made: Plan, without: tuple[str, ...]) -> Plan:
+def _simulated(made: LightPlan, without: tuple[str, ...]) -> LightPlan:
     """The plan without relief shadows, which are not computed here (``NO_RELIEF``), and without some effects."""
     known = (d for d in made.decisions if d.effect != "relief_shadows")
     left = (dataclasses.replace(d, runs=d.runs and d.effect not in without) for d in known)
-    return Plan(tuple(left), made.tolerance)
+    return LightPlan(tuple(left), made.tolerance)
 
 
 def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: int) -> tuple[int, int]:
@@ -205,7 +205,7 @@ def _chart_size(head: HeadModel, vertices: AnyFloat, camera: Camera, narrowest: 
     return width, width * 2 // 3
 
 
-def samples_of(surface: Surface, sky: UInt8, seen: Seen) -> SurfaceSamples:
+def samples_of(surface: Surface, sky: UInt8, seen: SeenHead) -> SurfaceSamples:
     """Samples of the visible skin for the planner, with the density of the picture's points.
 
     Args:

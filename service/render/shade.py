@@ -13,9 +13,9 @@ from service.arrays import Float32
 from service.light.environment import Illumination, prefiltered
 from service.light.formulas import F0_SCALE, Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
-from service.light.plan import Plan
+from service.light.plan import LightPlan
 from service.light.scene import PointLight, Triple
-from service.render.draw import Seen
+from service.render.draw import SeenHead
 from service.render.surface import Surface
 from service.render.visibility import Visibility
 
@@ -45,17 +45,17 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Shader:
+class HeadShader:
     """Shades one surface by one scene's light; ``plan`` says which effects are computed."""
 
     surface: Surface
     visibility: Visibility
     light: Illumination
-    plan: Plan
+    plan: LightPlan
     graphs: Graphs
     clock: Clock
 
-    def radiance(self, seen: Seen, viewpoint: Triple) -> Float32:
+    def radiance(self, seen: SeenHead, viewpoint: Triple) -> Float32:
         """(N, 3) linear radiance >= 0 of the points on the head towards a viewpoint."""
         shades = [self._shade(item, i) for i, item in enumerate(self.light.lights)]
         diffuse = seen.read(self._diffuse(shades, seen))
@@ -70,7 +70,7 @@ class Shader:
         with self.clock.step("shadows"):
             return self.visibility.shadow(light, (width, height))
 
-    def _diffuse(self, shades: list[Float32], seen: Seen) -> Float32:
+    def _diffuse(self, shades: list[Float32], seen: SeenHead) -> Float32:
         """(H, W, 3) diffuse radiance after scattering, before specular reflection is subtracted."""
         s = self.surface
         with self.clock.step("diffuse"):
@@ -89,7 +89,7 @@ class Shader:
                 radiosity = self._scattered(albedo, arriving, seen)
         return np.ascontiguousarray(np.moveaxis(self._padded(radiosity) / np.float32(math.pi), 0, 2))
 
-    def _scattered(self, albedo: Float32, arriving: Float32, seen: Seen) -> Float32:
+    def _scattered(self, albedo: Float32, arriving: Float32, seen: SeenHead) -> Float32:
         """(3, H, W) radiosity, scattered on the skin that is seen; elsewhere albedo times irradiance.
 
         Computed in tiles with padding as wide as the profile, as the blurs of a whole chart would need gigabytes.
@@ -127,7 +127,7 @@ class Shader:
         vector = self.visibility.sky_light(self.light.sky, (width, height))
         return _planes(np.maximum(np.einsum("hwci,hwi->hwc", vector, s.diffuse_normal), 0.0))
 
-    def _glossy(self, seen: Seen, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
+    def _glossy(self, seen: SeenHead, viewpoint: Triple, diffuse: Float32, shades: list[Float32]) -> Float32:
         """(N, 3) radiance: ``diffuse`` less the specular albedo, highlights, and the reflection of the sky."""
         s, plan = self.surface, self.plan
         specular, alphas, share = seen.read(s.specular)[:, 0], seen.read(s.alpha), seen.read(s.share)[:, 0]
@@ -163,7 +163,7 @@ class Shader:
         return diffuse * (1.0 - np.clip(taken, 0.0, 1.0))[:, None] + total.T
 
 
-def _seen_tiles(seen: Seen, height: int, width: int) -> list[tuple[int, int]]:
+def _seen_tiles(seen: SeenHead, height: int, width: int) -> list[tuple[int, int]]:
     """Top left corners of the tiles of the texels that are seen."""
     tiles = set()
     for down in (-1.5, 1.5):

@@ -19,7 +19,7 @@ Size = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Detail:
+class VisibilityDetail:
     """Resolution of the visibility.
 
     Attributes:
@@ -93,7 +93,7 @@ class Visibility:
     head: HeadModel
     vertices: AnyFloat
     graphs: Graphs
-    detail: Detail = Detail()
+    detail: VisibilityDetail = VisibilityDetail()
 
     @cached_property
     def _casters(self) -> tuple[Occluders, ...]:

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from service.archive.preview.page import GREY, blank, write
+from service.archive.preview.page import GREY, blank, write_text
 from service.kits.blender import blender
 from service.kits.export import export_kit
 from tests.support.browser import launched
@@ -89,7 +89,7 @@ def captioned(tiles: list[np.ndarray], captions: tuple[str, ...], columns: int) 
         line = np.concatenate(tiles[first : first + columns], 1)
         foot = blank(line.shape[1], CAPTION)
         for k, caption in enumerate(captions[first : first + columns]):
-            write(foot, caption, k * tiles[0].shape[1] + 8, 18, 14, GREY)
+            write_text(foot, caption, k * tiles[0].shape[1] + 8, 18, 14, GREY)
         rows.append(np.concatenate([line, foot]))
     return Image.fromarray(np.concatenate(rows))
 

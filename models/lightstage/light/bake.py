@@ -26,7 +26,7 @@ from service.errors import UsageError
 from service.light.environment import Illumination, flux_by_direction, illumination
 from service.light.formulas import SMALLEST_ALPHA
 from service.light.harmonics import COSINE_LOBE, project
-from service.light.plan import Plan
+from service.light.plan import LightPlan
 from service.light.scene import PointLight, Scene
 
 _NEAREST_M = 1e-3
@@ -45,7 +45,7 @@ class Lamp:
     size: Tensor
 
 
-def footprint(window: ChartWindow, geometry: Geometry, plan: Plan, scatter_scale: float = 1.0) -> ChartWindow:
+def footprint(window: ChartWindow, geometry: Geometry, plan: LightPlan, scatter_scale: float = 1.0) -> ChartWindow:
     """The window that maps must cover for a crop to come out as it does in the whole chart."""
     densest = geometry.density(window)
     halo, multiple = 0, 1
@@ -60,7 +60,7 @@ def bake(
     skin: LitMaps,
     geometry: Geometry,
     scene: Scene,
-    plan: Plan,
+    plan: LightPlan,
     window: ChartWindow,
     *,
     maps_window: ChartWindow | None = None,
@@ -96,7 +96,7 @@ def radiance(
     skin: LitMaps,
     geometry: Geometry,
     scene: Scene,
-    plan: Plan,
+    plan: LightPlan,
     window: ChartWindow,
     *,
     scatter_scale: float = 1.0,
@@ -124,7 +124,7 @@ def radiance(
 
 
 def _lamp(
-    skin: LitMaps, geometry: Geometry, site: Site, light: PointLight, index: int, plan: Plan, window: ChartWindow
+    skin: LitMaps, geometry: Geometry, site: Site, light: PointLight, index: int, plan: LightPlan, window: ChartWindow
 ) -> Lamp:
     towards, distance, irradiance, size = arriving_at(site.position, *sent_by(light, geometry.device))
     shade = torch.ones_like(distance)
@@ -165,7 +165,7 @@ def facing(cosine: Tensor, size: Tensor) -> Tensor:
 
 
 def _diffuse(
-    skin: LitMaps, geometry: Geometry, site: Site, light: Illumination, lamps: list[Lamp], plan: Plan,
+    skin: LitMaps, geometry: Geometry, site: Site, light: Illumination, lamps: list[Lamp], plan: LightPlan,
     window: ChartWindow, scale: float,
 ) -> Tensor:  # fmt: skip
     """(3, h, w) light that leaves the skin after scattering, before the surface takes its part."""
@@ -196,7 +196,7 @@ def _sky(geometry: Geometry, normal: Tensor, light: Illumination, occlusion: boo
 
 def _towards(
     view: Tensor, normal: Tensor, gloss: Gloss, diffuse: Tensor, lamps: list[Lamp], light: Illumination,
-    openness: Tensor | None, plan: Plan,
+    openness: Tensor | None, plan: LightPlan,
 ) -> Tensor:  # fmt: skip
     """(3, h, w) light towards one viewpoint."""
     dtype = gloss.f0.dtype

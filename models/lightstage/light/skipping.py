@@ -32,7 +32,7 @@ from models.lightstage.skin.synthesis import SkinMaps
 from models.lightstage.skin.window import ChartWindow
 from models.lightstage.stage import Stage
 from models.tables import tell
-from service.light.plan import EFFECTS, Plan, plan
+from service.light.plan import EFFECTS, LightPlan, plan
 from service.light.scene import Scene
 
 TIMED = 8
@@ -77,7 +77,7 @@ def subjects(seeds: range, width: int, height: int) -> list[Subject]:
     return out
 
 
-def _timed_bake(subject: Subject, scene: Scene, chosen: Plan, *, anew: bool = True) -> tuple[Tensor, float]:
+def _timed_bake(subject: Subject, scene: Scene, chosen: LightPlan, *, anew: bool = True) -> tuple[Tensor, float]:
     if anew:
         subject.geometry.forget_shadows()
     start = time.perf_counter()
@@ -99,7 +99,7 @@ def trials(people: list[Subject], scenes: range, tolerance: float) -> Iterator[T
         chosen = plan(scene, survey(subject.maps, subject.geometry, subject.window), tolerance)
         plan_s = time.perf_counter() - start
         anew = number % TIMED == 0  # shadows are computed anew only where time is taken
-        whole, full_s = _timed_bake(subject, scene, Plan.everything(scene), anew=anew)
+        whole, full_s = _timed_bake(subject, scene, LightPlan.everything(scene), anew=anew)
         planned, planned_s = _timed_bake(subject, scene, chosen, anew=anew)
         if not anew:
             full_s = planned_s = 0.0
@@ -126,7 +126,7 @@ def by_effect(people: list[Subject], scenes: range) -> dict[str, list[tuple[floa
     for number in scenes:
         subject = people[number % len(people)]
         scene = expose(subject.maps, subject.geometry, sample_scene(number), subject.window)
-        full = Plan.everything(scene)
+        full = LightPlan.everything(scene)
         asked = plan(scene, survey(subject.maps, subject.geometry, subject.window), 0.0)
         whole, full_s = _timed_bake(subject, scene, full)
         for effect in EFFECTS:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.avatar import Avatar
-from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write
+from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write_text
 from service.archive.preview.sheet import clay_picture
 from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
@@ -44,7 +44,7 @@ def overlay(avatar: Avatar) -> Image:
     for index, (title, picture) in enumerate(panels):
         x = _MARGIN + index * (size[0] + _MARGIN)
         place(page, picture, x, _MARGIN)
-        write(page, title, x, _MARGIN + size[1] + 21, 15, INK, bold=True)
+        write_text(page, title, x, _MARGIN + size[1] + 21, 15, INK, bold=True)
     if size[0] >= 300:
         _legend(page, 2 * size[0] + 3 * _MARGIN + 100, _MARGIN + size[1] + 21, avatar.fit)
     return page
@@ -139,8 +139,8 @@ def _legend(page: Image, x: int, y: int, fit: Fit) -> None:
 
     for label, colour in (("detected", _DETECTED), ("fitted", _FITTED)):
         cv2.circle(page, (x, y - 5), 4, colour, -1, cv2.LINE_AA)
-        write(page, label, x + 9, y, 14, GREY)
+        write_text(page, label, x + 9, y, 14, GREY)
         x += 82 if label == "detected" else 62
     if fit.inter_ocular_px > 0:
         share = 100 * fit.landmark_rms_px / fit.inter_ocular_px
-        write(page, f"rms {share:.1f} % of eye distance", x, y, 14, GREY)
+        write_text(page, f"rms {share:.1f} % of eye distance", x, y, 14, GREY)

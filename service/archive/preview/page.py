@@ -39,7 +39,7 @@ def place(page: Image, picture: Image, x: int, y: int) -> None:
     page[y : y + height, x : x + width] = picture
 
 
-def write(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
+def write_text(page: Image, text: str, x: int, y: int, size: int, colour: Colour = INK, *, bold: bool = False) -> None:
     """Write one line of ``text`` into ``page``, its baseline starting at (x, y), ``size`` pixels high.
 
     OpenCV 5 has a typeface; before it there are only stroke fonts, without a degree sign.

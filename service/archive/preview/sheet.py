@@ -12,7 +12,7 @@ import numpy.typing as npt
 from service.anatomy.hair.worn import to_albedo
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
-from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write
+from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write_text
 from service.arrays import Float32, UInt8, UInt16
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
@@ -20,7 +20,7 @@ from service.geometry.normals import normalise
 from service.light.environment import Illumination
 from service.light.scene import WHITE, PointLight, Triple
 from service.materials.part import framed
-from service.render.draw import Model, over, see, sketch
+from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
 
 What = TypeVar("What")
@@ -57,7 +57,7 @@ _PART_CLAY = {"eye": (0.72, 0.72, 0.72), "teeth": (0.68, 0.66, 0.60), "tongue": 
 def textured(avatar: Avatar) -> Iterator[View]:
     """Captions and (h, w, 3) uint8 pictures of ``TILE``: the texture, with the photo's light, from five sides."""
     colours = bytes_to_linear(_small(avatar.texture.texture, SEEN_SIZE))
-    model, tint = Model.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
+    model, tint = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts), photo_light(avatar)
 
     def view(yaw: int) -> View:
         side = "Front" if yaw == 0 else f"{'Right' if yaw > 0 else 'Left'} side, {abs(yaw)}°"
@@ -72,7 +72,7 @@ def relit(avatar: Avatar) -> Iterator[View]:
     if made is None or made.diffuse_albedo is None:
         return
     colours = bytes_to_linear(small_albedo(made.diffuse_albedo, SEEN_SIZE))
-    model = Model.of(avatar.head, avatar.fit.vertices, avatar.parts)
+    model = DrawnHead.of(avatar.head, avatar.fit.vertices, avatar.parts)
 
     def view(what: tuple[int, int]) -> View:
         side = "in front" if what[1] == 0 else "on the right" if what[1] > 0 else "on the left"
@@ -82,7 +82,7 @@ def relit(avatar: Avatar) -> Iterator[View]:
 
 
 def _picture(
-    model: Model, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE
+    model: DrawnHead, yaw: float, colours: Float32, azimuth: float | None, tint: Triple = WHITE
 ) -> Image:
     """The avatar in linear colours (h, w, 3) of its chart, under a lamp or with light in them."""
     camera = turned_camera(framed(model.vertices, [one.part for one in model.parts]), yaw, *TILE)
@@ -108,7 +108,7 @@ def clay(avatar: Avatar) -> Iterator[View]:
 
 def clay_picture(avatar: Avatar, vertices: Float32, camera: Camera, samples: float) -> tuple[Float32, Float32]:
     """The untextured head, as of :meth:`service.render.draw.Seen.resolved`."""
-    seen = see(Model.of(avatar.head, vertices), camera, samples)
+    seen = see(DrawnHead.of(avatar.head, vertices), camera, samples)
     for one in seen.parts:
         one.colour[:] = _PART_CLAY.get(one.part.material.name, CLAY)
     colour = np.broadcast_to(np.array(CLAY, np.float32), seen.position_m.shape)
@@ -184,9 +184,9 @@ def sheet(avatar: Avatar) -> Image:
     maps_high, view_high = _map_size()[1] + _CAPTION, TILE[1] + _CAPTION
     high = (3 if in_lamps else 2) * view_high + -(-len(maps) // _MAPS_A_ROW) * maps_high
     page = blank(_WIDTH, _TITLE + high + _MARGIN)
-    write(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
+    write_text(page, "Avatar", _MARGIN, 40, 26, INK, bold=True)
     origin = "no photo" if avatar.given else "one photo"
-    write(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
+    write_text(page, f"{avatar.head.name} · {len(avatar.head.mean)} vertices · {origin}", _MARGIN + 104, 40, 15, GREY)
     y = _TITLE
     columns = list(_columns(TILE[0]))
     for views in (list(textured(avatar)), in_lamps):
@@ -214,7 +214,7 @@ def _map_size() -> tuple[int, int]:
 
 def _tile(page: Image, picture: Image, caption: str, x: int, y: int) -> None:
     place(page, picture, x, y)
-    write(page, caption, x, y + picture.shape[0] + 18, 14, GREY)
+    write_text(page, caption, x, y + picture.shape[0] + 18, 14, GREY)
 
 
 def _maps(avatar: Avatar) -> Iterator[tuple[str, Image]]:
@@ -275,22 +275,22 @@ def confidence_colours(confidence: UInt8) -> Image:
 
 def _facts(page: Image, avatar: Avatar, x: int, y: int) -> None:
     """Write measurements and warnings."""
-    write(page, "Measured", x, y + 14, 16, INK, bold=True)
+    write_text(page, "Measured", x, y + 14, 16, INK, bold=True)
     y += 42
     for name, value in _measured(avatar):
-        write(page, name, x, y, 14, GREY)
-        write(page, value, x + 190, y, 14, INK)
+        write_text(page, name, x, y, 14, GREY)
+        write_text(page, value, x + 190, y, 14, INK)
         y += 24
     warnings = avatar.all_warnings()
     if not warnings:
         return
-    write(page, "Warnings", x, y + 14, 16, WARNING, bold=True)
+    write_text(page, "Warnings", x, y + 14, 16, WARNING, bold=True)
     y += 40
     for code in warnings[:4]:
-        write(page, code, x, y, 14, WARNING)
+        write_text(page, code, x, y, 14, WARNING)
         y += 21
     if len(warnings) > 4:
-        write(page, f"and {len(warnings) - 4} more, see manifest.json", x, y, 14, WARNING)
+        write_text(page, f"and {len(warnings) - 4} more, see manifest.json", x, y, 14, WARNING)
 
 
 def _measured(avatar: Avatar) -> Iterator[tuple[str, str]]:

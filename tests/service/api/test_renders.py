@@ -25,7 +25,7 @@ from service.jobs.database import JOBS
 from service.jobs.kinds import RENDER
 from service.jobs.settings import Settings
 from service.jobs.workflow import Runner
-from service.render.render import Picture, render_head
+from service.render.render import RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
@@ -121,7 +121,7 @@ def test_the_child_writes_the_picture_and_says_its_facts(
         def done(self, facts: dict[str, Any]) -> None:
             self.facts = facts
 
-    def rough(source: Any, request: RenderRequest) -> Picture:
+    def rough(source: Any, request: RenderRequest) -> RenderedPicture:
         avatar = open_avatar(source, ROLES)
         head = avatar.mesh.as_head("toy", "CC0-1.0")
         return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)

@@ -12,9 +12,9 @@ import pytest
 
 from service.archive.avatar import Avatar
 from service.bench.sample_head import SampleHead, from_photo
-from service.bench.stages import measure
+from service.bench.stages import measure_stage
 from service.bench.variants import Whole, reference
-from service.bench.whole import make
+from service.bench.whole import make_whole
 from service.colour import Codes
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.reflectance_plan import ReflectancePlan
@@ -67,7 +67,7 @@ def test_the_stage_takes_the_light_of_the_photo(
     # The stage is the network; what becomes of highlights afterwards is the whole's.
     monkeypatch.setattr("service.reflectance.reflectance.without_highlights", lambda albedo, *_: albedo)
     from_photo(b"", None, SIDE, tmp_path)
-    measure(replace(reference("delta"), width=WIDTH), engine, tmp_path, tmp_path / "delta.npy", 0)
+    measure_stage(replace(reference("delta"), width=WIDTH), engine, tmp_path, tmp_path / "delta.npy", 0)
     window = SampleHead.load(tmp_path).window
     subject = Subject.in_photo(avatar.head, avatar.fit, avatar.texture)
     skin = window.of(subject.skin((WIDTH, WIDTH * 2 // 3))) == 255
@@ -88,7 +88,7 @@ def test_the_whole_is_the_product(
 
     monkeypatch.setattr("service.archive.pack.write_archive", written)
     from_photo(b"", None, SIDE, tmp_path)
-    make(Whole("toy", "draft", engine, WIDTH), b"", tmp_path, tmp_path / "maps.npz")
+    make_whole(Whole("toy", "draft", engine, WIDTH), b"", tmp_path, tmp_path / "maps.npz")
     with np.load(tmp_path / "maps.npz") as maps:
         expected = SampleHead.load(tmp_path).window.of(product(avatar, engine))
         np.testing.assert_array_equal(maps["diffuse_albedo"], expected)

@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 
 from service.bench.report import as_markdown, draw
-from service.bench.run import bench
-from service.bench.sample_head import prepare
+from service.bench.run import run_bench
+from service.bench.sample_head import write_sample_head
 from service.bench.stages import rule_notes
-from service.bench.variants import STAGES, Bench, Extent, Family, Measured, Row, reference
+from service.bench.variants import STAGES, Bench, BenchExtent, Family, MeasuredStage, Row, reference
 from service.errors import ModelFault, UsageError
 from service.runtime.networks import Engine
 from service.runtime.sessions import model_table
 from tests.service.reflectance.toys import noise, toy_folder, toy_subject
 
-TINY = Extent(256, (3072,), (128,), 128, (0.0,), (), (), False, 0)
+TINY = BenchExtent(256, (3072,), (128,), 128, (0.0,), (), (), False, 0)
 
 
 @pytest.fixture
 def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Family:
     def from_subject(photo: bytes, size: object, side: int, folder: Path) -> None:
         texture = noise()
-        prepare(toy_subject(), texture, np.ones(texture.shape[:2]), side, folder)
+        write_sample_head(toy_subject(), texture, np.ones(texture.shape[:2]), side, folder)
 
     monkeypatch.setattr("service.bench.run.from_photo", from_subject)
     folder = tmp_path / "toys"
@@ -47,7 +47,7 @@ def here(work, *arguments):  # type: ignore[no-untyped-def]
 
 
 def test_every_stage_in_every_variant(toys: Family, tmp_path: Path) -> None:
-    found = bench(TINY, [toys], launch=here)
+    found = run_bench(TINY, [toys], launch=here)
     assert {row.variant.stage for row in found.rows} == set(STAGES)
     assert not [note for note in found.notes if "--runtime auto" not in note], "toys are no measure of runtimes"
     for stage in ("delta", "psi", "rho", "sigma"):
@@ -73,7 +73,7 @@ def test_every_stage_in_every_variant(toys: Family, tmp_path: Path) -> None:
 
 def test_a_rule_that_is_wrong_on_this_machine_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever reads the table of a new processor has to see that ``auto`` takes the slower runtime there."""
-    slow, fast = (Measured(seconds, seconds, 1.0) for seconds in (3.0, 1.0))
+    slow, fast = (MeasuredStage(seconds, seconds, 1.0) for seconds in (3.0, 1.0))
     plain = reference("rho")
     other = replace(plain, runtime="openvino")
     folder = Family("none", Path(), ())
@@ -85,7 +85,7 @@ def test_a_rule_that_is_wrong_on_this_machine_is_told(monkeypatch: pytest.Monkey
 
 def test_what_is_not_there_is_left_out_and_told(toys: Family) -> None:
     few = Family("few", toys.folder, ("psi",))
-    found = bench(TINY, [few], launch=here)
+    found = run_bench(TINY, [few], launch=here)
     assert {row.variant.stage for row in found.rows} == {"psi"}
     assert any(note.startswith("rho was left out") for note in found.notes)
     assert "rho was left out" in as_markdown(found)
@@ -93,7 +93,7 @@ def test_what_is_not_there_is_left_out_and_told(toys: Family) -> None:
 
 def test_without_networks_there_is_nothing_to_measure(tmp_path: Path) -> None:
     with pytest.raises(ModelFault, match="--networks"):
-        bench(TINY, [Family("none", tmp_path, ())], launch=here)
+        run_bench(TINY, [Family("none", tmp_path, ())], launch=here)
 
 
 def test_the_plot_needs_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

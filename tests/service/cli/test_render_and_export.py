@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from service.archive.pack import write_archive
 from service.archive.reading import open_avatar
 from service.cli.app import app
-from service.render.render import Picture, render_head
+from service.render.render import RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
 from tests.service.archive.toys import toy_avatar
@@ -30,7 +30,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def rough(monkeypatch: pytest.MonkeyPatch) -> None:
-    def render_archive(source: Any, request: RenderRequest) -> Picture:
+    def render_archive(source: Any, request: RenderRequest) -> RenderedPicture:
         avatar = open_avatar(source, ROLES)
         head = avatar.mesh.as_head("toy", "CC0-1.0")
         return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)

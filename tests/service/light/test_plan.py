@@ -9,7 +9,7 @@ import pytest
 
 from service.errors import UsageError
 from service.light.environment import spread_directions
-from service.light.plan import EFFECTS, Plan, plan, report
+from service.light.plan import EFFECTS, LightPlan, plan, report
 from service.light.samples import AZIMUTHS, PLACES, RING_MM, SurfaceSamples
 from service.light.scene import Environment, PointLight, Response, Scene
 
@@ -92,7 +92,7 @@ def test_plans_say_why_and_travel_as_json() -> None:
 
 def test_plans_of_other_scenes_are_noticed() -> None:
     with pytest.raises(KeyError, match="light 3"):
-        Plan.everything(scene(KEY)).runs("shadows", 3)
+        LightPlan.everything(scene(KEY)).runs("shadows", 3)
 
 
 def test_what_cannot_be_planned_is_refused() -> None:

@@ -18,7 +18,7 @@ from service.errors import BadArchive
 from service.head.files import load_head
 from service.materials.material import ChartMap, Material, OwnMap
 from service.materials.part import MeshPart
-from service.render.draw import Model, see, without_parts
+from service.render.draw import DrawnHead, see, without_parts
 from service.render.render import NO_SHADOWS, render_head
 from service.render.request import RenderRequest
 from service.render.view import camera_at
@@ -74,7 +74,7 @@ def test_a_part_that_goes_on_from_the_head_leaves_no_gap() -> None:
 
 def test_the_heads_own_eyes_teeth_and_tongue_are_drawn_as_parts() -> None:
     head = load_head(None)
-    model = Model.of(head, head.mean)
+    model = DrawnHead.of(head, head.mean)
     assert {one.part.name for one in model.parts} == set(head.part_names) - {"skin", "lashes"}
     camera = camera_at((0.0, 0.0, 1.2), head.mean, 192, 256)
     seen = see(model, camera, 1.0, np.full((8, 12, 3), 0.5, np.float32))

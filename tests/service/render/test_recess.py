@@ -10,15 +10,15 @@ import pytest
 
 from service.light.environment import illumination
 from service.light.formulas import Graphs
-from service.light.plan import Plan
+from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material
 from service.materials.part import MeshPart
 from service.render.draw import recess_of
-from service.render.recess import Arriving, Nodes, PartLight, skin_around
+from service.render.recess import Arriving, LightOnParts, Nodes, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
-from service.render.visibility import Detail, Occluders
+from service.render.visibility import Occluders, VisibilityDetail
 from tests.service.render.toys import EVEN, HEAD, LAMP, ROUGH, albedo, scene
 
 GRAPHS = Graphs(1)
@@ -44,11 +44,13 @@ def plate(low: tuple[float, float, float], high: tuple[float, float, float]) -> 
 
 
 def lit(
-    points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None, plan: Plan | None = None
-) -> Arriving:
+    points: np.ndarray, normals: np.ndarray, occluders: np.ndarray, what: Scene | None = None,
+    plan: LightPlan | None = None,
+) -> Arriving:  # fmt: skip
     what = what or scene(EVEN)
     around = Occluders(np.ascontiguousarray(occluders.T, np.float32), 0.45, GRAPHS)
-    light = PartLight(illumination(what), plan or Plan.everything(what), GRAPHS, Detail(128), (0.0, 0.0, 1.2))
+    made = plan or LightPlan.everything(what)
+    light = LightOnParts(illumination(what), made, GRAPHS, VisibilityDetail(128), (0.0, 0.0, 1.2))
     found = light.arriving(points, normals, around)
     for values in dataclasses.astuple(found):
         assert np.isfinite(values).all()
@@ -102,7 +104,7 @@ def test_an_opening_lets_in_its_form_factor() -> None:
 
 def test_effects_that_the_plan_leaves_out_are_not_computed() -> None:
     what = scene(EVEN, LAMP)
-    plan = Plan.everything(what).without("occlusion").without("shadows", 0)
+    plan = LightPlan.everything(what).without("occlusion").without("shadows", 0)
     found = lit(POLE, FORWARD, ball(25.0), what, plan)
     assert found.openness[0] == found.mirror[0] == found.lamps[0, 0] == 1 and found.irradiance[0, 0] > np.pi * 0.99
 

@@ -12,7 +12,7 @@ import pytest
 from service.archive.rendering import MOST_POLYGONS, smoothed
 from service.errors import BadArchive, UsageError
 from service.light.scene import Environment, PointLight, Softbox
-from service.render.render import NO_RELIEF, Picture
+from service.render.render import NO_RELIEF, RenderedPicture
 from service.render.request import RenderRequest
 from tests.service.render.toys import EVEN, HEAD, LAMP, albedo, flat_normals, scene, stored, toy_picture
 from tests.toyhead import CENTRE, RADIUS
@@ -22,7 +22,7 @@ SKY = Environment(zenith=(0.3, 0.4, 0.6), horizon=(0.3,) * 3, ground=(0.1,) * 3,
 
 
 @lru_cache(maxsize=1)
-def usual() -> Picture:
+def usual() -> RenderedPicture:
     return toy_picture(scene(SKY, LAMP), tolerance=0.0)
 
 

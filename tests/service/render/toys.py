@@ -8,14 +8,14 @@ import numpy as np
 
 from service.archive.images import encode_normals8
 from service.light.scene import Environment, PointLight, Response, Scene
-from service.render.render import Picture, render_head
+from service.render.render import RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import StoredMap
-from service.render.visibility import Detail
+from service.render.visibility import VisibilityDetail
 from tests.toyhead import sphere_head
 
 HEAD = sphere_head(16, 24)
-ROUGH = Detail(directions=64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3, 5), recess_mm=2.0, narrowest=96)
+ROUGH = VisibilityDetail(64, sky_size=(48, 32), shadow_size=(96, 64), casters_mm=(3, 5), recess_mm=2.0, narrowest=96)
 EVEN = Environment(zenith=(1.0,) * 3, horizon=(1.0,) * 3, ground=(1.0,) * 3)
 LAMP = PointLight((0.5, 0.3, 0.9), (2.0, 1.6, 1.2), 0.05)
 
@@ -40,7 +40,7 @@ def scene(environment: Environment | None = None, *lights: PointLight, exposure:
 
 def toy_picture(
     what: Scene, maps: dict[str, StoredMap] | None = None, vertices: np.ndarray | None = None, **options: Any
-) -> Picture:
+) -> RenderedPicture:
     given: dict[str, Any] = {"size": (48, 56), "samples": 1, **options}
     request = RenderRequest(scene=what, **given)
     posed = HEAD.mean if vertices is None else vertices

@@ -19,7 +19,7 @@ from models.lightstage.light.texture import bake_texture  # noqa: E402
 from models.lightstage.sample import write_sample  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from models.lightstage.stage import Stage  # noqa: E402
-from service.light.plan import Plan  # noqa: E402
+from service.light.plan import LightPlan  # noqa: E402
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 
@@ -49,7 +49,7 @@ def test_a_crop_of_a_real_head_is_that_of_the_whole_and_bfloat16_is_near() -> No
     whole = ChartWindow.whole(*SIZE)
     maps = skin.maps(whole)
     scene = expose(maps, geometry, sample_scene(7), whole)
-    everything = Plan.everything(scene)
+    everything = LightPlan.everything(scene)
     outer = footprint(whole, geometry, everything)
     exact = bake(skin.maps(outer), geometry, scene, everything, whole, maps_window=outer)
     assert exact.isfinite().all()

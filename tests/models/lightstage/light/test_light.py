@@ -26,7 +26,7 @@ from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from service.errors import UsageError  # noqa: E402
-from service.light.plan import Plan, develop, estimate, plan  # noqa: E402
+from service.light.plan import LightPlan, develop, estimates_of, plan  # noqa: E402
 from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -52,8 +52,8 @@ def front() -> Any:
     return (site.normal[2] > 0.3) & (geometry().mask[0] > 0.5) & (site.position[1].abs() > 45.0)
 
 
-def light_of(scene: Scene, maps: PlainSkin, chosen: Plan | None = None) -> Any:
-    return radiance(maps, geometry(), scene, chosen or Plan.everything(scene), WHOLE)[0][0]
+def light_of(scene: Scene, maps: PlainSkin, chosen: LightPlan | None = None) -> Any:
+    return radiance(maps, geometry(), scene, chosen or LightPlan.everything(scene), WHOLE)[0][0]
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 1.0])
@@ -85,7 +85,7 @@ def test_the_lobe_sends_what_its_table_says_and_never_more_than_all(alpha: float
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_white_furnace_gains_nothing(albedo: float, dtype: Any) -> None:
     scene = Scene(EVEN, viewpoints=VIEW, response=Response(exposure=1.0))
-    maps, everything = skin(albedo=(albedo,) * 3, specular=1.0, dtype=dtype), Plan.everything(scene)
+    maps, everything = skin(albedo=(albedo,) * 3, specular=1.0, dtype=dtype), LightPlan.everything(scene)
     seen = radiance(maps, geometry(), scene, everything, WHOLE, dtype=dtype)[0][0].float()[:, front()]
     assert seen.max() <= (1.01 if dtype == torch.float32 else 1.02)
     if albedo == 1.0:
@@ -97,7 +97,7 @@ def test_white_furnace_gains_nothing(albedo: float, dtype: Any) -> None:
 def test_black_skin_without_mirror_is_black() -> None:
     scene = Scene(EVEN, (PointLight((0.3, 0.2, 0.9), (1.0,) * 3),), VIEW, Response(exposure=1.0))
     assert light_of(scene, skin(albedo=(0.0,) * 3, specular=0.0))[:, front()].max() < 0.2  # Fresnel's rise only
-    no_mirror = Plan.everything(scene).without("reflection").without("specular", 0)
+    no_mirror = LightPlan.everything(scene).without("reflection").without("specular", 0)
     assert light_of(scene, skin(albedo=(0.0,) * 3, specular=0.0), no_mirror).max() == 0.0
 
 
@@ -105,7 +105,7 @@ def test_lambert_under_one_lamp() -> None:
     """Albedo / pi * intensity * cos / d^2, by hand, where nothing is in the way."""
     lamp = PointLight((0.0, 0.0, 2.0), (3.0, 2.0, 1.0))
     scene = Scene(Environment(), (lamp,), VIEW, Response(exposure=1.0))
-    chosen = Plan.everything(scene).without("specular", 0).without("scattering")
+    chosen = LightPlan.everything(scene).without("specular", 0).without("scattering")
     seen = light_of(scene, skin(specular=0.0), chosen)
     site = geometry().site(WHOLE)
     offset = torch.tensor([0.0, 0.0, 2.0]).view(3, 1, 1) - site.position / 1000.0
@@ -154,7 +154,7 @@ HARD = {
 def test_hard_scenes_stay_finite_and_positive(name: str, dtype: Any) -> None:
     scene = HARD[name].exposed(1.0)
     maps = PlainSkin.even(WHOLE, alpha=(0.02, 1.0), share=0.5, dtype=dtype)
-    everything = Plan.everything(scene)
+    everything = LightPlan.everything(scene)
     for light, weight in radiance(maps, geometry(), scene, everything, WHOLE, dtype=dtype):
         assert light.isfinite().all()
         assert light.min() >= 0.0
@@ -169,9 +169,9 @@ def test_hard_scenes_stay_finite_and_positive(name: str, dtype: Any) -> None:
 
 def test_half_precision_changes_little() -> None:
     scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3, 0.02),), VIEW, Response(exposure=0.6))
-    exact = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    exact = bake(skin(), geometry(), scene, LightPlan.everything(scene), WHOLE)
     rounded = PlainSkin.even(WHOLE, dtype=torch.bfloat16)
-    half = bake(rounded, geometry(), scene, Plan.everything(scene), WHOLE, dtype=torch.bfloat16)
+    half = bake(rounded, geometry(), scene, LightPlan.everything(scene), WHOLE, dtype=torch.bfloat16)
     assert (exact - half.float())[:, front()].abs().mean() < 1.5 / 255
 
 
@@ -181,7 +181,7 @@ def test_normals_of_no_length_or_all_alike_do_no_harm(dtype: Any) -> None:
     for vector in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (float("nan"), 0.0, 0.0)):
         bad = torch.tensor(vector, dtype=dtype).view(3, 1, 1).expand(3, 64, 96)
         maps = dataclasses.replace(skin(dtype=dtype), specular_normal=bad, diffuse_normal=bad)
-        image = bake(maps, geometry(), scene, Plan.everything(scene), WHOLE, dtype=dtype)
+        image = bake(maps, geometry(), scene, LightPlan.everything(scene), WHOLE, dtype=dtype)
         assert image.isfinite().all()
         assert image.min() >= 0.0
 
@@ -194,7 +194,7 @@ def test_a_triangle_without_area_on_the_chart_does_no_harm() -> None:
     head = dataclasses.replace(head, uv=uv)
     broken = Geometry.of(head, head.mean, size=(96, 64), sky_size=(48, 32), directions=32, casters_mm=(6.0, 6.0))
     scene = HARD["point"].exposed(1.0)
-    image = bake(skin(), broken, scene, Plan.everything(scene), WHOLE)
+    image = bake(skin(), broken, scene, LightPlan.everything(scene), WHOLE)
     assert image.isfinite().all()
 
 
@@ -246,7 +246,7 @@ def test_a_pit_is_in_the_shade_of_a_low_light() -> None:
 def test_a_crop_is_the_same_as_the_whole() -> None:
     big = ChartWindow.whole(384, 256)
     scene = Scene(EVEN, (PointLight((0.3, 0.3, 0.7), (1.0,) * 3),), VIEW, Response(exposure=0.5))
-    everything = Plan.everything(scene)
+    everything = LightPlan.everything(scene)
     noise = torch.rand(1, 512, 640, generator=torch.Generator().manual_seed(1))
 
     def maps(window: ChartWindow) -> PlainSkin:
@@ -267,9 +267,9 @@ def test_a_crop_is_the_same_as_the_whole() -> None:
 def test_maps_of_another_size_are_refused() -> None:
     scene = HARD["point"].exposed(1.0)
     with pytest.raises(UsageError, match="texels"):
-        bake(skin(), geometry(), scene, Plan.everything(scene), ChartWindow.whole(48, 32))
+        bake(skin(), geometry(), scene, LightPlan.everything(scene), ChartWindow.whole(48, 32))
     with pytest.raises(UsageError, match="exposure"):
-        bake(skin(), geometry(), HARD["point"], Plan.everything(HARD["point"]), WHOLE)
+        bake(skin(), geometry(), HARD["point"], LightPlan.everything(HARD["point"]), WHOLE)
 
 
 @pytest.mark.parametrize("shoulder", [0.0, 0.4])
@@ -301,8 +301,8 @@ def test_the_planner_shades_as_the_camera_does() -> None:
     scene = Scene(EVEN, (PointLight((0.2, 0.3, 1.5), (2.0,) * 3),), VIEW)
     scene = expose(skin(), geometry(), scene, WHOLE)
     samples = survey(skin(), geometry(), WHOLE, count=256)
-    made = estimate(scene, samples).shading.picture(set()).mean()
-    image = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    made = estimates_of(scene, samples).shading.picture(set()).mean()
+    image = bake(skin(), geometry(), scene, LightPlan.everything(scene), WHOLE)
     face = geometry().face[0] > 0.5
     assert float(image[:, face].mean()) == pytest.approx(float(made), abs=0.03)
 
@@ -310,14 +310,14 @@ def test_the_planner_shades_as_the_camera_does() -> None:
 def test_the_planner_shades_each_point_as_the_camera_does() -> None:
     """Texel by texel, with and without each effect that needs no shadow; would break: one of two formulas changed."""
     scene = expose(skin(), geometry(), Scene(EVEN, (PointLight((0.2, 0.3, 1.5), (2.0,) * 3, 0.1),), VIEW), WHOLE)
-    everything = Plan.everything(scene).without("shadows", 0).without("scattering")
+    everything = LightPlan.everything(scene).without("shadows", 0).without("scattering")
     base: set[Any] = {("shadows", 0), ("scattering", None)}
     places = torch.stack(torch.meshgrid(torch.arange(64.0), torch.arange(96.0), indexing="ij"))
     where = survey(
         dataclasses.replace(skin(), diffuse_albedo=torch.cat([places / 128, 0 * places[:1]])), geometry(), WHOLE
     )
     row, column = (np.rint(where.albedo[0, :, i] * 128).astype(int) for i in (0, 1))
-    shaded = estimate(scene, survey(skin(), geometry(), WHOLE)).shading
+    shaded = estimates_of(scene, survey(skin(), geometry(), WHOLE)).shading
     for effect in (None, "reflection", "fresnel", "specular", "second_lobe"):
         light = 0 if effect == "specular" else None
         chosen = everything.without(effect, light) if effect else everything
@@ -330,7 +330,7 @@ def test_the_planner_shades_each_point_as_the_camera_does() -> None:
 def test_planned_stays_within_the_stated_bound(seed: int) -> None:
     scene = expose(skin(), geometry(), sample_scene(seed), WHOLE)
     chosen = plan(scene, survey(skin(), geometry(), WHOLE))
-    whole = bake(skin(), geometry(), scene, Plan.everything(scene), WHOLE)
+    whole = bake(skin(), geometry(), scene, LightPlan.everything(scene), WHOLE)
     planned = bake(skin(), geometry(), scene, chosen, WHOLE)
     face = geometry().face[0] > 0.5
     assert float((whole - planned).abs()[:, face].mean()) * 255 <= chosen.bound + 1e-3

@@ -14,7 +14,7 @@ from models.lightstage.light.expose import expose  # noqa: E402
 from models.lightstage.light.prior import sample_scene  # noqa: E402
 from models.lightstage.light.skipping import Subject, error, subjects, trials  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
-from service.light.plan import Plan, plan  # noqa: E402
+from service.light.plan import LightPlan, plan  # noqa: E402
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]
 
@@ -39,7 +39,7 @@ def test_planned_errors_stay_within_their_bounds(number: int) -> None:
 def test_each_omission_alone_stays_within_its_bound(number: int) -> None:
     subject = people()[number % 2]
     scene = expose(subject.maps, subject.geometry, sample_scene(number), subject.window)
-    everything = Plan.everything(scene)
+    everything = LightPlan.everything(scene)
     whole = bake(subject.maps, subject.geometry, scene, everything, subject.window)
     made = plan(scene, survey(subject.maps, subject.geometry, subject.window), 0.0)
     for d in made.decisions:

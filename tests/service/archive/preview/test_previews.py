@@ -25,7 +25,7 @@ from service.colour import bytes_to_linear, srgb_to_linear
 from service.geometry.camera import Camera
 from service.light.environment import Illumination
 from service.map_registry import MIRRORED, SEEN
-from service.render.draw import Model, over, see, sketch
+from service.render.draw import DrawnHead, over, see, sketch
 from service.render.view import turned_camera
 from tests.service.archive.toys import toy_avatar, toy_head
 from tests.toyhead import CENTRE, RADIUS
@@ -39,7 +39,7 @@ def drawn(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coded colours (h, w, 3) over black, and coverage (h, w), of the toy in a texture of its chart."""
     colours = bytes_to_linear(np.full((4, 6, 3), 128, np.uint8) if texture is None else texture)
-    seen = see(Model.of(HEAD, HEAD.mean), camera, 1.5, colours)
+    seen = see(DrawnHead.of(HEAD, HEAD.mean), camera, 1.5, colours)
     picture = sketch(seen, seen.read(colours), light)
     return over(*picture, np.zeros((1, 1, 3), np.float32)), picture[1]
 
@@ -112,7 +112,7 @@ def test_a_head_that_is_a_single_point() -> None:
     points = np.zeros_like(HEAD.mean)
     camera = turned_camera(points, 30, *TILE)
     assert np.isfinite(camera.focal_px)
-    assert see(Model.of(HEAD, points), camera, 1.0).index.size == 0
+    assert see(DrawnHead.of(HEAD, points), camera, 1.0).index.size == 0
 
 
 def test_overlay_has_three_panels_and_fits() -> None:
@@ -199,7 +199,7 @@ def test_words_are_written_with_old_and_new_opencv(typeface: bool, monkeypatch: 
     elif not hasattr(cv2, "FontFace"):
         pytest.skip("this OpenCV has no typeface: version 5 does")
     paper = page.blank(300, 40)
-    page.write(paper, "Left side, 45° · fit", 5, 28, 18)
+    page.write_text(paper, "Left side, 45° · fit", 5, 28, 18)
     inked = np.abs(paper.astype(int) - page.PAPER).max(2) > 60
     rows, columns = np.nonzero(inked)
     assert 100 < inked.sum() < 3000
