@@ -10,24 +10,26 @@ There is no photo and nothing is fitted; the manifest says so.
 
 from __future__ import annotations
 
+import io
 import time
+import warnings
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from service.archive.avatar import Avatar
 from service.archive.licences import model_cards
 from service.archive.manifest import Given
-from service.archive.read_obj import ObjMesh, read_obj
-from service.arrays import AnyFloat, AnyInt, Float32, Float64, Int64, UInt8
+from service.arrays import Float32, Float64, Int64, UInt8
 from service.diagnosis import peak_rss_mb
 from service.errors import BadAspect, BadMesh, NumericFault, UsageError
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.geometry.chart import NO_PART, Chart, nearest_inside
-from service.head.files import load_head, split_polygons
+from service.head.files import load_head
 from service.head.model import HeadModel
 from service.levels import TEXTURE_SIZE
 from service.map_registry import MAP_NAMES
@@ -43,105 +45,130 @@ from service.reflectance.surface_maps import surface_maps
 from service.runtime.networks import choose_engine
 from service.texture.texture_maps import Texture, depth_map, shape_normals
 
-CHART_TOLERANCE = 2e-3
-"""Largest difference of texture coordinates, which exporters round; a texel of a chart 576 texels wide is 1.7e-3."""
+CHART_TOLERANCE = 5e-4
+"""Largest difference of texture coordinates, which exporters round to four decimals or more; the head model's closest
+ones are 2.7e-4 apart, and where two are mistaken for each other their edges tell.
+"""
 
 SMALLEST_M, LARGEST_M = 0.1, 1.0
 """Height of a head with its neck; a mesh in another unit is off by a factor of ten or more."""
 
+SEAM_M = 1e-5
+"""Largest distance of the two sides of a seam, which are one vertex of the model."""
 
-def vertices_of(mesh: ObjMesh, head: HeadModel) -> Float32:
-    """(V, 3) float32 vertices of a mesh in the order of the head model.
+_START = "start from mesh/head.obj of an archive"
 
-    Faces may come in any order, begin at any corner and be split into triangles; vertices have to be in the model's
-    order, as in ``mesh/head.obj`` of every archive.
+
+def mesh_type(name: str, data: bytes) -> str:
+    """The format of a mesh file for ``trimesh``: by its name, and where that says nothing by its first bytes."""
+    suffix = Path(name).suffix.lower().lstrip(".")
+    return suffix or {b"glTF": "glb", b"ply\n": "ply", b"ply\r": "ply"}.get(data[:4], "obj")
+
+
+def vertices_of(data: bytes, kind: str, head: HeadModel) -> Float32:
+    """(V, 3) float32 vertices of a mesh file in metres, in the order of the head model.
+
+    Each vertex is found by its texture coordinates, of which no two of the chart are the same. So vertices and faces
+    may come in any order, split along seams and into triangles, as each format and exporter has it.
+
+    Args:
+        data: the file.
+        kind: its format, as :func:`mesh_type` gives it.
+        head: the head model.
 
     Raises:
-        BadMesh: number of vertices, faces or chart differ, or it is not in metres; says how.
+        BadMesh: it cannot be read, its chart or topology is not that of the model, or it is not in metres; says how.
     """
-    if len(mesh.vertices) != len(head.mean):
+    points, uv, triangles = _read_mesh(data, kind)
+    distance, row = cKDTree(head.uv).query(uv)
+    off = np.flatnonzero(distance > CHART_TOLERANCE)
+    if len(off):
         raise BadMesh(
-            f"the mesh has {len(mesh.vertices)} vertices, the head model {head.name} has {len(head.mean)}; start from "
-            "mesh/head.obj of an archive, and move vertices without adding, removing or merging any",
-            vertices=len(mesh.vertices), wanted=len(head.mean),
+            f"the mesh's texture coordinates differ from those of the head model {head.name} by up to "
+            f"{distance.max():.3f} ({len(off)} of {len(uv)}); maps belong to the model's chart: {_START}, keep its vt",
+            worst=float(distance.max()),
         )  # fmt: skip
-    _check_faces(mesh, head)
-    _check_chart(mesh, head)
-    height = float(np.ptp(mesh.vertices[:, 1]))
+    owner = np.zeros(len(head.uv), np.int64)
+    given = head.polygon_uv >= 0
+    owner[head.polygon_uv[given]] = head.polygons[given]
+    vertex = owner[row]
+    missing = len(head.mean) - len(np.unique(vertex))
+    if missing:
+        raise BadMesh(
+            f"the mesh lacks {missing} of the {len(head.mean)} vertices of the head model {head.name}; {_START}, and "
+            "move vertices without removing or merging any",
+            missing=missing,
+        )
+    _check_faces(vertex[triangles], head)
+    found = np.zeros((len(head.mean), 3))
+    found[vertex] = points
+    height = float(np.ptp(found[:, 1]))
     if not SMALLEST_M <= height <= LARGEST_M:
         raise BadMesh(
             f"the head is {height:.4g} high; with neck it should be {SMALLEST_M:g} to {LARGEST_M:g} metres: export the "
             "mesh in metres, +Y up"
         )
-    return mesh.vertices.astype(np.float32)
+    torn = float(np.abs(found[vertex] - points).max())
+    if torn > SEAM_M:
+        raise BadMesh(f"the mesh is torn open by {torn * 1000:.2g} mm along a seam of its chart; weld it, and {_START}")
+    return found.astype(np.float32)
 
 
-def _check_faces(mesh: ObjMesh, head: HeadModel) -> None:
-    """Check that the mesh has all edges of the model's faces and as many triangles; quads may be split.
+def _read_mesh(data: bytes, kind: str) -> tuple[Float64, Float64, Int64]:
+    """(P, 3) points, (P, 2) texture coordinates with the origin bottom left, and (T, 3) triangles of a mesh file.
 
     Raises:
-        BadMesh: it has not.
+        BadMesh: it cannot be read, has no faces, or faces without texture coordinates.
     """
-    wanted = _edges(head.polygons)
-    missing = len(wanted) - int(np.isin(wanted, _edges(mesh.polygons)).sum())
-    triangles = len(split_polygons(mesh.polygons))
-    if missing or triangles != len(head.triangles):
+    import trimesh
+
+    points, charts, triangles, count = [], [], [], 0
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            uv = getattr(mesh.visual, "uv", None)
+            if uv is None:
+                raise BadMesh(f"the mesh has faces without texture coordinates (vt); {_START}, and keep its vt")
+            points.append(trimesh.transform_points(mesh.vertices, transform))
+            charts.append(np.asarray(uv, np.float64))
+            triangles.append(np.asarray(mesh.faces, np.int64) + count)
+            count += len(mesh.vertices)
+    except BadMesh:
+        raise
+    except Exception as error:  # whatever a reader of some format raises
+        raise BadMesh(f"the mesh cannot be read as {kind.upper()}: {type(error).__name__}: {error}") from error
+    if not triangles:
+        raise BadMesh(f"the {kind.upper()} file has no faces; a mesh is expected")
+    found = np.concatenate(points), np.concatenate(charts)
+    if not all(np.isfinite(values).all() for values in found):
+        raise BadMesh("the mesh has coordinates that are not finite")
+    return *found, np.concatenate(triangles)
+
+
+def _check_faces(triangles: Int64, head: HeadModel) -> None:
+    """Check that triangles (T, 3) of the model's vertices have all its edges; quads may be split either way.
+
+    Raises:
+        BadMesh: they have not.
+    """
+    sides = [(0, 1), (1, 2), (2, 0)]
+    have = np.concatenate([triangles[:, pair] for pair in sides])
+    polygons = np.asarray(head.polygons, np.int64)
+    quads = polygons[:, 3] >= 0
+    parts = [polygons[~quads][:, pair] for pair in sides]
+    parts += [polygons[quads][:, pair] for pair in [(0, 1), (1, 2), (2, 3), (3, 0)]]
+    wanted = np.unique(np.sort(np.concatenate(parts), 1), axis=0)
+    keys, there = (pairs[:, 0] << 32 | pairs[:, 1] for pairs in (wanted, np.sort(have, 1)))
+    missing = len(wanted) - int(np.isin(keys, there).sum())
+    if missing or len(triangles) != len(head.triangles):
         raise BadMesh(
             f"the mesh has other faces than the head model {head.name}: {missing} of its {len(wanted)} edges are "
-            f"missing, {triangles} triangles instead of {len(head.triangles)}; start from mesh/head.obj of an archive "
-            "and keep its topology",
+            f"missing, {len(triangles)} triangles instead of {len(head.triangles)}; {_START}, and keep its topology",
             edges_missing=missing,
         )
-
-
-def _edges(polygons: AnyInt) -> Int64:
-    """Sorted, distinct directed edges of polygons (P, 4), each as one integer."""
-    return _by_edge(polygons, np.zeros_like(polygons), np.zeros((1, 2)))[0]
-
-
-def _check_chart(mesh: ObjMesh, head: HeadModel) -> None:
-    """Check that every corner has the model's chart coordinates; a vertex on a seam has several, by face.
-
-    Raises:
-        BadMesh: a corner has none or others.
-    """
-    if (mesh.polygon_uv[:, :3] < 0).any():
-        raise BadMesh("the mesh has faces without texture coordinates (vt); export it with those of mesh/head.obj")
-    wanted, found = (_by_edge(polygons, chart, uv) for polygons, chart, uv in (
-        (head.polygons, head.polygon_uv, head.uv), (mesh.polygons, mesh.polygon_uv, mesh.uv),
-    ))  # fmt: skip
-    shared = np.isin(found[0], wanted[0])
-    place = np.searchsorted(wanted[0], found[0][shared])
-    off = np.abs(found[1][shared] - wanted[1][place]).max(1)
-    worst = float(off.max(initial=0.0))
-    if worst > CHART_TOLERANCE:
-        corners = int((off > CHART_TOLERANCE).sum())
-        raise BadMesh(
-            f"the mesh's texture coordinates differ from the head model's by up to {worst:.3f} ({corners} corners); "
-            "maps belong to the model's chart: keep the vt of mesh/head.obj",
-            worst=worst,
-        )
-
-
-def _by_edge(
-    polygons: AnyInt, chart: AnyInt, uv: AnyFloat
-) -> tuple[Int64, Float64]:
-    """(E,) sorted directed edges as integers, and (E, 2) chart coordinates of the corner at which each begins.
-
-    Args:
-        polygons: (P, 4) vertices; the fourth is -1 in triangles.
-        chart: (P, 4) rows of ``uv``.
-        uv: (U, 2) chart coordinates.
-    """
-    corners, at = np.asarray(polygons, np.int64), np.asarray(chart, np.int64)
-    quad = corners[:, 3] >= 0
-    last = np.where(quad, corners[:, 3], corners[:, 2])
-    last_at = np.where(quad, at[:, 3], at[:, 2])
-    starts = np.concatenate([corners[:, 0], corners[:, 1], corners[quad][:, 2], last])
-    stops = np.concatenate([corners[:, 1], corners[:, 2], corners[quad][:, 3], corners[:, 0]])
-    places = np.concatenate([at[:, 0], at[:, 1], at[quad][:, 2], last_at])
-    keys, first = np.unique((starts << 32) | stops, return_index=True)
-    return keys, np.asarray(uv, np.float64)[places[first]]
 
 
 LIMITS = Limits(max_bytes=200_000_000, max_aspect=2.0, cpu_seconds=60, wall_seconds=120.0)
@@ -170,15 +197,17 @@ def make_external(
     options: Options,
     progress: Progress = lambda stage, done: None,
     head_file: Path | None = None,
+    kind: str = "obj",
 ) -> Avatar:
     """Make the maps of a head from its texture and mesh.
 
     Args:
         texture: a JPEG, PNG or WebP file on the head's chart, 3:2, with light baked in.
-        mesh: an OBJ file with the head model's topology and chart.
+        mesh: a mesh file with the head model's topology and chart, of any format that ``trimesh`` reads.
         options: what to make; those that concern a photo are ignored.
         progress: called with its name and the share done when a stage begins.
         head_file: head model that the mesh belongs to; None for the shipped one.
+        kind: format of the mesh, as :func:`mesh_type` gives it.
 
     Raises:
         UsageError: a map is requested that only a photo gives.
@@ -194,7 +223,7 @@ def make_external(
     begin = time.perf_counter()
     progress("mesh", 0.0)
     head = load_head(head_file)
-    vertices = vertices_of(read_obj(mesh), head)
+    vertices = vertices_of(mesh, kind, head)
     timings["mesh"], begin = time.perf_counter() - begin, time.perf_counter()
     progress("decode", 0.03)
     image = read_photo(texture, LIMITS)

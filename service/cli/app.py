@@ -203,7 +203,9 @@ app.command()(with_options_of(batch, make, leave_out={"photo", "output", "as_jso
 @app.command()
 def maps(
     texture: Annotated[str, typer.Option(metavar="T.png", help="Texture on the head's chart, 3:2, or - for a pipe.")],
-    mesh: Annotated[str, typer.Option(metavar="HEAD.obj", help="Mesh with the topology of mesh/head.obj, or -.")],
+    mesh: Annotated[
+        str, typer.Option(metavar="HEAD.obj", help="Mesh (OBJ, GLB, PLY ...) with the topology of mesh/head.obj, or -.")
+    ],
     output: Annotated[str, typer.Option("-o", "--output", metavar="OUT.zip", help="Archive to write, or -.")],
     maps: Maps = None,
     quality: Quality = None,

@@ -123,7 +123,7 @@ def maps(
 
     Args:
         texture: path of the image, or ``-`` for standard input.
-        mesh: path of the OBJ file, or ``-``.
+        mesh: path of the mesh, or ``-``.
         output: path of the archive, or ``-`` for standard output.
         options: fields of :class:`Options` that were given.
         head: path of a head model file, None for the shipped one.
@@ -140,10 +140,10 @@ def maps(
     image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
     with progress_bar() as progress:
         from service.archive.pack import write_archive
-        from service.external import default_maps, make_external
+        from service.external import default_maps, make_external, mesh_type
 
         chosen = Options(**{"maps": default_maps(), **options})
-        avatar = make_external(image, model, chosen, progress, chosen_head)
+        avatar = make_external(image, model, chosen, progress, chosen_head, mesh_type(mesh, model))
         write_archive(avatar, sys.stdout.buffer if output == PIPE else Path(output))
     for code in avatar.all_warnings():
         typer.echo(f"avatarme: warning: {code}", err=True)

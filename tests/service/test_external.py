@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 from service.archive.images import encode_png
 from service.archive.manifest import from_json, json_schema
 from service.archive.obj import obj_bytes
 from service.archive.pack import archive_members
-from service.archive.read_obj import ObjMesh, read_obj
+from service.archive.read_obj import read_obj
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
-from service.external import check_aspect, default_maps, make_external, vertices_of
+from service.external import check_aspect, default_maps, make_external, mesh_type, vertices_of
 from service.head.files import save_head
 from service.options import Options
 from service.reflectance.reflectance_maps import Reflectance
@@ -40,56 +42,52 @@ def head_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def mesh(**changes: object) -> ObjMesh:
-    return dataclasses.replace(read_obj(MESH), **changes)  # type: ignore[arg-type]
-
-
 def test_the_mesh_of_an_archive_comes_back() -> None:
-    np.testing.assert_allclose(vertices_of(read_obj(MESH), HEAD), HEAD.mean, atol=1e-6)
+    np.testing.assert_allclose(vertices_of(MESH, "obj", HEAD), HEAD.mean, atol=1e-6)
 
 
-def test_a_sculpted_mesh_keeps_its_shape() -> None:
-    moved = read_obj(MESH).vertices * [1.1, 1.0, 0.9]
-    np.testing.assert_allclose(vertices_of(mesh(vertices=moved), HEAD), moved, atol=1e-6)
+@pytest.mark.parametrize("kind", ["glb", "ply", "obj"])
+def test_other_programs_write_meshes_in_their_own_way(kind: str) -> None:
+    """Sculpted, in another order, split along seams and into triangles, in a format of theirs."""
+    scene = trimesh.load_scene(io.BytesIO(MESH), file_type="obj", process=False)
+    meshes: list[Any] = list(scene.geometry.values())
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    charts = np.concatenate([mesh.visual.uv for mesh in meshes])
+    triangles = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
+    order = np.random.default_rng(1).permutation(len(vertices))
+    moved = (vertices * [1.1, 1.0, 0.9])[order]
+    faces = np.roll(np.argsort(order)[triangles][np.random.default_rng(2).permutation(len(triangles))], 1, 1)
+    uv = trimesh.visual.TextureVisuals(uv=charts[order])  # type: ignore[no-untyped-call]
+    data = trimesh.Trimesh(moved, faces, visual=uv, process=False).export(file_type=kind)
+    data = data.encode() if isinstance(data, str) else data
+    assert isinstance(data, bytes)
+    assert mesh_type(f"x.{kind}", b"") == mesh_type("-", data) == kind
+    np.testing.assert_allclose(vertices_of(data, kind, HEAD), HEAD.mean * np.array([1.1, 1.0, 0.9]), atol=1e-5)
 
 
-def test_order_and_first_corner_of_faces_do_not_matter() -> None:
-    """Other programs write faces in their own order, begin elsewhere, and split quads along either diagonal."""
-    plain = read_obj(MESH)
-    order = np.random.default_rng(1).permutation(len(plain.polygons))
-    turned, turned_uv = plain.polygons[order].copy(), plain.polygon_uv[order].copy()
-    quad = turned[:, 3] >= 0
-    turned[quad], turned_uv[quad] = np.roll(turned[quad], 1, 1), np.roll(turned_uv[quad], 1, 1)
-    again = mesh(polygons=turned, polygon_uv=turned_uv, polygon_part=plain.polygon_part[order])
-    np.testing.assert_allclose(vertices_of(again, HEAD), HEAD.mean, atol=1e-6)
-    for corners in (([0, 1, 2], [0, 2, 3]), ([0, 1, 3], [1, 2, 3])):
-        split, split_uv = (
-            np.concatenate([np.column_stack([a[quad][:, c], np.full(quad.sum(), -1)]) for c in corners]
-                           + [a[~quad]]).astype(np.int32) for a in (turned, turned_uv)
-        )  # fmt: skip
-        triangles = mesh(polygons=split, polygon_uv=split_uv, polygon_part=np.zeros(len(split), np.uint8))
-        np.testing.assert_allclose(vertices_of(triangles, HEAD), HEAD.mean, atol=1e-6)
+def changed(pattern: str, change: Callable[[list[str]], list[str]]) -> bytes:
+    """The mesh with the lines that begin with a word changed."""
+    lines = MESH.decode().splitlines()
+    return "\n".join(" ".join(change(line.split())) if line.startswith(pattern) else line for line in lines).encode()
 
 
 def test_other_topologies_are_refused_and_told_apart() -> None:
-    plain = read_obj(MESH)
-    with pytest.raises(BadMesh, match="vertices, the head model"):
-        vertices_of(mesh(vertices=plain.vertices[:-1]), HEAD)
-    with pytest.raises(BadMesh, match="edges are missing"):
-        vertices_of(
-            mesh(polygons=plain.polygons[:-3], polygon_uv=plain.polygon_uv[:-3], polygon_part=plain.polygon_part[:-3]),
-            HEAD,
-        )
-    swapped = plain.polygons.copy()
-    swapped[swapped == 40], swapped[plain.polygons == 90] = 90, 40  # as many vertices, in another order
-    with pytest.raises(BadMesh, match="other faces"):
-        vertices_of(mesh(polygons=swapped), HEAD)
-    with pytest.raises(BadMesh, match=r"texture coordinates differ.*0\.09"):
-        vertices_of(mesh(uv=plain.uv * 0.9 + 0.1), HEAD)
-    with pytest.raises(BadMesh, match="without texture coordinates"):
-        vertices_of(mesh(polygon_uv=np.full_like(plain.polygon_uv, -1)), HEAD)
-    with pytest.raises(BadMesh, match="metres"):
-        vertices_of(mesh(vertices=plain.vertices * 100.0), HEAD)
+    text = MESH.decode()
+    faces = [line for line in text.splitlines() if line.startswith("f ")]
+    for data, words in (
+        (text.replace(faces[3] + "\n", "").replace(faces[70] + "\n", "").encode(), "other faces|lacks"),
+        (changed("vt ", lambda w: ["vt", *(f"{float(x) * 0.9 + 0.1:.6f}" for x in w[1:])]), r"differ.*0\.\d"),
+        (changed("f ", lambda w: ["f", *(x.split("/")[0] for x in w[1:])]), "without texture coordinates"),
+        (changed("v ", lambda w: ["v", *(str(float(x) * 100) for x in w[1:])]), "metres"),
+        (changed("v ", lambda w: ["v", "nan", *w[2:]]), "not finite|cannot be read"),
+        (b"", "faces|cannot be read"),
+        (b"\xff\xfe\x00", "faces|cannot be read"),
+    ):
+        with pytest.raises(BadMesh, match=words):
+            vertices_of(data, "obj", HEAD)
+    with pytest.raises(BadMesh, match="cannot be read as FBX"):
+        vertices_of(MESH, "fbx", HEAD)
 
 
 @pytest.mark.parametrize(("width", "height"), [(96, 96), (100, 64), (64, 96), (6144, 4000)])
