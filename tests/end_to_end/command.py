@@ -54,7 +54,7 @@ def avatarme(*arguments: str | Path, stdin: bytes = b"") -> Ran:
         report = Path(folder) / "report.json"
         command = [sys.executable, "-c", _MEASURED, str(report), *map(str, arguments)]
         begin = time.perf_counter()
-        done = subprocess.run(command, cwd=ROOT, input=stdin, capture_output=True, timeout=300)
+        done = subprocess.run(command, cwd=ROOT, input=stdin, capture_output=True, timeout=1200)
         wall = time.perf_counter() - begin
         spent = json.loads(report.read_text())
     return Ran(done.returncode, done.stdout, done.stderr.decode(), wall, spent["cpu_s"], spent["rss_mb"])

@@ -5,11 +5,12 @@ from __future__ import annotations
 import ast
 import inspect
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
-from types import ModuleType
+from types import ModuleType, UnionType
 from typing import Any
 
+import numpy as np
 import pytest
 
 import service.pipeline
@@ -33,14 +34,28 @@ def return_types(module: ModuleType) -> Iterator[Any]:
                 yield typing.get_type_hints(names[name]).get("return")
 
 
+PLAIN = (bool, int, float, str, type(None), np.ndarray, np.generic, tuple, list, Mapping)
+
+
 def dataclasses_in(annotation: Any, seen: set[type]) -> set[type]:
-    """Adds the dataclasses that a type mentions, and those of their fields, to ``seen``."""
-    if isinstance(annotation, type) and is_dataclass(annotation) and annotation not in seen:
-        seen.add(annotation)
-        for field in typing.get_type_hints(annotation).values():
-            dataclasses_in(field, seen)
+    """Adds the dataclasses that a type mentions, and those of their fields, to ``seen``.
+
+    Raises:
+        AssertionError: there is a class that cannot be kept.
+    """
     for argument in typing.get_args(annotation):
-        dataclasses_in(argument, seen)
+        if not isinstance(argument, str | int):  # of a Literal
+            dataclasses_in(argument, seen)
+    kind = typing.get_origin(annotation) or annotation
+    if not isinstance(kind, type) or kind in (Any, UnionType):
+        return seen
+    if not is_dataclass(kind):
+        assert issubclass(kind, (*PLAIN, np.dtype)), f"no {kind.__qualname__} can be kept"
+    elif kind not in seen:
+        seen.add(kind)
+        for name, field in typing.get_type_hints(kind).items():
+            if name in kind.__dataclass_fields__:
+                dataclasses_in(field, seen)
     return seen
 
 
