@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from service.batch.photo_process import LOG
 from service.client.client import Client, Job, canonical, idempotency_key
 from service.client.download import check_archive
 from service.client.errors import (
@@ -31,6 +30,9 @@ from service.jobs.settings import Settings
 
 _OF_PROBLEMS = ("type", "title", "status", "detail")
 """Members of a problem object that a report does not repeat."""
+
+LOG = "log"
+"""Name of the file in the scratch folder that gets standard error of the process that makes a photo."""
 
 TAIL = 2000
 """Bytes of the last words of a process that crashed, in the report."""

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 from pathlib import Path
 
-from service.jobs.process import Program, Reporter, Task, serve_one
-
-LOG = "log"
-"""Name of the file in the scratch folder that gets standard error."""
+from service.archive.pack import write_archive
+from service.batch.makers import LOG
+from service.errors import AvatarError, UnreadableInput
+from service.jobs.process import Reporter, Task
+from service.options import Options
+from service.photo.limits import read_photo_file
+from service.pipeline import make_avatar
 
 HEAD = "head"
 """Key in the task's options that names another head model, or null."""
 
 
-def load() -> Program:
-    """Import the pipeline."""
-    import service.archive.pack
-    import service.pipeline  # noqa: F401
-
-    return run
-
-
 def run(task: Task, reporter: Reporter) -> None:
     """Make the avatar, write the archive, say ``done``, or ``problem`` with code and message."""
-    from service.errors import AvatarError
-
     with (Path(task.scratch) / LOG).open("wb") as log:
         for stream in (sys.stderr, sys.stdout):
             os.dup2(log.fileno(), stream.fileno())
@@ -42,14 +36,6 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    import hashlib
-
-    from service.archive.pack import write_archive
-    from service.errors import UnreadableInput
-    from service.options import Options
-    from service.photo.limits import read_photo_file
-    from service.pipeline import make_avatar
-
     data = read_photo_file(task.photo)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise UnreadableInput(f"{task.photo} was changed while the batch ran")
@@ -59,8 +45,3 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     avatar = make_avatar(data, options, reporter.progress, None if head is None else Path(str(head)))
     write_archive(avatar, Path(task.output))
     return list(avatar.all_warnings())
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
-    sys.exit(serve_one(load))

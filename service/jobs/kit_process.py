@@ -1,20 +1,14 @@
-"""The child process that makes one kit for the server under resource limits: one archive, one tool, one zip."""
+"""The program that makes one kit for the server under resource limits: one archive, one tool, one zip."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 from pathlib import Path
 
-from service.jobs.process import Program, Reporter, Task, serve_one
-
-
-def load() -> Program:
-    """Import what makes kits."""
-    import service.kits.export  # noqa: F401
-
-    return run
+from service.archive.container import write_folder
+from service.jobs.artifacts import Artifacts
+from service.jobs.process import Reporter, Task
+from service.kits.export import export_kit
 
 
 def run(task: Task, reporter: Reporter) -> None:
@@ -28,10 +22,6 @@ def run(task: Task, reporter: Reporter) -> None:
     Raises:
         AvatarError: as ``service.kits.export.export_kit``.
     """
-    from service.archive.container import write_folder
-    from service.jobs.artifacts import Artifacts
-    from service.kits.export import export_kit
-
     scratch = Path(task.scratch)
     archive = scratch / "archive.zip"
     with Artifacts(task.artifacts).open(str(task.options["archive"])) as stored, archive.open("wb") as copy:
@@ -39,8 +29,3 @@ def run(task: Task, reporter: Reporter) -> None:
     kit = export_kit(archive, str(task.options["request"]["for"]), scratch / "kit")
     write_folder(Path(task.output), kit.folder, kit.files)
     reporter.done({"files": kit.facts()["files"]})
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
-    sys.exit(serve_one(load))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import logging
 import os
@@ -15,12 +16,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from service.jobs.settings import Settings
-
-ARGUMENTS = 4
-"""Command line of the process: memory in MiB, seconds, niceness, process id of the one that started it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,31 +84,26 @@ class Reporter:
         self._stream.write(json.dumps(message).encode() + b"\n")
 
 
-Program = Callable[[Task, Reporter], None]
-"""Computes a job and says ``done``; a fault leaves as an exception."""
+def main() -> int:
+    """A job's process: limits first, then loading its program, then one task.
 
-
-def serve_one(load: Callable[[], Program]) -> int:
-    """The main function of a job's process: limits first, then loading, then one task.
-
-    Args:
-        load: imports what the program needs.
+    The program is a module with a function ``run(task, reporter)`` that computes a job and says ``done``; a fault
+    leaves it as an exception. What it needs it imports at its top, which is done before there is a task.
     """
     from service.jobs.machine import end_with, limit_self
 
-    memory, seconds, niceness, parent = (float(text) for text in sys.argv[1 : 1 + ARGUMENTS])
+    memory, seconds, niceness, parent = (float(text) for text in sys.argv[2:6])
     reporter = Reporter()
     limit_self(int(memory), seconds, int(niceness), int(parent))
-    pipe: BinaryIO = sys.stdin.buffer
-    program = load()
+    program = importlib.import_module(sys.argv[1])
     reporter.ready()
-    line = pipe.readline()
+    line = sys.stdin.buffer.readline()
     if not line:
         return 0
-    end_with(pipe.fileno())
+    end_with(sys.stdin.fileno())
     task = Task(**json.loads(line))
     try:
-        program(task, reporter)
+        program.run(task, reporter)
     except Exception as error:  # whatever it is, the job has to end with an answer
         _report_problem(reporter, error)
     return 0
@@ -164,10 +157,11 @@ class JobProcess:
         limits = (settings.memory_mb, settings.job_seconds, settings.niceness, os.getpid())
         self._settings = settings
         self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module, no shell
-            [sys.executable, "-m", settings.program, *(str(limit) for limit in limits)],
+            [sys.executable, "-m", "service.jobs.process", settings.program, *(str(limit) for limit in limits)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
+            env={"OPENBLAS_NUM_THREADS": "1", **os.environ},  # as the command line does
         )
 
     def run(self, task: Task, progress: Callable[[dict[str, Any]], None], stop: Callable[[], bool]) -> Ending:
@@ -277,3 +271,7 @@ def resident_mb(process: int) -> float:
     with contextlib.suppress(OSError, ValueError, StopIteration), open(f"/proc/{process}/status", "rb") as status:
         return next(int(line.split()[1]) for line in status if line.startswith(b"RssAnon")) / 1024
     return 0.0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,19 +1,14 @@
-"""The child process that renders one picture for the server under resource limits: one archive, one scene, one PNG."""
+"""The program that renders one picture for the server under resource limits: one archive, one scene, one PNG."""
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
 
-from service.jobs.process import Program, Reporter, Task, serve_one
-
-
-def load() -> Program:
-    """Import the renderer."""
-    import service.archive.rendering  # noqa: F401
-
-    return run
+from service.archive.images import encode_png
+from service.archive.rendering import render_archive
+from service.jobs.artifacts import Artifacts
+from service.jobs.process import Reporter, Task
+from service.render.request import parse_request
 
 
 def run(task: Task, reporter: Reporter) -> None:
@@ -26,18 +21,8 @@ def run(task: Task, reporter: Reporter) -> None:
     Raises:
         AvatarError: as ``service.archive.rendering.render_archive``.
     """
-    from service.archive.images import encode_png
-    from service.archive.rendering import render_archive
-    from service.jobs.artifacts import Artifacts
-    from service.render.request import parse_request
-
     with Artifacts(task.artifacts).open(str(task.options["archive"])) as stream:
         picture = render_archive(stream, parse_request(task.options["request"]))
     png = encode_png(picture.pixels, srgb=True)
     Path(task.output).write_bytes(png)
     reporter.done({**picture.facts(), "bytes": len(png)})
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, and before numpy is imported
-    sys.exit(serve_one(load))

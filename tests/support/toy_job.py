@@ -11,7 +11,6 @@ import io
 import json
 import os
 import signal
-import sys
 import time
 import zipfile
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.errors import NoFace, NumericFault
-from service.jobs.process import Program, Reporter, Task, serve_one
+from service.jobs.process import Reporter, Task
 
 STAGES = ("one", "two", "three")
 
@@ -137,12 +136,3 @@ def _note(job: str, what: str, stage: str) -> None:
     if path:
         with open(path, "a", encoding="ascii") as log:
             log.write(f"{job} {what} {stage} {os.getpid()}\n")
-
-
-def load() -> Program:
-    """Nothing to load."""
-    return run
-
-
-if __name__ == "__main__":
-    sys.exit(serve_one(load))

@@ -12,13 +12,13 @@ from typing import Any
 
 from service.batch import photo_process
 from service.errors import CorruptImage, OutputFault
-from service.jobs.process import Program, Reporter, Task, serve_one
+from service.jobs.process import Reporter, Task
 from tests.support.archives import archive
 
 
-def load() -> Program:
+def run(task: Task, reporter: Reporter) -> None:
     photo_process.make = make
-    return photo_process.run
+    photo_process.run(task, reporter)
 
 
 def toy_archive(photo: bytes, options: dict[str, Any]) -> bytes:
@@ -48,7 +48,3 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     sys.stdout.write("noise of a library\n")
     sys.stdout.flush()
     return ["no-colour"] if word == "grey" else []
-
-
-if __name__ == "__main__":
-    sys.exit(serve_one(load))

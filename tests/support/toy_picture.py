@@ -8,12 +8,11 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-import sys
 import time
 import zlib
 from pathlib import Path
 
-from service.jobs.process import Program, Reporter, Task, serve_one
+from service.jobs.process import Reporter, Task
 
 FACTS = {"exposure": 0.5, "effects": [], "left_out_costs_at_most": 0.0, "fallbacks": []}
 
@@ -45,12 +44,3 @@ def run(task: Task, reporter: Reporter) -> None:
         time.sleep(1)
     Path(task.output).write_bytes(picture(request))
     reporter.done(FACTS)
-
-
-def load() -> Program:
-    """Nothing to load."""
-    return run
-
-
-if __name__ == "__main__":
-    sys.exit(serve_one(load))
