@@ -126,7 +126,7 @@ def test_the_child_writes_the_picture_and_says_its_facts(
         head = avatar.mesh.as_head("toy", "CC0-1.0")
         return render_head(head, avatar.mesh.vertices, avatar.maps, request, threads=1, detail=ROUGH)
 
-    monkeypatch.setattr(child, "render_archive", rough)
+    monkeypatch.setattr(render_process, "render_archive", rough)
     ask(api, {"avatar": finished, **WANTED}, Prefer="respond-async")
     (row,) = api.context.store.where(JOBS.c.kind == "render", JOBS.c.state == "queued")
     source = api.context.store.get(finished)
