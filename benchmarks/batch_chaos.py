@@ -114,9 +114,9 @@ def run(folder: Path, count: int, kills: int, pause: float, real: list[Path] | N
     store = subprocess.Popen([sys.executable, "-m", "moto.server", "-p", str(port)], stdout=log, stderr=log)
     postgres = Postgres(folder)
     postgres.start()
-    settings: dict[str, object] = {"database": postgres.url, "batches": 2, "reserve_mb": 1, "niceness": 0}
+    settings: dict[str, object] = {"database": postgres.url, "batches": 1, "reserve_mb": 1, "niceness": 0}
     if real is None:
-        settings |= {"program": "tests.support.toy_job", "batch_program": "tests.support.toy_photo"}
+        settings |= {"batches": 2} | {"program": "tests.support.toy_job", "batch_program": "tests.support.toy_photo"}
     workers, driver = None, None
     try:
         bucket = _bucket()

@@ -13,7 +13,7 @@ from tests.service.batch.conftest import Folders
 from tests.service.jobs.s3 import serve
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def bucket() -> Iterator[Any]:
     import fsspec
 
