@@ -21,64 +21,6 @@ from service.face.features.rims import inside_rim
 from service.face.landmarks import REGION_SCALE, STRONG, Mesh, MeshNetwork, locate
 from service.face.region import Region
 
-Pixels = UInt8
-
-EYES = (
-    (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7),
-    (263, 466, 388, 387, 386, 385, 384, 398, 362, 382, 381, 380, 374, 373, 390, 249),
-)
-"""Landmarks around the image-left and image-right eye, in order."""
-CHEEKS = ((116, 117, 118, 101, 205, 187, 147, 123), (345, 346, 347, 330, 425, 411, 376, 352))
-"""Landmarks around the cheek below each of ``EYES``, in order."""
-OVAL = (
-    10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377,
-    152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109,
-)  # fmt: skip
-"""Landmarks around the face, in order."""
-
-DARK = 0.05
-"""75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15)."""
-EYE_GROWTH = 1.6
-"""Factor by which eye outlines are enlarged about their centre, to take in lids and lashes."""
-COVERED_LEVEL, COVERED_CONTRAST = 0.35, 0.4
-"""An eye counts as covered if its 75th percentile of luminance is below the first factor times the cheek's median, and
-its interquartile range is at most the second factor times its mean.
-
-The second ratio is 0.55 to 1.8 in 17 photos of uncovered eyes, some in hard shadow. Quartiles ignore glints."""
-
-
-def photo_warnings(pixels: Pixels, landmarks: Float64) -> tuple[str, ...]:
-    """Stable codes for one face: ``under-exposed``, ``eyes-covered`` (both eyes dark and featureless: sunglasses).
-
-    Args:
-        pixels: (H, W, 3) uint8 sRGB.
-        landmarks: (468, 3) float64 photo pixels.
-    """
-    codes = []
-    face = _luminance(pixels, landmarks[list(OVAL), :2])
-    if face.size and float(np.percentile(face, 75)) < DARK:
-        codes.append("under-exposed")
-    pairs = zip(EYES, CHEEKS, strict=True)
-    if all(_covered(pixels, landmarks[list(eye), :2], landmarks[list(cheek), :2]) for eye, cheek in pairs):
-        codes.append("eyes-covered")
-    return tuple(codes)
-
-
-def _covered(pixels: Pixels, eye: Float64, cheek: Float64) -> bool:
-    """Whether an eye is much darker than its cheek and without contrast; False where either is out of view."""
-    centre = eye.mean(0)
-    inside, skin = _luminance(pixels, centre + (eye - centre) * EYE_GROWTH), _luminance(pixels, cheek)
-    if not inside.size or not skin.size:
-        return False
-    low, high = (float(v) for v in np.percentile(inside, (25, 75)))
-    return high < COVERED_LEVEL * float(np.median(skin)) and high - low <= COVERED_CONTRAST * float(inside.mean())
-
-
-def _luminance(pixels: Pixels, polygon: Float64) -> Float64:
-    """(M,) linear luminance in [0, 1] of the pixels inside an (N, 2) polygon; empty where it lies outside the photo."""
-    return np.asarray(luma(srgb_to_linear(inside_rim(pixels, polygon, 0.0)[0])), np.float64)
-
-
 SMALLEST_SOUGHT = 24.0
 """Smallest face box searched for, pixels; below ``SMALLEST_FACE``, so that a small face is reported as such."""
 SMALLEST_IN_CROP = 14.0
@@ -115,7 +57,7 @@ class FaceFinder:
         self._detector = Detector(threads=threads)
         self._mesh = MeshNetwork(threads=threads)
 
-    def find(self, pixels: Pixels) -> list[Face]:
+    def find(self, pixels: UInt8) -> list[Face]:
         """All faces of an (H, W, 3) uint8 sRGB photo, largest box first; an empty list when there is none.
 
         Landmarks are in the frame of the photo as given, also for a face that lies on its side or stands on its head.
@@ -131,7 +73,7 @@ class FaceFinder:
             raise ValueError(f"pixels must be (H, W, 3) uint8 and not empty, not {pixels.shape} {pixels.dtype}")
         return sorted(self._search(pixels), key=lambda face: -face.area)
 
-    def doubted(self, pixels: Pixels) -> list[Detection]:
+    def doubted(self, pixels: UInt8) -> list[Detection]:
         """What the detector takes for upright faces, best first, whatever the landmark network says.
 
         Of use where ``find`` has nothing: the landmark network sees few profiles (``service.face.profile``).
@@ -143,7 +85,7 @@ class FaceFinder:
                 found.extend(self._detector(pixels, region, CERTAIN))
         return merge(found)[:MOST_DOUBTED]
 
-    def _search(self, pixels: Pixels) -> list[Face]:
+    def _search(self, pixels: UInt8) -> list[Face]:
         height, width = pixels.shape[:2]
         faces: list[Face] = []
         for side in tile_sides(width, height):
@@ -157,7 +99,7 @@ class FaceFinder:
                     faces = self._scan(pixels, side, turn * np.pi, faces)
         return faces
 
-    def _scan(self, pixels: Pixels, side: float, angle: float, faces: list[Face]) -> list[Face]:
+    def _scan(self, pixels: UInt8, side: float, angle: float, faces: list[Face]) -> list[Face]:
         """One pass over tiles; returns ``faces`` with the new ones that do not overlap them."""
         height, width = pixels.shape[:2]
         found: list[Detection] = []
@@ -171,7 +113,7 @@ class FaceFinder:
                 faces = [*faces, face]
         return faces
 
-    def _verify(self, pixels: Pixels, candidate: Detection) -> Face | None:
+    def _verify(self, pixels: UInt8, candidate: Detection) -> Face | None:
         """Run detector and landmark network in turn until they agree; None where there is no face.
 
         The later rounds use the roll and the position of the mesh, which corrects a box that was half off the face or
@@ -197,7 +139,7 @@ class FaceFinder:
             return None
         return _face(pixels, *best)
 
-    def _detect_near(self, pixels: Pixels, region: Region, near: Detection) -> Detection | None:
+    def _detect_near(self, pixels: UInt8, region: Region, near: Detection) -> Detection | None:
         """Average of the detections in two crops around ``region``, the expected box; None where none is near."""
         found: list[Detection] = []
         for scale in (2.0, 3.0):
@@ -255,7 +197,7 @@ def _found_before(box: Float64, faces: list[Face]) -> bool:
     return False
 
 
-def _face(pixels: Pixels, gap: float, detection: Detection, mesh: Mesh) -> Face:
+def _face(pixels: UInt8, gap: float, detection: Detection, mesh: Mesh) -> Face:
     warnings = []
     if gap > CONSISTENT:
         warnings.append("landmarks-inconsistent")
@@ -274,3 +216,59 @@ def _face(pixels: Pixels, gap: float, detection: Detection, mesh: Mesh) -> Face:
         presence=mesh.presence,
         warnings=(*warnings, *photo_warnings(pixels, mesh.landmarks)),
     )
+
+
+EYES = (
+    (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7),
+    (263, 466, 388, 387, 386, 385, 384, 398, 362, 382, 381, 380, 374, 373, 390, 249),
+)
+"""Landmarks around the image-left and image-right eye, in order."""
+CHEEKS = ((116, 117, 118, 101, 205, 187, 147, 123), (345, 346, 347, 330, 425, 411, 376, 352))
+"""Landmarks around the cheek below each of ``EYES``, in order."""
+OVAL = (
+    10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377,
+    152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109,
+)  # fmt: skip
+"""Landmarks around the face, in order."""
+
+DARK = 0.05
+"""75th percentile of a face's linear luminance below which it is under-exposed (dark skin in good light has 0.15)."""
+EYE_GROWTH = 1.6
+"""Factor by which eye outlines are enlarged about their centre, to take in lids and lashes."""
+COVERED_LEVEL, COVERED_CONTRAST = 0.35, 0.4
+"""An eye counts as covered if its 75th percentile of luminance is below the first factor times the cheek's median, and
+its interquartile range is at most the second factor times its mean.
+
+The second ratio is 0.55 to 1.8 in 17 photos of uncovered eyes, some in hard shadow. Quartiles ignore glints."""
+
+
+def photo_warnings(pixels: UInt8, landmarks: Float64) -> tuple[str, ...]:
+    """Stable codes for one face: ``under-exposed``, ``eyes-covered`` (both eyes dark and featureless: sunglasses).
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB.
+        landmarks: (468, 3) float64 photo pixels.
+    """
+    codes = []
+    face = _luminance(pixels, landmarks[list(OVAL), :2])
+    if face.size and float(np.percentile(face, 75)) < DARK:
+        codes.append("under-exposed")
+    pairs = zip(EYES, CHEEKS, strict=True)
+    if all(_covered(pixels, landmarks[list(eye), :2], landmarks[list(cheek), :2]) for eye, cheek in pairs):
+        codes.append("eyes-covered")
+    return tuple(codes)
+
+
+def _covered(pixels: UInt8, eye: Float64, cheek: Float64) -> bool:
+    """Whether an eye is much darker than its cheek and without contrast; False where either is out of view."""
+    centre = eye.mean(0)
+    inside, skin = _luminance(pixels, centre + (eye - centre) * EYE_GROWTH), _luminance(pixels, cheek)
+    if not inside.size or not skin.size:
+        return False
+    low, high = (float(v) for v in np.percentile(inside, (25, 75)))
+    return high < COVERED_LEVEL * float(np.median(skin)) and high - low <= COVERED_CONTRAST * float(inside.mean())
+
+
+def _luminance(pixels: UInt8, polygon: Float64) -> Float64:
+    """(M,) linear luminance in [0, 1] of the pixels inside an (N, 2) polygon; empty where it lies outside the photo."""
+    return np.asarray(luma(srgb_to_linear(inside_rim(pixels, polygon, 0.0)[0])), np.float64)

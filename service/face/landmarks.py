@@ -20,8 +20,6 @@ from service.face.region import Region, level_square, roll
 from service.face.topology import MIRROR
 from service.runtime.sessions import Session, load_session
 
-Pixels = UInt8
-
 INPUT_SIZE = 192
 """Side of the network's input, pixels."""
 LANDMARKS = 468
@@ -98,11 +96,11 @@ class MeshNetwork:
     def __init__(self, session: Session | None = None, threads: int = 2) -> None:
         self._session = session or load_session("face_mesh", threads)
 
-    def __call__(self, pixels: Pixels, region: Region) -> Mesh:
+    def __call__(self, pixels: UInt8, region: Region) -> Mesh:
         """The network's answer for one square region of an (H, W, 3) uint8 sRGB photo."""
         return self._run(region.cut(pixels, INPUT_SIZE), region)
 
-    def both_ways(self, pixels: Pixels, region: Region) -> Mesh:
+    def both_ways(self, pixels: UInt8, region: Region) -> Mesh:
         """The average of the answers to the crop and to its mirror image, weighted by the odds of their presence.
 
         The network is not symmetric: its presence logit falls from 60 to 35 when a face at 30 degrees of yaw is
@@ -117,12 +115,12 @@ class MeshNetwork:
         landmarks = share * plain.landmarks + (1 - share) * region.to_photo(local, INPUT_SIZE)
         return Mesh(landmarks, max(plain.logit, opposite.logit))
 
-    def _run(self, crop: Pixels, region: Region) -> Mesh:
+    def _run(self, crop: UInt8, region: Region) -> Mesh:
         raw, flag = self._session.run({"image": np.ascontiguousarray(crop, np.float32)[None] / 255})
         return Mesh(region.to_photo(raw.reshape(LANDMARKS, 3), INPUT_SIZE), float(flag.ravel()[0]))
 
 
-def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
+def locate(network: MeshNetwork, pixels: UInt8, detection: Detection) -> Mesh:
     """The most convincing mesh near a detection.
 
     The detector finds faces at any roll but reports each as if it were upright, so the four quarter turns are tried
@@ -139,7 +137,7 @@ def locate(network: MeshNetwork, pixels: Pixels, detection: Detection) -> Mesh:
 
 
 def _first_clear(
-    network: MeshNetwork, pixels: Pixels, regions: Iterable[Region], best: tuple[Region, Mesh] | None = None
+    network: MeshNetwork, pixels: UInt8, regions: Iterable[Region], best: tuple[Region, Mesh] | None = None
 ) -> tuple[Region, Mesh]:
     for region in regions:
         mesh = network(pixels, region)
@@ -166,7 +164,7 @@ def _around(region: Region) -> list[Region]:
     return others
 
 
-def _iterated(network: MeshNetwork, pixels: Pixels, mesh: Mesh, detection: Detection) -> Mesh:
+def _iterated(network: MeshNetwork, pixels: UInt8, mesh: Mesh, detection: Detection) -> Mesh:
     """Move the region to its landmarks until it converges; a mesh that leaves the box or loses evidence is rejected."""
     best, region = mesh, mesh.region
     for _ in range(MOST_STEPS):

@@ -8,8 +8,7 @@ import numpy as np
 
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, UInt8
 
-_COLUMNS = 1024
-_ROWS = 16384
+_COLUMNS, _ROWS = 1024, 16384
 """Points per call of ``cv2.remap``: neither side of its maps may reach 32768."""
 
 MOST_SAMPLES = 3
@@ -19,25 +18,35 @@ OVERLAP = 1.4
 """Spacing of samples in pixels: bilinear interpolation averages over what lies between them."""
 
 
+def sample_at(image: UInt8 | Float32, x: Float32, y: Float32) -> UInt8 | Float32:
+    """(N, C) bilinear values of an image (H, W, C) or (H, W) at (N,) columns and rows, of its type.
+
+    Any number of points and channels; pixel centres are whole numbers, borders are repeated.
+    """
+    import cv2
+
+    planes, count = image[..., None] if image.ndim == 2 else image, len(x)
+    rows = max(-(-count // _COLUMNS), 1)
+    maps = np.zeros((2, rows * _COLUMNS), np.float32)
+    maps[0, :count], maps[1, :count] = x, y
+    maps = maps.reshape(2, rows, _COLUMNS)
+    values = np.zeros((rows, _COLUMNS, planes.shape[2]), image.dtype)
+    for first in range(0, planes.shape[2], 4):  # OpenCV takes four channels
+        chosen = np.ascontiguousarray(planes[..., first : first + 4])
+        for row in range(0, rows, _ROWS):
+            part = slice(row, row + _ROWS)
+            read = cv2.remap(chosen, maps[0, part], maps[1, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            values[part, :, first : first + 4] = np.asarray(read).reshape(*values[part].shape[:2], -1)
+    return values.reshape(rows * _COLUMNS, -1)[:count]
+
+
 def sample_chart(image: UInt8 | Float32, uv: Float32) -> Float32:
     """(N, C) float32 bilinear values of a chart image (H, W, C) or (H, W) at (N, 2) chart coordinates in [0, 1].
 
     Chart coordinates have their origin at the bottom left; borders are repeated. Codes of uint8 stay in [0, 255].
     """
-    import cv2
-
     height, width = image.shape[:2]
-    rows = max(-(-len(uv) // _COLUMNS), 1)
-    places = np.zeros((rows * _COLUMNS, 2), np.float32)
-    places[: len(uv), 0] = uv[:, 0] * width - 0.5
-    places[: len(uv), 1] = (1 - uv[:, 1]) * height - 0.5
-    at = places.reshape(rows, _COLUMNS, 2)
-    pieces = [
-        cv2.remap(image, at[first : first + _ROWS], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        for first in range(0, rows, _ROWS)
-    ]
-    values = np.concatenate([np.asarray(piece).reshape(-1, *image.shape[2:]) for piece in pieces])
-    return np.asarray(values[: len(uv)].reshape(len(uv), *(image.shape[2:] or (1,))), np.float32)
+    return np.asarray(sample_at(image, uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5), np.float32)
 
 
 @dataclass(frozen=True)
@@ -96,22 +105,9 @@ class Pyramid:
         return result.reshape(*shape, result.shape[1])
 
     def _read(self, level: int, points: Float32) -> Float32:
-        import cv2
-
         image, scale = self.levels[level], self.scales[level]
-        count = len(points)
-        padded = -(-count // _COLUMNS) * _COLUMNS
-        flat = np.zeros((2, padded), np.float32)
-        for axis in range(2):
-            limit = image.shape[1 - axis]
-            flat[axis, :count] = np.clip(points[:, axis] / scale[axis] - 0.5, -1.0, limit)
-        maps = flat.reshape(2, -1, _COLUMNS)
-        value = np.zeros((padded // _COLUMNS, _COLUMNS, image.shape[2]), np.float32)
-        for row in range(0, value.shape[0], _ROWS):
-            part = slice(row, row + _ROWS)
-            read = cv2.remap(image, maps[0, part], maps[1, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            value[part] = np.asarray(read).reshape(value[part].shape)
-        return value.reshape(padded, -1)[:count]
+        x, y = (np.clip(points[:, k] / scale[k] - 0.5, -1.0, image.shape[1 - k]).astype(np.float32) for k in (0, 1))
+        return np.asarray(sample_at(image, x, y), np.float32)
 
 
 def sample_area(pyramid: Pyramid, points: AnyFloat, jacobian: AnyFloat) -> Float32:

@@ -17,6 +17,7 @@ from service.face.reading.part_labels import BACKGROUND, HAIR
 from service.face.reading.scores import Scores
 from service.face.region import Region, level_square
 from service.geometry.camera import ahead
+from service.geometry.sampling import sample_at
 from service.runtime.sessions import Session, load_session
 
 SIDE, CELLS, PART_CELLS = 256, 64, 128
@@ -131,8 +132,6 @@ def _average(one: list[Float64], other: list[Float64]) -> list[Float64]:
 
 SEAM_CELLS = 6.0
 """Cells of the narrow crop over which its answer goes over into that of the wider one, at its border."""
-LONGEST = 30_000
-"""Rows that OpenCV remaps at a time: it counts them in 16 bits."""
 
 
 def parts_at_pixels(reading: Reading, at: Float64, *, strands: bool = False) -> Float32:
@@ -167,18 +166,9 @@ def _with_hair(parts: Float32, other: Float32) -> Float32:
 
 def _in_crop(reading: Reading, at: Float64) -> tuple[Float32, Float32]:
     """(N, 13) a crop's probabilities, and (N,) how many cells the points lie within its border, < 0 beyond."""
-    import cv2
-
     cells = reading.region.to_crop(at, PART_CELLS).astype(np.float32)
-    result = np.zeros((len(at), reading.parts.shape[-1]), np.float32)
-    for first in range(0, len(at), LONGEST):
-        rows = slice(first, first + LONGEST)
-        x, y = (cells[rows, None, k] - np.float32(0.5) for k in (0, 1))
-        for start in range(0, result.shape[1], 4):  # OpenCV takes four channels
-            planes = np.ascontiguousarray(reading.parts[..., start : start + 4])
-            found = cv2.remap(planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            result[rows, start : start + 4] = np.asarray(found).reshape(len(x), -1)
-    return result, np.minimum(cells, PART_CELLS - cells).min(1)
+    x, y = (cells[:, k] - np.float32(0.5) for k in (0, 1))
+    return np.asarray(sample_at(reading.parts, x, y), np.float32), np.minimum(cells, PART_CELLS - cells).min(1)
 
 
 def _beyond(parts: Float32, inside: Float32) -> Float32:
