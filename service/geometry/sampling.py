@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from service.arrays import AnyFloat, AnyInt, Float32, Float64, UInt8
 
@@ -27,12 +29,12 @@ def sample_at(image: UInt8 | Float32, x: Float32, y: Float32) -> UInt8 | Float32
 
     planes, count = image[..., None] if image.ndim == 2 else image, len(x)
     rows = max(-(-count // _COLUMNS), 1)
-    maps = np.zeros((2, rows * _COLUMNS), np.float32)
-    maps[0, :count], maps[1, :count] = x, y
-    maps = maps.reshape(2, rows, _COLUMNS)
+    places = np.zeros((2, rows * _COLUMNS), np.float32)
+    places[0, :count], places[1, :count] = x, y
+    maps = places.reshape(2, rows, _COLUMNS)
     values = np.zeros((rows, _COLUMNS, planes.shape[2]), image.dtype)
     for first in range(0, planes.shape[2], 4):  # OpenCV takes four channels
-        chosen = np.ascontiguousarray(planes[..., first : first + 4])
+        chosen: npt.NDArray[Any] = np.ascontiguousarray(planes[..., first : first + 4])
         for row in range(0, rows, _ROWS):
             part = slice(row, row + _ROWS)
             read = cv2.remap(chosen, maps[0, part], maps[1, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
