@@ -100,5 +100,5 @@ def test_a_number_that_is_not_finite_is_named() -> None:
 
 def test_writing_a_manifest_does_not_import_pydantic() -> None:
     """Its import would cost a tenth of a run."""
-    program = "import sys, service.archive.describe; sys.exit('pydantic' in sys.modules)"
+    program = "import sys, service.archive.manifest; sys.exit('pydantic' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT).returncode == 0
