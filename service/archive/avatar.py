@@ -12,8 +12,7 @@ from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.head.model import HeadModel
-from service.materials.of_head import head_parts
-from service.materials.part import MeshPart, check_parts
+from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
 from service.reflectance.reflectance_maps import Reflectance
 from service.reflectance.surface_maps import SurfaceMaps

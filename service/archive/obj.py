@@ -26,8 +26,7 @@ from service.errors import NumericFault
 from service.head.files import split_polygons
 from service.head.model import HeadModel
 from service.materials.material import ChartMap, Map, Material, OwnMap
-from service.materials.of_head import material_of
-from service.materials.part import MeshPart, is_cards, part_normals
+from service.materials.part import MeshPart, is_cards, material_of, part_normals
 
 _HEADER = """\
 # {title}

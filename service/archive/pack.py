@@ -34,8 +34,7 @@ from service.archive.skeleton import joint_weights, skeleton
 from service.archive.surfaces import displaced, subdivided_head
 from service.archive.usd import usda_bytes
 from service.archive.usd_materials import mtlx_bytes
-from service.materials.of_head import material_of
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, material_of
 from service.runtime.sessions import release
 
 

@@ -22,8 +22,7 @@ from service.errors import BadArchive, NumericFault, OutputFault, UsageError
 from service.geometry.subdivide import Subdivision
 from service.head.model import HeadModel
 from service.materials.material import Material, OwnMap
-from service.materials.of_head import material_of
-from service.materials.part import MeshPart, framed
+from service.materials.part import MeshPart, framed, material_of
 from service.render.draw import without_parts
 from service.render.render import Kept, RenderedPicture, render_head
 from service.render.request import RenderRequest

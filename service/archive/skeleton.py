@@ -60,7 +60,7 @@ def skeleton(head: HeadModel, neutral: AnyFloat) -> Skeleton:
 
 
 def joint_weights(head: HeadModel, joints: Skeleton) -> dict[str, Float32]:
-    """(N, 5) weights of each of the head's own parts, in the order of ``service.materials.of_head.head_parts``."""
+    """(N, 5) weights of each of the head's own parts, in the order of ``service.materials.part.head_parts``."""
     found = {}
     for index, name in enumerate(head.part_names):
         polygons = head.polygons[head.polygon_part == index]

@@ -22,7 +22,7 @@ from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
 from service.head.regions import part_vertices, vertex_mask
 from service.image_filters import blurred, shrunk
-from service.materials.of_head import SKIN, material_of
+from service.materials.part import SKIN, material_of
 from service.reflectance.reflectance_maps import SCALE_MM, Reflectance
 from service.reflectance.subject import GEOMETRY_SIZE
 

@@ -30,8 +30,7 @@ from service.light.formulas import Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
 from service.light.scene import WHITE, Triple
 from service.materials.material import ChartMap, OwnMap
-from service.materials.of_head import head_parts, material_of
-from service.materials.part import MeshPart, part_normals, part_triangles
+from service.materials.part import MeshPart, head_parts, material_of, part_normals, part_triangles
 
 MOUTH = frozenset({"teeth_upper", "teeth_lower", "teeth_upper_gums", "teeth_lower_gums", "tongue", "tongue_body"})
 """Names of the parts in the mouth."""

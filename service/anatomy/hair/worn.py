@@ -28,8 +28,7 @@ from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.image_filters import shrunk
 from service.materials.material import Material, OwnMap
-from service.materials.of_head import SKIN
-from service.materials.part import MeshPart, targets_of
+from service.materials.part import SKIN, MeshPart, targets_of
 
 BUST = "bust/body"
 SIDE = 256

@@ -19,8 +19,7 @@ from service.head.eyeball import Eyeball
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
-from service.materials.of_head import head_parts
-from service.materials.part import MeshPart, check_parts
+from service.materials.part import MeshPart, check_parts, head_parts
 
 
 @dataclass(frozen=True)

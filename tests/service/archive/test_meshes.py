@@ -25,8 +25,7 @@ from service.archive.surfaces import vertex_normals
 from service.archive.usd_text import fixed_tuples
 from service.errors import NumericFault
 from service.head.files import DEFAULT_HEAD, load_head
-from service.materials.of_head import head_parts, material_of
-from service.materials.part import MeshPart, part_normals
+from service.materials.part import MeshPart, head_parts, material_of, part_normals
 from tests.service.archive.toys import toy_avatar, toy_part, toy_texture
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"

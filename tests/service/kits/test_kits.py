@@ -23,8 +23,7 @@ from service.kits.export import export_kit
 from service.kits.lod import levels_of_detail, reduced, subdivided_part, triangles
 from service.kits.source import materials_of, opened, read_parts
 from service.materials.material import OwnMap
-from service.materials.of_head import head_parts
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, head_parts
 from tests.service.archive.test_meshes import Glb, validator_report
 from tests.service.archive.toys import toy_part, whole_avatar
 

@@ -9,8 +9,7 @@ import pytest
 
 from service.errors import NumericFault
 from service.materials.material import ChartMap, Material, OwnMap
-from service.materials.of_head import SKIN, head_parts, material_of
-from service.materials.part import check_parts
+from service.materials.part import SKIN, check_parts, head_parts, material_of
 from tests.service.archive.toys import toy_head, toy_part
 
 PIXELS = np.zeros((4, 4, 3), np.uint8)

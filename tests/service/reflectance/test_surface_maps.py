@@ -9,7 +9,7 @@ import pytest
 
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
-from service.materials.of_head import SKIN, material_of
+from service.materials.part import SKIN, material_of
 from service.options import Options
 from service.reflectance.reflectance_plan import ReflectancePlan
 from service.reflectance.relief.displacement import encode_heights
