@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -111,9 +112,16 @@ def make_reflectance(
     planes.add_coarse(GEOMETRY, geometry)
     planes.add_coarse(CLUES, subject.clues)
     skin = subject.skin(size)
-    made = _Maps()
-    corrections: tuple[Applied, ...] = ()
-    found_detail: PhotoDetail | None = None
+    made = Reflectance(
+        size=size,
+        runtime=engine.runtime,
+        precision=engine.precision,
+        tile=tile,
+        super_resolution="super_resolution" in plan.stages,
+        fallbacks=_fallbacks(plan, engine, subject, texture),
+        models=plan.networks,
+        engines=engine.told(plan.networks),
+    )
 
     def job(told: Callable[[float], None]) -> MapInputs:
         return MapInputs(planes, skin, engine, tile, told)
@@ -145,61 +153,41 @@ def make_reflectance(
             drawn = draw_teeth(plain, subject.head, detail)
             return pad_parts(drawn, subject), grey, ledger.applied, told_of, unsure
 
-        unlit_maps = run("diffuse_albedo", unlit)
-        made.diffuse_albedo, grey, corrections, found_detail, made.albedo_error = unlit_maps
+        albedo, grey, corrections, found, error = run("diffuse_albedo", unlit)
+        made = replace(made, diffuse_albedo=albedo, corrections=corrections, detail=found, albedo_error=error)
         planes.drop("texture")
         del full
-        planes.add_codes("albedo", made.diffuse_albedo)
+        planes.add_codes("albedo", albedo)
         if grey is not None:
             planes.add_grey(SHADED_GREY, grey)
-            seen, octaves = None if own is None else own.seen, () if found_detail is None else found_detail.octaves
+            seen, octaves = None if own is None else own.seen, () if found is None else found.octaves
             drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
             planes.add_coarse([DRAWN_DETAIL], drawn[None])
     if "specular_albedo" in plan.stages:
-        made.specular_albedo = run("specular_albedo", lambda told: specular_albedo(job(told)))
+        made = replace(made, specular_albedo=run("specular_albedo", lambda told: specular_albedo(job(told))))
     if "specular_normal" in plan.stages:
 
         def specular(told: Callable[[float], None]) -> tuple[npt.NDArray[np.int16], tuple[Wrinkle, ...]]:
             bent = tangent_normals("specular_normal", job(told))
-            if own is not None and found_detail is not None and grey is not None and subject.slope is not None:
-                shares = tuple(octave.share for octave in found_detail.octaves)
+            if own is not None and found is not None and grey is not None and subject.slope is not None:
+                shares = tuple(octave.share for octave in found.octaves)
                 trust = bare(own.seen, planes)
                 bent = with_shade(bent, grey, subject.slope, trust, shares)
             return smoothed(bent)
 
-        made.specular_normal, made.wrinkles = run("specular_normal", specular)
+        normal, wrinkles = run("specular_normal", specular)
+        made = replace(made, specular_normal=normal, wrinkles=wrinkles)
     if "diffuse_normal" in plan.stages:
-        made.diffuse_normal, _ = run(
-            "diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told)))
-        )
+        normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told))))
+        made = replace(made, diffuse_normal=normal)
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
-        found = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
-        made.displacement, made.integration = found[0], Integration(*found[1:])
+        heights, how = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))
+        made = replace(made, displacement=heights, integration=how)
     if made.diffuse_albedo is not None and subject.creases is not None:
         # Only now: the networks read relief from the dark lines of folds.
-        made.diffuse_albedo = unfolded_albedo(made.diffuse_albedo, subject.creases)
-    return Reflectance(
-        size=size,
-        diffuse_albedo=made.diffuse_albedo,
-        albedo_error=made.albedo_error,
-        specular_albedo=made.specular_albedo,
-        specular_normal=made.specular_normal,
-        diffuse_normal=made.diffuse_normal,
-        displacement=made.displacement,
-        runtime=engine.runtime,
-        precision=engine.precision,
-        tile=tile,
-        super_resolution="super_resolution" in plan.stages,
-        fallbacks=_fallbacks(plan, engine, subject, texture),
-        models=plan.networks,
-        engines=engine.told(plan.networks),
-        integration=made.integration,
-        wrinkles=made.wrinkles,
-        corrections=corrections,
-        detail=found_detail,
-        timings_s=run.timings,
-    )
+        made = replace(made, diffuse_albedo=unfolded_albedo(made.diffuse_albedo, subject.creases))
+    return replace(made, timings_s=run.timings)
 
 
 def _fallbacks(
@@ -212,19 +200,6 @@ def _fallbacks(
         "bf16-needs-openvino": engine.precision == "fp32" and lacks_openvino(),
     }
     return tuple(code for code, so in told.items() if so)
-
-
-class _Maps:
-    """What has been made so far."""
-
-    diffuse_albedo: Codes | None = None
-    albedo_error: UInt8 | None = None
-    specular_albedo: Codes | None = None
-    specular_normal: npt.NDArray[np.int16] | None = None
-    diffuse_normal: npt.NDArray[np.int16] | None = None
-    displacement: Codes | None = None
-    integration: Integration | None = None
-    wrinkles: tuple[Wrinkle, ...] = ()
 
 
 class _Run:
@@ -254,8 +229,8 @@ def _displaced(
     size: tuple[int, int],
     skin: npt.NDArray[np.uint8],
     keep_cliffs: bool,
-) -> tuple[Codes, int, float, float, float | None]:
-    """Displacement codes, and the numbers of :class:`Integration`."""
+) -> tuple[Codes, Integration]:
+    """Displacement codes, and how the integration went."""
     steps = Steps.of(subject.chart, subject.vertices)
     part = subject.head.part_names.index("skin")
     islands = subject.islands(size)
@@ -266,4 +241,4 @@ def _displaced(
     height = join(height, Seams.of(subject.head, part, surface), surface, texel_mm)
     np.clip(height, -MOST_MM, MOST_MM, out=height)
     pad_heights(height, surface, islands == NO_PART)
-    return encode_heights(height), facts.iterations, facts.residual, facts.ignored_fraction, facts.cut_fraction
+    return encode_heights(height), facts
