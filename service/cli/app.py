@@ -11,6 +11,7 @@ import typer
 
 from service import __version__
 from service.cli.failures import reported
+from service.map_registry import MAP_NAMES
 
 
 def with_options_of(
@@ -42,10 +43,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # square brackets in help are literal, and rich need not be imported
 )
 
-MAPS_HELP = (
-    "Maps to write, joined by commas: diffuse_albedo, specular_albedo, specular_normal, diffuse_normal, displacement, "
-    "texture, confidence, shape_normal. [default: all]"
-)
+MAPS_HELP = f"Maps to write, joined by commas: {', '.join(MAP_NAMES)}. [default: all]"
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for machines.")]
 Maps = Annotated[str | None, typer.Option(help=MAPS_HELP)]
