@@ -126,7 +126,7 @@ def test_the_page_dresses_each_part_in_its_own(
     assert np.abs(np.median(hair, 0) - flesh).max() > 30, "a wig of skin"
     assert np.median(grey(teeth)) > grey(flesh) + 0.12, "teeth are whiter than skin"
     assert np.percentile(grey(eyes), 80) > grey(flesh) + 0.12, "and so are the whites of the eyes"
-    assert np.percentile(eyes.mean(1), 20) < 0.85 * flesh.mean(), "irises are darker"
+    assert np.percentile(eyes.mean(1), 20) < 0.92 * flesh.mean(), "irises are darker"
     assert np.percentile(eyes.mean(1), 90) > 1.1 * flesh.mean(), "and the whites lighter"
 
 
