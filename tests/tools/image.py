@@ -67,7 +67,8 @@ def build() -> None:
         subprocess.run(["bash", str(Path(__file__).with_name("image_base.sh")), base], check=True)
     mounts = [flag for path in SHARED if Path(path).exists() for flag in ("-v", f"{path}:{path}:ro")]
     begin = time.monotonic()
-    buildah("bud", "--pull-never", "--isolation", "chroot", "--network", "host", *mounts, "-t", IMAGE, str(ROOT))
+    how = ("--layers", "--pull-never", "--isolation", "chroot", "--network", "host")
+    buildah("bud", *how, *mounts, "-t", IMAGE, str(ROOT))
     say(f"built in {time.monotonic() - begin:.0f} s: {buildah('images', '--format', '{{.Size}}', IMAGE)}")
 
 
@@ -75,7 +76,7 @@ class Container:
     """The image at work on a volume.
 
     Args:
-        volume: folder of this machine at ``/data``.
+        volume: folder of this machine for the data.
     """
 
     def __init__(self, volume: Path) -> None:
@@ -87,11 +88,14 @@ class Container:
 
     def start(self) -> None:
         """Start, and wait until it is ready."""
-        flags = ("--isolation", "chroot", "--network", "host", "--user", f"{USER}:{USER}", "-v", f"{self.volume}:/data")
+        # Not at /data: there buildah puts a volume of its own over it, as the image asks for one.
+        flags = ("--isolation", "chroot", "--network", "host", "--user", f"{USER}:{USER}", "-v", f"{self.volume}:/kept")
+        chosen = {"PORT": self.port, "DATA": "/kept", "KEYS": "/kept/keys.json"}
+        variables = [flag for name, value in chosen.items() for flag in ("--env", f"AVATARME_{name}={value}")]
         command = (self.name, "--", "tini", "--", "avatarme", "serve")
         with self.volume.with_name("log").open("ab") as log:
             self.process = subprocess.Popen(
-                [*BUILDAH, "run", *flags, "--env", f"AVATARME_PORT={self.port}", *command],
+                [*BUILDAH, "run", *flags, *variables, *command],
                 stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
         deadline = time.monotonic() + 120
