@@ -70,6 +70,7 @@ def by_hand(client: Any, case: Any, chance: Any, known: dict[str, list[str]], wh
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_no_request_makes_the_server_fail(tmp_path: Path) -> None:
     import schemathesis
     from hypothesis import HealthCheck, given, settings
