@@ -135,7 +135,7 @@ class LocalMaker:
     def _fault(self, ending: Ending, scratch: Path) -> Exception:
         limits = self._settings
         if ending.kind == "problem":
-            fault = Reported(ending.facts)
+            fault = Reported.of(ending.facts)
             return Hopeless(OutputFault(fault.message)) if fault.reported_code == OutputFault.code else fault
         if ending.kind == "time":
             return OutOfTime(f"not done after {limits.job_seconds:g} s; --timeout allows more")
@@ -152,11 +152,15 @@ class Reported(AvatarError):
     """A fault that the process named; ``reported_code`` is the code of its class over there."""
 
     code = "reported"
+    reported_code = "internal"
 
-    def __init__(self, facts: Mapping[str, Any]) -> None:
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Reported:
+        """From the process's own words: ``code``, ``message`` or ``detail``, and whatever else it told."""
         extra = {name: value for name, value in facts.items() if name not in ("code", "message", *_OF_PROBLEMS)}
-        super().__init__(str(facts.get("message") or facts.get("detail", "the process failed without words")), **extra)
-        self.reported_code = str(facts.get("code", "internal"))
+        fault = cls(str(facts.get("message") or facts.get("detail", "the process failed without words")), **extra)
+        fault.reported_code = str(facts.get("code", "internal"))
+        return fault
 
 
 def facts_of(error: AvatarError) -> dict[str, Any]:

@@ -147,12 +147,16 @@ def launch(settings: Settings, *kinds: Workflows) -> None:
         config["db_engine_kwargs"] = {"connect_args": {"application_name": APPLICATION, **LINE}}
     queues = {name: limits for kind in kinds for name, limits in kind.queues.items()}
     DBOS(config=config)
-    for kind in kinds:
-        kind.register()
-    DBOS.listen_queues(list(queues))
-    DBOS.launch()
-    for name, limits in queues.items():
-        DBOS.register_queue(name, on_conflict="always_update", **limits)
+    try:
+        for kind in kinds:
+            kind.register()
+        DBOS.listen_queues(list(queues))
+        DBOS.launch()
+        for name, limits in queues.items():
+            DBOS.register_queue(name, on_conflict="always_update", **limits)
+    except BaseException:
+        DBOS.destroy(destroy_registry=True)  # else nothing else in this process could be launched
+        raise
 
 
 def of_jobs(runner: Runner) -> Workflows:

@@ -53,8 +53,9 @@ def launched() -> Iterator[Browser]:
         program.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """A browser for the tests of a file: while Playwright is open, its event loop counts as running in this thread."""
     pytest.importorskip("playwright.sync_api", reason="playwright is not installed (make setup)")
     with ExitStack() as stack:
         try:

@@ -40,8 +40,16 @@ BUILDAH = ("buildah", "--storage-driver", "vfs")
 IMAGE = "localhost/avatarme:test"
 USER = 10001
 DRAFT = {"quality": "draft", "size": [384, 256]}
-SHARED = ("/etc/ssl/certs", "/etc/resolv.conf", "/etc/pip.conf", "/opt/wheels", "/opt/pypi-more")
-"""What a build without a daemon takes from this machine, where it is there: certificates and sources of packages."""
+SHARED = ("/etc/ssl/certs", "/etc/resolv.conf", "/etc/pip.conf")
+"""What a build without a daemon takes from this machine, where it is there: certificates and settings of pip."""
+
+
+def package_folders() -> list[str]:
+    """Folders of this machine that pip's settings name as sources of packages."""
+    command = [sys.executable, "-m", "pip", "config", "list"]
+    settings = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = re.findall(r"(?<![\w:/])(?:file://)?(/[^\s'\"]+)", settings.stdout)
+    return sorted({str(Path(path).parent if path.endswith("/simple") else Path(path)) for path in found})
 
 
 def say(text: str) -> None:
@@ -65,7 +73,8 @@ def build() -> None:
     base = f"docker.io/library/python:{found[1]}-slim-bookworm"
     if subprocess.run([*BUILDAH, "inspect", "--type", "image", base], capture_output=True, check=False).returncode:
         subprocess.run(["bash", str(Path(__file__).with_name("image_base.sh")), base], check=True)
-    mounts = [flag for path in SHARED if Path(path).exists() for flag in ("-v", f"{path}:{path}:ro")]
+    wanted = [*filter(os.path.exists, SHARED), *filter(os.path.isdir, package_folders())]
+    mounts = [flag for path in wanted for flag in ("-v", f"{path}:{path}:ro")]
     begin = time.monotonic()
     how = ("--layers", "--pull-never", "--isolation", "chroot", "--network", "host")
     buildah("bud", *how, *mounts, "-t", IMAGE, str(ROOT))

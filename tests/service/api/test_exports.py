@@ -165,7 +165,7 @@ def test_an_archive_that_no_kit_can_be_made_of_is_a_problem(api: Api, tmp_path: 
     worked(api)
     error = api.client.get(place).json()["error"]
     assert error["code"] == "bad-archive"
-    assert "older version" in error["detail"]
+    assert "is incomplete" in error["detail"]
 
 
 @pytest.mark.parametrize(

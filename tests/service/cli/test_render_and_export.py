@@ -75,7 +75,7 @@ def test_pipes(archive: Path) -> None:
         (("nothing.zip", "-o", "x.png"), 2, "nothing.zip"),
         (("{archive}", "-o", "x.png", "--scene", "nothing.json"), 2, "nothing.json"),
         (("{archive}", "-o", "x.png", "--scene", "{bad}"), 2, "strength"),
-        (("{archive}", "-o", "x.png", "--size", "10x10"), 2, "10x10"),
+        (("{archive}", "-o", "x.png", "--size", "10x10"), 2, "16 to 4096"),
         (("{archive}", "-o", "x.png", "--size", "big"), 2, "big"),
         (("{archive}", "-o", "x.png", "--view", "sideways"), 2, "sideways"),
         (("{archive}", "-o", "-", "--json"), 2, "--json"),

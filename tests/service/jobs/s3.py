@@ -45,7 +45,7 @@ def serve() -> Iterator[S3]:
         for variable, value in server.environment.items():
             patch.setenv(variable, value)
         s3fs.S3FileSystem.clear_instance_cache()
-        s3fs.S3FileSystem().mkdir("bucket")
+        s3fs.S3FileSystem().makedirs("bucket", exist_ok=True)  # all servers of a process share their buckets
         yield server
         s3fs.S3FileSystem.clear_instance_cache()
     server.stop()
