@@ -1,4 +1,4 @@
-"""A sheet of grooms: ``python -m models.hair [--count 64] [-o docs/grooms.jpg]``; ``--named`` for the named ones."""
+"""A sheet of grooms: ``python -m models.hair sheet [--count 64] [-o docs/grooms.jpg]``; ``--named`` for the named."""
 
 from __future__ import annotations
 
@@ -10,12 +10,20 @@ import cv2
 import typer
 
 from models.hair.draw import sheet
-from models.hair.groom import make_groom
-from models.hair.style import NAMED, sample_style
+from service.hair.groom import make_groom
+from service.hair.style import NAMED, sample_style
 from service.head.files import load_head
 
+app = typer.Typer(add_completion=False)
 
-def main(
+
+@app.callback()
+def _commands() -> None:
+    """Grooms for the documentation and for training."""
+
+
+@app.command("sheet")
+def draw_sheet(
     count: Annotated[int, typer.Option(min=1, help="Grooms.")] = 64,
     first: Annotated[int, typer.Option(help="Seed of the first.")] = 0,
     named: Annotated[bool, typer.Option(help="The named styles instead of random ones.")] = False,
@@ -38,4 +46,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app()

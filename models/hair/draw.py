@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from models.hair.groom import Groom
 from service.colour import linear_to_srgb
 from service.geometry.camera import Camera
 from service.geometry.normals import vertex_normals
 from service.geometry.raster import interpolate, rasterise
+from service.hair.groom import Groom
 from service.head.model import HeadModel
 
 Float = npt.NDArray[np.float32]
@@ -82,7 +82,7 @@ def shade(groom: Groom, eye: Float, lamp: tuple[float, float, float] = (0.5, 0.8
     second = SECOND_GLOSS[1] * np.cos(np.clip(angle - 3 * TILT, -np.pi / 2, np.pi / 2)) ** SECOND_GLOSS[0]
     lit = transmitted(groom, light)[..., None]
     sky = transmitted(groom, np.array([0, 1, 0.3], np.float32))[..., None]
-    colour = groom.colour
+    colour = groom.colour.linear(points.shape[1])
     direct = lit * (colour * (0.65 * matt + second)[..., None] + first[..., None])
     return np.asarray(direct + AMBIENT * (0.25 + 0.75 * sky) * colour, np.float32)
 

@@ -14,13 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from models.hair.scalp import CROWN, SHOULDERS, Roots, Scalp, mean_scalp
-from models.hair.style import WAVES, Style
-
-Float = npt.NDArray[np.float32]
+from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
+from service.hair.colour import HairColour
+from service.hair.scalp import CROWN, SHOULDERS, Roots, Scalp, mean_scalp
+from service.hair.style import WAVES, Style
 
 GUIDES, GUIDE_POINTS = 600, 32
 NEAR_GUIDES = 3
@@ -52,17 +51,24 @@ class Groom:
 
     Attributes:
         style: what was asked for.
-        strands: (N, P, 3) float32 metres, root first.
+        strands: (N, P, 3) float32 metres in the frame of the head at rest, root first.
+        root_uv: (N, 2) float32 in [0, 1], place of the roots on the head's chart, origin bottom left.
         lock: (N,) int32 number of the lock that a strand belongs to.
+        guide: (N,) int32 index of the guide that is nearest to a strand's root.
         guides: (G, 32, 3) float32 metres.
-        colour: (N, P, 3) float32 linear RGB in [0, 1].
+        colour: of the strands.
     """
 
     style: Style
-    strands: Float
-    lock: npt.NDArray[np.int32]
-    guides: Float
-    colour: Float
+    strands: Float32
+    root_uv: Float32
+    lock: Int32
+    guide: Int32
+    guides: Float32
+    colour: HairColour
+
+    def __len__(self) -> int:
+        return len(self.strands)
 
 
 def make_groom(style: Style, seed: int, strands: int = 10_000, scalp: Scalp | None = None) -> Groom:
@@ -84,15 +90,16 @@ def make_groom(style: Style, seed: int, strands: int = 10_000, scalp: Scalp | No
     roots = _grown(skin.roots(strands, rng), style, rng)
     roots = roots.chosen(rng.random(len(roots)) < style.density)
     if not len(guide_roots) or not len(roots):
-        none = np.zeros((0, GUIDE_POINTS, 3), np.float32)
-        return Groom(style, none, np.zeros(0, np.int32), none, none)
+        none, number = np.zeros((0, GUIDE_POINTS, 3), np.float32), np.zeros(0, np.int32)
+        colour = HairColour.of(style.melanin, 0, rng)
+        return Groom(style, none, none[:, 0, :2], number, number, none, colour)
     guides = grow_guides(style, guide_roots, skin, rng)
-    points, lock = _between(style, guide_roots, guides, roots, rng)
+    points, lock, guide = _between(style, guide_roots, guides, roots, rng)
     points = _curled(style, points, lock, rng)
     points = _wandering(style, points, rng)
     inner = skin.pushed(points[:, 1:], CLEARANCE_M, SHOVED_M)
     points = np.concatenate([points[:, :1], inner], 1).astype(np.float32)
-    return Groom(style, points, lock, guides, style.melanin.colours(points.shape[0], points.shape[1], rng))
+    return Groom(style, points, roots.uv, lock, guide, guides, HairColour.of(style.melanin, len(points), rng))
 
 
 def _grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
@@ -120,7 +127,7 @@ def _thinned(roots: Roots, count: int) -> Roots:
     return roots.chosen(chosen)
 
 
-def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float:
+def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float32:
     """(N,) metres of each strand by where it grows."""
     front = _step(SIDES_RAD + 0.25, SIDES_RAD - 0.25, np.abs(roots.azimuth))
     back = _step(np.pi - SIDES_RAD - 0.3, np.pi - SIDES_RAD + 0.3, np.abs(roots.azimuth))
@@ -136,17 +143,17 @@ def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float:
     return (length * np.clip(uneven, 0.7, 1.3) / 1000).astype(np.float32)
 
 
-def _fringe(roots: Roots) -> npt.NDArray[np.bool_]:
+def _fringe(roots: Roots) -> Bool:
     """(N,) what grows over the forehead."""
     return np.asarray((np.abs(roots.azimuth) < SIDES_RAD) & (roots.elevation < 1.0))
 
 
-def _forward(roots: Roots) -> npt.NDArray[np.bool_]:
+def _forward(roots: Roots) -> Bool:
     """(N,) what falls before the shoulders where it is long enough; the rest falls behind them."""
     return np.asarray(np.abs(roots.azimuth) < 1.35)
 
 
-def _groups(style: Style, roots: Roots) -> npt.NDArray[np.int64]:
+def _groups(style: Style, roots: Roots) -> Int64:
     """(N,) number of the part of the hair that a strand belongs to: strands are not blended across these borders."""
     split = style.parting != "none" or style.combing in ("side", "down") or style.gather in ("pinned", "two_plaits")
     longest = max(style.top_mm, style.sides_mm, style.back_mm)
@@ -159,7 +166,7 @@ def _groups(style: Style, roots: Roots) -> npt.NDArray[np.int64]:
     return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
 
 
-def combed(style: Style, points: Float, outwards: Float, side: Float) -> Float:
+def combed(style: Style, points: Float32, outwards: Float32, side: Float32) -> Float32:
     """(N, 3) unit directions along the skin in which hair at these points is combed.
 
     Args:
@@ -195,12 +202,12 @@ PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
 """Where a parting lies, metres to the subject's left."""
 
 
-def _from_parting(style: Style, roots: Roots) -> Float:
+def _from_parting(style: Style, roots: Roots) -> Float32:
     """(N,) metres to the parting."""
     return np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
 
 
-def sides_of(style: Style, roots: Roots) -> Float:
+def sides_of(style: Style, roots: Roots) -> Float32:
     """(N,) +1 where a strand falls to the subject's left of the parting, -1 to its right."""
     at = PARTINGS_M[style.parting]
     if style.combing == "side" and style.parting in ("none", "middle"):
@@ -208,7 +215,7 @@ def sides_of(style: Style, roots: Roots) -> Float:
     return np.where(roots.position[:, 0] >= at, 1.0, -1.0).astype(np.float32)
 
 
-def grow_guides(style: Style, roots: Roots, skin: Scalp, rng: np.random.Generator) -> Float:
+def grow_guides(style: Style, roots: Roots, skin: Scalp, rng: np.random.Generator) -> Float32:
     """(G, 32, 3) guides from their roots: combed, lifted, bent by their weight, gathered where that is asked for."""
     length = lengths(style, roots, rng)
     free = np.ones(len(roots), bool)
@@ -222,7 +229,7 @@ def grow_guides(style: Style, roots: Roots, skin: Scalp, rng: np.random.Generato
     return guides
 
 
-def _hanging(style: Style, roots: Roots, length: Float, skin: Scalp, rng: np.random.Generator) -> Float:
+def _hanging(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
     side = sides_of(style, roots)
     step = (length / (GUIDE_POINTS - 1))[:, None]
     # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
@@ -257,7 +264,7 @@ def _hanging(style: Style, roots: Roots, length: Float, skin: Scalp, rng: np.ran
     return _cut(style, guides, rng) if style.cut_y is not None else guides
 
 
-def _draped(points: Float, before: npt.NDArray[np.bool_]) -> Float:
+def _draped(points: Float32, before: Bool) -> Float32:
     """(N,) how far forward (negative: back) hair below the ears is drawn: it falls before or behind the shoulders."""
     middle, radii = SHOULDERS
     wanted = np.where(before, middle[2] + radii[2] + 0.02, middle[2] - radii[2] - 0.015)
@@ -265,13 +272,13 @@ def _draped(points: Float, before: npt.NDArray[np.bool_]) -> Float:
     return np.asarray(low * np.clip((wanted - points[:, 2]) / 0.04, -1.2, 1.2), np.float32)
 
 
-def _before_face(points: Float) -> Float:
+def _before_face(points: Float32) -> Float32:
     """(N,) 1 before the middle of the face, 0 beside it: nobody wears long hair there."""
     across = 1 - _step(0.035, 0.062, np.abs(points[:, 0]))
     return across * _step(-0.03, 0.0, points[:, 2]) * (1 - _step(0.04, 0.075, points[:, 1]))
 
 
-def _cut(style: Style, guides: Float, rng: np.random.Generator) -> Float:
+def _cut(style: Style, guides: Float32, rng: np.random.Generator) -> Float32:
     """Guides that end where they first fall below the height of the cut; the rest keep their length."""
     if style.cut_y is None:
         return guides
@@ -284,7 +291,7 @@ def _cut(style: Style, guides: Float, rng: np.random.Generator) -> Float:
     return _resampled(guides, np.asarray(ends / (GUIDE_POINTS - 1), np.float32), GUIDE_POINTS)
 
 
-def _tied(style: Style, roots: Roots) -> npt.NDArray[np.bool_]:
+def _tied(style: Style, roots: Roots) -> Bool:
     """(N,) whether strands reach the tie: all, the upper ones of a half-up, the front ones where it is pinned back."""
     if style.gather == "half_up":
         return np.asarray(roots.elevation > 0.35)
@@ -293,7 +300,7 @@ def _tied(style: Style, roots: Roots) -> npt.NDArray[np.bool_]:
     return np.ones(len(roots), bool)
 
 
-def _ties(style: Style, roots: Roots, skin: Scalp) -> Float:
+def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
     """(N, 3) metres of the tie that each strand runs to, a little off the skin."""
     if style.gather in ("two_plaits", "pinned"):
         side = np.where(roots.position[:, 0] >= 0, 1.0, -1.0)
@@ -307,7 +314,7 @@ def _ties(style: Style, roots: Roots, skin: Scalp) -> Float:
     return near.astype(np.float32)
 
 
-def _gathered(style: Style, roots: Roots, length: Float, skin: Scalp, rng: np.random.Generator) -> Float:
+def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
     """Guides that follow the head to their tie, and the tail behind it."""
     tie = _ties(style, roots, skin)
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
@@ -329,8 +336,9 @@ def _gathered(style: Style, roots: Roots, length: Float, skin: Scalp, rng: np.ra
 
 
 def _tail(
-    style: Style, start: Float, outward: Float, spread: Float, length: Float, skin: Scalp, rng: np.random.Generator
-) -> Float:
+    style: Style, start: Float32, outward: Float32, spread: Float32, length: Float32, skin: Scalp,
+    rng: np.random.Generator,
+) -> Float32:
     """(N, 40, 3) what comes after the tie: hanging, wound to a bun, or plaited."""
     count, steps = len(start), 40
     share = np.linspace(0, 1, steps, dtype=np.float32)[None, :, None]
@@ -363,7 +371,7 @@ def _tail(
     return np.asarray(tail + body * (1 - 0.4 * share), np.float32)
 
 
-def _plaited(tail: Float, spread: Float, rng: np.random.Generator) -> Float:
+def _plaited(tail: Float32, spread: Float32, rng: np.random.Generator) -> Float32:
     """Three parts that cross in turn round the middle line of a tail (N, S, 3); each side of the head has its own."""
     made = tail.copy()
     for side in (tail[:, 0, 0] >= 0, tail[:, 0, 0] < 0) if np.abs(tail[:, 0, 0]).min() > 0.03 else (slice(None),):
@@ -382,13 +390,13 @@ def _plaited(tail: Float, spread: Float, rng: np.random.Generator) -> Float:
             np.sin(phase)[..., None] * across[None] + 0.5 * np.sin(2 * phase)[..., None] * deep[None]
         )
         made[side] = middle[None] + offset + spread[side][:, None] * 0.55
-    return made.astype(np.float32)
+    return np.asarray(made, np.float32)
 
 
 def _between(
-    style: Style, guide_roots: Roots, guides: Float, roots: Roots, rng: np.random.Generator
-) -> tuple[Float, npt.NDArray[np.int32]]:
-    """Strands (N, P, 3) as blends of near guides, drawn together in locks; and the number of each strand's lock.
+    style: Style, guide_roots: Roots, guides: Float32, roots: Roots, rng: np.random.Generator
+) -> tuple[Float32, Int32, Int32]:
+    """Strands (N, P, 3) as blends of near guides, drawn together in locks; each strand's lock and nearest guide.
 
     A strand keeps to guides of its own part of the hair (:func:`_groups`).
     """
@@ -424,7 +432,7 @@ def _between(
     hold = (style.clump * share**0.8)[None] * np.where(rng.random(len(roots)) < style.flyaways, 0, 1)[:, None]
     strands = strands + hold[..., None] * (middle[lock] - strands)
     trim = rng.uniform(0.90, 1.0, len(roots)).astype(np.float32)
-    return _resampled(np.asarray(strands, np.float32), trim, points), lock
+    return _resampled(np.asarray(strands, np.float32), trim, points), lock, index[:, 0].astype(np.int32)
 
 
 def _points(style: Style, length: float) -> int:
@@ -434,7 +442,7 @@ def _points(style: Style, length: float) -> int:
     return int(np.clip(POINTS_PER_TURN * turns, 16 if length < 0.05 else GUIDE_POINTS, MOST_POINTS))
 
 
-def _curled(style: Style, strands: Float, lock: npt.NDArray[np.int32], rng: np.random.Generator) -> Float:
+def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generator) -> Float32:
     """Strands wound round their own middle line: a wave, curl or coil whose phase the strands of a lock share."""
     wave = WAVES[style.curl]
     if wave.radius_mm == 0 or strands.shape[1] < 3:
@@ -467,7 +475,7 @@ def _curled(style: Style, strands: Float, lock: npt.NDArray[np.int32], rng: np.r
     return (strands + radius[..., None] * turned).astype(np.float32)
 
 
-def _wandering(style: Style, strands: Float, rng: np.random.Generator) -> Float:
+def _wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Float32:
     """Strands with a smooth wander of their own, more towards the tip, and most where they have left their lock."""
     count, points = strands.shape[:2]
     knots = rng.normal(0, 1, (count, 6, 3)).astype(np.float32)
@@ -484,7 +492,7 @@ def _wandering(style: Style, strands: Float, rng: np.random.Generator) -> Float:
     return (strands + size[:, None, None] * share[None, :, None] * noise).astype(np.float32)
 
 
-def _resampled(lines: Float, share: Float, points: int) -> Float:
+def _resampled(lines: Float32, share: Float32, points: int) -> Float32:
     """Lines (N, P, 3) as ``points`` points each, evenly along the first ``share`` (N,) of their length."""
     steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
     gone = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, 1)], 1)
@@ -500,11 +508,11 @@ def _resampled(lines: Float, share: Float, points: int) -> Float:
     return (lines[row, place] * (1 - part) + lines[row, place + 1] * part).astype(np.float32)
 
 
-def _step(low: float, high: float, value: Float) -> Float:
+def _step(low: float, high: float, value: Float32) -> Float32:
     """0 up to ``low``, 1 from ``high`` on, smooth between; ``low`` may be the larger."""
     share = np.clip((value - low) / (high - low), 0, 1)
     return np.asarray(share * share * (3 - 2 * share), np.float32)
 
 
-def _unit(vectors: npt.NDArray[np.floating]) -> Float:
+def _unit(vectors: AnyFloat) -> Float32:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
+from service.arrays import AnyFloat, Float32
 
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
@@ -20,6 +19,8 @@ ROUGHNESS = 0.3
 """Azimuthal roughness of a strand."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
+KNOTS = 8
+"""Places along a strand at which its pigment is told."""
 
 
 @dataclass(frozen=True)
@@ -42,29 +43,58 @@ class Melanin:
     grey: float = 0.0
     highlights: float = 0.0
 
-    def colours(self, strands: int, points: int, rng: np.random.Generator) -> Float:
-        """(strands, points, 3) float32 linear RGB in [0, 1]."""
+    def amounts(self, strands: int, rng: np.random.Generator) -> Float32:
+        """(strands, KNOTS, 2) float32 concentrations of eumelanin and pheomelanin from root to tip."""
         amount = np.exp(rng.normal(0, self.spread, strands))
         lot = rng.random(strands)
         amount = np.where(lot < self.grey, GREY / max(self.eumelanin + self.pheomelanin, GREY), amount)
         amount = np.where((lot >= self.grey) & (lot < self.grey + self.highlights), 0.25 * amount, amount)
-        along = 1 - self.fade * np.linspace(0, 1, points)
-        share = (amount[:, None] * along)[..., None]
-        return reflected(share * (self.eumelanin * EUMELANIN + self.pheomelanin * PHEOMELANIN))
+        along = 1 - self.fade * np.linspace(0, 1, KNOTS)
+        pigment = np.array([self.eumelanin, self.pheomelanin])
+        return np.asarray((amount[:, None] * along)[..., None] * pigment, np.float32)
 
 
-def reflected(absorption: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> Float:
+@dataclass(frozen=True)
+class HairColour:
+    """Colour of each strand from root to tip, as what the hair absorbs.
+
+    Attributes:
+        melanin: (N, KNOTS, 2) float32 at least 0, concentrations of eumelanin and pheomelanin at places that are even
+            from root to tip.
+        dye: (3,) float32 at least 0, what dye absorbs beside them in red, green and blue; 0 in hair that is not dyed.
+        measured: whether the photo shows enough hair to tell; else it is guessed from the brows.
+    """
+
+    melanin: Float32
+    dye: Float32
+    measured: bool = True
+
+    @classmethod
+    def of(cls, melanin: Melanin, strands: int, rng: np.random.Generator) -> HairColour:
+        """Of strands without dye."""
+        return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
+
+    def linear(self, points: int = KNOTS) -> Float32:
+        """(N, points, 3) float32 linear RGB in [0, 1] under white light, even from root to tip."""
+        at = np.linspace(0, KNOTS - 1, points)
+        low = np.minimum(at.astype(int), KNOTS - 2)
+        part = (at - low).astype(np.float32)[None, :, None]
+        amount = self.melanin[:, low] * (1 - part) + self.melanin[:, low + 1] * part
+        return reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN]) + self.dye)
+
+
+def reflected(absorption: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     """(..., 3) linear RGB of a volume of strands with this absorption (..., 3)."""
     return np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness)).astype(np.float32)
 
 
-def absorption_of(colour: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> Float:
+def absorption_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     """(..., 3) absorption that gives linear RGB (..., 3): the inverse of :func:`reflected`."""
     logs = np.log(np.clip(colour, 1e-9, 1 - 1e-6))
     return np.square(logs / _width(roughness)).astype(np.float32)
 
 
-def melanin_of(colour: npt.NDArray[np.floating], roughness: float = ROUGHNESS) -> tuple[float, float, float]:
+def melanin_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> tuple[float, float, float]:
     """Eumelanin and pheomelanin that come nearest to a linear RGB colour (3,), and what is left over.
 
     Returns:

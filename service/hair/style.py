@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from models.hair.colour import Melanin
+from service.hair.colour import Melanin
 
 Gather = Literal["none", "ponytail", "bun", "half_up", "plait", "two_plaits", "pinned"]
 Parting = Literal["none", "left", "middle", "right"]

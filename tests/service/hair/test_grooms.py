@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.hair.colour import EUMELANIN, PHEOMELANIN, Melanin, absorption_of, melanin_of, reflected
 from models.hair.draw import draw, facing
-from models.hair.groom import make_groom
-from models.hair.scalp import CROWN, mean_scalp
-from models.hair.style import NAMED, WAVES, Style, sample_style
+from service.hair.colour import EUMELANIN, PHEOMELANIN, HairColour, Melanin, absorption_of, melanin_of, reflected
+from service.hair.groom import make_groom
+from service.hair.scalp import CROWN, mean_scalp
+from service.hair.style import NAMED, WAVES, Style, sample_style
 from service.head.files import load_head
 
 COUNT = 600
@@ -27,8 +27,9 @@ def test_strands_begin_on_the_scalp_and_stay_out_of_the_body(kind: str) -> None:
     """Would break: a push along a gradient that vanishes inside the body, or none after curls were wound."""
     skin, groom = mean_scalp(), make_groom(NAMED[kind], 3, COUNT)
     assert len(groom.strands) > 0.5 * COUNT * NAMED[kind].density
-    assert np.isfinite(groom.strands).all() and np.isfinite(groom.colour).all()
-    assert groom.colour.min() >= 0 and groom.colour.max() <= 1
+    assert np.isfinite(groom.strands).all() and np.isfinite(groom.colour.linear()).all()
+    assert groom.colour.linear().min() >= 0 and groom.colour.linear().max() <= 1
+    assert groom.root_uv.min() >= 0 and groom.root_uv.max() <= 1 and groom.guide.max() < len(groom.guides)
     assert np.abs(skin.outside(groom.strands[:, 0])).max() < 0.006
     deep = skin.outside(groom.strands[:, 2:]) < -0.003
     assert deep.mean() < 0.01
@@ -40,7 +41,7 @@ def test_random_styles_are_sound_and_repeat(seed: int) -> None:
     assert style == sample_style(seed) != sample_style(seed + 1000)
     one, same = make_groom(style, seed, 200), make_groom(style, seed, 200)
     np.testing.assert_array_equal(one.strands, same.strands)
-    np.testing.assert_array_equal(one.colour, same.colour)
+    np.testing.assert_array_equal(one.colour.melanin, same.colour.melanin)
     assert np.isfinite(one.strands).all()
 
 
@@ -88,7 +89,7 @@ def test_receding_temples_and_a_bald_crown_have_no_roots() -> None:
 def test_no_strands_are_no_groom_and_no_error() -> None:
     """Everything receded: would break at the median of no lengths."""
     none = make_groom(dataclasses.replace(NAMED["crop"], density=0.0), 1, 50)
-    assert none.strands.shape[0] == 0 and none.colour.shape[0] == 0
+    assert none.strands.shape[0] == 0 and none.colour.linear().shape[0] == 0
     picture = draw(none, load_head(), facing(0, 48))
     assert picture.hair.max() == 0 and np.isfinite(picture.colour).all()
 
@@ -114,7 +115,7 @@ def test_melanin_is_found_again_from_its_colour() -> None:
 
 def test_grey_strands_are_paler_than_the_others() -> None:
     rng = np.random.default_rng(0)
-    colours = Melanin(1.5, 0.1, grey=0.5, fade=0.0).colours(400, 2, rng)[:, 0].mean(1)
+    colours = HairColour.of(Melanin(1.5, 0.1, grey=0.5, fade=0.0), 400, rng).linear(2)[:, 0].mean(1)
     pale = colours > 0.3
     assert 0.4 < pale.mean() < 0.6 and colours[~pale].max() < 0.2
 

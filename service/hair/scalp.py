@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.geometry.normals import vertex_normals
 from service.head.model import HeadModel
-
-Float = npt.NDArray[np.float32]
 
 CENTRE = np.array([0.0, 0.02, -0.07], np.float32)
 """Middle of the skull, metres in the head's frame: azimuth and elevation of a root are seen from there."""
@@ -39,27 +37,29 @@ class Roots:
         position: (N, 3) float32 metres, on the skin.
         normal: (N, 3) float32 unit, outwards.
         edge: (N,) float32 in [0, 1]: 0 on the hairline, 1 well inside the scalp.
+        uv: (N, 2) float32 in [0, 1], place on the head's chart, origin bottom left.
     """
 
-    position: Float
-    normal: Float
-    edge: Float
+    position: Float32
+    normal: Float32
+    edge: Float32
+    uv: Float32
 
     def __len__(self) -> int:
         return len(self.position)
 
-    def chosen(self, index: npt.NDArray[np.int64] | npt.NDArray[np.bool_]) -> Roots:
+    def chosen(self, index: Int64 | Bool) -> Roots:
         """Those of an index or a mask."""
-        return Roots(self.position[index], self.normal[index], self.edge[index])
+        return Roots(self.position[index], self.normal[index], self.edge[index], self.uv[index])
 
     @property
-    def azimuth(self) -> Float:
+    def azimuth(self) -> Float32:
         """(N,) radians round the vertical, 0 in front, positive to the subject's left, pi behind."""
         away = self.position - CENTRE
         return np.arctan2(away[:, 0], away[:, 2])
 
     @property
-    def elevation(self) -> Float:
+    def elevation(self) -> Float32:
         """(N,) radians above the middle of the skull."""
         away = self.position - CENTRE
         return np.arcsin(away[:, 1] / np.maximum(np.linalg.norm(away, axis=1), 1e-6))
@@ -73,16 +73,18 @@ class Scalp:
         corners: (T, 3, 3) float32 metres of the triangles of the scalp.
         normals: (T, 3, 3) float32 unit, at their corners.
         grows: (T, 3) float32 in [0, 1] at their corners: 1 on the scalp, 0 on bare skin.
+        uv: (T, 3, 2) float32 in [0, 1], of the corners on the head's chart.
         distance: (X, Y, Z) float32 metres on a grid of ``CELL_M`` from ``LOW``: negative inside head or shoulders.
     """
 
-    corners: Float
-    normals: Float
-    grows: Float
-    distance: Float
+    corners: Float32
+    normals: Float32
+    grows: Float32
+    uv: Float32
+    distance: Float32
 
     @classmethod
-    def of(cls, head: HeadModel, vertices: npt.NDArray[np.floating] | None = None) -> Scalp:
+    def of(cls, head: HeadModel, vertices: AnyFloat | None = None) -> Scalp:
         """The scalp of a head.
 
         Args:
@@ -91,12 +93,14 @@ class Scalp:
         """
         points = np.asarray(head.mean if vertices is None else vertices, np.float32)
         normal = vertex_normals(points, head.triangles).astype(np.float32)
-        skin = head.triangles[head.triangle_part == head.part_names.index("skin")]
+        of_skin = head.triangle_part == head.part_names.index("skin")
+        skin = head.triangles[of_skin]
         mask = head.region("scalp")
-        own = skin[(mask[skin] > 0.02).any(1)]
+        grows = (mask[skin] > 0.02).any(1)
+        own, uv = skin[grows], head.uv[head.triangle_uv[of_skin][grows]]
         hidden = np.maximum(head.region("mouth_inner"), head.region("eye_socket"))
         outer = skin[(hidden[skin] < 0.5).all(1)]
-        return cls(points[own], normal[own], mask[own].astype(np.float32), _distances(points[outer]))
+        return cls(points[own], normal[own], mask[own].astype(np.float32), uv, _distances(points[outer]))
 
     def roots(self, count: int, rng: np.random.Generator, least: float = 0.45) -> Roots:
         """``count`` random roots where hair grows: more of them where the mask is surer, none below ``least`` of it."""
@@ -104,7 +108,7 @@ class Scalp:
             np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
         )
         chance = area * self.grows.mean(1)
-        found: list[tuple[Float, Float, Float]] = []
+        found: list[tuple[Float32, ...]] = []
         wanted = count
         while wanted > 0:
             triangle = rng.choice(len(area), 2 * wanted + 64, p=chance / chance.sum())
@@ -114,15 +118,16 @@ class Scalp:
             position = (self.corners[triangle[kept]] * weight[kept]).sum(1)
             normal = (self.normals[triangle[kept]] * weight[kept]).sum(1)
             edge = np.clip((grows[kept] - least) / max(1.0 - least, 1e-3), 0, 1)
-            found.append((position, _unit(normal), edge.astype(np.float32)))
+            uv = (self.uv[triangle[kept]] * weight[kept]).sum(1)
+            found.append((position, _unit(normal), edge.astype(np.float32), uv.astype(np.float32)))
             wanted -= len(kept)
         return Roots(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
-    def outside(self, points: Float) -> Float:
+    def outside(self, points: Float32) -> Float32:
         """(...) float32 metres from points (..., 3) to the body, negative inside; beyond the grid its border's."""
         return _read(self.distance, points)
 
-    def pushed(self, points: Float, clearance: Float | float, most: float = 1.0) -> Float:
+    def pushed(self, points: Float32, clearance: Float32 | float, most: float = 1.0) -> Float32:
         """Points (..., 3) moved out of the body until they are ``clearance`` metres from it, by at most ``most``."""
         moved = np.array(points, np.float32)
         wanted = np.broadcast_to(np.asarray(clearance, np.float32), moved.shape[:-1])
@@ -134,7 +139,7 @@ class Scalp:
             moved[near] += np.minimum(away[near], most)[:, None] * self.outwards(moved[near])
         return moved
 
-    def outwards(self, points: Float) -> Float:
+    def outwards(self, points: Float32) -> Float32:
         """(..., 3) float32 unit vectors along which the distance to the body grows fastest."""
         step = np.float32(CELL_M)
         slopes = [
@@ -158,16 +163,16 @@ def mean_scalp() -> Scalp:
     return Scalp.of(load_head())
 
 
-def _unit(vectors: Float) -> Float:
+def _unit(vectors: Float32) -> Float32:
     return (vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)).astype(np.float32)
 
 
-def _read(grid: Float, points: Float) -> Float:
+def _read(grid: Float32, points: Float32) -> Float32:
     at = (points.reshape(-1, 3).T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
     return map_coordinates(grid, at, order=1, mode="nearest").reshape(points.shape[:-1]).astype(np.float32)
 
 
-def _distances(triangles: Float) -> Float:
+def _distances(triangles: Float32) -> Float32:
     """Signed distances on the grid to triangles (T, 3, 3), whose fronts look outwards, and to the shoulders."""
     samples, normals = _dense(triangles)
     axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
@@ -187,7 +192,7 @@ def _distances(triangles: Float) -> Float:
     return np.minimum(away, shoulders).astype(np.float32)
 
 
-def _dense(triangles: Float) -> tuple[Float, Float]:
+def _dense(triangles: Float32) -> tuple[Float32, Float32]:
     """Points on triangles, about ``SPACING_M`` apart, and the unit normals there."""
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
