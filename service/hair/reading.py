@@ -25,11 +25,11 @@ from service.image_filters import blurred, ramp
 SIDE, CELLS = 224, 112
 """Pixels along the square as it is read, and cells of what is said of it."""
 FILL, BELOW = 0.40, 0.05
-"""Longer side of the landmarks' bounding box over the square's, and how far its middle lies below that of the landmarks,
-over its side: about 0.44 m, from above the crown to below the shoulders."""
+"""Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its side:
+about 0.44 m, from above the crown to below the shoulders."""
 LENGTHS = ("cropped", "short", "ear", "jaw", "shoulder", "longer")
-"""How far hair at the sides reaches: up to 12 mm long; above the ears' middle; to their lobes; to the jaw; to the
-shoulders; beyond. ``service.hair.kinds`` tells them from strands."""
+"""How far hair at the sides reaches: up to 12 mm long; to the ears' middle; to their lobes; to the jaw; to the shoulders;
+beyond."""
 GATHERED = ("none", "half", "tied", "plaits")
 """Loose; its upper or front part pinned back; a ponytail or bun; one plait or two."""
 PARTINGS = ("none", "left", "middle", "right")
@@ -176,7 +176,7 @@ FACE_MIDDLE_M = -0.026
 
 
 def height_of(row: float) -> float:
-    """Height in metres in the head's frame of a share of the square's height, from the top, for a usual upright face."""
+    """Height in the head's frame, metres, of a row (share of the square's height from the top) for a usual face."""
     return FACE_MIDDLE_M - (row - 0.5 + BELOW) * FACE_M / FILL
 
 
