@@ -25,11 +25,11 @@ from service.image_filters import blurred, ramp
 SIDE, CELLS = 224, 112
 """Pixels along the square as it is read, and cells of what is said of it."""
 FILL, BELOW = 0.40, 0.05
-"""Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its side:
-about 0.44 m, from above the crown to below the shoulders."""
+"""Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its
+side: about 0.44 m, from above the crown to below the shoulders."""
 LENGTHS = ("cropped", "short", "ear", "jaw", "shoulder", "longer")
-"""How far hair at the sides reaches: up to 12 mm long; to the ears' middle; to their lobes; to the jaw; to the shoulders;
-beyond."""
+"""How far hair at the sides reaches: up to 12 mm long; to the ears' middle; to their lobes; to the jaw; to the
+shoulders; beyond."""
 GATHERED = ("none", "half", "tied", "plaits")
 """Loose; its upper or front part pinned back; a ponytail or bun; one plait or two."""
 PARTINGS = ("none", "left", "middle", "right")
