@@ -23,12 +23,11 @@ from torch import nn
 
 from models.networks.configs import Zeta, build
 from models.tables import tell
-from service.bench.stages import computed
 from service.levels import FULL_SIZE, TEXTURE_SIZE
 from service.reflectance.reflectance_plan import ROLES, ReflectancePlan
 from service.runtime.networks import Description, Engine, RuntimeName, choose_engine, describe_network, open_network
 from service.runtime.sessions import has_openvino, model_table
-from service.runtime.tiles import DEFAULT_TILE
+from service.runtime.tiles import DEFAULT_TILE, tiles
 
 MARK = ("<!-- runtimes -->", "<!-- /runtimes -->")
 EAGER = "PyTorch"
@@ -77,6 +76,14 @@ def scale(name: str, what: Description, shape: tuple[int, int]) -> float:
         return 1.0
     whole = TEXTURE_SIZE if name.startswith("zeta") else FULL_SIZE
     return computed(whole, DEFAULT_TILE // what.scale, what) / (shape[0] * shape[1])
+
+
+def computed(size: tuple[int, int], tile: int, what: Description) -> int:
+    """Pixels of input that a network computes for a map (width, height), halos included."""
+    return sum(
+        (one.bottom - one.top + 2 * what.halo) * (one.right - one.left + 2 * what.halo)
+        for one in tiles(*size, tile, what.stride)
+    )
 
 
 def ways(name: str, what: Description, maps: np.ndarray, threads: int, config: str, held: ExitStack) -> dict[str, Work]:

@@ -1,8 +1,4 @@
-"""Loss of a map against another, and the Pareto front of cost against loss.
-
-Maps of different sizes are compared at both sizes: at the smaller one, for uses that need no more resolution, and at
-the larger one, which counts the missing detail.
-"""
+"""Loss of a map against another, the Pareto front of cost against loss, and a line through costs."""
 
 from __future__ import annotations
 
@@ -13,36 +9,13 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Bool, Float32, Float64, UInt8
+from service.arrays import Bool, Float32, Float64
 from service.reflectance.reflectance_maps import unpack_normals
 
-Kind = Literal["colour", "normal", "height"]
-
-UNITS: dict[Kind, str] = {"colour": "dB", "normal": "°", "height": "µm"}
-"""Unit of :meth:`Loss.shown`."""
+Kind = Literal["colour", "normal"]
 
 SAME_DB = 99.0
 """PSNR reported for identical maps."""
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Distance from the reference.
-
-    Attributes:
-        kind: of the maps.
-        at_own: at the size of the map: root mean square in [0, 1] of coded colours, mean degrees
-            of normals, root mean square in micrometres of heights.
-        at_full: the same at the size of the reference.
-    """
-
-    kind: Kind
-    at_own: float
-    at_full: float
-
-    def shown(self, error: float) -> float:
-        """The error in ``UNITS``: decibels for colours, else unchanged."""
-        return decibels(error) if self.kind == "colour" else error
 
 
 def decibels(rms: float) -> float:
@@ -50,37 +23,23 @@ def decibels(rms: float) -> float:
     return min(-20 * float(np.log10(max(rms, 1e-12))), SAME_DB)
 
 
-def compare(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: UInt8) -> Loss:
-    """Loss of a map.
+def loss_of(kind: Kind, found: npt.NDArray[Any], reference: npt.NDArray[Any], mask: Bool) -> float:
+    """Distance of a map from a reference of any other size; the smaller one is enlarged, so that lost detail counts.
 
     Args:
-        kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes. "height": (h, w) float32 mm.
+        kind: "colour": uint16 codes, 65535 = 1. "normal": (h, w, 2) int16 codes.
         found: (h, w, ...).
         reference: (H, W, ...) of the same part of the chart.
-        mask: (H, W) uint8, above 0 where texels are compared; if it is empty, all are.
+        mask: (H, W) texels that are compared; all of them where there is none.
+
+    Returns:
+        Root mean square of coded colours in [0, 1], or mean degrees of normals.
     """
-    one, other = _values(kind, found), _values(kind, reference)
-    errors = []
-    for size in (found.shape[1::-1], reference.shape[1::-1]):
-        counts = _resized(np.asarray(mask, np.float32), size) > 0
-        errors.append(_error(kind, _sized(kind, one, size), _sized(kind, other, size), counts))
-    return Loss(kind, *errors)
-
-
-def _values(kind: Kind, codes: npt.NDArray[Any]) -> Float32:
+    one, other = (_values(kind, codes, reference.shape[1::-1]) for codes in (found, reference))
+    chosen = mask if mask.any() else np.ones_like(mask)
     if kind == "normal":
-        return unpack_normals(codes)
-    # OpenCV drops an axis of length 1; comparing maps with and without it would broadcast.
-    plain = codes[..., 0] if codes.ndim == 3 and codes.shape[2] == 1 else codes
-    return np.asarray(plain, np.float32) * np.float32(1 / 65535 if kind == "colour" else 1)
-
-
-def _error(kind: Kind, found: Float32, reference: Float32, counts: Bool) -> float:
-    chosen = counts if counts.any() else np.ones_like(counts)
-    if kind == "normal":
-        return float(degrees(found[chosen], reference[chosen]).mean())
-    rms = float(np.sqrt(np.square(found[chosen] - reference[chosen], dtype=np.float64).mean()))
-    return 1000 * rms if kind == "height" else rms
+        return float(degrees(one[chosen], other[chosen]).mean())
+    return float(np.sqrt(np.square(one[chosen] - other[chosen], dtype=np.float64).mean()))
 
 
 def degrees(found: Float32, reference: Float32) -> Float64:
@@ -90,21 +49,15 @@ def degrees(found: Float32, reference: Float32) -> Float64:
     return np.asarray(np.degrees(np.arctan2(sine, np.einsum("...i,...i->...", one, other))))
 
 
-def _sized(kind: Kind, values: Float32, size: tuple[int, int]) -> Float32:
-    if values.shape[1::-1] == size:
-        return values
-    result = _resized(values, size)
-    if kind != "normal":
-        return result
-    length = np.sqrt(np.einsum("yxi,yxi->yx", result, result))[..., None]
-    return np.asarray(
-        np.where(length > 1e-3, result / np.maximum(length, 1e-3), np.array([0, 0, 1], np.float32)), np.float32
-    )
-
-
-def _resized(values: Float32, size: tuple[int, int]) -> Float32:
+def _values(kind: Kind, codes: npt.NDArray[Any], size: tuple[int, int]) -> Float32:
+    """Colours in [0, 1] or normals, resampled to (width, height) and not normalised again."""
     import cv2
 
+    # OpenCV drops an axis of length 1; comparing maps with and without it would broadcast.
+    plain = codes[..., 0] if codes.ndim == 3 and codes.shape[2] == 1 else codes
+    values = unpack_normals(codes) if kind == "normal" else np.asarray(plain, np.float32) / np.float32(65535)
+    if values.shape[1::-1] == size:
+        return values
     way = cv2.INTER_AREA if size[0] <= values.shape[1] else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(values, size, interpolation=way), np.float32)
 
@@ -115,16 +68,12 @@ def pareto(points: Sequence[Sequence[float]]) -> list[bool]:
     A point is dominated where another is at least as good in every coordinate and better in one. Equal points are all
     on the front. A point with a NaN is never on it.
     """
-    if not points:
-        return []
     table = np.asarray(points, np.float64)
-    sound = np.asarray(~np.isnan(table).any(1))
-    front = []
-    for index, point in enumerate(table):
-        others = table[sound]
-        dominated = (others <= point).all(1) & (others < point).any(1)
-        front.append(bool(sound[index] and not dominated.any()))
-    return front
+    others = table[~np.isnan(table).any(1)] if len(table) else table
+    return [
+        bool(not np.isnan(point).any() and not ((others <= point).all(1) & (others < point).any(1)).any())
+        for point in table
+    ]
 
 
 @dataclass(frozen=True)

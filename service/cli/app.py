@@ -358,24 +358,21 @@ def worker(
 
 @app.command()
 def bench(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer variants on smaller maps: a minute at most.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Three small runs: a minute at most.")] = False,
     output: Annotated[
         str | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for accuracy-time.md and its plot.")
-    ] = None,
-    networks: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Networks of other sizes: a models.json, or folders with one.")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure what accuracy costs in time, on this machine.
 
-    Tries precisions, runtimes, tiles and sizes of every stage and of the whole, and prints loss, time and memory as
-    Markdown tables. Takes about ten minutes on two cores; let nothing else run meanwhile.
+    Makes the sample's avatar at every quality, on every runtime and at several sizes, and prints time, memory and the
+    loss of its maps as a Markdown table. Takes about five minutes on two cores; let nothing else run meanwhile.
     """
     with reported(as_json=as_json):
         from service.cli.bench import bench as run
 
-        run(quick=quick, as_json=as_json, output=output, networks=networks)
+        run(quick=quick, as_json=as_json, output=output)
 
 
 @app.command()
