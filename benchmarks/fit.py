@@ -6,6 +6,9 @@ ICP, and that at the same pixel without one; and their ratios to the average hea
 For the default also by yaw, by light and for the heads that no default was chosen on. ``--write`` puts the tables into
 ``fit-accuracy.md`` with a plot beside it. ``--reader`` compares other networks on the same photos: folders with a
 ``reader.onnx`` each (``python -m export.networks.reader RUN -o DIR``).
+
+``--views 1,2,3,5,8`` fits heads to the first so many of the photos that ``benchmarks.shoot --views`` took of them, from
+all sides, and prints the same errors of each head where its first photo, a frontal one, shows it, and over all photos.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,10 +29,11 @@ from benchmarks.metrics import Score, Truth, score
 from service.errors import AvatarError
 from service.face.face import Face
 from service.face.finder import FaceFinder
-from service.face.fit.fit_face import fit_face
+from service.face.fit.fit_face import fit_face, fit_views
 from service.face.fit.settings import FitSettings
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import ReaderNetwork, Reading
+from service.face.view import View
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.photo.photo import Photo
@@ -122,6 +126,51 @@ def run(shots: list[Shot], head: HeadModel, settings: FitSettings, *, read: bool
     return results, failed
 
 
+def people(folder: Path, readers: Readers | None = None) -> dict[str, list[Shot]]:
+    """Photos of each head by ``benchmarks.shoot --views``, in the order in which they are used."""
+    shots, missed = load_shots(folder, readers)
+    found: dict[str, list[Shot]] = {}
+    for shot in shots:
+        found.setdefault(shot.name.split("_")[0], []).append(shot)
+    if missed:
+        _say(f"no face found in {missed} photos")
+    return {name: sorted(own, key=lambda shot: int(shot.name.split("_")[1])) for name, own in sorted(found.items())}
+
+
+VIEWS_HEADER = (
+    "| photos of each head | nearest in the first, mm | over the average head's | same pixel, mm | over it | nearest "
+    "in all, mm | over it | CPU s of each further photo |\n|---|" + "---|" * 7
+)
+
+
+def by_views(folder: Path, counts: Sequence[int], head: HeadModel) -> None:
+    """Print a table: the joint fit of each head's first so many photos, beside the average head's in the same ones."""
+    everybody, average = people(folder), FitSettings(**SETTINGS[AVERAGE])
+    _say(f"{len(everybody)} heads, each from all sides in other lights by other cameras.\n\n{VIEWS_HEADER}")
+    usual = {
+        shot.name: score(fit_face(shot.face, shot.photo, head, average), head, shot.truth)
+        for shots in everybody.values()
+        for shot in shots
+    }
+    alone = 0.0
+    for count in counts:
+        pairs: list[list[tuple[Score, Score]]] = []
+        begin = time.process_time()
+        for shots in everybody.values():
+            fits = fit_views([View(s.photo, s.face, s.reading) for s in shots[:count]], head)
+            scored = zip(fits, shots, strict=False)
+            pairs.append([(score(fit, head, shot.truth), usual[shot.name]) for fit, shot in scored])
+        seconds = (time.process_time() - begin) / len(everybody)
+        alone = alone or seconds
+        first = np.array([[(s.median_mm, s.same_pixel_mm) for s in own[0]] for own in pairs]).mean(0)
+        every = np.array([[s.median_mm for s in pair] for own in pairs for pair in own]).mean(0)
+        (near, pixel), (near_over, pixel_over) = first[0], first[0] / first[1]
+        _say(
+            f"| {count} | {near:.3f} | **{near_over:.3f}** | {pixel:.3f} | **{pixel_over:.3f}** | {every[0]:.3f} "
+            f"| {every[0] / every[1]:.3f} | {(seconds - alone) / max(count - 1, 1):.2f} |"
+        )
+
+
 def read_by(folder: Path, shots: list[Shot]) -> list[Shot]:
     """The same shots, read by the ``reader.onnx`` of a folder."""
     readers = Readers(pixels=ReaderNetwork(load_session("reader", folder=folder)))
@@ -198,7 +247,12 @@ def main() -> None:
     parser.add_argument("--write", type=Path)
     parser.add_argument("--reader", type=Path, action="append", default=[], help="folder of another reader; repeatable")
     parser.add_argument("--compare", type=int, default=60, help="compare settings on this many photos at most")
+    parser.add_argument("--views", help="numbers of photos of each head, 1,2,3,5,8")
     arguments = parser.parse_args()
+    if arguments.views:
+        counts = [int(count) for count in arguments.views.split(",")]
+        by_views(arguments.photos / "views", counts, load_head())
+        return
     shots, missed = load_shots(arguments.photos)
     if not shots:
         raise SystemExit(f"{arguments.photos}: no photos; take them by python -m benchmarks.shoot")

@@ -1,8 +1,9 @@
 """Take the benchmark's photos: ``python -m benchmarks.shoot --data DIR [--out build/bench] [--heads 20]``.
 
 DIR holds ``ict_facekit_head.npz`` and ``ffhq_uv_head/``. Every ICT head is photographed at yaw 0, 25 and 45 under
-two lights, the FFHQ-UV head likewise from near and from far. Photos that exist are kept, so a run can be broken off
-and resumed.
+two lights, the FFHQ-UV head likewise from near and from far. ``--views`` instead photographs heads that are held out
+from all sides, each view in another light and by another camera, into the folder ``views`` below. Photos that exist are
+kept, so a run can be broken off and resumed.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,13 @@ Float = npt.NDArray[np.float64]
 
 YAWS = (0, 25, 45)
 FIRST_SEED = 100
+VIEWS = (
+    (0, "soft"), (-35, "left"), (35, "right"), (-75, "soft"), (75, "overhead"), (0, "harsh"), (-90, "soft"),
+    (90, "warm"),
+)  # fmt: skip
+"""Yaw and light of the photos of one person, in the order in which ``benchmarks.fit --views`` takes them."""
+FIRST_VIEWED = 110
+"""The first head of them: held out."""
 FFHQ_SCALE_M = 0.1
 """Metres per unit of the FFHQ-UV head."""
 FFHQ_EYES_M = np.array([[0.0321, 0.0357, 0.0310], [-0.0310, 0.0360, 0.0313]])
@@ -102,6 +111,7 @@ def main() -> None:
     parser.add_argument("--data")
     parser.add_argument("--out", type=Path, default=Path("build/bench"))
     parser.add_argument("--heads", type=int, default=20)
+    parser.add_argument("--views", action="store_true", help="several photos of each head, from all sides")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     data, out = data_folder(arguments.data), arguments.out
@@ -113,6 +123,11 @@ def main() -> None:
     heads = IctHeads(data / "ict_facekit_head.npz")
     skin_landmarks = landmarks_on(reference, out, "reference_skin")
     colours = ict_colours(heads, skin, skin_landmarks, middle, out)
+    if arguments.views:
+        seeds = range(FIRST_VIEWED, FIRST_VIEWED + arguments.heads)
+        people = (reference, *(heads.textured(f"ict{seed}", seed, colours) for seed in seeds))
+        shoot_views(people, out / "views")
+        return
     for number, yaw in enumerate(YAWS):
         for light in LIGHTS:
             for distance, fov in ((0.5, 36.0), (1.5, 14.0)):
@@ -127,6 +142,20 @@ def main() -> None:
         for yaw in YAWS:
             for light in LIGHTS:
                 shoot(head, Shot(side * yaw, light, distance, fov, seed=seed), out, "")
+
+
+def shoot_views(people: Iterable[TexturedHead], out: Path) -> None:
+    """Photos ``HEAD_VIEW_YAW_LIGHT`` of heads from all sides, unless they are there already."""
+    out.mkdir(parents=True, exist_ok=True)
+    for head in people:
+        rng = np.random.default_rng(sum(head.name.encode()))
+        for number, (yaw, light) in enumerate(VIEWS):
+            distance = float(np.exp(rng.uniform(np.log(0.5), np.log(1.8))))
+            fov = float(np.degrees(2 * np.arctan(rng.uniform(0.19, 0.23) / distance)))
+            shot = Shot(yaw, light, distance, fov, seed=int(rng.integers(1000)))
+            name = f"{head.name}_{number}_{yaw}_{light}"
+            if take_once(head, shot, out / name):
+                log.info("%s", name)
 
 
 def shoot(head: TexturedHead, shot: Shot, out: Path, tag: str) -> None:

@@ -22,6 +22,7 @@
     |   +-- FaceTooSmall
     |   +-- FaceCutOff
     |   +-- FitFailed               landmarks and head do not agree at all
+    |   +-- Strangers               several photos, not all of one person; carries their numbers
     +-- ModelFault                  a data file of ours is missing or changed      exit 1, HTTP 500
     +-- NumericFault                NaN or Inf would have left a stage             exit 1, HTTP 500
     +-- OutputFault                 the result could not be written                exit 1, HTTP 507
@@ -147,6 +148,10 @@ class FaceCutOff(NoUsableFace):
 
 class FitFailed(NoUsableFace):
     code = "fit-failed"
+
+
+class Strangers(NoUsableFace):
+    code = "strangers"
 
 
 class ModelFault(AvatarError):

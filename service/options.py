@@ -97,6 +97,7 @@ class Options(Checked):
         runtime: what the networks run on; "auto" takes, network by network, the faster one by a measured rule.
         face: index of the face to take, in the order that ``MultipleFaces`` lists them; "largest"; or None, which
             refuses a photo with several faces.
+        leave_out: of several photos, "strangers" leaves out those of another person, with a warning; None refuses them.
         detail: how much detail finer than the photo is made up, in [0, 1]: 0 gives the likeliest texture, smooth and
             nearest to the truth, 1 one that looks like skin.
         seed: of every random choice, in [0, 2**32 - 1].
@@ -122,6 +123,7 @@ class Options(Checked):
     budget: Annotated[_Seconds | None, Right("a number of seconds above 0")] = None
     runtime: Literal["auto", "onnxruntime", "openvino"] = "auto"
     face: Annotated[_FaceIndex | Literal["largest"] | None, Right("'largest' or an index, 0 for the first face")] = None
+    leave_out: Literal["strangers"] | None = None
     detail: Annotated[float, Strict(), Ge(0), Le(1), Right("a number from 0 to 1")] = 1.0
     seed: Annotated[int, Strict(), Ge(0), Le(LARGEST_SEED), Right(f"a whole number from 0 to {LARGEST_SEED}")] = 0
     fit: Refine = _FIT.refine

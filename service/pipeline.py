@@ -1,9 +1,10 @@
-"""From the bytes of a photo to an avatar: the whole program on one page.
+"""From the bytes of photos of one person to an avatar: the whole program on one page.
 
 ::
 
-    bytes --gate--> Photo --find--> Face --read--> Reading --fit--> Fit --compare styles--> Hair
-    Fit, Hair --unwrap, complete--> Texture
+    bytes --gate--> Photo --find--> Face --read--> Reading      for each photo
+    Readings --fit--> Fits of one head --compare styles--> Hair
+    Fits, Hair --unwrap, blend, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
@@ -14,7 +15,7 @@ networks.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
@@ -24,23 +25,22 @@ from service.anatomy.eye_meshes import eye_parts
 from service.anatomy.hair.find_hair import find_hair
 from service.anatomy.hair.worn import BROWS, in_albedo, worn
 from service.anatomy.mouth_meshes import mouth_parts
-from service.archive.avatar import Avatar
+from service.archive.avatar import Avatar, Source
 from service.archive.licences import model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.face import Face, choose_face
 from service.face.finder import FaceFinder
-from service.face.fit.fit_face import fit_face
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
-from service.face.reading.read import Readers, read_face
+from service.face.reading.read import Readers
+from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all
 from service.geometry.chart import Chart
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
 from service.materials.part import coarser
 from service.options import Options, installed
-from service.photo.gate import read_photo
 from service.photo.photo import Photo
 from service.reflectance.reflectance import make_reflectance
 from service.reflectance.subject import Subject
@@ -61,25 +61,31 @@ STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "hair": 0.6, "texture": 0
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
 
+FIRST_ONLY = ("expression", "eyes", "hair", "texture", "albedo", "detail")
+"""What the first photo is used for."""
+
 READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks and outline."""
+
+LEFT_OUT = "photos-left-out"
+"""Warning: some of the photos were of no use; the manifest has the reasons."""
 
 SMALL_TILES = "small-tiles"
 """Warning: the networks saw smaller tiles than usual."""
 
 
 def make_avatar(
-    data: bytes,
+    data: bytes | Sequence[bytes],
     options: Options,
     progress: Progress = lambda stage, done: None,
     head_file: Path | None = None,
     stages: StageCache = NoCache(),  # noqa: B008 - holds nothing
     tile: int = DEFAULT_TILE,
 ) -> Avatar:
-    """Make an avatar from the bytes of an image file.
+    """Make an avatar from the bytes of image files.
 
     Args:
-        data: a JPEG, PNG or WebP file.
+        data: a JPEG, PNG or WebP file, or several that show one person, in any order.
         options: what to make.
         progress: told when a stage begins.
         head_file: head model to fit; None for the one in the box.
@@ -87,9 +93,15 @@ def make_avatar(
         tile: inner side of the tiles that networks see, in texels. Smaller ones take less memory and more time; no
             texel changes by more than rounding, and the warning ``small-tiles`` says that bytes may.
 
+    Returns:
+        The avatar; photos that were of no use are in ``left_out``, and the warning is ``photos-left-out``.
+
     Raises:
-        AvatarError: any of its subclasses; see ``service.errors``.
+        AvatarError: any of its subclasses; see ``service.errors``. What concerns one of several photos has its number,
+            from 0, in ``extra["photo"]``.
     """
+    files = [data] if isinstance(data, bytes) else list(data)
+    check_count(len(files))
     options, warnings = within_budget(options, stages)
     plan, kept = options.plan(), stages.get_or_compute
     if plan.stages and tile < DEFAULT_TILE:
@@ -106,16 +118,17 @@ def make_avatar(
         pool.submit(import_module, "scipy.optimize")
 
         with stage("decode"):
-            photo = kept("decode", lambda: read_photo(data))
+            gathered = kept("decode", lambda: decoded(files))
         with stage("detect"):
-            face = kept("detect", lambda: _face_in(photo, options, finder, readers, head_and_chart))
+            find = lambda photo: _face_in(photo, options, finder, readers, head_and_chart)  # noqa: E731
+            gathered = kept("detect", lambda: of_one_person(gathered, find, recogniser.result, options.leave_out))
         engine = held.enter_context(loading_ahead(early, engine))  # only now, as many a photo is refused
         with stage("fit"):
             head, chart = head_and_chart.result()
-            reading = None
             if readers is not None:
-                reading = kept("read", lambda: read_face(photo.pixels, face.landmarks, readers.result()))
-            fit = kept("fit", lambda: fit_face(face, photo, head, options.fit_settings(), reading))
+                gathered = kept("read", lambda: read_all(gathered, readers.result()))
+            gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
+            photo, face, reading, fit = gathered.first
         with stage("hair"):
             hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
         with stage("texture"):
@@ -161,6 +174,8 @@ def make_avatar(
         head=head,
         fit=fit,
         texture=texture,
+        sources=_sources(gathered),
+        left_out=gathered.left_out,
         options=options.to_json(),
         seed=options.seed,
         models=model_cards(head, head_file, plan.networks),
@@ -170,7 +185,7 @@ def make_avatar(
         reflectance=reflectance,
         surface=surface,
         own_texture=own_texture,
-        warnings=warnings,
+        warnings=(*warnings, *((LEFT_OUT,) if gathered.left_out else ())),
         timings_s=stage.timings,
         peak_rss_mb=peak_rss_mb(),
     )
@@ -206,6 +221,14 @@ def _face_in(
         doubted = finder.result().doubted(photo.pixels)
         faces = faces_by_reading(photo.pixels, doubted, head_and_chart.result()[0], readers.result().pixels)
     return choose_face(faces, options.face, photo.size)
+
+
+def _sources(gathered: Gathered) -> tuple[Source, ...]:
+    """The photos of an avatar and what each was used for."""
+    return tuple(
+        Source(view.photo, view.face, fit, ("shape", *(FIRST_ONLY if index == 0 else ())), 1.0 if index == 0 else 0.0)
+        for index, (view, fit) in enumerate(zip(gathered.views, gathered.fits, strict=True))
+    )
 
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:

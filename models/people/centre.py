@@ -54,7 +54,7 @@ def residual(head: HeadModel, photo: Photo, face: Face, scores: Scores | None) -
     settings = FitSettings(refine="landmarks")
     model, middle = LandmarkModel(head, settings.identity_components), 0.5 * np.array(photo.size, np.float64)
     observed, prior = Observed.of(face.landmarks, middle), prior_for(photo, model, settings, scores)
-    found = fit_landmarks(model, observed, prior, settings)
+    found = fit_landmarks(model, [observed], [prior], settings)[0]
     yaw, pitch, _ = found.state.camera(*photo.size).yaw_pitch_roll_deg()
     off = face.landmarks[:, :2] - middle - project_points(found.state, found.basis.points(found.state.coefficients)).uv
     off = off / found.state.scale

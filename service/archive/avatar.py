@@ -1,4 +1,4 @@
-"""Contents of an archive: the results of one photo, or of an external mesh and texture."""
+"""Contents of an archive: the results of the photos of one person, or of an external mesh and texture."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from service.archive.manifest import Given, IdentitySimilarity, Model
 from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
+from service.face.several import LeftOut
 from service.head.model import HeadModel
 from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
@@ -20,15 +21,37 @@ from service.texture.texture_maps import Texture
 
 
 @dataclass(frozen=True)
-class Avatar:
-    """All results of one photo, or of an external mesh and texture.
+class Source:
+    """One of the photos that an avatar was made from.
 
     Attributes:
-        photo: the upright photo; its pixels go into ``preview/overlay.jpg`` only.
-        face: the face that was fitted.
+        photo: upright.
+        face: the person's in it.
+        fit: of the one head in it.
+        used_for: what it told: "shape", "texture", "albedo", "detail", and of the first "expression", "eyes", "hair".
+        share: of the seen texture that it shows, in [0, 1].
+    """
+
+    photo: Photo
+    face: Face
+    fit: Fit
+    used_for: tuple[str, ...]
+    share: float
+
+
+@dataclass(frozen=True)
+class Avatar:
+    """All results of the photos of one person, or of an external mesh and texture.
+
+    Attributes:
+        photo: the upright photo whose expression, eyes, hair and light the avatar has; of several the best. Its pixels
+            go into ``preview/overlay.jpg`` only.
+        face: the face that was fitted in it.
         head: the head model; ``fit`` indexes its vertices.
-        fit: pose, shape, expression, light.
+        fit: pose, shape, expression, light in that photo.
         texture: the maps.
+        sources: all photos that were used, ``photo`` first; empty for an external mesh.
+        left_out: photos that were given and not used.
         options: as requested, JSON values only.
         seed: of every random choice.
         models: data files that were used.
@@ -54,6 +77,8 @@ class Avatar:
     options: Mapping[str, Any]
     seed: int
     models: tuple[Model, ...]
+    sources: tuple[Source, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
     parts: tuple[MeshPart, ...] = ()
     hair: Hair | None = None
     similarity: IdentitySimilarity | None = None

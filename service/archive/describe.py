@@ -13,12 +13,13 @@ import numpy as np
 from service import PROGRAM, __version__
 from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
-from service.archive.avatar import Avatar
+from service.archive.avatar import Avatar, Source
 from service.archive.container import MEMBERS, in_order
 from service.archive.glb import weights_by_name
 from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
+from service.face.fit.result import Fit
 from service.materials.material import Material
 from service.materials.part import MeshPart
 from service.reflectance.reflectance_maps import MID, SCALE_MM
@@ -55,7 +56,7 @@ def describe(
         where: its ``map_files``.
         timings: also times and memory, which differ from run to run.
     """
-    head, camera, (width, height) = avatar.head, avatar.fit.camera, avatar.photo.size
+    head, (width, height) = avatar.head, avatar.photo.size
     photo, box = avatar.given is None, avatar.face.box.astype(float).tolist()
     return m.Manifest(
         schema_version=m.SCHEMA_VERSION,
@@ -64,7 +65,7 @@ def describe(
         seed=avatar.seed,
         input=m.Input(avatar.photo.sha256, width, height, box, float(avatar.face.score)) if photo else None,
         given=avatar.given,
-        camera=_taken(m.Camera, camera, yaw_pitch_roll_deg=list(camera.yaw_pitch_roll_deg())) if photo else None,
+        camera=_camera(avatar.fit) if photo else None,
         units="m",
         up="+Y",
         forward="+Z",
@@ -87,6 +88,8 @@ def describe(
         models=list(avatar.models),
         warnings=list(avatar.all_warnings()),
         overlay=_overlay(avatar) if photo else None,
+        photos=[_used(avatar, one) for one in avatar.sources],
+        left_out=[m.LeftOut(one.sha256, one.code, one.message) for one in avatar.left_out],
     )  # fmt: skip
 
 
@@ -109,6 +112,24 @@ def _overlay(avatar: Avatar) -> m.Overlay:
     from service.archive.preview.overlay import crop_box, panel_box
 
     return m.Overlay(list(crop_box(avatar)), list(panel_box(avatar)))
+
+
+def _camera(fit: Fit) -> m.Camera:
+    return _taken(m.Camera, fit.camera, yaw_pitch_roll_deg=list(fit.camera.yaw_pitch_roll_deg()))
+
+
+def _used(avatar: Avatar, source: Source) -> m.UsedPhoto:
+    stages = (source.photo, source.face, source.fit)
+    return m.UsedPhoto(
+        sha256=source.photo.sha256,
+        face_box=source.face.box.astype(float).tolist(),
+        camera=_camera(source.fit),
+        landmark_rms_px=float(source.fit.landmark_rms_px),
+        used_for=list(source.used_for),
+        texture_share=round(min(max(source.share, 0.0), 1.0), 4),
+        expression=weights_by_name(avatar.head.expression_names, source.fit.expression),
+        warnings=list(dict.fromkeys(code for stage in stages for code in stage.warnings)),
+    )
 
 
 def _map(spec: MapSpec, avatar: Avatar, data: bytes) -> m.Map:

@@ -43,7 +43,7 @@ class Generator(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Input(_Strict):
-    """The photo, of which only the part in preview/overlay.jpg is in the archive."""
+    """The photo, of several the best, of which only the part in preview/overlay.jpg is in the archive."""
 
     sha256: str
     """Hex digest of the photo's bytes as they came in; empty where the pixels did not come from a file."""
@@ -208,6 +208,35 @@ class Reflectance(_Strict):
     """Those that ran, in order."""
     detail: Detail | None
     """Null where there was no photo, or the texture was only resampled."""
+
+
+@dataclasses.dataclass(frozen=True)
+class UsedPhoto(_Strict):
+    """A photo that the avatar was made from."""
+
+    sha256: str
+    """As ``input.sha256``."""
+    face_box: Annotated[list[float], Len(4, 4)]
+    camera: Camera
+    """The head in this photo has its own expression; that of ``fit`` is the first photo's."""
+    landmark_rms_px: Annotated[float, Ge(0)]
+    used_for: list[str]
+    """What it told: shape, texture, albedo, detail; the first also expression, eyes, hair."""
+    texture_share: Fraction
+    """Share of what the texture shows that is from this photo."""
+    expression: dict[str, float]
+    """Non-zero activations of blendshapes in it."""
+    warnings: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftOut(_Strict):
+    """A photo that was given and not used."""
+
+    sha256: str
+    code: str
+    """Of the error that it would be alone, or "same-photo"."""
+    message: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -416,6 +445,9 @@ class Manifest(_Strict):
     """Stable codes of every stage."""
     overlay: Overlay | None = None
     """Null for an external mesh."""
+    photos: list[UsedPhoto] = dataclasses.field(default_factory=list)
+    """All photos of the person that were used; that of ``input``, ``camera`` and ``fit`` first, the others by hash."""
+    left_out: list[LeftOut] = dataclasses.field(default_factory=list)
 
 
 def to_json(manifest: Manifest) -> bytes:

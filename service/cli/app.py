@@ -36,7 +36,7 @@ def with_options_of(
 
 app = typer.Typer(
     name="avatarme",
-    help="One photo of a face in, a renderable head out.",
+    help="Photos of one face in, a renderable head out.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -87,9 +87,15 @@ def avatarme(
 
 @app.command()
 def make(
-    photo: Annotated[str, typer.Argument(metavar="PHOTO", help="JPEG, PNG, WebP or HEIC, or - for a pipe.")],
+    photos: Annotated[
+        list[str],
+        typer.Argument(metavar="PHOTO...", help="1 to 24 photos of one person: JPEG, PNG, WebP, HEIC; - for a pipe."),
+    ],
     output: Annotated[
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
+    ] = None,
+    leave_out: Annotated[
+        str | None, typer.Option(metavar="strangers", help="Leave out photos of another person; else they are refused.")
     ] = None,
     maps: Maps = None,
     quality: Quality = None,
@@ -123,7 +129,7 @@ def make(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Make an avatar from a photo.
+    """Make an avatar from photos of one person, in any order.
 
     Prints the path of the archive. Exit status: 0 done, 2 usage, 3 no usable face, 4 unreadable input, 1 anything else.
     """
@@ -133,6 +139,7 @@ def make(
         from service.options import Options
 
         given = asked(
+            leave_out=leave_out,
             maps=maps,
             quality=quality,
             size=size,
@@ -150,7 +157,7 @@ def make(
             hair=hair,
             without=without,
         )
-        run(photo, output, Options(**given), head=head, as_json=as_json)
+        run(photos, output, Options(**given), head=head, as_json=as_json)
 
 
 def batch(
@@ -195,7 +202,7 @@ def batch(
         )  # fmt: skip
 
 
-app.command()(with_options_of(batch, make, leave_out={"photo", "output", "as_json"}))
+app.command()(with_options_of(batch, make, leave_out={"photos", "output", "as_json"}))
 
 
 @app.command()

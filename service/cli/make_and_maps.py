@@ -1,20 +1,23 @@
-"""``avatarme make`` and ``avatarme maps``: a photo, or a mesh and its texture, in; an archive out."""
+"""``avatarme make`` and ``avatarme maps``: photos of one person, or a mesh and its texture, in; an archive out."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from service.cli.files import check_paths, head_file, progress_bar, read_file
+from service.errors import AvatarError
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
-from service.photo.limits import PIPE, read_photo_file
+from service.photo.limits import PIPE, called, read_photo_file
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
@@ -45,24 +48,28 @@ def as_json(fields: dict[str, Any]) -> dict[str, Any]:
     return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
 
 
-def destination(source: str, output: str | None, *, as_json: bool) -> str:
-    """Path of the archive, or ``-``: as given, else beside the photo, or standard output for a photo from a pipe.
+def destination(sources: Sequence[str], output: str | None, *, as_json: bool) -> str:
+    """Path of the archive, or ``-``: as given, else beside the first photo, or standard output for one from a pipe.
 
     Raises:
-        UsageError: the archive would overwrite the photo, share standard output with the JSON, or fill a terminal.
+        UsageError: the archive would overwrite a photo, share standard output with the JSON, or fill a terminal; or
+            several photos come from standard input.
     """
     if output is None:
-        output = PIPE if source == PIPE else str(Path(source).with_suffix(".zip"))
-    check_paths(output, {"photo": source}, what="archive", example="OUT.zip", as_json=as_json)
+        output = PIPE if sources[0] == PIPE else str(Path(sources[0]).with_suffix(".zip"))
+    names = ["photo"] if len(sources) == 1 else [f"photo {number}" for number in range(1, len(sources) + 1)]
+    check_paths(output, dict(zip(names, sources, strict=True)), what="archive", example="OUT.zip", as_json=as_json)
     return output
 
 
-def make(photo: str, output: str | None, options: Options, *, head: str | None = None, as_json: bool) -> None:
-    """Read ``photo``, run the pipeline, write the archive, report the result.
+def make(
+    photos: Sequence[str], output: str | None, options: Options, *, head: str | None = None, as_json: bool
+) -> None:
+    """Read photos of one person, run the pipeline, write the archive, report the result.
 
     Args:
-        photo: path, or ``-`` for standard input.
-        output: path, ``-`` for standard output, or None for beside the photo.
+        photos: paths, or ``-`` for standard input.
+        output: path, ``-`` for standard output, or None for beside the first photo.
         options: the request.
         head: path of a head model file, None for the shipped one.
         as_json: print facts of the run as one JSON object instead of the path.
@@ -72,10 +79,10 @@ def make(photo: str, output: str | None, options: Options, *, head: str | None =
         AvatarError: as the stages raise it.
     """
     begin = time.perf_counter()
-    target = destination(photo, output, as_json=as_json)
+    target = destination(photos, output, as_json=as_json)
     model = head_file(head)
-    data = read_photo_file(photo)
-    with progress_bar() as progress:
+    data = [read_photo_file(photo) for photo in photos]
+    with progress_bar() as progress, naming(photos):
         # After the cheap checks, as importing the numeric libraries takes a large part of a second.
         from service.archive.pack import write_archive
         from service.pipeline import make_avatar
@@ -85,14 +92,35 @@ def make(photo: str, output: str | None, options: Options, *, head: str | None =
     seconds = time.perf_counter() - begin
     for code in avatar.all_warnings():
         typer.echo(f"avatarme: warning: {code}", err=True)
+    names = {hashlib.sha256(content).hexdigest(): called(photo) for content, photo in zip(data, photos, strict=True)}
+    for one in avatar.left_out:
+        typer.echo(f"avatarme: {names.get(one.sha256, one.sha256)} is left out: {one.message}", err=True)
     if as_json:
-        typer.echo(json.dumps(summary(avatar, target, seconds), allow_nan=False))
+        typer.echo(json.dumps(summary(avatar, target, seconds, names), allow_nan=False))
     elif target != PIPE:
         typer.echo(os.fsencode(target))  # bytes, as a file name need not be valid text
 
 
-def summary(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:
-    """Facts of a run as JSON values: ``archive``, ``bytes``, ``seconds``, ``fit``, ``warnings``, ``timings_s``."""
+@contextmanager
+def naming(photos: Sequence[str]) -> Iterator[None]:
+    """Put the names of files into errors that concern one or some of several photos."""
+    try:
+        yield
+    except AvatarError as error:
+        numbers = error.extra.get("photos", [error.extra["photo"]] if "photo" in error.extra else [])
+        if numbers:
+            files = [called(photos[number]) for number in numbers]
+            error.extra["files"] = files
+            error.message = f"{', '.join(files)}: {error.message}"
+            error.args = (error.message,)
+        raise
+
+
+def summary(avatar: Avatar, target: str, seconds: float, names: Mapping[str, str]) -> dict[str, Any]:
+    """Facts of a run as JSON values: ``archive``, ``bytes``, ``seconds``, ``fit``, ``photos``, ``warnings`` ...
+
+    ``names`` of the photos by the hashes of their bytes.
+    """
     yaw, pitch, roll = avatar.fit.camera.yaw_pitch_roll_deg()
     return {
         "archive": target,
@@ -105,6 +133,13 @@ def summary(avatar: Avatar, target: str, seconds: float) -> dict[str, Any]:
             "focal_px": avatar.fit.camera.focal_px,
             "yaw_pitch_roll_deg": [yaw, pitch, roll],
         },
+        "photos": [
+            {"file": names.get(one.photo.sha256, ""), "used_for": list(one.used_for), "texture_share": one.share}
+            for one in avatar.sources
+        ],
+        "left_out": [
+            {"file": names.get(one.sha256, ""), "code": one.code, "message": one.message} for one in avatar.left_out
+        ],
         "warnings": list(avatar.all_warnings()),
         "timings_s": dict(avatar.timings_s),
         "peak_rss_mb": avatar.peak_rss_mb,

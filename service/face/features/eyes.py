@@ -14,7 +14,7 @@ as the camera sees it, is brought to the rim that the landmark network found.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -271,31 +271,48 @@ FADES_M = 0.018
 """Distance from lids and eyeball over which the skin around them follows less and less."""
 
 
-def eyes_on_rims(
-    head: HeadModel,
-    neutral: AnyFloat,
-    expression: Float64,
-    camera: Camera,
-    landmarks: AnyFloat,
-    exact: Collection[str],
-) -> Float32:
+@dataclass(frozen=True)
+class SeenRims:
+    """Rims of one photo, and the head in it.
+
+    Attributes:
+        expression: (E,) activations fitted to the landmarks.
+        camera: of the fit.
+        landmarks: (468, >= 2) photo pixels.
+        exact: openings whose rims lie on the edges of lids and lips.
+    """
+
+    expression: Float64
+    camera: Camera
+    landmarks: Float64
+    exact: frozenset[str]
+
+
+def eyes_on_rims(head: HeadModel, neutral: AnyFloat, photos: Sequence[SeenRims]) -> Float32:
     """(V, 3) float32 metres: the head whose eyes lie at the height and tilt of the rims that were read.
+
+    Photos count by how squarely they show the face.
 
     Args:
         head: the model; an eye without lids stays where it is.
         neutral: (V, 3) metres, the fitted head without expression.
-        expression: (E,) activations fitted to the landmarks.
-        camera: of the fit.
-        landmarks: (468, >= 2) photo pixels.
-        exact: sides whose rims lie on the edges of the lids; other eyes stay.
+        photos: with sides among ``exact`` whose rims are followed; other eyes stay.
     """
     out = np.array(neutral, np.float32)
     for side in SIDES:
-        if side not in exact:
-            continue
-        rim, found = lid_on_rim(head, neutral, expression, camera, landmarks, side, exact=True, placed=False)
-        if rim is not None:
-            out += _moved(head, np.asarray(neutral, np.float64), camera, side, rim, found)
+        moves, weights = [], []
+        for seen in photos:
+            if side not in seen.exact:
+                continue
+            rim, found = lid_on_rim(
+                head, neutral, seen.expression, seen.camera, seen.landmarks, side, exact=True, placed=False
+            )
+            if rim is not None:
+                moves.append(_moved(head, np.asarray(neutral, np.float64), seen.camera, side, rim, found))
+                weights.append(max(-float(seen.camera.rotation[2, 2]), 0.05) ** 2)
+        shares = np.asarray(weights, np.float64) / max(sum(weights), 1e-9)
+        for share, move in zip(shares, moves, strict=True):
+            out += np.float32(share) * move
     return out
 
 

@@ -1,16 +1,17 @@
-"""Fit the head model to a photo and the landmarks found in it."""
+"""Fit the head model to photos of one person and what was found in them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import Float64
+from service.arrays import Float32
 from service.errors import FitFailed
 from service.face.face import Face
 from service.face.features.eye_colours import eye_colours
-from service.face.features.eyes import eyes_on_rims, find_gaze, lids_on_rims, with_gaze
+from service.face.features.eyes import SeenRims, eyes_on_rims, find_gaze, lids_on_rims, with_gaze
 from service.face.features.mouth import lips_on_rim
 from service.face.features.rims import RIMS
 from service.face.features.teeth import ROW as UPPER_ROW
@@ -19,13 +20,14 @@ from service.face.features.white_reference import cheek_colour, light_from_scler
 from service.face.fit.basis import LandmarkModel
 from service.face.fit.dense import Correspondences, correspondences, reading_agreement
 from service.face.fit.landmark_fit import LandmarkFit, Observed, fit_landmarks
-from service.face.fit.pixel_fit import PixelFit
+from service.face.fit.pixel_fit import PixelFit, Sight, middle_of
 from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.fit.solver import Prior
-from service.face.reading.openings import Openings, with_openings
+from service.face.reading.openings import with_openings
 from service.face.reading.reader import Reading
 from service.face.reading.scores import Scores
+from service.face.view import View
 from service.head.eyeball import inter_ocular_m
 from service.head.model import HeadModel
 from service.head.regions import part_vertices
@@ -45,6 +47,8 @@ FAIL_RMS = 0.25
 """Landmark rms over the inter-ocular distance above which the fit fails."""
 WIDE_YAW_DEG = 60.0
 """Yaw in degrees above which a fit gets the warning ``extreme-pose``."""
+ONE_CAMERA_SIGMA = 0.02
+"""The same where several photos have one camera, about their mean."""
 FEWEST_LANDMARKS = 30
 """Fewest finite landmarks that a fit needs."""
 FEWEST_CELLS = 150
@@ -82,87 +86,135 @@ def fit_face(
     settings: FitSettings | None = None,
     reading: Reading | None = None,
 ) -> Fit:
-    """Place the head model in the photo.
+    """Place the head model in one photo: :func:`fit_views` of it alone."""
+    return fit_views([View(photo, face, reading)], head, settings)[0]
+
+
+def fit_views(views: Sequence[View], head: HeadModel, settings: FitSettings | None = None) -> list[Fit]:
+    """Place the head model in photos of one person.
+
+    Identity and free form are the same in all; pose, focal length, expression and light are each photo's own. Photos of
+    one camera, by what their files say, have one focal length.
 
     Args:
-        face: landmarks in photo pixels.
-        photo: the photo they were found in.
+        views: one or more. The scores of a reading are the prior of the expression, its openings place lids and lips;
+            what is missing comes from the landmarks. Without places of pixels, or where these and the landmarks see
+            different faces, the silhouette alone refines the landmark fit.
         head: any head model with the 468-landmark embedding.
         settings: iterations, size of the basis, weights of the prior.
-        reading: what was read off the photo (:func:`service.face.reading.read.read_face`). Its scores are the prior of
-            the expression, its openings place lids and lips; what is missing comes from the landmarks. Without places
-            of pixels, or where these and the landmarks see different faces, the silhouette alone refines the landmark
-            fit.
 
     Returns:
-        A finite fit; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where no reading
-        was followed though the settings ask for it.
+        A finite fit for each; ``low-confidence`` among its warnings where it is not to be trusted, ``not-read`` where
+        no reading was followed though the settings ask for it.
 
     Raises:
-        FitFailed: fewer than 30 landmarks are finite, or the landmark error stays above ``FAIL_RMS``.
+        FitFailed: fewer than 30 landmarks of a photo are finite, or their error stays above ``FAIL_RMS``;
+            ``extra["view"]`` is its index.
     """
     settings = settings or FitSettings()
-    finite = int(np.isfinite(face.landmarks).all(1).sum())
-    if finite < FEWEST_LANDMARKS:
-        raise FitFailed(
-            f"only {finite} of {len(face.landmarks)} landmarks are finite; at least {FEWEST_LANDMARKS} are needed"
-        )
-    width, height = photo.size
-    middle = np.array([width / 2, height / 2])
     model = LandmarkModel(head, settings.identity_components)
-    scores = reading.scores if reading is not None and settings.scores else None
-    openings = {} if reading is None else reading.openings
-    prior = prior_for(photo, model, settings, scores)
-    observed = Observed.of(face.landmarks, middle)
-    initial = fit_landmarks(model, observed, prior, settings)
+    observed, priors = [], []
+    for index, view in enumerate(views):
+        finite = int(np.isfinite(view.face.landmarks).all(1).sum())
+        if finite < FEWEST_LANDMARKS:
+            raise FitFailed(
+                f"only {finite} of {len(view.face.landmarks)} landmarks are finite; at least {FEWEST_LANDMARKS} are "
+                "needed", view=index,
+            )  # fmt: skip
+        scores = view.reading.scores if view.reading is not None and settings.scores else None
+        observed.append(Observed.of(view.face.landmarks, middle_of(view.photo.pixels)))
+        priors.append(prior_for(view.photo, model, settings, scores))
+    initial = fit_landmarks(model, observed, priors, settings)
     if settings.refine == "landmarks":
-        return _result(face, photo, head, model, initial, openings)
-    found = None if reading is None else _understood(head, model, reading, initial, middle)
-    beyond = settings.beyond if found is not None and settings.refine == "full" else 0
-    pixel_fit = PixelFit(head, settings.identity_components, beyond)
-    refined, light = pixel_fit.refine(initial, observed, photo.pixels, prior, found, settings.normals)
-    fit = _result(face, photo, pixel_fit.head, pixel_fit.model, refined, openings)
-    doubts = {"not-read": found is None, "no-light": light is None}
-    return replace(
-        fit, identity=fit.identity[: model.identity_count], light=light,
-        warnings=(*fit.warnings, *(code for code, true in doubts.items() if true)),
-    )  # fmt: skip
+        return _results(views, head, model, initial)
+    own = _of_one_camera(views, priors, initial)
+    sights = [
+        Sight(view.photo.pixels, seen, prior, start, _understood(head, model, view, start))
+        for view, seen, prior, start in zip(views, observed, own, initial, strict=True)
+    ]
+    found = [sight.found is not None for sight in sights]
+    pixel_fit = PixelFit(
+        head, settings.identity_components, settings.beyond if any(found) and settings.refine == "full" else 0
+    )
+    refined = pixel_fit.refine(sights, normals=settings.normals)
+    fits = _results(views, pixel_fit.head, pixel_fit.model, [one for one, _ in refined])
+    lights = [light for _, light in refined]
+    doubts = [{"not-read": not read, "no-light": light is None} for read, light in zip(found, lights, strict=True)]
+    return [
+        replace(
+            fit, identity=fit.identity[: model.identity_count], light=light,
+            warnings=(*fit.warnings, *(code for code, true in doubt.items() if true)),
+        )
+        for fit, light, doubt in zip(fits, lights, doubts, strict=True)
+    ]  # fmt: skip
 
 
-def _understood(
-    head: HeadModel, model: LandmarkModel, reading: Reading, initial: LandmarkFit, middle: Float64
-) -> Correspondences | None:
-    """Places of the head that were read, None where they are few or the landmarks show another face."""
-    found = correspondences(head, reading, initial.state, middle)
+def _of_one_camera(views: Sequence[View], priors: Sequence[Prior], fits: Sequence[LandmarkFit]) -> list[Prior]:
+    """The priors, those of photos of one camera with the mean of its focal lengths, each known by itself so far."""
+    own = list(priors)
+    cameras = [camera_of(view.photo) for view in views]
+    for camera in set(cameras) - {None}:
+        members = [index for index, one in enumerate(cameras) if one == camera]
+        if len(members) > 1:
+            states = [fits[index].state for index in members]
+            mean = float(np.mean([state.log_scale + state.log_distance for state in states]))
+            for index in members:
+                own[index] = replace(own[index], log_focal=mean, log_focal_sigma=ONE_CAMERA_SIGMA)
+    return own
+
+
+def camera_of(photo: Photo) -> tuple[float, int, int] | None:
+    """What photos of one camera have in common, by their files: focal length and size; None where it is not known."""
+    return None if photo.focal_35mm is None else (photo.focal_35mm, min(photo.size), max(photo.size))
+
+
+def _understood(head: HeadModel, model: LandmarkModel, view: View, initial: LandmarkFit) -> Correspondences | None:
+    """Places of the head that were read, None where there are few or the landmarks show another face."""
+    if view.reading is None:
+        return None
+    found = correspondences(head, view.reading, initial.state, middle_of(view.photo.pixels))
     vertices = head.shape(*np.split(initial.state.coefficients, [model.identity_count]))
     agrees = len(found.pixels) >= FEWEST_CELLS and reading_agreement(found, initial.state, vertices) >= LEAST_AGREEMENT
     return found if agrees else None
 
 
-def _result(
-    face: Face, photo: Photo, head: HeadModel, model: LandmarkModel, found: LandmarkFit, openings: Openings
-) -> Fit:
-    rims = with_openings(face.landmarks, openings)
-    state, basis, weight = found.state, found.basis, found.weight
-    camera = state.camera(*photo.size)
-    identity, expression = np.split(state.coefficients, [model.identity_count])
-    neutral = head.shape(identity)
+def _results(
+    views: Sequence[View], head: HeadModel, model: LandmarkModel, found: Sequence[LandmarkFit]
+) -> list[Fit]:
+    """The finished fits: eyes on their rims in one place for all photos, then what moves in each."""
+    neutral = head.shape(found[0].state.coefficients[: model.identity_count])
     if not np.isfinite(neutral).all():
-        raise FitFailed("the fitted head is not finite")
-    neutral = eyes_on_rims(head, neutral, expression, camera, rims, openings)
+        raise FitFailed("the fitted head is not finite", view=0)
+    rims = []
+    for view, one in zip(views, found, strict=True):
+        openings = {} if view.reading is None else view.reading.openings
+        camera, expression = one.state.camera(*view.photo.size), one.state.coefficients[model.identity_count :]
+        rims.append(SeenRims(expression, camera, with_openings(view.face.landmarks, openings), frozenset(openings)))
+    neutral = eyes_on_rims(head, neutral, rims)
+    return [
+        _result(index, view, head, neutral, one, seen)
+        for index, (view, one, seen) in enumerate(zip(views, found, rims, strict=True))
+    ]
+
+
+def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: LandmarkFit, seen: SeenRims) -> Fit:
+    face, photo, basis, weight = view.face, view.photo, found.basis, found.weight
+    camera, rims, expression = seen.camera, seen.landmarks, seen.expression
+    identity = found.state.coefficients[: -len(expression)]
+    neutral = neutral.copy()
     gaze = find_gaze(photo.pixels, rims, head, neutral, camera)
     if gaze is not None:
         expression = with_gaze(head, neutral, expression, gaze)
     # The landmark error is measured before lids and lips are moved: the embedding was calibrated on rendered heads, so
     # it already allows for where the network puts their landmarks.
     coefficients = np.concatenate([identity, expression])
-    expression = lids_on_rims(head, neutral, expression, camera, rims, openings)
+    expression = lids_on_rims(head, neutral, expression, camera, rims, seen.exact)
     mouth_rim = rims[list(RIMS["mouth"]), :2]
     inter_ocular = inter_ocular_m(head, neutral) * camera.focal_px / camera.translation[2]
     skin = cheek_colour(photo.pixels, face.landmarks, float(inter_ocular))
     tooth = None if skin is None else measure_teeth(photo.pixels, mouth_rim, skin)
     teeth_seen = skin is None or tooth is not None
-    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in openings)
+    expression = lips_on_rim(head, neutral, expression, camera, mouth_rim, teeth_seen, exact="mouth" in seen.exact)
     vertices = head.expressed(neutral, expression)
     if skin is not None and (teeth := part_vertices(head, UPPER_ROW)).size:
         drop = teeth_drop(photo.pixels, vertices[teeth], camera, mouth_rim, skin)
@@ -176,8 +228,8 @@ def _result(
     if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
         raise FitFailed(
             f"the head does not fit the landmarks: rms {rms:.1f} px with eyes {inter_ocular:.1f} px apart; "
-            f"at most {FAIL_RMS * inter_ocular:.1f} px are accepted"
-        )
+            f"at most {FAIL_RMS * inter_ocular:.1f} px are accepted", view=index,
+        )  # fmt: skip
     warnings = []
     yaw = abs(camera.yaw_pitch_roll_deg()[0])
     if yaw > WIDE_YAW_DEG:

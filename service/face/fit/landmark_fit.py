@@ -1,4 +1,4 @@
-"""Stage A of the fit: pose, distance, identity and expression from landmarks.
+"""Stage A of the fit: identity, and for each photo pose, distance and expression, from landmarks.
 
 A maximum a posteriori estimate by damped least squares with iteratively re-weighted residuals: Geman-McClure weights
 whose scale is annealed, so that outliers (hidden cheeks, hair, hands) lose their weight.
@@ -6,7 +6,8 @@ whose scale is annealed, so that outliers (hidden cheeks, hair, hands) lose thei
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -118,28 +119,56 @@ def weigh_landmarks(state: State, basis: LandmarkBasis, seen: Observed, c: float
     return weight, PointTerm(basis.mean, basis.modes, seen.pixels, precision)
 
 
-def fit_landmarks(model: LandmarkModel, observed: Observed, prior: Prior, settings: FitSettings) -> LandmarkFit:
-    """Fit the head to landmarks.
+def fit_landmarks(
+    model: LandmarkModel, observed: Sequence[Observed], priors: Sequence[Prior], settings: FitSettings
+) -> list[LandmarkFit]:
+    """Fit one head to the landmarks of photos.
 
     Args:
         model: landmark bases of the head.
-        observed: the landmarks.
-        prior: on distance, focal length and shape.
+        observed: the landmarks of each photo.
+        priors: on distance, focal length and shape, for each photo.
         settings: number of iterations.
 
     Returns:
-        A finite fit.
+        A finite fit for each photo, all with the same identity.
     """
-    state = start_state(model, observed.pixels, observed.trust, prior.log_distance)
+    own = once(priors, model.identity_count)
+    states = [start_state(model, seen.pixels, seen.trust, prior.log_distance)
+              for seen, prior in zip(observed, priors, strict=True)]  # fmt: skip
     lower, upper = bounds(model)
     damping = Damping()
     share = -(-settings.iterations // (len(ANNEAL) - 1))
     for round_, c in enumerate(ANNEAL):
         active = np.ones(len(lower), bool)
         active[POSE:] = round_ > 0
-        terms = (weigh_landmarks(state, model.at_yaw(state.yaw_deg), observed, c)[1], prior)
-        state = minimise(
-            state, terms, lower=lower, upper=upper, damping=damping, steps=share if round_ else 8, active=active
-        )
+        terms = [
+            (weigh_landmarks(state, model.at_yaw(state.yaw_deg), seen, c)[1], prior)
+            for state, seen, prior in zip(states, observed, own, strict=True)
+        ]
+        states = minimise(
+            states, terms, shared=identity_of(model), lower=lower, upper=upper, damping=damping,
+            steps=share if round_ else 8, active=active,
+        )  # fmt: skip
+    return [landmark_fit(model, state, seen) for state, seen in zip(states, observed, strict=True)]
+
+
+def landmark_fit(model: LandmarkModel, state: State, seen: Observed) -> LandmarkFit:
+    """The result at a state."""
     basis = model.at_yaw(state.yaw_deg)
-    return LandmarkFit(state, basis, weigh_landmarks(state, basis, observed, ANNEAL[-1])[0])
+    return LandmarkFit(state, basis, weigh_landmarks(state, basis, seen, ANNEAL[-1])[0])
+
+
+def identity_of(model: LandmarkModel) -> slice:
+    """Place of the identity among the unknowns: what all photos share."""
+    return slice(POSE, POSE + model.identity_count)
+
+
+def once(priors: Sequence[Prior], identity_count: int) -> list[Prior]:
+    """The priors of photos of one person: of the identity, only the first one's counts."""
+    own = [*priors[:1]]
+    for prior in priors[1:]:
+        precision = prior.shape_precision.copy()
+        precision[:identity_count] = 0.0
+        own.append(replace(prior, shape_precision=precision))
+    return own

@@ -1,12 +1,13 @@
-"""Stage B of the fit: the landmark fit refined by what the photo shows at its pixels.
+"""Stage B of the fit: the landmark fit refined by what the photos show at their pixels.
 
-Pose, identity, expression and free form are solved together, on landmarks, outline and, where the photo was read,
+Poses, expressions, identity and free form are solved together, on landmarks, outline and, where a photo was read,
 places and normals; every round weighs them anew at the state that the round before has found.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +15,16 @@ from service.arrays import Float64, UInt8
 from service.face.fit.basis import LandmarkModel, extended
 from service.face.fit.dense import Correspondences, DenseTerms
 from service.face.fit.face_light import Softened, light_on_face
-from service.face.fit.landmark_fit import ANNEAL, LandmarkFit, Observed, bounds, weigh_landmarks
+from service.face.fit.landmark_fit import (
+    ANNEAL,
+    LandmarkFit,
+    Observed,
+    bounds,
+    identity_of,
+    landmark_fit,
+    once,
+    weigh_landmarks,
+)
 from service.face.fit.outline import OutlineFinder
 from service.face.fit.pose_state import POSE, State
 from service.face.fit.solver import Damping, Prior, Term, minimise
@@ -24,6 +34,35 @@ REACH_M = (0.008, 0.004)
 """Half length of the outline's search lines in each round, metres on the face."""
 STEPS = 4
 """Solver steps of each round."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One photo as the fit sees it.
+
+    Attributes:
+        photo: (H, W, 3) uint8 sRGB; the principal point is its middle.
+        observed: the landmarks.
+        prior: of the plain head's fit.
+        initial: the landmark fit of the plain head.
+        found: places of the head that were read off the photo; None: they were not.
+    """
+
+    photo: UInt8
+    observed: Observed
+    prior: Prior
+    initial: LandmarkFit
+    found: Correspondences | None
+
+    @property
+    def middle(self) -> Float64:
+        """(2,) the principal point, pixels."""
+        return middle_of(self.photo)
+
+
+def middle_of(photo: UInt8) -> Float64:
+    """(2,) the principal point of a photo (H, W, 3), pixels."""
+    return np.array([photo.shape[1] / 2, photo.shape[0] / 2])
 
 
 class PixelFit:
@@ -42,42 +81,49 @@ class PixelFit:
         self.model = LandmarkModel(self.head, len(self.head.identity))
         self.outline = OutlineFinder(self.head)
 
-    def refine(
-        self, initial: LandmarkFit, observed: Observed, photo: UInt8, prior: Prior, found: Correspondences | None,
-        normals: bool,
-    ) -> tuple[LandmarkFit, Float64 | None]:  # fmt: skip
-        """The refined fit, its coefficients those of the extended head, and the light on the face there.
+    def refine(self, sights: Sequence[Sight], *, normals: bool) -> list[tuple[LandmarkFit, Float64 | None]]:
+        """For each photo the refined fit, its coefficients those of the extended head, and the light on the face there.
 
         Args:
-            initial: the landmark fit of the plain head.
-            observed: the landmarks.
-            photo: (H, W, 3) uint8 sRGB; the principal point is its middle.
-            prior: of the plain head's fit.
-            found: places of the head that were read off the photo; None: they were not.
-            normals: whether their normals are followed, too.
+            sights: the photos, all of one identity.
+            normals: whether the normals that were read are followed, too.
         """
-        middle = np.array([photo.shape[1] / 2, photo.shape[0] / 2])
-        state = replace(initial.state, coefficients=self._widened(initial.state.coefficients, 0.0))
-        prior = replace(
-            prior, shape_precision=self._widened(prior.shape_precision, 1.0),
-            shape_mean=self._widened(prior.shape_mean, 0.0),
-        )  # fmt: skip
-        dense = None if found is None else DenseTerms(self.head, found)
+        states, priors = [], []
+        for sight in sights:
+            widened = self._widened(sight.initial.state.coefficients, 0.0)
+            states.append(replace(sight.initial.state, coefficients=widened))
+            precision, mean = sight.prior.shape_precision, sight.prior.shape_mean
+            priors.append(
+                replace(sight.prior, shape_precision=self._widened(precision, 1.0), shape_mean=self._widened(mean, 0.0))
+            )
+        priors = once(priors, self.model.identity_count)
+        dense = [None if sight.found is None else DenseTerms(self.head, sight.found) for sight in sights]
         lower, upper = bounds(self.model)
-        soft = Softened.around(photo, middle, state, self._vertices(state))
+        soft = [
+            Softened.around(sight.photo, sight.middle, state, self._vertices(state))
+            for sight, state in zip(sights, states, strict=True)
+        ]
         for reach in REACH_M:
-            vertices = self._vertices(state)
-            basis = self.model.at_yaw(state.yaw_deg)
-            terms: list[Term] = [weigh_landmarks(state, basis, observed, ANNEAL[-1])[1], prior]
-            if dense is not None:
-                terms += [dense.points(state), *([dense.normals(state, vertices)] if normals else [])]
-            outline = self.outline.term(soft, middle, state, vertices, reach)
-            terms += [] if outline is None else [outline]
-            active = np.ones(POSE + self.model.shape_count, bool)
-            state = minimise(state, terms, lower=lower, upper=upper, damping=Damping(), steps=STEPS, active=active)
-        basis = self.model.at_yaw(state.yaw_deg)
-        light = light_on_face(self.head, state, self._vertices(state), photo, middle)
-        return LandmarkFit(state, basis, weigh_landmarks(state, basis, observed, ANNEAL[-1])[0]), light
+            terms: list[list[Term]] = []
+            for sight, state, prior, read, image in zip(sights, states, priors, dense, soft, strict=True):
+                vertices = self._vertices(state)
+                basis = self.model.at_yaw(state.yaw_deg)
+                own: list[Term] = [weigh_landmarks(state, basis, sight.observed, ANNEAL[-1])[1], prior]
+                if read is not None:
+                    own += [read.points(state), *([read.normals(state, vertices)] if normals else [])]
+                outline = self.outline.term(image, sight.middle, state, vertices, reach)
+                terms.append([*own, *([] if outline is None else [outline])])
+            states = minimise(
+                states, terms, shared=identity_of(self.model), lower=lower, upper=upper, damping=Damping(),
+                steps=STEPS, active=np.ones(POSE + self.model.shape_count, bool),
+            )  # fmt: skip
+        return [
+            (
+                landmark_fit(self.model, state, sight.observed),
+                light_on_face(self.head, state, self._vertices(state), sight.photo, sight.middle),
+            )
+            for sight, state in zip(sights, states, strict=True)
+        ]
 
     def _widened(self, coefficients: Float64, beyond: float) -> Float64:
         """Values (K + E,) of the plain head's coefficients with one for each mode beyond its components."""

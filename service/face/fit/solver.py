@@ -1,6 +1,8 @@
-"""The fit's energy as a sum of terms, and damped least squares (Levenberg-Marquardt) with box bounds that minimises it.
+"""The fit's energy, a sum of terms, and damped least squares (Levenberg-Marquardt) with box bounds that minimises it.
 
-A term returns half its sum of squares and adds J^T J and J^T r in place; ``energy`` and ``linearise`` sum over terms.
+Every photo has terms and a state of its own; the head's identity is the same in all states. A term returns half its sum
+of squares and adds J^T J and J^T r in place.
+
 Nielsen's damping rule: a good step shrinks the damping smoothly, a bad one grows it ever faster (K. Madsen, H. B.
 Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004, section 3.2).
 """
@@ -110,20 +112,6 @@ class Prior:
         gradient[POSE:] += self.shape_precision * (state.coefficients - self.shape_mean)
 
 
-def energy(terms: Sequence[Term], state: State) -> float:
-    """The sum of the terms at a state."""
-    return sum(term.cost(state) for term in terms)
-
-
-def linearise(terms: Sequence[Term], state: State) -> tuple[Float64, Float64]:
-    """J^T J (n, n) and J^T r (n,) of all terms at a state, by a step as :meth:`State.stepped` takes it."""
-    n = POSE + len(state.coefficients)
-    hessian, gradient = np.zeros((n, n)), np.zeros(n)
-    for term in terms:
-        term.add(state, hessian, gradient)
-    return hessian, gradient
-
-
 @dataclass
 class Damping:
     """Damping kept between calls, so that a solve can be resumed after the weights changed."""
@@ -132,56 +120,113 @@ class Damping:
     nu: float = 2.0
 
 
-def solve_step(hessian: Float64, gradient: Float64, mu: float, free: Bool) -> Float64:
-    """The damped Gauss-Newton step over the free variables; zero for the others.
+@dataclass(frozen=True)
+class System:
+    """Normal equations of one photo: J^T J (n, n) and J^T r (n,) by a step as :meth:`State.stepped` takes it."""
+
+    hessian: Float64
+    gradient: Float64
+
+    @classmethod
+    def of(cls, terms: Sequence[Term], state: State) -> System:
+        """Of all terms at a state."""
+        n = POSE + len(state.coefficients)
+        hessian, gradient = np.zeros((n, n)), np.zeros(n)
+        for term in terms:
+            term.add(state, hessian, gradient)
+        return cls(hessian, gradient)
+
+
+def energy(terms: Sequence[Sequence[Term]], states: Sequence[State]) -> float:
+    """The sum of each photo's terms at its state."""
+    return sum(sum(term.cost(state) for term in own) for own, state in zip(terms, states, strict=True))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # the steps are checked
+def solve_step(systems: Sequence[System], shared: slice, mu: float, free: Sequence[Bool]) -> list[Float64]:
+    """The damped Gauss-Newton step over the free variables of all photos; zero for the others.
 
     Marquardt's scaling by the diagonal, floored so that a variable that no residual sees stays put instead of
-    making the system singular.
+    making the system singular. What only one photo knows is eliminated from its own equations, but for the first
+    photo's, so that the work grows linearly with the photos (Schur complement; "bundle adjustment": Triggs et al.
+    1999). One photo is solved as it stands.
 
     Args:
-        hessian: (n, n) J^T J.
-        gradient: (n,) J^T r.
+        systems: one for each photo.
+        shared: the unknowns that are the same in all photos.
         mu: damping > 0.
-        free: (n,) variables that may move.
+        free: (n,) variables that may move, for each photo; the shared ones alike in all.
 
     Returns:
-        (n,) step, finite: where the factorisation fails, the minimum-norm solution; zero if that is not finite.
+        (n,) step of each photo, finite: where the factorisation fails, the minimum-norm solution; zero if that is not
+        finite.
     """
-    step = np.zeros_like(gradient)
-    index = np.flatnonzero(free)
+    first, others = systems[0], systems[1:]
+    hessian, gradient = first.hessian, first.gradient
+    if others:
+        hessian, gradient = hessian.copy(), gradient.copy()
+        for one in others:
+            hessian[shared, shared] += one.hessian[shared, shared]
+            gradient[shared] += one.gradient[shared]
+    steps = [np.zeros_like(one.gradient) for one in systems]
+    index = np.flatnonzero(free[0])
     if index.size == 0:
-        return step
-    h = hessian[np.ix_(index, index)]
-    diagonal = np.maximum(np.diag(h), 1e-6)
-    damped = h + np.diag(mu * diagonal)
+        return steps
+    h, g = hessian[np.ix_(index, index)], gradient[index]
+    damped = h + np.diag(mu * np.maximum(np.diag(h), 1e-6))
+    mine = np.flatnonzero((index >= shared.start) & (index < shared.stop))
+    common, own = index[mine], []
+    for one, may in zip(others, free[1:], strict=True):
+        apart = np.flatnonzero(may)
+        apart = apart[(apart < shared.start) | (apart >= shared.stop)]
+        block = one.hessian[np.ix_(apart, apart)]
+        right = np.concatenate([one.hessian[np.ix_(apart, common)], one.gradient[apart, None]], 1)
+        solved = _solved(block + np.diag(mu * np.maximum(np.diag(block), 1e-6)), right)
+        if solved is None:
+            return steps
+        damped[np.ix_(mine, mine)] -= right[:, :-1].T @ solved[:, :-1]
+        g[mine] -= right[:, :-1].T @ solved[:, -1]
+        own.append((apart, solved))
+    part = _solved(damped, g)
+    if part is None:
+        return steps
+    steps[0][index] = -part
+    for step, (apart, solved) in zip(steps[1:], own, strict=True):
+        step[common] = -part[mine]
+        step[apart] = solved[:, :-1] @ part[mine] - solved[:, -1]
+    return steps
+
+
+def _solved(matrix: Float64, right: Float64) -> Float64 | None:
+    """Solution of a symmetric system, None where none is finite."""
     try:
-        factor = np.linalg.cholesky(damped)
-        part = -np.linalg.solve(factor.T, np.linalg.solve(factor, gradient[index]))
+        factor = np.linalg.cholesky(matrix)
+        part = np.linalg.solve(factor.T, np.linalg.solve(factor, right))
     except np.linalg.LinAlgError:
-        if not np.isfinite(damped).all():
-            return step
-        part = -np.linalg.lstsq(damped, gradient[index], rcond=1e-12)[0]
-    if np.isfinite(part).all():
-        step[index] = part
-    return step
+        if not np.isfinite(matrix).all():
+            return None
+        part = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+    return part if np.isfinite(part).all() else None
 
 
 def minimise(
-    state: State,
-    terms: Sequence[Term],
+    states: Sequence[State],
+    terms: Sequence[Sequence[Term]],
     *,
+    shared: slice,
     lower: Float64,
     upper: Float64,
     damping: Damping,
     steps: int,
     active: Bool,
     tolerance: float = 1e-6,
-) -> State:
+) -> list[State]:
     """Take up to ``steps`` damped steps; the energy never rises.
 
     Args:
-        state: start, finite, inside the bounds.
-        terms: addends of the energy.
+        states: start of each photo, finite, inside the bounds, alike in what is shared.
+        terms: addends of the energy, for each photo.
+        shared: the unknowns that are the same in all photos.
         lower: (n,) least value of each unknown, minus infinity where there is none.
         upper: (n,) greatest value, infinity where there is none.
         damping: updated in place.
@@ -190,26 +235,36 @@ def minimise(
         tolerance: stop when no unknown moves by more.
 
     Returns:
-        The best state seen.
+        The best states seen.
     """
-    value = energy(terms, state)
-    hessian, gradient = linearise(terms, state)
+    value = energy(terms, states)
+    states = list(states)
+    systems = [System.of(own, state) for own, state in zip(terms, states, strict=True)]
     for _ in range(steps):
-        x = state.unknowns()
-        stuck = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
-        step = np.clip(x + solve_step(hessian, gradient, damping.mu, active & ~stuck), lower, upper) - x
-        if not np.abs(step).max(initial=0.0) > tolerance:
+        now = [state.unknowns() for state in states]
+        total = sum(one.gradient[shared] for one in systems)
+        free = []
+        for x, one in zip(now, systems, strict=True):
+            gradient = one.gradient.copy()
+            gradient[shared] = total
+            free.append(active & ~(((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))))
+        moves = solve_step(systems, shared, damping.mu, free)
+        moves = [np.clip(x + move, lower, upper) - x for x, move in zip(now, moves, strict=True)]
+        if not max(np.abs(move).max(initial=0.0) for move in moves) > tolerance:
             break
-        candidate = state.stepped(step)
-        new_value = energy(terms, candidate)
-        expected = -float(step @ gradient) - 0.5 * float(step @ hessian @ step)
+        candidates = [state.stepped(move) for state, move in zip(states, moves, strict=True)]
+        new_value = energy(terms, candidates)
+        expected = sum(
+            -float(move @ one.gradient) - 0.5 * float(move @ one.hessian @ move)
+            for move, one in zip(moves, systems, strict=True)
+        )
         if np.isfinite(new_value) and new_value < value:
             gain = min((value - new_value) / expected, 1.0) if expected > 0 else 0.0
             damping.mu = max(damping.mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
             damping.nu = 2.0
-            state, value = candidate, new_value
-            hessian, gradient = linearise(terms, state)
+            states, value = candidates, new_value
+            systems = [System.of(own, state) for own, state in zip(terms, states, strict=True)]
         else:
             damping.mu = min(damping.mu * damping.nu, 1e12)
             damping.nu = min(2.0 * damping.nu, 1e6)
-    return state
+    return states

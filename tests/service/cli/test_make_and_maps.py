@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -22,6 +23,7 @@ from service.cli.app import app
 from service.cli.files import progress_bar
 from service.cli.make_and_maps import destination
 from service.errors import AvatarError, EmptyFile, MultipleFaces, TooManyBytes, UnreadableInput, UsageError
+from service.face.several import LeftOut
 from service.options import Options
 from service.photo.limits import Limits, read_photo_file
 
@@ -49,17 +51,21 @@ def photo(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bytes, Options]]:
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[bytes], Options]]:
     """Put a pipeline in place that only notes what it was asked for."""
-    calls: list[tuple[bytes, Options]] = []
+    calls: list[tuple[list[bytes], Options]] = []
     camera = SimpleNamespace(focal_px=1.0, yaw_pitch_roll_deg=lambda: (1.0, 2.0, 3.0))
 
-    def make_avatar(data: bytes, options: Options, progress: Any, head_file: Path | None) -> SimpleNamespace:
+    def make_avatar(data: list[bytes], options: Options, progress: Any, head_file: Path | None) -> SimpleNamespace:
         calls.append((data, options))
         progress("fit", 0.5)
         return SimpleNamespace(
             options=options.to_json(),
             fit=SimpleNamespace(landmark_rms_px=0.5, inter_ocular_px=60.0, camera=camera),
+            sources=(),
+            left_out=tuple(
+                LeftOut(hashlib.sha256(one).hexdigest(), "strangers", "another person") for one in data[2:]
+            ),
             all_warnings=lambda: ("no-colour",),
             timings_s={"fit": 0.1},
             peak_rss_mb=100.0,
@@ -84,15 +90,15 @@ def replace(
         monkeypatch.setitem(sys.modules, name, module)
 
 
-def test_the_path_of_the_archive_is_all_of_stdout(run: Run, photo: Path, asked: list[tuple[bytes, Options]]) -> None:
+def test_the_path_of_the_archive_is_all_of_stdout(run: Run, photo: Path, asked: list[Any]) -> None:
     status, out, err = run("make", str(photo))
     assert (status, out) == (0, f"{photo.with_suffix('.zip')}\n")
     assert err == "avatarme: warning: no-colour\n"
-    assert asked == [(b"the bytes of a photo", Options())]
+    assert asked == [([b"the bytes of a photo"], Options())]
     assert photo.with_suffix(".zip").read_bytes() == b"PK"
 
 
-def test_options_reach_the_pipeline(run: Run, photo: Path, asked: list[tuple[bytes, Options]]) -> None:
+def test_options_reach_the_pipeline(run: Run, photo: Path, asked: list[tuple[list[bytes], Options]]) -> None:
     words = "--maps texture --size 1152x768 --face 1 --seed 5 --fit dense --identity-components 9 --iterations 4"
     words += " --quality draft --budget 9.5 --bits 16 --normals object --runtime onnxruntime"
     assert run("make", str(photo), *words.split())[0] == 0
@@ -113,12 +119,39 @@ def test_json_is_one_object_with_what_a_machine_needs(run: Run, photo: Path, ask
     assert facts["warnings"] == ["no-colour"]
 
 
+def test_several_photos_are_one_avatar_and_those_left_out_are_named(
+    run: Run, photo: Path, asked: list[tuple[list[bytes], Options]]
+) -> None:
+    others = [photo.with_name(f"{number}.jpg") for number in range(2)]
+    for number, other in enumerate(others):
+        other.write_bytes(b"another %d" % number)
+    files = [str(photo), *map(str, others)]
+    status, out, err = run("make", *files, "--leave-out", "strangers", "-o", str(photo.with_name("me.zip")))
+    assert (status, out) == (0, f"{photo.with_name('me.zip')}\n")
+    assert [len(data) for data, _ in asked] == [3] and asked[0][1].leave_out == "strangers"
+    assert f"{others[1]} is left out: another person" in err
+
+
+def test_a_fault_of_one_of_several_photos_has_the_name_of_its_file(
+    run: Run, photo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo.with_name("b.jpg").write_bytes(b"another")
+
+    def make_avatar(*_: object) -> None:
+        raise errors.Strangers("it is another person", photos=[1])
+
+    replace(monkeypatch, make_avatar, lambda *_: None)
+    status, out, err = run("make", str(photo), str(photo.with_name("b.jpg")), "--json")
+    assert status == 3 and json.loads(out)["error"]["files"] == [str(photo.with_name("b.jpg"))]
+    assert str(photo.with_name("b.jpg")) in err
+
+
 @pytest.mark.parametrize(
     "words",
     [
         ["make"],
         ["make", "no-such-file.jpg"],
-        ["make", "a.jpg", "b.jpg"],
+        ["make", "a.jpg", "--leave-out", "everybody"],
         ["make", "a.jpg", "--no-such-option"],
         ["make", "a.jpg", "--size", "5x5"],
         ["make", "a.jpg", "--maps", "albedo"],
@@ -282,25 +315,25 @@ def test_an_endless_pipe_ends_at_the_limit_of_the_gate() -> None:
 
 
 def test_the_archive_goes_beside_the_photo() -> None:
-    assert destination("a/b/me.jpg", None, as_json=False) == "a/b/me.zip"
-    assert destination("me", None, as_json=False) == "me.zip"
-    assert destination("me.jpg", "other.zip", as_json=True) == "other.zip"
+    assert destination(["a/b/me.jpg"], None, as_json=False) == "a/b/me.zip"
+    assert destination(["me"], None, as_json=False) == "me.zip"
+    assert destination(["me.jpg"], "other.zip", as_json=True) == "other.zip"
 
 
 def test_a_pipe_answers_into_the_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: False))
-    assert destination("-", None, as_json=False) == "-"
+    assert destination(["-"], None, as_json=False) == "-"
 
 
 def test_a_zip_is_not_poured_over_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: True))
     with pytest.raises(UsageError, match="terminal"):
-        destination("me.jpg", "-", as_json=False)
+        destination(["me.jpg"], "-", as_json=False)
 
 
 def test_json_and_archive_do_not_mix() -> None:
     with pytest.raises(UsageError, match="--json"):
-        destination("-", None, as_json=True)
+        destination(["-"], None, as_json=True)
 
 
 def test_the_photo_is_not_overwritten(tmp_path: Path) -> None:
@@ -309,4 +342,4 @@ def test_the_photo_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(photo)
     for output in (None, str(photo), str(tmp_path / "link"), f"{tmp_path}/./me.zip"):
         with pytest.raises(UsageError, match="would be overwritten"):
-            destination(str(photo), output, as_json=False)
+            destination([str(photo)], output, as_json=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from service.face.fit.pose_state import POSE, State, weak_pose
-from service.face.fit.solver import Damping, PointTerm, Prior, minimise, solve_step
+from service.face.fit.solver import Damping, PointTerm, Prior, System, minimise, solve_step
 from service.geometry.camera import exp_rotation
 
 RNG = np.random.default_rng(3)
@@ -18,6 +18,8 @@ TRUTH = State(
     np.array([1.0, -0.5, 0.3, 0.7]),
 )
 EVERYTHING = np.full(POSE + 4, np.inf)
+SHARED = slice(POSE, POSE + 2)
+"""The first two coefficients: the identity of several photos."""
 
 
 def observed(state: State) -> np.ndarray:
@@ -29,7 +31,10 @@ def observed(state: State) -> np.ndarray:
 def solve(start: State, steps: int = 60, lower: np.ndarray = -EVERYTHING, upper: np.ndarray = EVERYTHING) -> State:
     term = PointTerm(POINTS, MODES, observed(TRUTH), np.full(40, 1.0))
     active = np.ones(POSE + 4, bool)
-    return minimise(start, [term], lower=lower, upper=upper, damping=Damping(), steps=steps, active=active)
+    (found,) = minimise(
+        [start], [[term]], shared=SHARED, lower=lower, upper=upper, damping=Damping(), steps=steps, active=active
+    )
+    return found
 
 
 def test_exact_data_give_back_the_truth() -> None:
@@ -58,8 +63,48 @@ def test_step_is_finite_for_hopeless_systems(kind: str) -> None:
         "not finite": np.full((3, 3), np.nan),
         "huge": np.full((3, 3), 1e308),
     }[kind]
-    step = solve_step(h, np.array([1.0, -1.0, 0.0]), 1e-3, np.ones(3, bool))
-    assert np.isfinite(step).all()
+    system = System(h, np.array([1.0, -1.0, 0.0]))
+    for count in (1, 3):
+        for step in solve_step([system] * count, slice(1, 2), 1e-3, [np.ones(3, bool)] * count):
+            assert np.isfinite(step).all()
+
+
+def test_a_step_of_several_photos_is_that_of_one_large_system() -> None:
+    """The Schur complement, against a solve of all unknowns at once."""
+    count, n, shared = 3, 9, slice(3, 6)
+    own = np.r_[0:3, 6:9]
+    systems = []
+    for seed in range(count):
+        j = np.random.default_rng(seed).normal(size=(20, n))
+        systems.append(System(j.T @ j, np.random.default_rng(50 + seed).normal(size=n)))
+    places = [np.r_[3 + 6 * k : 6 + 6 * k, 0:3, 6 + 6 * k : 9 + 6 * k] for k in range(count)]  # shared first
+    whole, right = np.zeros((3 + 6 * count,) * 2), np.zeros(3 + 6 * count)
+    for system, place in zip(systems, places, strict=True):
+        whole[np.ix_(place, place)] += system.hessian
+        right[place] += system.gradient
+    expected = -np.linalg.solve(whole + 0.1 * np.diag(np.diag(whole)), right)
+    free = [np.ones(n, bool)] * count
+    for step, place in zip(solve_step(systems, shared, 0.1, free), places, strict=True):
+        np.testing.assert_allclose(step, expected[place], rtol=1e-9)
+    free[1] = np.isin(np.arange(n), own[1:]) | np.isin(np.arange(n), np.arange(3, 6))
+    assert solve_step(systems, shared, 0.1, free)[1][own[0]] == 0.0, "what may not move stays"
+
+
+def test_photos_of_one_head_agree_on_what_they_share() -> None:
+    """The same head turned two ways, each photo blind to one of its coefficients."""
+    other = State(exp_rotation(np.array([0.0, -0.6, 0.0])) @ np.diag([1.0, -1, -1]), np.zeros(2), 7.2, 0.1,
+                  np.r_[TRUTH.coefficients[:2], 0.1, 0.9])  # fmt: skip
+    halves = np.repeat([[1.0, 0.0], [0.0, 1.0]], 20, 1)
+    pairs = zip((TRUTH, other), halves, strict=True)
+    terms = [[PointTerm(POINTS, MODES, observed(state), half)] for state, half in pairs]
+    start = [State(state.rotation, np.zeros(2), 7.0, 0.0, np.zeros(4)) for state in (TRUTH, other)]
+    one, two = minimise(
+        start, terms, shared=SHARED, lower=-EVERYTHING, upper=EVERYTHING, damping=Damping(), steps=80,
+        active=np.ones(POSE + 4, bool),
+    )  # fmt: skip
+    np.testing.assert_array_equal(one.coefficients[:2], two.coefficients[:2])
+    np.testing.assert_allclose(one.coefficients[:2], TRUTH.coefficients[:2], atol=1e-3)
+    np.testing.assert_allclose(two.coefficients[2:], [0.1, 0.9], atol=1e-3)
 
 
 def test_focal_length_cannot_run_away() -> None:
@@ -69,9 +114,10 @@ def test_focal_length_cannot_run_away() -> None:
     lower, upper = -EVERYTHING.copy(), EVERYTHING.copy()
     lower[6], upper[6] = np.log(0.15), np.log(20.0)
     start = State(TRUTH.rotation, np.zeros(2), 7.0, 0.0, np.zeros(4))
-    found = minimise(
-        start, [term, prior], lower=lower, upper=upper, damping=Damping(), steps=200, active=np.ones(POSE + 4, bool)
-    )
+    (found,) = minimise(
+        [start], [[term, prior]], shared=SHARED, lower=lower, upper=upper, damping=Damping(), steps=200,
+        active=np.ones(POSE + 4, bool),
+    )  # fmt: skip
     assert np.log(0.15) <= found.log_distance <= np.log(20.0)
     assert np.isfinite(found.unknowns()).all()
 

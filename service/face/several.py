@@ -1,0 +1,272 @@
+"""Several photos of one person: which of them are usable, whether all show the same person, which tells most.
+
+Photos are brought into an order of their own, by content, so that the order in which they came changes nothing, and the
+same photo twice counts once. What is left out is told, with the reason.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from service.arrays import Float64, UInt8
+from service.errors import AvatarError, FitFailed, NoUsableFace, Strangers, UnreadableInput, UsageError
+from service.face.face import Face
+from service.face.fit.fit_face import fit_views
+from service.face.fit.result import Fit
+from service.face.fit.settings import FitSettings
+from service.face.identity import Recogniser, distance
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import Reading
+from service.face.view import View
+from service.head.model import HeadModel
+from service.photo.gate import read_photo
+from service.photo.photo import Photo
+
+MOST_PHOTOS = 24
+"""Photos of one person that are taken."""
+MOST_PIXELS = 120_000_000
+"""Pixels of all photos together, 3 bytes each; several larger ones are made smaller."""
+THUMBNAIL = 64
+"""Side of what is compared to find the same photo twice."""
+SAME_PHOTO = 1.5
+"""Mean difference of two thumbnails, of 255, below which they are one photo saved twice."""
+SMALLER, SAME = "photo-made-smaller", "same-photo"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A photo that was not used.
+
+    Attributes:
+        sha256: of its bytes.
+        code: of the error that it would be alone, or ``same-photo``.
+        message: why.
+    """
+
+    sha256: str
+    code: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """The photos of one person, as far as they are understood.
+
+    Attributes:
+        count: how many were given.
+        numbers: of those in use, as they were given, from 0.
+        photos: those in use.
+        left_out: the others.
+        views: of the photos, with the face that was found in each, and what was read.
+        fits: of one head in them; the first photo is then the best of them.
+    """
+
+    count: int
+    numbers: tuple[int, ...]
+    photos: tuple[Photo, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    views: tuple[View, ...] = ()
+    fits: tuple[Fit, ...] = ()
+
+    @property
+    def first(self) -> tuple[Photo, Face, Reading | None, Fit]:
+        """The best photo, what was found and read in it, and its fit."""
+        view = self.views[0]
+        return view.photo, view.face, view.reading, self.fits[0]
+
+    def only(self, chosen: Sequence[int], further: Sequence[LeftOut]) -> Gathered:
+        """Those of some places, in this order, and what is left out besides."""
+        return replace(
+            self,
+            numbers=tuple(self.numbers[k] for k in chosen),
+            photos=tuple(self.photos[k] for k in chosen),
+            views=tuple(self.views[k] for k in chosen) if self.views else (),
+            left_out=tuple(sorted((*self.left_out, *further), key=lambda one: (one.sha256, one.code, one.message))),
+        )
+
+    def without(self, errors: Mapping[int, AvatarError]) -> Gathered:
+        """The rest, where some places have errors; the first of them is raised where there is no rest."""
+        rest = [k for k in range(len(self.photos)) if k not in errors]
+        if not rest:
+            raise of_photo(next(iter(errors.values())), self.numbers[0], self.count)
+        left = [LeftOut(self.photos[k].sha256, error.code, error.message) for k, error in errors.items()]
+        return self.only(rest, left)
+
+
+def of_photo(error: AvatarError, number: int, count: int) -> AvatarError:
+    """The error as one of several photos has it: its message names the photo, counted from 1 as people do."""
+    if count == 1:
+        return error
+    return type(error)(f"photo {number + 1} of {count}: {error.message}", **{**error.extra, "photo": number})
+
+
+def check_count(count: int) -> None:
+    """Refuse no photos, and more than ``MOST_PHOTOS``.
+
+    Raises:
+        UsageError: of either.
+    """
+    if not 1 <= count <= MOST_PHOTOS:
+        raise UsageError(f"{count} photos were given; 1 to {MOST_PHOTOS} of one person are taken")
+
+
+def decoded(files: Sequence[bytes]) -> Gathered:
+    """The photos of files, by content, no larger together than ``MOST_PIXELS``.
+
+    Raises:
+        UnreadableInput: no file is a photo.
+        AvatarError: the installation is broken.
+    """
+    found: list[tuple[int, Photo]] = []
+    left: list[LeftOut] = []
+    errors: list[AvatarError] = []
+    for number, data in enumerate(files):
+        try:
+            found.append((number, read_photo(data)))
+        except UnreadableInput as error:
+            errors.append(of_photo(error, number, len(files)))
+            left.append(LeftOut(hashlib.sha256(data).hexdigest(), error.code, error.message))
+    if not found:
+        raise errors[0]
+    found.sort(key=lambda one: (one[1].sha256, one[0]))
+    kept: list[tuple[int, Photo]] = []
+    thumbnails: list[UInt8] = []
+    for number, photo in found:
+        small = np.asarray(cv2.resize(photo.pixels, (THUMBNAIL,) * 2, interpolation=cv2.INTER_AREA), np.uint8)
+        if any(_same(photo, small, other, its) for (_, other), its in zip(kept, thumbnails, strict=True)):
+            left.append(LeftOut(photo.sha256, SAME, "another photo is the same"))
+            continue
+        kept.append((number, photo))
+        thumbnails.append(small)
+    most = MOST_PIXELS // len(kept)
+    numbers, photos = zip(*kept, strict=True)
+    if len(photos) > 1:
+        photos = tuple(smaller(photo, most) for photo in photos)
+    return Gathered(len(files), numbers, photos).only(range(len(photos)), left)
+
+
+def _same(one: Photo, small: UInt8, other: Photo, its: UInt8) -> bool:
+    return one.size == other.size and float(np.abs(small.astype(np.int16) - its).mean()) < SAME_PHOTO
+
+
+def smaller(photo: Photo, most: int) -> Photo:
+    """The photo with at most so many pixels; ``photo-made-smaller`` among its warnings where it had more."""
+    width, height = photo.size
+    if width * height <= most:
+        return photo
+    scale = (most / (width * height)) ** 0.5
+    size = (max(int(width * scale), 1), max(int(height * scale), 1))
+    pixels = np.asarray(cv2.resize(photo.pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return replace(photo, pixels=pixels, warnings=(*photo.warnings, SMALLER), steps=None)
+
+
+STRANGE = 0.62
+"""Distance of descriptors from which on two photos show two people (``benchmarks.strangers``)."""
+
+
+def strangers_among(views: Sequence[View], recogniser: Recogniser) -> list[int]:
+    """Indices of those who are not the person that most photos show; of two photos that disagree, the second.
+
+    A photo belongs to the person if its median distance to the others is that of one person, or if it is close to any
+    of them: photos from the left and from the right know each other only by those in between.
+    """
+    codes = [recogniser.embed(view.photo.pixels, view.face.landmarks).astype(np.float64) for view in views]
+    apart = np.array([[distance(one, other) for other in codes] for one in codes])
+    near: Float64 = np.asarray(apart < STRANGE, np.float64)
+    group = max(range(len(codes)), key=lambda k: (near[k].sum(), -np.median(apart[k]), -k))
+    inside = {group}
+    while True:
+        grown = inside | {k for k in range(len(codes)) if any(apart[k, one] < STRANGE for one in inside)}
+        if grown == inside:
+            return [k for k in range(len(codes)) if k not in inside]
+        inside = grown
+
+
+def of_one_person(
+    gathered: Gathered,
+    find: Callable[[Photo], Face],
+    recogniser: Callable[[], Recogniser],
+    leave_out: Literal["strangers"] | None,
+) -> Gathered:
+    """The face in each photo, all of one person.
+
+    Args:
+        gathered: the photos.
+        find: the face in one of them; may refuse it.
+        recogniser: the identity network, asked for only where there are several photos.
+        leave_out: whether strangers are left out, not refused.
+
+    Raises:
+        NoUsableFace: no photo shows one, or one of its subclasses; ``Strangers`` where some show another person.
+    """
+    faces: list[Face] = []
+    errors: dict[int, AvatarError] = {}
+    for place, photo in enumerate(gathered.photos):
+        try:
+            faces.append(find(photo))
+        except NoUsableFace as error:
+            errors[place] = error
+    gathered = gathered.without(errors)
+    views = tuple(View(photo, face) for photo, face in zip(gathered.photos, faces, strict=True))
+    gathered = replace(gathered, views=views)
+    strange = strangers_among(views, recogniser()) if len(views) > 1 else []
+    if not strange:
+        return gathered
+    if leave_out is None:
+        named = ", ".join(str(number + 1) for number in sorted(gathered.numbers[k] for k in strange))
+        raise Strangers(
+            f"photo {named} of {gathered.count} shows another person than the rest; take it away, or leave strangers "
+            "out",
+            photos=sorted(gathered.numbers[k] for k in strange),
+        )
+    other = Strangers("it shows another person than the rest")
+    return gathered.without(dict.fromkeys(strange, other))
+
+
+def read_all(gathered: Gathered, readers: Readers) -> Gathered:
+    """All that is read off each photo."""
+    views = (
+        replace(view, reading=read_face(view.photo.pixels, view.face.landmarks, readers)) for view in gathered.views
+    )
+    return replace(gathered, views=tuple(views))
+
+
+def fitted(gathered: Gathered, head: HeadModel, settings: FitSettings) -> Gathered:
+    """The head in each photo that can be fitted, the best photo first, the others by content.
+
+    Raises:
+        FitFailed: none can; why the last cannot.
+    """
+    while True:
+        try:
+            fits = fit_views(gathered.views, head, settings)
+        except FitFailed as error:
+            gathered = gathered.without({int(error.extra.pop("view")): error})
+            continue
+        best = best_view(gathered.views, fits)
+        places = [best, *(k for k in range(len(fits)) if k != best)]
+        return replace(gathered.only(places, ()), fits=tuple(fits[k] for k in places))
+
+
+def best_view(views: Sequence[View], fits: Sequence[Fit]) -> int:
+    """The photo that shows most of the face, large and squarely: its expression, eyes and light are the avatar's."""
+
+    def merit(index: int) -> float:
+        fit = fits[index]
+        squarely = max(-float(fit.camera.rotation[2, 2]), 0.0)
+        size = min(fit.inter_ocular_px, LARGE_EYES)
+        doubt = 0.5 if {"low-confidence", "gaze-not-seen"} & set(fit.warnings) else 1.0
+        hidden = 0.5 if "eyes-covered" in views[index].face.warnings else 1.0
+        return squarely**2 * size * doubt * hidden
+
+    return max(range(len(fits)), key=lambda index: (merit(index), -index))
+
+
+LARGE_EYES = 250.0
+"""Distance of the eyes, pixels, beyond which a larger face tells no more."""
