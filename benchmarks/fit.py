@@ -31,6 +31,7 @@ from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit_face import fit_face, fit_views
 from service.face.fit.settings import FitSettings
+from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import ReaderNetwork, Reading
 from service.face.view import View
@@ -94,13 +95,14 @@ def load_shots(folder: Path, readers: Readers | None = None) -> tuple[list[Shot]
     """Photos in which a face was found, read by ``readers`` (None: the shipped ones), and how many have none."""
     import cv2
 
-    finder, networks, shots, missed = FaceFinder(), readers or Readers(), [], 0
+    finder, networks, head, shots, missed = FaceFinder(), readers or Readers(), load_head(), [], 0
     for path in sorted(folder.glob("*_*_*.npz")):
         image = cv2.imread(str(path.with_suffix(".png")))
         if image is None:
             raise SystemExit(f"{path}: its photo is missing")
         pixels = np.ascontiguousarray(image[..., ::-1]).astype(np.uint8, copy=False)
         faces = finder.find(pixels)
+        faces = faces or faces_by_reading(pixels, finder.doubted(pixels), head, networks.pixels)
         missed += not faces
         if faces:
             reading = read_face(pixels, faces[0].landmarks, networks)
