@@ -27,10 +27,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.chaos_postgres import Workers
 from service.diagnosis import SAMPLE
 from tests.support.postgres import Postgres
 from tests.support.server import free_port
+from tests.support.workers import Workers
 
 WORKERS = ("w0", "w1", "w2")
 DRAFT = ["--quality", "draft", "--seed", "1"]

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from service.archive import manifest as m
 from service.archive.container import PART_TEXTURE, ArchiveFile
-from service.archive.manifest import Material, Part
 from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import UInt8
-from service.errors import BadArchive, CorruptImage, UnreadableInput
+from service.errors import BadArchive, CorruptImage, NumericFault, UnreadableInput
+from service.materials.material import ChartMap, Map, Material, OwnMap
+from service.materials.part import MeshPart
 from service.photo.container import open_container
 from service.photo.gate import decode_container
 from service.photo.limits import Limits
@@ -23,23 +26,8 @@ from service.render.surface import StoredMap
 
 MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
-
-
-@dataclass(frozen=True)
-class StoredPart:
-    """A mesh beside the head's own.
-
-    Attributes:
-        name: of the part.
-        mesh: its polygons with their own texture coordinates.
-        material: its surface.
-        png: its own colours, still encoded; None where it has none.
-    """
-
-    name: str
-    mesh: ObjMesh
-    material: Material
-    png: bytes | None
+COLOUR = ("colour",)
+"""Slots of materials that a picture needs."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +38,14 @@ class AvatarFile:
         manifest: as stored; only the keys that are used here were checked.
         mesh: ``mesh/head.obj``, the head's own parts.
         maps: by role.
-        parts: meshes beside the head's own, in the photo's expression, with their textures still encoded.
+        parts: meshes beside the head's own, in the photo's expression; of their maps they have the colours.
         replaced: the head's own parts in place of which others stand.
     """
 
     manifest: dict[str, Any]
     mesh: ObjMesh
     maps: dict[str, StoredMap]
-    parts: tuple[StoredPart, ...] = ()
+    parts: tuple[MeshPart, ...] = ()
     replaced: tuple[str, ...] = ()
 
 
@@ -76,18 +64,19 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
     archive = ArchiveFile.open(source)
     mesh = read_obj(archive.read("mesh/head.obj", MAX_OBJ))
     whole = read_obj(archive.read("mesh/parts.obj", MAX_OBJ)) if "mesh/parts.obj" in archive.names else mesh
-    drawn, materials = _parts(archive.manifest)
+    drawn, materials = described_parts(archive.manifest)
     others = [part for part in drawn if part.name not in mesh.part_names and part.name in whole.part_names]
-    stored = tuple(_stored_part(archive, whole, part, materials) for part in others)
+    known: dict[str, Map] = {}
+    parts = tuple(_part(archive, whole, part, materials, known) for part in others)
     names = {part.name for part in drawn}
     gone = tuple(name for name in mesh.part_names if names and name not in names)
     listed = {str(item.get("role")): item for item in archive.manifest["maps"]}
     there = [role for role in roles if role in listed and f"maps/{role}.png" in archive.names]
     maps = {role: _stored(role, archive.read(f"maps/{role}.png"), listed[role]) for role in there}
-    return AvatarFile(archive.manifest, mesh, maps, stored, gone)
+    return AvatarFile(archive.manifest, mesh, maps, parts, gone)
 
 
-def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
+def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m.Material]]:
     """All parts of the files, and materials by name; none in the manifests of older versions.
 
     Raises:
@@ -96,20 +85,54 @@ def _parts(manifest: dict[str, Any]) -> tuple[list[Part], dict[str, Material]]:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        parts = TypeAdapter(list[Part]).validate_python(manifest.get("parts", []))
-        materials = TypeAdapter(list[Material]).validate_python(manifest.get("materials", []))
+        parts = TypeAdapter(list[m.Part]).validate_python(manifest.get("parts", []))
+        materials = TypeAdapter(list[m.Material]).validate_python(manifest.get("materials", []))
     except ValidationError as error:
         raise BadArchive(f"the manifest's parts or materials cannot be used: {error.errors()[0]['msg']}") from error
     return parts, {one.name: one for one in materials}
 
 
-def _stored_part(archive: ArchiveFile, whole: ObjMesh, part: Part, materials: dict[str, Material]) -> StoredPart:
+def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Map], slots: Collection[str]) -> Material:
+    """A material of an archive, with the maps of some slots.
+
+    Args:
+        archive: has the textures of parts' own, which are decoded.
+        given: what the manifest says of it.
+        known: maps by path; those that are new are added.
+        slots: "colour", "normal" and the like; maps of the chart are left out where it is "colour" alone.
+
+    Raises:
+        BadArchive: a value is out of range, or a texture cannot be read.
+    """
+    maps: dict[str, Any] = {}
+    for slot in set(slots) & set(given.maps):
+        path = given.maps[slot]
+        own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.names
+        stem = path.rpartition("/")[2].removesuffix(".png")
+        if own and path not in known:
+            known[path] = OwnMap(stem, unpack_texture(archive.read(path, MAX_TEXTURE), stem))
+        if own or slots != COLOUR:
+            maps[f"{slot}_map"] = known[path] if own else ChartMap(stem)
+    values = {field.name: getattr(given, field.name) for field in fields(m.Material) if field.name != "maps"}
+    triples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    try:
+        return Material(**values | triples | maps)
+    except NumericFault as fault:
+        raise BadArchive(f"the material {given.name[:40]!r} of the archive cannot be used: {fault}") from fault
+
+
+def _part(
+    archive: ArchiveFile, whole: ObjMesh, part: m.Part, materials: dict[str, m.Material], known: dict[str, Map]
+) -> MeshPart:
     if part.material not in materials:
         raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
-    material = materials[part.material]
-    path = material.maps.get("colour", "")
-    own = PART_TEXTURE.fullmatch(path) is not None and path.endswith(".png") and path in archive.names
-    return StoredPart(part.name, whole.part(part.name), material, archive.read(path, MAX_TEXTURE) if own else None)
+    mesh, material = whole.part(part.name), stored_material(archive, materials[part.material], known, COLOUR)
+    points, has_uv = mesh.vertices.astype(np.float32), (mesh.polygon_uv[:, 0] >= 0).all()
+    uv, uv_faces = (mesh.uv, mesh.polygon_uv) if has_uv else (np.zeros((len(points), 2)), None)
+    try:
+        return MeshPart(part.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces)
+    except NumericFault as fault:
+        raise BadArchive(f"the part {part.name[:40]!r} of the archive cannot be used: {fault}") from fault
 
 
 def _stored(role: str, png: bytes, entry: dict[str, Any]) -> StoredMap:
@@ -149,12 +172,13 @@ def unpack_map(png: bytes, name: str) -> UInt8:
 
 
 def unpack_texture(png: bytes, name: str) -> UInt8:
-    """(h, w, 4) uint8 sRGB with straight alpha of a part's own texture, of any shape.
+    """(h, w, 4) uint8 sRGB with straight alpha of a part's own texture of any shape; (h, w, 3) where it is opaque.
 
     Raises:
         BadArchive: not a PNG, or damaged; names the texture.
     """
-    return _decoded(png, name, Output.CODES_AND_ALPHA)
+    codes = _decoded(png, name, Output.CODES_AND_ALPHA)
+    return codes if (codes[..., 3] < 255).any() else codes[..., :3]
 
 
 def _decoded(png: bytes, name: str, output: Output) -> UInt8:

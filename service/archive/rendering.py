@@ -15,13 +15,12 @@ from typing import IO
 import numpy as np
 
 from service.archive.container import replace_file
-from service.archive.reading import AvatarFile, StoredPart, open_avatar, unpack_texture
+from service.archive.reading import AvatarFile, open_avatar
 from service.archive.surfaces import subdivided_head
 from service.arrays import AnyFloat, UInt8
-from service.errors import BadArchive, NumericFault, OutputFault, UsageError
+from service.errors import OutputFault, UsageError
 from service.geometry.subdivide import Subdivision
 from service.head.model import HeadModel
-from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart, framed, material_of
 from service.render.draw import without_parts
 from service.render.render import Kept, RenderedPicture, render_head
@@ -67,7 +66,7 @@ def stored_meshes(avatar: AvatarFile) -> tuple[HeadModel, AnyFloat, tuple[MeshPa
     named = facts if isinstance(facts, dict) else {}
     whole = avatar.mesh.as_head(str(named.get("name", "head")), str(named.get("licence", "unknown")))
     head, vertices = smoothed(without_parts(whole, avatar.replaced), avatar.mesh.vertices)
-    return head, vertices, tuple(stored_part(stored) for stored in avatar.parts)
+    return head, vertices, avatar.parts
 
 
 def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
@@ -85,29 +84,6 @@ def smoothed(head: HeadModel, vertices: AnyFloat) -> tuple[HeadModel, AnyFloat]:
     there[fine.triangles[np.isin(fine.triangle_part, skin)]] = True
     step = Subdivision.of(head.polygons, len(vertices))
     return fine, np.where((there & ~step.open_points())[:, None], smooth, step.linear(vertices))
-
-
-def stored_part(stored: StoredPart) -> MeshPart:
-    """A part of an archive.
-
-    Raises:
-        BadArchive: its mesh, material or texture cannot be used.
-    """
-    given, mesh = stored.material, stored.mesh
-    try:
-        picture = None if stored.png is None else OwnMap("own", unpack_texture(stored.png, stored.name))
-        red, green, blue = given.colour
-        material = Material(
-            "own", (red, green, blue), picture, opacity=given.opacity, alpha=given.alpha, cutoff=given.cutoff,
-            double_sided=given.double_sided, roughness=given.roughness, ior=given.ior, specular=given.specular,
-            transmission=given.transmission,
-        )  # fmt: skip
-        points = mesh.vertices.astype(np.float32)
-        has_uv = (mesh.polygon_uv[:, 0] >= 0).all()
-        uv, uv_faces = (mesh.uv, mesh.polygon_uv) if has_uv else (np.zeros((len(points), 2)), None)
-        return MeshPart(stored.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces)
-    except NumericFault as fault:
-        raise BadArchive(f"the part {stored.name[:40]!r} of the archive cannot be used: {fault}") from fault
 
 
 def turntable(

@@ -10,14 +10,15 @@ import numpy as np
 
 from service.archive.container import ArchiveFile
 from service.archive.images import exr_bytes
-from service.archive.reading import unpack_map, unpack_texture
+from service.archive.manifest import Part
+from service.archive.reading import described_parts, stored_material, unpack_map
 from service.archive.usd import REST, read_meshes
 from service.archive.usd_text import Prim
-from service.arrays import Float32, Float64, Int32, UInt8
+from service.arrays import Float32, Float64, Int32
 from service.colour import bytes_to_linear
 from service.errors import BadArchive, NumericFault, OutputFault
 from service.light.harmonics import basis
-from service.materials.material import ChartMap, Map, Material, OwnMap
+from service.materials.material import Map, Material
 from service.materials.part import MeshPart
 
 
@@ -56,42 +57,15 @@ def write(path: Path, data: bytes) -> None:
         raise OutputFault(f"cannot write {path}: {error.strerror or error}", path=str(path)) from error
 
 
-_OWN = "maps/parts/"
-
-
 def materials_of(source: ArchiveFile) -> dict[str, Material]:
-    """Materials by name; textures of parts' own are decoded.
+    """Materials by name, with all their maps; textures of parts' own are decoded.
 
     Raises:
         BadArchive: the manifest's materials are not as they should be, or a texture cannot be read.
     """
     known: dict[str, Map] = {}
-    try:
-        return {one["name"]: _material(one, source, known) for one in source.manifest["materials"]}
-    except (KeyError, TypeError, ValueError, NumericFault) as error:
-        raise BadArchive(f"the manifest's materials cannot be used: {error}") from error
-
-
-def _material(one: dict[str, Any], source: ArchiveFile, known: dict[str, Map]) -> Material:
-    maps: dict[str, Map] = {}
-    for slot, path in one["maps"].items():
-        if path not in known:
-            stem = path.rpartition("/")[2].removesuffix(".png")
-            known[path] = OwnMap(stem, _pixels(source.read(path), path)) if path.startswith(_OWN) else ChartMap(stem)
-        maps[f"{slot}_map"] = known[path]
-    red, green, blue = one["colour"]
-    near, middle, far = one["subsurface_mm"]
-    return Material(
-        name=one["name"], colour=(red, green, blue), opacity=one["opacity"], alpha=one["alpha"], cutoff=one["cutoff"],
-        double_sided=one["double_sided"], roughness=one["roughness"], ior=one["ior"], specular=one["specular"],
-        subsurface_mm=(near, middle, far), transmission=one["transmission"], **maps,
-    )  # fmt: skip
-
-
-def _pixels(png: bytes, path: str) -> UInt8:
-    """(h, w, 3) codes of a texture, or (h, w, 4) where it has any transparency."""
-    codes = unpack_texture(png, path)
-    return codes if (codes[..., 3] < 255).any() else codes[..., :3]
+    materials = described_parts(source.manifest)[1]
+    return {name: stored_material(source, one, known, one.maps) for name, one in materials.items()}
 
 
 MOST_USD_BYTES = 256 << 20
@@ -111,13 +85,13 @@ def read_parts(data: bytes, manifest: Mapping[str, Any], materials: Mapping[str,
     if len(data) > MOST_USD_BYTES:
         raise BadArchive(f"mesh/head.usda has {len(data)} bytes; at most {MOST_USD_BYTES} are accepted")
     try:
-        known = {part["name"]: part for part in manifest["parts"]}
+        known = {part.name: part for part in described_parts(dict(manifest))[0]}
         return [_part(mesh, known[mesh.name], materials) for mesh in read_meshes(data)]
     except (UnicodeDecodeError, KeyError, ValueError, IndexError, TypeError, NumericFault) as error:
         raise BadArchive(f"mesh/head.usda of the archive cannot be read: {error}") from error
 
 
-def _part(mesh: Prim, facts: Mapping[str, Any], materials: Mapping[str, Material]) -> MeshPart:
+def _part(mesh: Prim, facts: Part, materials: Mapping[str, Material]) -> MeshPart:
     points = _rows(mesh, "point3f[] points", 3)
     counts, corners = _whole(mesh, "int[] faceVertexCounts"), _whole(mesh, "int[] faceVertexIndices")
     places = _whole(mesh, "int[] primvars:st:indices") if "int[] primvars:st:indices" in mesh.values else corners
@@ -134,9 +108,9 @@ def _part(mesh: Prim, facts: Mapping[str, Any], materials: Mapping[str, Material
         faces=_polygons(counts, corners),
         uv=_rows(mesh, "texCoord2f[] primvars:st", 2),
         uv_faces=_polygons(counts, places),
-        material=materials[facts["material"]],
+        material=materials[facts.material],
         targets=targets,
-        bone=facts["bone"],
+        bone=facts.bone,
     )
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import httpx
 import pytest
 
-from benchmarks.chaos_postgres import Workers
 from service.jobs.settings import Settings
 from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
@@ -23,6 +22,7 @@ from tests.support.postgres import Postgres, find_programs
 from tests.support.server import TOY, Server, post, small_photo, wait_for
 from tests.support.slow_line import Line
 from tests.support.toy_job import LOG, SECONDS, archive
+from tests.support.workers import Workers
 
 pytestmark = [
     pytest.mark.slow,

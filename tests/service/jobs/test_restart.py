@@ -92,9 +92,7 @@ def test_nothing_is_lost_in_a_little_chaos(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(find_programs() is None, reason="Postgres is not installed")
 def test_nothing_is_lost_with_several_workers_on_postgres(tmp_path: Path) -> None:
-    from benchmarks.chaos_postgres import run
-
-    findings = run(tmp_path, kills=8, jobs=0, count=3)
+    findings = chaos(tmp_path, 8, posters=1, workers=3)
     assert findings.well(), findings
 
 
