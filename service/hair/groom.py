@@ -472,7 +472,7 @@ def _curled(style: Style, strands: Float32, lock: Int32, rng: np.random.Generato
     radius = wave.radius_mm / 1000 * np.exp(rng.normal(0, 0.15 + 0.4 * wave.frizz, len(lock)))
     radius = np.minimum(radius[:, None], 0.25 * longest[:, None]) * begin
     turned = np.cos(angle)[..., None] * across + (1 - wave.flat) * np.sin(angle)[..., None] * deep
-    return (strands + radius[..., None] * turned).astype(np.float32)
+    return np.asarray((strands + radius[..., None] * turned), np.float32)
 
 
 def _wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Float32:
@@ -489,7 +489,7 @@ def _wandering(style: Style, strands: Float32, rng: np.random.Generator) -> Floa
     length = np.linalg.norm(np.diff(strands, axis=1), axis=2).sum(1)
     size = np.minimum(size, 0.1 * length)
     share = np.linspace(0, 1, points, dtype=np.float32)
-    return (strands + size[:, None, None] * share[None, :, None] * noise).astype(np.float32)
+    return np.asarray((strands + size[:, None, None] * share[None, :, None] * noise), np.float32)
 
 
 def _resampled(lines: Float32, share: Float32, points: int) -> Float32:
@@ -505,7 +505,7 @@ def _resampled(lines: Float32, share: Float32, points: int) -> Float32:
     row = np.arange(len(lines))[:, None]
     run = np.maximum(gone[row, place + 1] - gone[row, place], 1e-12)
     part = np.clip((wanted - gone[row, place]) / run, 0, 1)[..., None]
-    return (lines[row, place] * (1 - part) + lines[row, place + 1] * part).astype(np.float32)
+    return np.asarray((lines[row, place] * (1 - part) + lines[row, place + 1] * part), np.float32)
 
 
 def _step(low: float, high: float, value: Float32) -> Float32:

@@ -56,13 +56,13 @@ class Roots:
     def azimuth(self) -> Float32:
         """(N,) radians round the vertical, 0 in front, positive to the subject's left, pi behind."""
         away = self.position - CENTRE
-        return np.arctan2(away[:, 0], away[:, 2])
+        return np.asarray(np.arctan2(away[:, 0], away[:, 2]), np.float32)
 
     @property
     def elevation(self) -> Float32:
         """(N,) radians above the middle of the skull."""
         away = self.position - CENTRE
-        return np.arcsin(away[:, 1] / np.maximum(np.linalg.norm(away, axis=1), 1e-6))
+        return np.asarray(np.arcsin(away[:, 1] / np.maximum(np.linalg.norm(away, axis=1), 1e-6)), np.float32)
 
 
 @dataclass(frozen=True)
@@ -164,12 +164,12 @@ def mean_scalp() -> Scalp:
 
 
 def _unit(vectors: Float32) -> Float32:
-    return (vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)).astype(np.float32)
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
 
 
 def _read(grid: Float32, points: Float32) -> Float32:
     at = (points.reshape(-1, 3).T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
-    return map_coordinates(grid, at, order=1, mode="nearest").reshape(points.shape[:-1]).astype(np.float32)
+    return np.asarray(map_coordinates(grid, at, order=1, mode="nearest").reshape(points.shape[:-1]), np.float32)
 
 
 def _distances(triangles: Float32) -> Float32:
@@ -189,7 +189,7 @@ def _distances(triangles: Float32) -> Float32:
     middle, radii = (np.array(values, np.float32) for values in SHOULDERS)
     scaled = np.linalg.norm((cells - middle) / radii, axis=-1)
     shoulders = (scaled - 1.0) * radii.min()
-    return np.minimum(away, shoulders).astype(np.float32)
+    return np.asarray(np.minimum(away, shoulders), np.float32)
 
 
 def _dense(triangles: Float32) -> tuple[Float32, Float32]:
