@@ -6,11 +6,11 @@ strands together and its inverse follow Chiang et al. 2016 ("A Practical and Con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32
+from service.arrays import AnyFloat, Bool, Float32
 
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
@@ -73,6 +73,10 @@ class HairColour:
     def of(cls, melanin: Melanin, strands: int, rng: np.random.Generator) -> HairColour:
         """Of strands without dye."""
         return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
+
+    def chosen(self, kept: Bool) -> HairColour:
+        """Of the strands of a mask (N,)."""
+        return replace(self, melanin=self.melanin[kept])
 
     def linear(self, points: int = KNOTS) -> Float32:
         """(N, points, 3) float32 linear RGB in [0, 1] under white light, even from root to tip."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
@@ -25,6 +25,14 @@ CELL_M = 0.008
 """Side of a cell of the grid of distances."""
 LOW, HIGH = (-0.30, -0.48, -0.34), (0.30, 0.26, 0.22)
 """Corners of that grid, metres."""
+EVEN = 1200
+"""Roots of :attr:`Scalp.even`: more than there are guides or large locks."""
+EDGE = 0.45
+"""Value of the head's soft mask of the scalp at the hairline."""
+BAND = 2.5
+"""Cells from the surface up to which distances are exact."""
+DEEPEST_M = 0.11
+"""No point in a head is farther from its skin; a rim that is seen from below has no inside."""
 SPACING_M = 0.004
 """Distance between the points that stand for the skin when distances are measured."""
 
@@ -102,7 +110,7 @@ class Scalp:
         outer = skin[(hidden[skin] < 0.5).all(1)]
         return cls(points[own], normal[own], mask[own].astype(np.float32), uv, _distances(points[outer]))
 
-    def roots(self, count: int, rng: np.random.Generator, least: float = 0.45) -> Roots:
+    def roots(self, count: int, rng: np.random.Generator, least: float = EDGE) -> Roots:
         """``count`` random roots where hair grows: more of them where the mask is surer, none below ``least`` of it."""
         area = np.linalg.norm(
             np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
@@ -122,6 +130,22 @@ class Scalp:
             found.append((position, _unit(normal), edge.astype(np.float32), uv.astype(np.float32)))
             wanted -= len(kept)
         return Roots(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+    @cached_property
+    def even(self) -> Roots:
+        """``EVEN`` roots in such an order that the first of them, however many, are spread evenly.
+
+        The farthest comes first (Gonzalez 1985).
+        """
+        roots = self.roots(4 * EVEN, np.random.default_rng(0xE7E), least=EDGE)
+        chosen = np.zeros(EVEN, np.int64)
+        apart = np.full(len(roots), np.inf, np.float32)
+        x, y, z = np.ascontiguousarray(roots.position.T)
+        for i in range(1, EVEN):
+            last = chosen[i - 1]
+            apart = np.minimum(apart, (x - x[last]) ** 2 + (y - y[last]) ** 2 + (z - z[last]) ** 2)
+            chosen[i] = int(apart.argmax())
+        return roots.chosen(chosen)
 
     def outside(self, points: Float32) -> Float32:
         """(...) float32 metres from points (..., 3) to the body, negative inside; beyond the grid its border's."""
@@ -177,11 +201,25 @@ def _distances(triangles: Float32) -> Float32:
     samples, normals = _dense(triangles)
     axes = [np.arange(low, high, CELL_M, dtype=np.float32) for low, high in zip(LOW, HIGH, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-    apart, nearest = cKDTree(samples).query(cells.reshape(-1, 3), k=4)
+    shape = cells.shape[:3]
+    place = np.rint((samples - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(int)
+    inside = ((place >= 0) & (place < shape)).all(1)
+    samples, normals, place = samples[inside], normals[inside], place[inside]
+    # One sample of each cell of the surface stands for it; cells near the surface take the nearest of all instead.
+    seeds = np.ones(shape, bool)
+    seeds[tuple(place.T)] = False
+    stands = np.zeros(shape, np.int64)
+    stands[tuple(place.T)] = np.arange(len(samples))
+    cells_away, nearest = distance_transform_edt(seeds, return_indices=True)
+    index = stands[tuple(nearest)]
+    offset = cells - samples[index]
+    apart, along = np.linalg.norm(offset, axis=-1), (offset * normals[index]).sum(-1)
+    band = cells_away <= BAND
+    exact, four = cKDTree(samples).query(cells[band], k=4)
     # The nearest sample's plane alone flips sign beside folds such as the ear's; four together vote.
-    offset = cells.reshape(-1, 1, 3) - samples[nearest]
-    along = (offset * normals[nearest]).sum(-1).mean(1)
-    away = np.where(along < 0, -apart[:, 0], apart[:, 0]).reshape(cells.shape[:3])
+    apart[band] = exact[:, 0]
+    along[band] = ((cells[band][:, None] - samples[four]) * normals[four]).sum(-1).mean(1)
+    away = np.where((along < 0) & (apart < DEEPEST_M), -apart, apart)
     # The neck is open below; what lies under its rim belongs to the shoulders.
     rim = triangles[..., 1].min()
     below = cells[..., 1] < rim

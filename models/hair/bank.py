@@ -1,0 +1,73 @@
+"""Makes the bank of styles: ``python -m models.hair.bank [--count 1200] [-o service/data/hair/bank.npz]``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from service.arrays import Float32, UInt8
+from service.hair.bank import CELLS, FILE, VIEWS, style_to_json, view_sight
+from service.hair.groom import make_groom
+from service.hair.reading import CURLS, FRINGES, GATHERED, KINDS, LENGTH_ENDS_M, LENGTHS, PARTINGS
+from service.hair.sight import Sight
+from service.hair.style import NAMED, Style, sample_style
+from service.head.files import load_head
+
+STRANDS = 700
+"""Strands of a groom that is drawn for the bank."""
+FIRST_SEED = 1_000_000
+"""Seeds from here on are the bank's; training and tests take lower ones."""
+_GATHERED = {
+    "none": "none", "half_up": "half", "pinned": "half", "ponytail": "tied", "bun": "tied", "plait": "plaits",
+    "two_plaits": "plaits",
+}  # fmt: skip
+
+
+def kinds_of(style: Style, strands: Float32) -> list[int]:
+    """Number of the choice of each of ``service.hair.reading.KINDS`` that a style with these strands (N, P, 3) is."""
+    longest = max(style.top_mm, style.sides_mm)
+    lowest = float(np.quantile(strands[..., 1], 0.03)) if len(strands) else 0.0
+    length = 0 if longest <= 12 else 1 + int(np.searchsorted(-np.array(LENGTH_ENDS_M), -lowest))
+    found = {
+        "length": length,
+        "gathered": GATHERED.index(_GATHERED[style.gather]),
+        "parting": PARTINGS.index(style.parting),
+        "fringe": FRINGES.index("yes" if style.kind.endswith("_fringe") else "no"),
+        "curl": CURLS.index(("straight", "wavy", "curly", "coily")[int(style.curl[0]) - 1]),
+    }
+    assert len(LENGTHS) == len(LENGTH_ENDS_M) + 2
+    return [found[name] for name in KINDS]
+
+
+def silhouettes(strands: Float32, sights: list[Sight]) -> UInt8:
+    """(views, CELLS * CELLS / 8) uint8 bits of what each view shows of strands (N, P, 3)."""
+    drawn = np.stack([sight.drawn(strands).mask for sight in sights])
+    small = drawn.reshape(len(drawn), CELLS, drawn.shape[1] // CELLS, CELLS, -1).mean((2, 4))
+    return np.packbits(small.reshape(len(drawn), -1) > 0.5, axis=1)
+
+
+def main(
+    count: Annotated[int, typer.Option(min=1, help="Styles beside the named ones.")] = 1200,
+    output: Annotated[Path, typer.Option("-o", "--output")] = FILE,
+) -> None:
+    """Make it."""
+    head = load_head()
+    sights = [view_sight(head, *view) for view in VIEWS]
+    styles = [*NAMED.values(), *(sample_style(FIRST_SEED + k) for k in range(count))]
+    masks, kinds = [], []
+    for seed, style in enumerate(styles):
+        strands = make_groom(style, seed, STRANDS).strands
+        masks.append(silhouettes(strands, sights))
+        kinds.append(kinds_of(style, strands))
+    rows = np.frombuffer(json.dumps([style_to_json(style) for style in styles]).encode(), np.uint8)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(output, styles=rows, masks=np.stack(masks), kinds=np.array(kinds, np.uint8))
+    typer.echo(f"{output}: {len(styles)} styles, {output.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,364 @@
+"""Guides: the few hundred strands that are grown one by one, as a comb, their weight and a tie lead them.
+
+All lengths are metres in the head's frame: +X the subject's left, +Y up, +Z forward, origin between the eyes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from service.arrays import AnyFloat, Bool, Float32, Int64
+from service.hair.scalp import CROWN, SHOULDERS, Roots, Scalp
+from service.hair.style import Style
+
+GUIDES, GUIDE_POINTS = 600, 32
+DEEP = np.array([0.0, 0.0, 1.0], np.float32)
+DOWN = np.array([0.0, -1.0, 0.0], np.float32)
+CLEARANCE_M = 0.0012
+"""Least distance of hair from skin, away from its root."""
+HANGS_AFTER_M = 0.09
+"""Length after which a strand's own weight bends it fully."""
+COMBED_M = 0.10
+"""Length after which combing is forgotten."""
+ASIDE = np.array([1.6, 0.0, -0.7], np.float32)
+"""Where long hair before the face is pushed, on the left side of the parting."""
+CUT_SPREAD_M = 0.004
+"""How unevenly scissors cut."""
+FACE_M = 0.058
+"""Half the width of the face that long hair leaves free."""
+SHORT_FRINGE = 0.6
+"""Share of the length on top below which hair over the forehead is a fringe of its own."""
+Combing = Callable[[Float32, Float32], tuple[Float32, Float32]]
+"""Says for points (N, 3) and the body's normals there (N, 3) which way hair is combed, (N, 3) unit, and how sure, (N,)."""
+SIDES_RAD = 0.85
+"""Azimuth at which front becomes side; side becomes back at pi minus it."""
+
+
+def grown(roots: Roots, style: Style, rng: np.random.Generator) -> Roots:
+    """Roots that this style's hairline, temples and crown leave."""
+    azimuth, elevation = roots.azimuth, roots.elevation
+    temples = np.exp(-np.square((np.abs(azimuth) - 0.62) / 0.3) - np.square((elevation - 0.72) / 0.38))
+    forehead = np.exp(-np.square(azimuth / 0.5) - np.square((elevation - 0.8) / 0.25))
+    crown = np.exp(-np.square(np.linalg.norm(roots.position - CROWN, axis=1) / (0.02 + 0.045 * style.crown)))
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    wander = sum(np.sin(k * azimuth + p) / k for k, p in zip((3, 5, 9), phase, strict=True))
+    keep = roots.edge + style.hairline * (0.15 * wander - 0.1)
+    keep = keep - style.receding * (1.8 * temples + 0.7 * forehead) - style.crown * 1.6 * crown
+    return roots.chosen(keep > rng.uniform(-0.02, 0.22, len(roots)))
+
+
+def lengths(style: Style, roots: Roots, rng: np.random.Generator) -> Float32:
+    """(N,) metres of each strand by where it grows."""
+    front = _step(SIDES_RAD + 0.25, SIDES_RAD - 0.25, np.abs(roots.azimuth))
+    back = _step(np.pi - SIDES_RAD - 0.3, np.pi - SIDES_RAD + 0.3, np.abs(roots.azimuth))
+    high = _step(0.45, 0.95, roots.elevation)
+    around = back * style.back_mm + (1 - back) * style.sides_mm
+    low_front = front * (1 - _step(0.85, 1.1, roots.elevation))
+    length = high * style.top_mm + (1 - high) * around
+    length = low_front * style.fringe_mm + (1 - low_front) * length
+    if style.fade > 0:  # clipped from the nape and the sides upwards
+        clipped = 1 - _step(style.fade * 1.1 - 0.25, style.fade * 1.1 + 0.15, roots.elevation + 0.25)
+        length = length * (1 - clipped * (1 - front)) + 2.0 * clipped * (1 - front)
+    uneven = 1 + 0.05 * rng.normal(0, 1, len(roots))
+    return (length * np.clip(uneven, 0.7, 1.3) / 1000).astype(np.float32)
+
+
+def _fringe(roots: Roots) -> Bool:
+    """(N,) what grows over the forehead."""
+    return np.asarray((np.abs(roots.azimuth) < SIDES_RAD) & (roots.elevation < 1.0))
+
+
+def _forward(roots: Roots) -> Bool:
+    """(N,) what falls before the shoulders where it is long enough; the rest falls behind them."""
+    return np.asarray(np.abs(roots.azimuth) < 1.35)
+
+
+def groups(style: Style, roots: Roots) -> Int64:
+    """(N,) number of the part of the hair that a strand belongs to: strands are not blended across these borders."""
+    split = style.parting != "none" or style.combing in ("side", "down") or style.gather in ("pinned", "two_plaits")
+    longest = max(style.top_mm, style.sides_mm, style.back_mm)
+    parts = (
+        (sides_of(style, roots) > 0) & split,
+        _tied(style, roots) & (style.gather != "none"),
+        _forward(roots) & (longest > 200) & (style.gather in ("none", "half_up", "pinned")),
+        _fringe(roots) & (style.fringe_mm < SHORT_FRINGE * style.top_mm),
+    )
+    return sum((part.astype(np.int64) << bit for bit, part in enumerate(parts)), np.zeros(len(roots), np.int64))
+
+
+def combed(style: Style, points: Float32, outwards: Float32, side: Float32, fringe: Bool) -> Float32:
+    """(N, 3) unit directions along the skin in which hair at these points is combed.
+
+    Args:
+        style: how.
+        points: (N, 3) metres.
+        outwards: (N, 3) unit normals of the body there.
+        side: (N,) +1 or -1: on which side of the parting the strand grows.
+        fringe: (N,) what lies over the forehead.
+    """
+    from_crown = points - CROWN
+    ahead, up = np.array([0, 0, 1], np.float32), np.array([0, 1, 0], np.float32)
+    swirl = np.cross(outwards, from_crown)
+    natural = from_crown + 0.5 * swirl
+    # On the whorl itself all directions meet; there hair lies backwards, as it does on most heads.
+    natural = natural - 0.03 * np.exp(-np.square(np.linalg.norm(from_crown, axis=1, keepdims=True) / 0.03)) * ahead
+    natural /= np.maximum(np.linalg.norm(natural, axis=1, keepdims=True), 1e-6)
+    sideways = side[:, None] * np.array([1, 0, 0], np.float32)
+    front = _step(-0.09, -0.02, points[:, 2])[:, None]
+    wish = {
+        "natural": natural + 0.3 * DOWN,
+        "down": front * (1.3 * sideways - 0.25 * ahead + 0.4 * DOWN) + (1 - front) * (natural + DOWN),
+        "back": -ahead + 0.25 * up * front + 0.35 * DOWN * (1 - front),
+        "forward": natural + 0.9 * ahead,
+        "side": front * (sideways * 1.2 + 0.35 * ahead) + (1 - front) * (natural + 0.5 * DOWN),
+        "up": 0.6 * outwards + natural * 0.3 + 0.2 * ahead * front,
+    }[style.combing]
+    if style.parting != "none" and style.combing in ("natural", "forward"):
+        wish = wish + 0.8 * front * sideways
+    wish = np.where(fringe[:, None], ahead + 0.25 * wish + 0.6 * DOWN, wish)
+    along = wish - outwards * (wish * outwards).sum(1, keepdims=True) * (style.combing != "up")
+    return unit(along)
+
+
+PARTINGS_M = {"none": 0.0, "middle": 0.0, "left": 0.028, "right": -0.028}
+"""Where a parting lies, metres to the subject's left."""
+
+
+def _from_parting(style: Style, roots: Roots) -> Float32:
+    """(N,) metres to the parting."""
+    return np.asarray(np.abs(roots.position[:, 0] - PARTINGS_M[style.parting]), np.float32)
+
+
+def sides_of(style: Style, roots: Roots) -> Float32:
+    """(N,) +1 where a strand falls to the subject's left of the parting, -1 to its right."""
+    at = PARTINGS_M[style.parting]
+    if style.combing == "side" and style.parting in ("none", "middle"):
+        at = 0.04  # all to one side but what grows over that ear
+    return np.where(roots.position[:, 0] >= at, 1.0, -1.0).astype(np.float32)
+
+
+def grow_guides(
+    style: Style, roots: Roots, skin: Scalp, rng: np.random.Generator, wish: Combing | None = None
+) -> Float32:
+    """(G, 32, 3) guides from their roots: combed, lifted, bent by their weight, gathered where that is asked for."""
+    length = lengths(style, roots, rng)
+    free = np.ones(len(roots), bool)
+    guides = np.zeros((len(roots), GUIDE_POINTS, 3), np.float32)
+    if style.gather != "none":
+        free = ~_tied(style, roots)
+        if (~free).any():
+            guides[~free] = _gathered(style, roots.chosen(~free), length[~free], skin, rng)
+    if free.any():
+        guides[free] = _hanging(style, roots.chosen(free), length[free], skin, rng, wish)
+    return guides
+
+
+def _hanging(
+    style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator, wish: Combing | None
+) -> Float32:
+    side = sides_of(style, roots)
+    step = (length / (GUIDE_POINTS - 1))[:, None]
+    # Hair from higher up lies over hair from below, so the body of hair gets its thickness.
+    layer = 0.25 + 0.75 * _step(-0.6, 1.2, roots.elevation)
+    layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32)
+    place = roots.position
+    fringe = _fringe(roots) & (style.fringe_mm < SHORT_FRINGE * style.top_mm)
+    comb = combed(style, place, roots.normal, side, fringe)
+    if wish is not None:
+        own, sure = wish(place, roots.normal)
+        comb = unit(comb * (1 - sure[:, None]) + own * sure[:, None])
+    parted = 0.35 * np.exp(-np.square(_from_parting(style, roots) / 0.012)) if style.parting != "none" else 0.0
+    rising = np.clip(style.lift + parted, 0, 1)[..., None] if style.parting != "none" else style.lift
+    heading = unit(rising * roots.normal + (1.02 - rising) * comb)
+    points = [place]
+    long = _step(0.09, 0.14, length)[:, None]
+    before = _forward(roots)
+    astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(
+        -np.square(np.linalg.norm(place - CROWN, axis=1, keepdims=True) / 0.035)
+    )
+    heading = unit(heading + astray)
+    for k in range(1, GUIDE_POINTS):
+        gone = np.minimum(k * step, 1.0)
+        outwards = skin.outwards(place)
+        comb = combed(style, place, outwards, side, fringe) * np.exp(-gone / COMBED_M)
+        weight = style.gravity * np.clip(gone / HANGS_AFTER_M, 0, 1.5)
+        bent = (0.4 + 1.6 * style.stiffness) * heading + 0.5 * (1 - style.lift) * comb + weight * DOWN
+        aside = long * _before_face(place)[:, None] * side[:, None] * ASIDE
+        heading = unit(bent + aside + _draped(place, before)[:, None] * DEEP)
+        if wish is not None:
+            own, sure = wish(place, outwards)
+            heading = unit(heading + 1.5 * sure[:, None] * own)
+        rise = np.minimum(gone[:, 0] * 0.6, style.volume_mm / 1000 * layer) + CLEARANCE_M
+        tried = skin.pushed((place + step * heading).astype(np.float32), rise.astype(np.float32))
+        tried = _beside_face(tried, side, long[:, 0] * ~fringe)
+        heading = unit(tried - place)
+        place = np.asarray(place + step * heading, np.float32)
+        points.append(place)
+    guides = np.stack(points, 1)
+    return _cut(style, guides, rng) if style.cut_y is not None else guides
+
+
+def _draped(points: Float32, before: Bool) -> Float32:
+    """(N,) how far forward (negative: back) hair below the ears is drawn: it falls before or behind the shoulders."""
+    middle, radii = SHOULDERS
+    wanted = np.where(before, middle[2] + radii[2] + 0.02, middle[2] - radii[2] - 0.015)
+    low = _step(-0.03, -0.11, points[:, 1])
+    return np.asarray(low * np.clip((wanted - points[:, 2]) / 0.04, -1.2, 1.2), np.float32)
+
+
+def _beside_face(points: Float32, side: Float32, long: Float32) -> Float32:
+    """Points (N, 3) of hair that is too long for a fringe, moved towards the sides of the face, step by step."""
+    half = FACE_M * _step(0.055, 0.02, points[:, 1]) * _step(-0.03, 0.005, points[:, 2])
+    missing = np.maximum(half - points[:, 0] * side, 0) * long
+    moved = points.copy()
+    moved[:, 0] += 0.45 * side * missing
+    return moved
+
+
+def _before_face(points: Float32) -> Float32:
+    """(N,) 1 before the middle of the face, 0 beside it: nobody wears long hair there."""
+    across = 1 - _step(0.035, 0.062, np.abs(points[:, 0]))
+    return across * _step(-0.03, 0.0, points[:, 2]) * (1 - _step(0.04, 0.075, points[:, 1]))
+
+
+def _cut(style: Style, guides: Float32, rng: np.random.Generator) -> Float32:
+    """Guides that end where they first fall below the height of the cut; the rest keep their length."""
+    if style.cut_y is None:
+        return guides
+    reach = -style.cut_y + 0.05
+    height = style.cut_y + rng.normal(0, CUT_SPREAD_M, len(guides))
+    height = height + style.layers * reach * 0.33 * rng.random(len(guides))
+    below = guides[..., 1] < height[:, None]
+    first = np.where(below.any(1), below.argmax(1), GUIDE_POINTS - 1)
+    ends = np.clip(first, 2, GUIDE_POINTS - 1).astype(np.float32)
+    return resampled(guides, np.asarray(ends / (GUIDE_POINTS - 1), np.float32), GUIDE_POINTS)
+
+
+def _tied(style: Style, roots: Roots) -> Bool:
+    """(N,) whether strands reach the tie: all, the upper ones of a half-up, the front ones where it is pinned back."""
+    if style.gather == "half_up":
+        return np.asarray(roots.elevation > 0.35)
+    if style.gather == "pinned":
+        return np.asarray((np.abs(roots.azimuth) < 1.5) & (roots.elevation > 0.0))
+    return np.ones(len(roots), bool)
+
+
+def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
+    """(N, 3) metres of the tie that each strand runs to, a little off the skin."""
+    if style.gather in ("two_plaits", "pinned"):
+        side = np.where(roots.position[:, 0] >= 0, 1.0, -1.0)
+        low = min(style.tie_y, -0.02)
+        near = np.stack([0.085 * side, np.full(len(roots), low), np.full(len(roots), -0.10)], 1)
+    else:
+        near = np.tile([0.0, style.tie_y, -0.2 + 0.9 * max(style.tie_y - 0.03, 0.0)], (len(roots), 1))
+    near = near.astype(np.float32)
+    for _ in range(8):  # from outside onto the skin
+        near = near - (skin.outside(near) - 0.012)[:, None] * skin.outwards(near)
+    return near.astype(np.float32)
+
+
+def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
+    """Guides that follow the head to their tie, and the tail behind it."""
+    tie = _ties(style, roots, skin)
+    share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
+    way = roots.position[:, None] + share * (tie - roots.position)[:, None]
+    rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
+    for _ in range(6):  # out of the head, then straight: a taut thread on the skull
+        way = skin.pushed(way, rise.astype(np.float32))
+        way[:, 1:-1] = 0.25 * way[:, :-2] + 0.5 * way[:, 1:-1] + 0.25 * way[:, 2:]
+        way[:, 0], way[:, -1] = roots.position, tie
+    spread = rng.normal(0, 1, (len(roots), 3)).astype(np.float32)
+    spread *= 0.006 / np.maximum(np.linalg.norm(spread, axis=1, keepdims=True), 1e-6)
+    way = way + spread[:, None] * share**4
+    used = np.linalg.norm(np.diff(way, axis=1), axis=2).sum(1)
+    left = np.maximum(length - used, 0.03)
+    outward = unit(skin.outwards(tie))
+    tail = _tail(style, way[:, -1], outward, spread, left, skin, rng)
+    both = np.concatenate([way, tail], 1)
+    return resampled(both, np.ones(len(both), np.float32), GUIDE_POINTS)
+
+
+def _tail(
+    style: Style, start: Float32, outward: Float32, spread: Float32, length: Float32, skin: Scalp,
+    rng: np.random.Generator,
+) -> Float32:
+    """(N, 40, 3) what comes after the tie: hanging, wound to a bun, or plaited."""
+    count, steps = len(start), 40
+    share = np.linspace(0, 1, steps, dtype=np.float32)[None, :, None]
+    if style.gather == "bun":
+        size = float(np.clip(0.018 + 0.05 * float(np.median(length)), 0.02, 0.042))
+        across = unit(np.cross(outward, DOWN + 1e-3))
+        upward = np.cross(across, outward)
+        centre = start - spread + outward * size * 0.8
+        turn = rng.uniform(0, 2 * np.pi, (count, 1, 1)) + 2 * np.pi * share * rng.uniform(0.8, 1.6, (count, 1, 1))
+        tube = rng.uniform(0, 2 * np.pi, (count, 1, 1)) + 1.5 * np.pi * share
+        thick = size * 0.55 * np.sqrt(rng.uniform(0.2, 1, (count, 1, 1)))
+        ring = (size * 0.75 + thick * np.cos(tube)) * np.minimum(1, 6 * share)
+        point = centre[:, None] + ring * (np.cos(turn) * across[:, None] + np.sin(turn) * upward[:, None])
+        return np.asarray(point + thick * np.sin(tube) * outward[:, None], np.float32)
+    step = (length / steps)[:, None]
+    heading, place, points = outward + 0.1 * spread / 0.006, start, []
+    before = np.full(count, style.gather == "two_plaits")
+    for k in range(steps):
+        gone = k / steps * length[:, None]
+        heading = heading + 0.5 * _draped(place, before)[:, None] * DEEP
+        heading = unit(heading + (0.15 + 2.5 * style.gravity * np.clip(gone / 0.1, 0.1, 1)) * 0.35 * DOWN)
+        tried = skin.pushed((place + step * heading).astype(np.float32), 0.006)
+        heading = unit(tried - place)
+        place = (place + step * heading).astype(np.float32)
+        points.append(place)
+    tail = np.stack(points, 1)
+    if style.gather in ("plait", "two_plaits"):
+        return _plaited(tail, spread, rng)
+    body = spread[:, None] / 0.006 * 0.016 * np.sqrt(np.clip(np.sin(np.pi * np.clip(1.1 * share, 0, 1)), 0, 1))
+    return np.asarray(tail + body * (1 - 0.4 * share), np.float32)
+
+
+def _plaited(tail: Float32, spread: Float32, rng: np.random.Generator) -> Float32:
+    """Three parts that cross in turn round the middle line of a tail (N, S, 3); each side of the head has its own."""
+    made = tail.copy()
+    for side in (tail[:, 0, 0] >= 0, tail[:, 0, 0] < 0) if np.abs(tail[:, 0, 0]).min() > 0.03 else (slice(None),):
+        own = tail[side]
+        if not len(own):
+            continue
+        middle = own.mean(0)
+        along = unit(np.gradient(middle, axis=0))
+        across = unit(np.cross(along, np.array([0.0, 0.3, 1.0], np.float32)))
+        deep = np.cross(along, across)
+        gone = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
+        part = rng.integers(0, 3, len(own))
+        phase = 2 * np.pi * (gone[None] / 0.055 + part[:, None] / 3)
+        width = 0.011 * (1 - 0.5 * gone / max(float(gone[-1]), 1e-6))
+        offset = width[None, :, None] * (
+            np.sin(phase)[..., None] * across[None] + 0.5 * np.sin(2 * phase)[..., None] * deep[None]
+        )
+        made[side] = middle[None] + offset + spread[side][:, None] * 0.55
+    return np.asarray(made, np.float32)
+
+
+def resampled(lines: Float32, share: Float32, points: int) -> Float32:
+    """Lines (N, P, 3) as ``points`` points each, evenly along the first ``share`` (N,) of their length."""
+    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
+    gone = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, 1)], 1)
+    wanted = np.linspace(0, 1, points)[None] * (gone[:, -1] * share)[:, None]
+    # All lines at once: each is shifted into a range of its own, so that one sorted search finds all places.
+    reach = float(gone[:, -1].max(initial=0.0)) + 1.0
+    base = reach * np.arange(len(lines))[:, None]
+    place = np.searchsorted((gone + base).ravel(), (wanted + base).ravel(), side="right").reshape(wanted.shape)
+    place = np.clip(place - np.arange(len(lines))[:, None] * lines.shape[1] - 1, 0, lines.shape[1] - 2)
+    row = np.arange(len(lines))[:, None]
+    run = np.maximum(gone[row, place + 1] - gone[row, place], 1e-12)
+    part = np.clip((wanted - gone[row, place]) / run, 0, 1)[..., None]
+    return np.asarray((lines[row, place] * (1 - part) + lines[row, place + 1] * part), np.float32)
+
+
+def _step(low: float, high: float, value: Float32) -> Float32:
+    """0 up to ``low``, 1 from ``high`` on, smooth between; ``low`` may be the larger."""
+    share = np.clip((value - low) / (high - low), 0, 1)
+    return np.asarray(share * share * (3 - 2 * share), np.float32)
+
+
+def unit(vectors: AnyFloat) -> Float32:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

@@ -1,0 +1,316 @@
+"""From a likely style to the hair of the photo: its numbers, its combing, its outline and its ends.
+
+Few numbers of the style are tried one after the other on guides alone; then strands are grown as the photo shows them
+to run, moved to the photo's outline, and cut where it shows none. What the photo does not show stays the style's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.arrays import Bool, Float32, Float64
+from service.hair.groom import Groom, make_groom
+from service.hair.guides import Combing, grow_guides, grown, resampled, unit
+from service.hair.reading import CELLS
+from service.hair.scalp import CENTRE, Scalp
+from service.hair.sight import Drawn, Sight, overlap
+from service.hair.style import Style
+from service.image_filters import blurred
+
+TRIED_GUIDES = 260
+"""Guides that stand for a style while its numbers are tried."""
+ANGLE = 0.12
+"""Weight of the direction of visible strands (0 along, 1 across) beside the silhouette's error."""
+KEEP = 0.004
+"""Gain below which a number stays as the bank has it."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A style on the head, as the photo's camera sees it.
+
+    Attributes:
+        style: what was tried.
+        loss: 1 less the overlap of silhouettes, and what its strands run across the photo's.
+        overlap: intersection over union with the photo's hair, in [0, 1].
+    """
+
+    style: Style
+    loss: float
+    overlap: float
+
+
+def tried(style: Style, sight: Sight, skin: Scalp, seed: int) -> Tried:
+    """Grow the guides of a style and compare them with the photo."""
+    rng = np.random.default_rng([seed, 0x7E1])
+    roots = grown(skin.even.chosen(np.arange(TRIED_GUIDES)), style, rng)
+    if not len(roots):
+        return Tried(style, 1.0, 0.0)
+    drawn = sight.drawn(grow_guides(style, roots, skin, rng))
+    shared = overlap(sight.hair, drawn.mask, sight.known)
+    return Tried(style, 1 - shared + ANGLE * across(drawn, sight), shared)
+
+
+def across(drawn: Drawn, sight: Sight) -> float:
+    """How far strands run across those of the photo, 0 (along) to 1, mean over cells by the photo's certainty."""
+    x, y = sight.direction[..., 0], sight.direction[..., 1]
+    cosine = drawn.doubled[..., 0] * (x * x - y * y) + drawn.doubled[..., 1] * 2 * x * y
+    weight = sight.certainty * sight.known * drawn.mask
+    return float((weight * (1 - cosine)).sum() / 2 / max(float(weight.sum()), 1e-6))
+
+
+def refined(style: Style, sight: Sight, skin: Scalp, seed: int, rounds: int) -> Tried:
+    """The style with those of its numbers changed that bring it nearer to the photo.
+
+    Args:
+        style: to begin with.
+        sight: the photo.
+        skin: of the fitted head.
+        seed: of all that is random.
+        rounds: how often every number is tried.
+    """
+    best = tried(style, sight, skin, seed)
+    for turn in range(rounds):
+        for change in _changes(0.5**turn):
+            other = tried(change(best.style), sight, skin, seed) if change(best.style) != best.style else best
+            if other.loss < best.loss - KEEP:
+                best = other
+    return best
+
+
+Change = Callable[[Style], Style]
+
+
+def _changes(size: float) -> Iterator[Change]:
+    """Steps that are tried, smaller in later rounds."""
+    for sign in (1, -1):
+        factor = float(np.exp(sign * 0.45 * size))
+        yield lambda s, f=factor: _scaled(s, f, "top_mm", "fringe_mm", "sides_mm", "back_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: _scaled(s, f, "volume_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: _scaled(s, f, "sides_mm", "back_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: _scaled(s, f, "fringe_mm")  # type: ignore[misc]
+        if size == 1:
+            shift = 0.3 * sign
+            yield lambda s, d=shift: dataclasses.replace(s, receding=float(np.clip(s.receding + d, 0, 1)))  # type: ignore[misc]
+        low = 0.045 * sign * size
+        yield lambda s, d=low: s if s.cut_y is None else dataclasses.replace(s, cut_y=s.cut_y + d)  # type: ignore[misc]
+    if size == 1:
+        for parting in ("left", "middle", "right", "none"):
+            yield lambda s, p=parting: s if s.gather != "none" else dataclasses.replace(s, parting=p)  # type: ignore[misc]
+
+
+def _scaled(style: Style, factor: float, *names: str) -> Style:
+    return dataclasses.replace(style, **{n: float(np.clip(getattr(style, n) * factor, 1, 1200)) for n in names})
+
+
+# --- Combing ----------------------------------------------------------------------------------------------------------
+
+FOLLOWS = 0.85
+"""How far strands follow a direction that the photo shows for sure."""
+REACHES_M = 0.02
+"""Distance from the visible skin or hair up to which the photo's directions hold."""
+
+
+def photo_combing(sight: Sight) -> Combing:
+    """The photo's directions as a combing: each lifted from the picture to the tangent plane of the body there."""
+    forward = sight.camera.rotation[2].astype(np.float32)
+    turn = np.array([[np.cos(sight.region.angle), -np.sin(sight.region.angle)],
+                     [np.sin(sight.region.angle), np.cos(sight.region.angle)]], np.float32)  # fmt: skip
+    axes = sight.camera.rotation[:2].astype(np.float32)
+    inner = sight.certainty * (blurred(sight.hair, 1.0) > 0.8)
+    field = np.concatenate([sight.direction * inner[..., None], inner[..., None]], -1).astype(np.float32)
+    smooth = blurred(field, 1.5)
+    sure = np.clip(np.linalg.norm(smooth[..., :2], axis=-1), 0, 1)
+
+    def wish(points: Float32, outwards: Float32) -> tuple[Float32, Float32]:
+        cell, seen = sight.visible(*sight.project(points))
+        facing = np.clip(-(outwards @ forward) / 0.35, 0, 1)  # beside the outline, the picture hardly tells
+        photo = smooth[cell][:, :2] @ turn.T
+        along = photo @ axes
+        # Of all vectors in the tangent plane the one whose picture is this one.
+        slope = (along * outwards).sum(1, keepdims=True) / np.minimum((outwards @ forward)[:, None], -0.3)
+        weight = FOLLOWS * sure[cell] * facing * seen
+        return unit(along - slope * forward), np.asarray(weight, np.float32)
+
+    return wish
+
+
+# --- Outline and ends -------------------------------------------------------------------------------------------------
+
+RAYS = 72
+"""Directions in the picture, from the middle of the head, in which outlines are compared."""
+SMOOTH_RAYS = 1.6
+"""Standard deviation, in rays, of the smoothing of their difference."""
+FARTHEST_M = (0.03, 0.045)
+"""How far the outline is moved at most, inwards and outwards."""
+SIDEWAYS_DEG = (95.0, 130.0)
+"""Angle from upwards up to which outlines are matched, and from which on not at all: below, hair hangs."""
+
+
+def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
+    """Strands (N, P, 3) moved along the rays from the middle of the head to the outline of the photo's hair."""
+    mask = sight.drawn(strands).mask
+    frame = _rays(sight)
+    if frame is None or not len(strands):
+        return strands
+    centre, upwards, scale, cells_per_m = frame
+    difference, reach = _differences(centre, upwards, scale, mask, sight)
+    if not difference.any():
+        return strands
+    at, depth = sight.project(strands)
+    away = at - centre
+    length = np.linalg.norm(away, axis=-1)
+    turn = np.mod(np.arctan2(away[..., 1], away[..., 0]) - upwards, 2 * np.pi) / (2 * np.pi) * RAYS
+    own, outer = (np.interp(turn, np.arange(RAYS + 1), np.append(row, row[0])) for row in (difference, reach))
+    share = np.clip(length / np.maximum(outer, 1e-6), 0, 1.1) ** 2
+    # Roots stay on the skin; hair that is off it moves.
+    height = np.maximum(skin.outside(strands), 0)
+    loose = np.clip(height / 0.006, 0, 1)
+    direction = away / np.maximum(length, 1e-6)[..., None]
+    flat = (direction * (own * share * loose)[..., None]) @ np.linalg.inv(cells_per_m).T
+    # What a photo from the front does not tell, the back of the head, is as full as the sides.
+    top = _sideways(np.arange(RAYS)) > 0.5
+    deep = depth - sight.project(CENTRE)[1]
+    behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * (strands[..., 1] > -0.035) * float(difference[top].mean()) / scale
+    offset = np.concatenate([flat, behind[..., None]], -1) @ sight.camera.rotation
+    return np.asarray(strands + offset, np.float32)
+
+
+def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
+    """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
+    def at(point: Float64) -> Float64:
+        return np.asarray(sight.project(point[None])[0][0], np.float64)
+
+    middle = CENTRE.astype(np.float64)
+    centre = at(middle)
+    cells_per_m = np.stack([(at(middle + 0.01 * axis) - centre) / 0.01 for axis in sight.camera.rotation[:2]], 1)
+    area = abs(float(np.linalg.det(cells_per_m)))
+    if not area > 1e-6:
+        return None
+    up = at(middle + np.array([0.0, 0.05, 0.0])) - centre
+    return centre, float(np.arctan2(up[1], up[0])), float(np.sqrt(area)), cells_per_m
+
+
+def _differences(
+    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
+) -> tuple[Float64, Float64]:
+    """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
+    radii = np.arange(1.0, 0.18 * scale, 0.5)
+    angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
+    x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
+    inside = (x >= 0) & (y >= 0) & (x < CELLS) & (y < CELLS)
+    at = np.clip(y, 0, CELLS - 1).astype(int), np.clip(x, 0, CELLS - 1).astype(int)
+    hair, style = (sight.hair[at] > 0.5) & inside, (mask[at] > 0.5) & inside
+    ends = [np.where(one.any(1), radii[one.shape[1] - 1 - np.argmax(one[:, ::-1], 1)], 0.0) for one in (hair, style)]
+    # Hair that goes on beyond the photo, or behind something, does not tell where it ends.
+    beyond, rows = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1), np.arange(RAYS)
+    sure = (sight.known[at] > 0.5)[rows, beyond] & inside[rows, beyond]
+    trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(rows)
+    difference = np.clip(ends[0] - ends[1], -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
+    apart = np.minimum(rows, RAYS - rows)
+    kernel = np.fft.rfft(np.exp(-0.5 * (apart / SMOOTH_RAYS) ** 2))
+    summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
+    return np.asarray(summed / (np.maximum(weight, 0) + 0.3)), np.maximum(ends[1], 1.0)
+
+
+def _sideways(rays: np.ndarray) -> Float64:
+    """Weight of a ray by its angle from upwards."""
+    angle = np.abs(np.mod(rays * (360.0 / RAYS) + 180.0, 360.0) - 180.0)
+    return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))
+
+
+BARE = 0.6
+"""How surely the photo has to show no hair where a strand is cut."""
+LEAST_LEFT = 0.3
+"""Share of a strand that cutting has to leave; else the whole strand goes."""
+HANGS_BELOW_M = -0.04
+"""Height below which hair hangs: what is hidden there ends where that beside it does."""
+STEP_M = 0.012
+GONE = 0.15
+"""Share of a row of hanging hair that the photo shows, below which the row is beyond its ends."""
+
+
+def trimmed(strands: Float32, sight: Sight, rng: np.random.Generator) -> tuple[Float32, Bool]:
+    """Strands cut where the photo shows that there is no hair, and which of them are left.
+
+    Args:
+        strands: (N, P, 3) metres.
+        sight: the photo.
+        rng: cut ends are uneven.
+
+    Returns:
+        (N, P, 3) float32, all of them, and (N,) bool.
+    """
+    if not len(strands):
+        return strands, np.zeros(0, bool)
+    points = strands.shape[1]
+    bare, _ = sight.read(blurred(sight.bare, 0.7), strands)
+    beyond = bare > BARE
+    ends = _ends(strands, sight)
+    if ends is not None:
+        height = ends + rng.normal(0, 0.006, len(strands))
+        beyond |= (strands[..., 1] < height[:, None]) & (strands[..., 1] < HANGS_BELOW_M)
+    cut = beyond.any(1)
+    first = np.where(cut, beyond.argmax(1), points - 1)
+    share = first / (points - 1)
+    uneven = np.where(cut, rng.uniform(0.94, 1.0, len(strands)), 1.0)
+    kept = (share >= LEAST_LEFT) | ~cut
+    # The roots of a long strand that crosses the face are no reason for a stub.
+    made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
+    return made, np.asarray(kept)
+
+
+def _ends(strands: Float32, sight: Sight) -> float | None:
+    """Height at which the photo's hanging hair ends; None where it does not tell."""
+    hanging = strands[strands[..., 1] < HANGS_BELOW_M]
+    if not len(hanging):
+        return None
+    cell, seen = sight.visible(*sight.project(hanging))
+    tells = seen & (sight.known[cell] > 0.5)
+    step = np.floor((HANGS_BELOW_M - hanging[tells, 1]) / STEP_M).astype(int)
+    if not len(step):
+        return None
+    count = np.bincount(step)
+    shown = np.bincount(step, np.minimum(2 * blurred(sight.hair, 0.7)[cell][tells], 1))
+    share = np.where(count >= 30, shown / np.maximum(count, 1), np.nan)
+    told = np.flatnonzero(~np.isnan(share))
+    gone = [k for k in told if (share[told[told >= k]] < GONE).all()]
+    return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else None
+
+
+def seen_share(strands: Float32, sight: Sight) -> Float32:
+    """(N,) share of the points of each strand that the photo shows: those nearest to the camera, on its hair."""
+    if not len(strands):
+        return np.zeros(0, np.float32)
+    at, depth = sight.project(strands)
+    (rows, columns), before = sight.visible(at, depth)
+    nearest = np.full(CELLS * CELLS, np.inf, np.float32)
+    flat = rows * CELLS + columns
+    np.minimum.at(nearest, flat[before], depth[before])
+    shown = before & (depth < nearest[flat] + 0.008) & (sight.hair[rows, columns] > 0.5)
+    return np.asarray(shown.mean(1), np.float32)
+
+
+def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> tuple[Groom, Float32]:
+    """Strands of a style as the photo shows them, and the share of each that it does.
+
+    Args:
+        style: as :func:`refined` gives it.
+        sight: the photo.
+        skin: of the fitted head.
+        seed: of all that is random.
+        strands: of a full head.
+    """
+    groom = make_groom(style, seed, strands, skin, photo_combing(sight))
+    rng = np.random.default_rng([seed, 0xC07])
+    moved = groom.strands
+    for _ in range(2):
+        moved = to_outline(moved, sight, skin)
+    moved, kept = trimmed(moved, sight, rng)
+    moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
+    groom = groom.chosen(moved, kept)
+    return groom, seen_share(groom.strands, sight)

@@ -1,0 +1,131 @@
+"""The hair of a photo beside the bare head that was fitted to it, on the cells of a square, and strands drawn there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from service.arrays import AnyFloat, Bool, Float32, Int64
+from service.face.fit.result import Fit
+from service.face.region import Region
+from service.geometry.camera import Camera
+from service.geometry.raster import rasterise
+from service.hair.reading import CELLS, HairReading
+from service.head.model import HeadModel
+from service.image_filters import blurred
+
+BEFORE_M = 0.006
+"""How far behind the head's surface strands are still drawn: they lie on it, and the fit is no better."""
+COVERS = 2.2
+"""Strand length in a cell, over the cell's side, at which 10,000 strands cover 1 - 1/e of it."""
+SOFT_CELLS = 0.8
+"""Standard deviation of the blur that closes the gaps between the few strands that are drawn."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Strands in the square.
+
+    Attributes:
+        mask: (C, C) float32 in [0, 1], share of the cell that they cover.
+        doubled: (C, C, 2) float32 mean cosine and sine of twice their angle, x right and y down; 0 without strands.
+    """
+
+    mask: Float32
+    doubled: Float32
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the photo shows, (C, C) cells.
+
+    Attributes:
+        camera: of the photo.
+        region: the square.
+        hair: float32 in [0, 1], the photo's hair.
+        known: float32 in [0, 1], 0 where the photo does not tell.
+        direction: (C, C, 2) float32 unit, from root to tip, the square's own axes.
+        certainty: float32 in [0, 1], of it.
+        behind: float32 metres, depth of the head without hair; inf beside it.
+    """
+
+    camera: Camera
+    region: Region
+    hair: Float32
+    known: Float32
+    direction: Float32
+    certainty: Float32
+    behind: Float32
+
+    @classmethod
+    def of(cls, reading: HairReading, fit: Fit, head: HeadModel) -> Sight:
+        """The reading and the fitted head, in its expression."""
+        bare = cls.beside(head, fit.vertices, fit.camera, reading.region)
+        return replace(
+            bare, hair=reading.mask * reading.known, known=reading.known, direction=reading.direction,
+            certainty=reading.certainty,
+        )  # fmt: skip
+
+    @classmethod
+    def beside(cls, head: HeadModel, vertices: AnyFloat, camera: Camera, region: Region) -> Sight:
+        """A head (V, 3) metres without any hair."""
+        points, depth = region.to_crop(camera.project(vertices), CELLS), camera.to_camera(vertices)[:, 2]
+        drawn = rasterise(points, depth, head.triangles, CELLS, CELLS, cull=True, perspective=True)
+        none, behind = np.zeros((CELLS, CELLS), np.float32), np.where(drawn.mask, drawn.depth, np.inf)
+        way = np.zeros((CELLS, CELLS, 2), np.float32)
+        return cls(camera, region, none, np.ones_like(none), way, none, np.asarray(behind, np.float32))
+
+    @property
+    def bare(self) -> Float32:
+        """(C, C) float32 in [0, 1], 1 where the photo shows that there is no hair."""
+        return np.asarray(self.known * (1 - np.clip(2 * self.hair, 0, 1)), np.float32)
+
+    def project(self, points: AnyFloat) -> tuple[Float32, Float32]:
+        """Cells (..., 2) and depth (...) metres of points (..., 3) in the head's frame."""
+        flat = points.reshape(-1, 3)
+        at = self.region.to_crop(self.camera.project(flat), CELLS).reshape(*points.shape[:-1], 2)
+        depth = self.camera.to_camera(flat)[:, 2].reshape(points.shape[:-1])
+        return at.astype(np.float32), depth.astype(np.float32)
+
+    def visible(self, at: Float32, depth: Float32) -> tuple[tuple[Int64, Int64], Bool]:
+        """Row and column of projected points, confined to the square, and whether they lie in it before the head."""
+        inside = ((at >= 0) & (at < CELLS)).all(-1)
+        cell = np.clip(at, 0, CELLS - 1).astype(np.int64)
+        rows, columns = cell[..., 1], cell[..., 0]
+        return (rows, columns), np.asarray(inside & (depth < self.behind[rows, columns] + BEFORE_M))
+
+    def read(self, values: Float32, points: AnyFloat) -> tuple[Float32, Bool]:
+        """(...) values (C, C) of the square where points (..., 3) are seen, 0 elsewhere; and whether they are."""
+        cell, seen = self.visible(*self.project(points))
+        return np.where(seen, values[cell], np.float32(0)), seen
+
+    def drawn(self, strands: Float32) -> Drawn:
+        """Strands (N, P, 3) metres as the camera sees them before and beside the head, as if they were 10,000."""
+        if not len(strands):
+            return Drawn(np.zeros((CELLS, CELLS), np.float32), np.zeros((CELLS, CELLS, 2), np.float32))
+        at, depth = self.project(strands)
+        run = np.diff(at, axis=1)
+        length = np.linalg.norm(run, axis=2)
+        pieces = int(np.clip(np.ceil(np.quantile(length, 0.99)), 1, 8))
+        share = ((np.arange(pieces) + 0.5) / pieces).astype(np.float32)[:, None, None]
+        samples = at[:, :-1] + share[..., None] * run
+        deep = depth[:, :-1] + share * np.diff(depth, axis=1)
+        (rows, columns), seen = self.visible(samples, deep)
+        flat = (rows * CELLS + columns)[seen]
+        size = np.maximum(length, 1e-9)
+        cosine, sine = (run[..., 0] ** 2 - run[..., 1] ** 2) / size, 2 * run[..., 0] * run[..., 1] / size
+        count, cosine, sine = (
+            np.bincount(flat, np.broadcast_to(row / pieces, seen.shape)[seen], CELLS * CELLS).reshape(CELLS, CELLS)
+            for row in (length, cosine, sine)
+        )
+        dense = blurred(np.stack([count, cosine, sine], -1).astype(np.float32), SOFT_CELLS)
+        covered = 1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS)
+        doubled = dense[..., 1:] / np.maximum(dense[..., :1], 1e-6)
+        return Drawn(np.asarray(covered, np.float32), np.asarray(doubled, np.float32))
+
+
+def overlap(shown: Float32, mask: Float32, known: Float32) -> float:
+    """Intersection over union of soft masks (h, w) in [0, 1], where the photo tells; 0 where both are empty."""
+    union = float((np.maximum(shown, mask) * known).sum())
+    return float((np.minimum(shown, mask) * known).sum()) / union if union > 0 else 0.0
