@@ -282,6 +282,10 @@ def _ends(strands: Float32, sight: Sight) -> float | None:
     return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else None
 
 
+SEEN_M = 0.015
+"""Depth below the outermost strand of a cell down to which strands are seen."""
+
+
 def seen_share(strands: Float32, sight: Sight) -> Float32:
     """(N,) share of the points of each strand that the photo shows: those nearest to the camera, on its hair."""
     if not len(strands):
@@ -291,7 +295,7 @@ def seen_share(strands: Float32, sight: Sight) -> Float32:
     nearest = np.full(CELLS * CELLS, np.inf, np.float32)
     flat = rows * CELLS + columns
     np.minimum.at(nearest, flat[before], depth[before])
-    shown = before & (depth < nearest[flat] + 0.008) & (sight.hair[rows, columns] > 0.5)
+    shown = before & (depth < nearest[flat] + SEEN_M) & (sight.hair[rows, columns] > 0.5)
     return np.asarray(shown.mean(1), np.float32)
 
 

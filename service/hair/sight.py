@@ -13,12 +13,14 @@ from service.geometry.camera import Camera
 from service.geometry.raster import rasterise
 from service.hair.reading import CELLS, HairReading
 from service.head.model import HeadModel
-from service.image_filters import blurred
+from service.image_filters import blurred, ramp
 
 BEFORE_M = 0.006
 """How far behind the head's surface strands are still drawn: they lie on it, and the fit is no better."""
 COVERS = 2.2
 """Strand length in a cell, over the cell's side, at which 10,000 strands cover 1 - 1/e of it."""
+SHOWS = (0.25, 0.65)
+"""Share of a cell up to which it counts as bare, and from which on as hair."""
 SOFT_CELLS = 0.8
 """Standard deviation of the blur that closes the gaps between the few strands that are drawn."""
 
@@ -63,7 +65,7 @@ class Sight:
         """The reading and the fitted head, in its expression."""
         bare = cls.beside(head, fit.vertices, fit.camera, reading.region)
         return replace(
-            bare, hair=reading.mask * reading.known, known=reading.known, direction=reading.direction,
+            bare, hair=ramp(reading.mask, SHOWS) * reading.known, known=reading.known, direction=reading.direction,
             certainty=reading.certainty,
         )  # fmt: skip
 
@@ -120,7 +122,7 @@ class Sight:
             for row in (length, cosine, sine)
         )
         dense = blurred(np.stack([count, cosine, sine], -1).astype(np.float32), SOFT_CELLS)
-        covered = 1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS)
+        covered = ramp(1 - np.exp(-dense[..., 0] * 10_000 / len(strands) / COVERS), SHOWS)
         doubled = dense[..., 1:] / np.maximum(dense[..., :1], 1e-6)
         return Drawn(np.asarray(covered, np.float32), np.asarray(doubled, np.float32))
 
