@@ -10,10 +10,10 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AfterValidator, AllowInfNan, Strict, ValidationInfo
 from pydantic.dataclasses import dataclass
 
-from service.anatomy.hair.names import HairName
 from service.checks import CHECKED, Checked, Right, shown
 from service.errors import UsageError
 from service.face.fit.settings import FitSettings, IdentityComponents, Iterations, Refine
+from service.hair.asked import LENGTHS_MM, STYLES, AskedHair, checked_colour, checked_hair
 from service.levels import LEVELS, SMALLEST_ENLARGED, TEXTURE_SIZE, Level, QualityName, Size
 from service.map_registry import MAP_NAMES, maps_made_by
 from service.reflectance.reflectance_plan import ReflectancePlan
@@ -78,6 +78,14 @@ _Seconds = Annotated[float, Strict(), Gt(0), AllowInfNan(False)]
 _FaceIndex = Annotated[int, Strict(), Ge(0), Le(9999)]
 
 
+_Hair = Annotated[str | dict[str, Any], AfterValidator(checked_hair), Right(f"one of auto, none, {', '.join(STYLES)}")]
+_HairColour = Annotated[str, AfterValidator(checked_colour), Right("a colour's name or '#rrggbb'")]
+_HairLength = Annotated[
+    float, Strict(), Ge(LENGTHS_MM[0]), Le(LENGTHS_MM[1]), AllowInfNan(False),
+    Right(f"millimetres from {LENGTHS_MM[0]} to {LENGTHS_MM[1]}"),
+]  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True, config=CHECKED)
 class Options(Checked):
     """One request.
@@ -105,7 +113,10 @@ class Options(Checked):
             the head beyond its components as well.
         identity_components: identity components to fit, in [0, 10000]; more than the head has means all.
         iterations: least-squares steps of the landmark stage, in [1, 1000].
-        hair: "auto" wears the style that agrees best with the photo, or none on a bald head; "none"; or a style's name.
+        hair: "auto" wears strands as the photo shows them, or none on a bald head; "none"; a style's name; or the
+            numbers of a style, as the manifest has them.
+        hair_colour: "auto" is the photo's; a natural colour's name; or "#rrggbb", sRGB under white light.
+        hair_length: millimetres of the longest strands, in [1, 1200]; None for the photo's, or the style's.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 
     Raises:
@@ -129,7 +140,9 @@ class Options(Checked):
     fit: Refine = _FIT.refine
     identity_components: IdentityComponents = _FIT.identity_components
     iterations: Iterations = _FIT.iterations
-    hair: HairName = "auto"
+    hair: _Hair = "auto"
+    hair_colour: _HairColour = "auto"
+    hair_length: _HairLength | None = None
     without: _Without = ()
 
     @property
@@ -175,6 +188,10 @@ class Options(Checked):
     def fit_settings(self) -> FitSettings:
         """The knobs of the fit; those that callers cannot turn keep their defaults."""
         return FitSettings(refine=self.fit, identity_components=self.identity_components, iterations=self.iterations)
+
+    def asked_hair(self) -> AskedHair:
+        """What is asked of the hair."""
+        return AskedHair(self.hair, self.hair_colour, self.hair_length)
 
     def to_json(self) -> dict[str, Any]:
         """The request as JSON values, for the manifest."""

@@ -3,8 +3,8 @@
 ::
 
     bytes --gate--> Photo --find--> Face --read--> Reading      for each photo
-    Readings --fit--> Fits of one head --compare styles--> Hair
-    Fits, Hair --unwrap, blend, complete--> Texture
+    Readings --fit--> Fits of one head --bank, refine, grow--> WornHair
+    Fits, WornHair --unwrap, blend, complete--> Texture
     Texture --networks--> Reflectance
         +---compare-----> Similarity
 
@@ -22,9 +22,8 @@ from importlib import import_module
 from pathlib import Path
 
 from service.anatomy.eye_meshes import eye_parts
-from service.anatomy.hair.find_hair import find_hair
-from service.anatomy.hair.worn import BROWS, in_albedo, worn
 from service.anatomy.mouth_meshes import mouth_parts
+from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
 from service.archive.avatar import Avatar, Source
 from service.archive.licences import model_cards
 from service.budget import within_budget
@@ -36,6 +35,9 @@ from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers
 from service.face.several import Gathered, check_count, decoded, fitted, of_one_person, read_all
 from service.geometry.chart import Chart
+from service.hair.find_hair import find_hair
+from service.hair.scalp import Scalp
+from service.hair.wear import hair_cards, hair_in_albedo
 from service.head.files import load_head
 from service.head.model import HeadModel
 from service.likeness import likeness
@@ -130,10 +132,13 @@ def make_avatar(
             gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
             photo, face, reading, fit = gathered.first
         with stage("hair"):
-            hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.hair))
+            strands, asked = options.level.strands, options.asked_hair()
+            hair = kept("hair", lambda: find_hair(photo, head, fit, reading, asked, strands, options.seed))
+            brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair))
-        parts = worn(hair, head, fit, texture.texture, brows=options.level.fine_mesh)
+            cards = hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed)
+        parts = (*cards, *worn(head, fit, texture.texture, brows))
         with stage("compare"):
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
             similarity = kept(
@@ -166,7 +171,9 @@ def make_avatar(
         surface = surface_maps(head, fit.vertices, reflectance, options.maps, options.map_size)
 
     if reflectance is not None and reflectance.diffuse_albedo is not None:
-        parts = in_albedo(parts, hair, head, texture.texture, texture.lit_skin, reflectance.diffuse_albedo)
+        albedo = small_albedo(reflectance.diffuse_albedo, texture.texture.shape[1::-1])
+        light = to_albedo(texture.texture, albedo, texture.lit_skin)
+        hair, parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
     parts += (*mouth_parts(head, fit, texture.tooth), *eye_parts(head, fit, texture.iris))
     return Avatar(
         photo=photo,

@@ -21,7 +21,7 @@ ORDER = {
         "errors", "arrays", "robust", "checks", "stage_cache", "levels", "map_registry", "image_filters", "colour",
         "diagnosis", "photo", "head", "geometry", "materials", "runtime",
         # From the photo to the maps, and their files.
-        "light", "render", "face", "anatomy", "hair", "texture", "reflectance", "archive",
+        "light", "render", "face", "hair", "anatomy", "texture", "reflectance", "archive",
         # The whole way, and who asks for it.
         "kits", "options", "budget", "likeness", "pipeline", "jobs", "bench", "external", "api",
         "client", "batch", "cli", "__main__",

@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from service.arrays import Float32, UInt8
-from service.hair.bank import CELLS, FILE, VIEWS, style_to_json, view_sight
+from service.hair.bank import CELLS, FILE, VIEWS, view_sight
 from service.hair.groom import make_groom
-from service.hair.reading import CURLS, FRINGES, GATHERED, KINDS, LENGTH_ENDS_M, LENGTHS, PARTINGS
+from service.hair.reading import CURLS, FRINGES, GATHERED, KINDS, LENGTH_ENDS_M, PARTINGS
 from service.hair.sight import Sight
-from service.hair.style import NAMED, Style, sample_style
+from service.hair.style import NAMED, Style, sample_style, style_to_json
 from service.head.files import load_head
 
 STRANDS = 700
@@ -39,7 +39,6 @@ def kinds_of(style: Style, strands: Float32) -> list[int]:
         "fringe": FRINGES.index("yes" if style.kind.endswith("_fringe") else "no"),
         "curl": CURLS.index(("straight", "wavy", "curly", "coily")[int(style.curl[0]) - 1]),
     }
-    assert len(LENGTHS) == len(LENGTH_ENDS_M) + 2
     return [found[name] for name in KINDS]
 
 

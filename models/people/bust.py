@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.hair.wearables import Item
+from service.anatomy.items import Item
 
 Float = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from models.people.occluders import hand, screen, shade
 from models.people.person import Person, the_head
 from models.people.shells import cap, fur, mask, scarf
 from models.people.skins import Skin
-from service.anatomy.hair.wearables import Item, Items
+from service.anatomy.items import Item, Items
 from service.face.reading import part_labels as labels
 from service.geometry.normals import vertex_normals
 

@@ -15,7 +15,7 @@ from models.lightstage.skin.streams import Stream
 from models.people.draw import Mesh
 from models.people.person import Person, lid_openings, the_head
 from models.people.skins import Skin
-from service.anatomy.hair.wearables import Items
+from service.anatomy.items import Items
 from service.colour import srgb_to_linear
 from service.face.reading import part_labels as labels
 from service.geometry.normals import vertex_normals

@@ -19,7 +19,7 @@ from models.people.person import draw_person, lid_openings, the_head
 from models.people.pose import contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
 from models.people.wardrobe import load_wardrobe
-from service.anatomy.hair.wearables import Item
+from service.anatomy.items import Item
 from service.face.reading import part_labels as labels
 from service.geometry.camera import Camera
 

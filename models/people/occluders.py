@@ -13,7 +13,7 @@ from models.lightstage.skin.streams import Stream
 from models.people.develop import clutter
 from models.people.draw import Mesh
 from models.people.figure import smooth_normals
-from service.anatomy.hair.wearables import Items
+from service.anatomy.items import Items
 from service.face.reading import part_labels as labels
 
 Float = npt.NDArray[np.float32]

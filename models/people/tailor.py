@@ -27,8 +27,8 @@ from models.head.source import UNIT_M, BaseMesh, find_data, read_base, read_targ
 from models.people.bust import cut_item, inside
 from models.people.mhclo import Binding, Shape, read_binding, read_shape
 from models.people.wardrobe import FILE
-from service.anatomy.hair.wearables import FILE as HAIR_FILE
-from service.anatomy.hair.wearables import Item, write_items
+from service.anatomy.items import FILE as HAIR_FILE
+from service.anatomy.items import Item, write_items
 from service.head.files import load_head
 
 Float = npt.NDArray[np.float64]

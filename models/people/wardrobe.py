@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.anatomy.hair.wearables import Items, read_items
+from service.anatomy.items import Items, read_items
 
 FILE = Path(__file__).resolve().parent / "data" / "wardrobe.npz"
 

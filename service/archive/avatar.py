@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.anatomy.hair.find_hair import Hair
 from service.archive.manifest import Given, IdentitySimilarity, Model
 from service.arrays import UInt8
 from service.face.face import Face
 from service.face.fit.result import Fit
 from service.face.several import LeftOut
+from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.materials.part import MeshPart, check_parts, head_parts
 from service.photo.photo import Photo
@@ -80,7 +80,7 @@ class Avatar:
     sources: tuple[Source, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     parts: tuple[MeshPart, ...] = ()
-    hair: Hair | None = None
+    hair: WornHair | None = None
     similarity: IdentitySimilarity | None = None
     given: Given | None = None
     reflectance: Reflectance | None = None

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from service import PROGRAM, __version__
-from service.anatomy.hair.find_hair import Hair
 from service.archive import manifest as m
 from service.archive.avatar import Avatar, Source
 from service.archive.container import MEMBERS, in_order
@@ -20,6 +19,8 @@ from service.archive.maps import MAPS, MapFiles, MapSpec, wrinkle_of
 from service.archive.skeleton import JOINTS, PARENTS, skeleton
 from service.face.features.eyes import Gaze
 from service.face.fit.result import Fit
+from service.hair.style import style_to_json
+from service.hair.worn_hair import WornHair
 from service.materials.material import Material
 from service.materials.part import MeshPart
 from service.reflectance.reflectance_maps import MID, SCALE_MM
@@ -195,17 +196,21 @@ def _file(name: str, data: bytes) -> m.File:
     return m.File(name, role, MEDIA_TYPES[name.rpartition(".")[2]], len(data), hashlib.sha256(data).hexdigest())
 
 
-def _hair(hair: Hair) -> m.Hair:
-    choice = hair.choice
+def _hair(hair: WornHair) -> m.Hair:
+    groom, colour, melanin = hair.groom, None, None
+    if groom is not None and len(groom):
+        colour = [round(float(value), 6) for value in np.median(groom.colour.linear().reshape(-1, 3), 0)]
+        melanin = [round(float(value), 4) for value in np.median(groom.colour.melanin.reshape(-1, 2), 0)]
     return m.Hair(
-        style=None if choice.name is None else choice.name.partition("/")[2],
-        volume=choice.cut.volume,
-        length=choice.cut.length,
-        mirrored=choice.cut.mirrored,
-        agreement=round(choice.agreement, 4),
-        scalp_share=round(min(max(choice.share, 0.0), 1.0), 4),
-        colour=[round(float(value), 6) for value in hair.colour.usual],
-        grey=round(hair.colour.grey, 4),
+        kind=hair.kind,
+        probabilities={kind: round(share, 4) for kind, share in hair.kinds.items()},
+        style=None if groom is None else style_to_json(groom.style),
+        strands=0 if groom is None else len(groom),
+        agreement=round(hair.agreement, 4),
+        seen=round(float(hair.seen.mean()) if len(hair.seen) else 0.0, 4),
+        colour=colour,
+        melanin=melanin,
+        dyed=groom is not None and bool(groom.colour.dye.any()),
         doubts=list(hair.doubts),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from service import GENERATOR
-from service.anatomy.hair.wearables import FILE as HAIR_FILE
+from service.anatomy.items import FILE as HAIR_FILE
 from service.archive.avatar import Avatar
 from service.archive.manifest import Model
 from service.head.files import DEFAULT_HEAD

@@ -362,26 +362,27 @@ class Joint(_Strict):
 
 @dataclasses.dataclass(frozen=True)
 class Hair(_Strict):
-    """What the head wears, and how sure that is."""
+    """What hair the head wears, and how sure that is."""
 
-    style: str | None
-    """Name of the style; null for a bald head."""
-    volume: Annotated[float, Gt(0)]
-    """Factor on the distance of the style's hair from the skull."""
-    length: Annotated[float, Ge(0)]
-    """Factor on how far it hangs below the ears."""
-    mirrored: bool
-    """Whether left and right of the style are exchanged."""
+    kind: str
+    """What one would call it; "bald" and "shaved" heads wear no strands, nor does "none"."""
+    probabilities: dict[str, Fraction]
+    """Of every kind that was compared, likeliest first; empty where none was."""
+    style: dict[str, JsonValue] | None
+    """Numbers of the style, which the option "hair" takes as they are; null without strands."""
+    strands: Annotated[int, Ge(0)]
     agreement: Fraction
     """Intersection over union of its silhouette and the hair in the photo; 0 where none was compared."""
-    scalp_share: Fraction
-    """Share of the visible scalp that has hair on it."""
-    colour: Triple
-    """Mean of shaded and lit strands, linear RGB of the photo."""
-    grey: Fraction
-    """Share of lit strands without pigment."""
+    seen: Fraction
+    """Share of the strands' points that the photo shows; what it does not show is likely and no more."""
+    colour: Triple | None
+    """Of the usual strands, linear RGB: under white light where the albedo was made, else in the photo's."""
+    melanin: Annotated[list[float], Len(2, 2)] | None
+    """Usual concentrations of eumelanin and pheomelanin, as d'Eon et al. 2011 have them."""
+    dyed: bool
+    """Whether the colour is none that melanin gives."""
     doubts: list[str]
-    """Stable codes: hair-unseen, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
+    """Stable codes: hair-unseen, hair-kind-doubtful, hair-style-poor, hair-colour-guessed, hair-not-for-this-head."""
 
 
 @dataclasses.dataclass(frozen=True)

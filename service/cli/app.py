@@ -119,7 +119,14 @@ def make(
     identity_components: Annotated[int | None, typer.Option(help="Identity components to fit.")] = None,
     iterations: Annotated[int | None, typer.Option(help="Steps of the landmark fit.")] = None,
     hair: Annotated[
-        str | None, typer.Option(metavar="auto|none|NAME", help="Style of hair: as the photo's, none, or long01 ...")
+        str | None,
+        typer.Option(metavar="auto|none|NAME|FILE", help="As the photo shows, none, a style (bob ...), a JSON file."),
+    ] = None,
+    hair_colour: Annotated[
+        str | None, typer.Option(metavar="auto|NAME|#rrggbb", help="Of the hair: the photo's, blond ..., or sRGB.")
+    ] = None,
+    hair_length: Annotated[
+        str | None, typer.Option(metavar="auto|MM", help="Length of the longest strands in millimetres.")
     ] = None,
     without: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="For experts: corrections not to make; docs/corrections.md.")
@@ -155,6 +162,8 @@ def make(
             identity_components=identity_components,
             iterations=iterations,
             hair=hair,
+            hair_colour=hair_colour,
+            hair_length=hair_length,
             without=without,
         )
         run(photos, output, Options(**given), head=head, as_json=as_json)

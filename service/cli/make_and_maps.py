@@ -16,6 +16,7 @@ import typer
 
 from service.cli.files import check_paths, head_file, progress_bar, read_file
 from service.errors import AvatarError
+from service.hair.asked import parse_hair, parse_length
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
 from service.photo.limits import PIPE, called, read_photo_file
 
@@ -28,6 +29,8 @@ _PARSERS: dict[str, Callable[[str], Any]] = {
     "texture_size": parse_texture_size,
     "face": parse_face,
     "without": parse_without,
+    "hair": parse_hair,
+    "hair_length": parse_length,
 }
 
 

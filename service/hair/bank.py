@@ -11,7 +11,6 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,11 +20,10 @@ from service.face.fit.result import Fit
 from service.face.region import Region
 from service.geometry.camera import Camera
 from service.geometry.sampling import sample_at
-from service.hair.colour import Melanin
 from service.hair.reading import CELLS as PHOTO_CELLS
 from service.hair.reading import KINDS, HairReading
 from service.hair.sight import Sight
-from service.hair.style import Style
+from service.hair.style import Style, style_from_json
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 
@@ -85,28 +83,10 @@ def read_bank(file: Path = FILE) -> Bank:
             bank = Bank(styles, arrays["masks"], arrays["kinds"])
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise ModelFault(f"{file} is no bank of styles: {error}") from error
-    if bank.masks.shape != (len(styles), len(VIEWS), CELLS * CELLS // 8) or bank.kinds.shape != (len(styles), len(KINDS)):
+    wanted = (len(styles), len(VIEWS), CELLS * CELLS // 8), (len(styles), len(KINDS))
+    if (bank.masks.shape, bank.kinds.shape) != wanted:
         raise ModelFault(f"{file} has masks {bank.masks.shape} and kinds {bank.kinds.shape} for {len(styles)} styles")
     return bank
-
-
-def style_to_json(style: Style) -> dict[str, Any]:
-    """JSON values of a style, numbers rounded to four digits."""
-    values = dataclasses.asdict(style)
-    melanin = {name: round(value, 4) for name, value in values.pop("melanin").items()}
-    return {
-        **{name: float(f"{value:.4g}") if isinstance(value, float) else value for name, value in values.items()},
-        "melanin": melanin,
-    }
-
-
-def style_from_json(values: dict[str, Any]) -> Style:
-    """The inverse of :func:`style_to_json`.
-
-    Raises:
-        TypeError, ValueError: values are missing, unknown or out of range.
-    """
-    return Style(**{**values, "melanin": Melanin(**values["melanin"])})
 
 
 def mirrored(style: Style) -> Style:
@@ -211,7 +191,7 @@ def on_view(sight: Sight, fit: Fit, head: HeadModel, view: int) -> tuple[Float32
     x, y = np.meshgrid(at, at)
     cells = np.stack([x.ravel(), y.ravel()], 1) @ turn.T + shift
     values = np.stack([sight.hair, sight.known], -1)
-    read = sample_at(values, cells[:, 0] - 0.5, cells[:, 1] - 0.5)
+    read = sample_at(values, *(np.asarray(cells[:, k] - 0.5, np.float32) for k in (0, 1)))
     inside = ((cells >= 0) & (cells < PHOTO_CELLS)).all(1)
     hair, known = (np.asarray(read[:, k] * inside, np.float32).reshape(CELLS, CELLS) for k in (0, 1))
     return np.asarray(hair > 0.5, np.float32), known

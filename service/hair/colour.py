@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32
+from service.arrays import AnyFloat, Bool, Float32, Float64
+from service.colour import srgb_to_linear
 
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
@@ -19,6 +20,9 @@ ROUGHNESS = 0.3
 """Azimuthal roughness of a strand."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
+DYED = 0.22
+"""Distance of logarithms from the nearest melanin from which on hair counts as dyed; less is the photo's white balance,
+or sky that black hair mirrors."""
 KNOTS = 8
 """Places along a strand at which its pigment is told."""
 
@@ -87,6 +91,25 @@ class HairColour:
         return reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN]) + self.dye)
 
 
+COLOURS: dict[str, Melanin] = {
+    "black": Melanin(3.2, 0.15), "dark_brown": Melanin(1.3, 0.15), "brown": Melanin(0.75, 0.15),
+    "light_brown": Melanin(0.38, 0.12), "dark_blond": Melanin(0.2, 0.09), "blond": Melanin(0.11, 0.07),
+    "platinum": Melanin(0.03, 0.02), "red": Melanin(0.12, 0.8), "auburn": Melanin(0.5, 0.7),
+    "grey": Melanin(1.0, 0.1, grey=0.6), "white": Melanin(0.02, 0.005),
+}  # fmt: skip
+"""Natural colours by name."""
+
+
+def asked_colour(asked: str, strands: int, seed: int) -> HairColour:
+    """The colour of a name out of ``COLOURS``, or of ``#rrggbb`` (sRGB under white light)."""
+    rng = np.random.default_rng([seed, 0xA5C])
+    if asked in COLOURS:
+        return HairColour.of(COLOURS[asked], strands, rng)
+    coded = np.array([int(asked[at : at + 2], 16) for at in (1, 3, 5)], np.float32) / 255
+    level = np.exp(rng.normal(0, 0.12, (strands, 1, 1)))
+    return as_absorbed(np.clip(srgb_to_linear(coded) * np.repeat(level, KNOTS, 1), 2e-3, 0.9))
+
+
 def reflected(absorption: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     """(..., 3) linear RGB of a volume of strands with this absorption (..., 3)."""
     return np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness)).astype(np.float32)
@@ -117,3 +140,43 @@ def melanin_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> tuple[float, f
 def _width(roughness: float) -> float:
     b = roughness
     return 5.969 - 0.215 * b + 2.532 * b**2 - 10.73 * b**3 + 5.574 * b**4 + 0.245 * b**5
+
+
+def as_absorbed(colours: AnyFloat) -> HairColour:
+    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains."""
+    absorbed = absorption_of(np.clip(colours, 1e-4, 0.98)).astype(np.float64)
+    melanin = _melanin(absorbed)
+    dye = np.zeros(3)
+    if len(colours):
+        usual = np.median(absorbed.reshape(-1, 3), 0)
+        amount = np.median(melanin.reshape(-1, 2), 0)
+        left = np.log(reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])) / reflected(usual))
+        if float(left.max() - left.min()) > DYED:
+            # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
+            bases = np.stack([EUMELANIN, PHEOMELANIN])
+            most = (usual / np.maximum(amount @ bases, 1e-9)).min()
+            melanin = melanin * min(1.0, float(most))
+            dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ bases, 0)
+    return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32))
+
+
+def _melanin(absorbed: Float64) -> Float64:
+    """(..., 2) concentrations, at least 0, that come nearest to absorptions (..., 3), relative to each."""
+    bases = np.stack([EUMELANIN, PHEOMELANIN], 1).astype(np.float64)
+    scale = 1 / np.maximum(absorbed, 1e-3)
+    first, second = bases[:, 0] * scale, bases[:, 1] * scale
+    wanted = absorbed * scale
+    aa, bb, ab = (first**2).sum(-1), (second**2).sum(-1), (first * second).sum(-1)
+    a, b = (first * wanted).sum(-1), (second * wanted).sum(-1)
+    both = np.maximum(aa * bb - ab * ab, 1e-12)
+    eu, pheo = (bb * a - ab * b) / both, (aa * b - ab * a) / both
+    eu, pheo = (
+        np.where(pheo < 0, a / np.maximum(aa, 1e-12), np.where(eu < 0, 0, eu)),
+        np.where(eu < 0, b / np.maximum(bb, 1e-12), np.where(pheo < 0, 0, pheo)),
+    )
+    return np.asarray(np.maximum(np.stack([eu, pheo], -1), 0))
+
+
+def natural(albedo: Float32) -> Float32:
+    """(3,) linear RGB of the melanin, and dye where no melanin explains it, that comes nearest to an albedo (3,)."""
+    return as_absorbed(np.broadcast_to(albedo, (1, KNOTS, 3))).linear()[0, 0]

@@ -31,7 +31,7 @@ FACE_M = 0.058
 SHORT_FRINGE = 0.6
 """Share of the length on top below which hair over the forehead is a fringe of its own."""
 Combing = Callable[[Float32, Float32], tuple[Float32, Float32]]
-"""Says for points (N, 3) and the body's normals there (N, 3) which way hair is combed, (N, 3) unit, and how sure, (N,)."""
+"""Says for points (N, 3) and the body's normals (N, 3) which way hair is combed, (N, 3) unit, and how sure, (N,)."""
 SIDES_RAD = 0.85
 """Azimuth at which front becomes side; side becomes back at pi minus it."""
 
@@ -361,4 +361,5 @@ def _step(low: float, high: float, value: Float32) -> Float32:
 
 
 def unit(vectors: AnyFloat) -> Float32:
+    """Vectors (..., 3) of length 1; those of length 0 stay."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

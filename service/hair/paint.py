@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Float32, Float64
+from service.arrays import Float32
 from service.colour import bytes_to_linear, luma
 from service.geometry.sampling import sample_at
-from service.hair.colour import EUMELANIN, KNOTS, PHEOMELANIN, HairColour, absorption_of, reflected
+from service.hair.colour import KNOTS, HairColour, as_absorbed
 from service.hair.reading import CELLS
 from service.hair.sight import Sight
 from service.image_filters import blurred
@@ -37,17 +37,16 @@ USUAL_SPREAD = 0.16
 """Standard deviation of the logarithm of luminance from strand to strand, where none are seen."""
 DARKEST, BRIGHTEST = 0.006, 0.75
 """Range of linear luminance of hair: what a photo shows darker lies in shadow."""
-DYED = 0.22
-"""Distance of logarithms from the nearest melanin from which on hair counts as dyed; less is the photo's white balance,
-or sky that black hair mirrors."""
 
 
-def painted(photo: Photo, sight: Sight, strands: Float32, seen: Float32, skin: Float32, seed: int) -> HairColour:
+def painted(
+    photo: Photo, sight: Sight | None, strands: Float32, seen: Float32, skin: Float32, seed: int
+) -> HairColour:
     """Colours of strands in the photo's light.
 
     Args:
         photo: that was fitted.
-        sight: where its hair is.
+        sight: where its hair is; None where that is not known.
         strands: (N, P, 3) metres, root first.
         seen: (N,) share of each that the photo shows.
         skin: (3,) linear RGB of the person's skin in the photo; hair is guessed from it where little is seen.
@@ -55,14 +54,15 @@ def painted(photo: Photo, sight: Sight, strands: Float32, seen: Float32, skin: F
     """
     rng = np.random.default_rng([seed, 0xC01])
     count = len(strands)
+    guess = np.log(np.maximum(skin * np.array([0.12, 0.09, 0.075], np.float32), 1e-4))
+    if sight is None:
+        return _guessed(guess, count, rng)
     pixels = bytes_to_linear(sight.region.cut(photo.pixels, PIXELS))
     grown = np.kron(np.asarray(blurred(sight.hair, 0.8) > 0.75, np.float32), np.ones((3, 3), np.float32))
     bright = np.log(np.maximum(luma(pixels), 1e-4))
     inner = (grown > 0.5) & (pixels.max(-1) < 0.98)
     if int(inner.sum()) < LEAST_PIXELS:
-        usual = np.log(np.maximum(skin * np.array([0.12, 0.09, 0.075], np.float32), 1e-4))
-        level = rng.normal(0, USUAL_SPREAD, (count, 1)).astype(np.float32)
-        return replace(as_absorbed(np.exp(usual + np.repeat(level, KNOTS, 1)[..., None])), measured=False)
+        return _guessed(guess, count, rng)
     low, high = np.quantile(bright[inner], RANKS)
     inner &= (bright >= low) & (bright <= high)
     mean = float(bright[inner].mean())
@@ -76,6 +76,12 @@ def painted(photo: Photo, sight: Sight, strands: Float32, seen: Float32, skin: F
     level = _levels(strands, seen, sight, flat, weight, float(flat[inner].mean()), rng)
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
+
+
+def _guessed(usual: Float32, count: int, rng: np.random.Generator) -> HairColour:
+    """Strands of one colour, the logarithm of linear RGB (3,), which differ in brightness."""
+    level = rng.normal(0, USUAL_SPREAD, (count, 1)).astype(np.float32)
+    return replace(as_absorbed(np.exp(usual + np.repeat(level, KNOTS, 1)[..., None])), measured=False)
 
 
 def _hue(logs: Float32, bright: Float32) -> tuple[Float32, Float32]:
@@ -111,53 +117,3 @@ def _levels(
     base = np.where(enough, OWN * middle, random)
     detail = trust * (own - along - middle[:, None]) * OWN
     return np.asarray(mean + along + base[:, None] + detail, np.float32)
-
-
-def as_absorbed(colours: AnyFloat) -> HairColour:
-    """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains."""
-    absorbed = absorption_of(np.clip(colours, 1e-4, 0.98)).astype(np.float64)
-    melanin = _melanin(absorbed)
-    dye = np.zeros(3)
-    if len(colours):
-        usual = np.median(absorbed.reshape(-1, 3), 0)
-        amount = np.median(melanin.reshape(-1, 2), 0)
-        left = np.log(reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])) / reflected(usual))
-        if float(left.max() - left.min()) > DYED:
-            # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
-            bases = np.stack([EUMELANIN, PHEOMELANIN])
-            most = (usual / np.maximum(amount @ bases, 1e-9)).min()
-            melanin = melanin * min(1.0, float(most))
-            dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ bases, 0)
-    return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32))
-
-
-def _melanin(absorbed: Float64) -> Float64:
-    """(..., 2) concentrations, at least 0, that come nearest to absorptions (..., 3), relative to each."""
-    bases = np.stack([EUMELANIN, PHEOMELANIN], 1).astype(np.float64)
-    scale = 1 / np.maximum(absorbed, 1e-3)
-    first, second = bases[:, 0] * scale, bases[:, 1] * scale
-    wanted = absorbed * scale
-    aa, bb, ab = (first**2).sum(-1), (second**2).sum(-1), (first * second).sum(-1)
-    a, b = (first * wanted).sum(-1), (second * wanted).sum(-1)
-    both = np.maximum(aa * bb - ab * ab, 1e-12)
-    eu, pheo = (bb * a - ab * b) / both, (aa * b - ab * a) / both
-    eu, pheo = (
-        np.where(pheo < 0, a / np.maximum(aa, 1e-12), np.where(eu < 0, 0, eu)),
-        np.where(eu < 0, b / np.maximum(bb, 1e-12), np.where(pheo < 0, 0, pheo)),
-    )
-    return np.maximum(np.stack([eu, pheo], -1), 0)
-
-
-def in_albedo(colour: HairColour, light: Float32) -> tuple[HairColour, Float32]:
-    """Colours without the photo's light, as melanin can have them, and the factors (3,) that they changed by.
-
-    Args:
-        colour: in the photo's light.
-        light: (3,) factors from colours in the photo's light to albedo.
-    """
-    seen = colour.linear()
-    if not len(seen):
-        return colour, np.ones(3, np.float32)
-    made = replace(as_absorbed(np.clip(seen * light, 1e-4, 0.9)), measured=colour.measured)
-    before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear()))
-    return made, np.asarray(after / np.maximum(before, 1e-5), np.float32)

@@ -18,7 +18,7 @@ from service.hair.guides import Combing, grow_guides, grown, resampled, unit
 from service.hair.reading import CELLS
 from service.hair.scalp import CENTRE, Scalp
 from service.hair.sight import Drawn, Sight, overlap
-from service.hair.style import Style
+from service.hair.style import LENGTHS, Style
 from service.image_filters import blurred
 
 TRIED_GUIDES = 260
@@ -89,10 +89,10 @@ def _changes(size: float) -> Iterator[Change]:
     """Steps that are tried, smaller in later rounds."""
     for sign in (1, -1):
         factor = float(np.exp(sign * 0.45 * size))
-        yield lambda s, f=factor: _scaled(s, f, "top_mm", "fringe_mm", "sides_mm", "back_mm")  # type: ignore[misc]
-        yield lambda s, f=factor: _scaled(s, f, "volume_mm")  # type: ignore[misc]
-        yield lambda s, f=factor: _scaled(s, f, "sides_mm", "back_mm")  # type: ignore[misc]
-        yield lambda s, f=factor: _scaled(s, f, "fringe_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: s.scaled(f, *LENGTHS)  # type: ignore[misc]
+        yield lambda s, f=factor: s.scaled(f, "volume_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: s.scaled(f, "sides_mm", "back_mm")  # type: ignore[misc]
+        yield lambda s, f=factor: s.scaled(f, "fringe_mm")  # type: ignore[misc]
         if size == 1:
             shift = 0.3 * sign
             yield lambda s, d=shift: dataclasses.replace(s, receding=float(np.clip(s.receding + d, 0, 1)))  # type: ignore[misc]
@@ -101,10 +101,6 @@ def _changes(size: float) -> Iterator[Change]:
     if size == 1:
         for parting in ("left", "middle", "right", "none"):
             yield lambda s, p=parting: s if s.gather != "none" else dataclasses.replace(s, parting=p)  # type: ignore[misc]
-
-
-def _scaled(style: Style, factor: float, *names: str) -> Style:
-    return dataclasses.replace(style, **{n: float(np.clip(getattr(style, n) * factor, 1, 1200)) for n in names})
 
 
 # --- Combing ----------------------------------------------------------------------------------------------------------
@@ -180,6 +176,24 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     return np.asarray(strands + offset, np.float32)
 
 
+LEAST_RAYS = 8
+"""Fewest directions from which the thickness of hair is told."""
+
+
+def thickness_m(sight: Sight) -> float | None:
+    """How far the outline of the photo's hair stands off that of the bare head, metres, median over top and sides.
+
+    None where fewer than ``LEAST_RAYS`` tell.
+    """
+    frame = _rays(sight)
+    if frame is None:
+        return None
+    centre, upwards, scale, _ = frame
+    hair, bare, trust = _reaches(centre, upwards, scale, np.asarray(np.isfinite(sight.behind), np.float32), sight)
+    told = trust > 0.5
+    return float(np.median((hair - bare)[told])) / scale if told.sum() >= LEAST_RAYS else None
+
+
 def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
     """Middle of the head in cells, the angle of upwards, cells a metre, and the same of both axes of the camera."""
     def at(point: Float64) -> Float64:
@@ -195,10 +209,10 @@ def _rays(sight: Sight) -> tuple[Float64, float, float, Float64] | None:
     return centre, float(np.arctan2(up[1], up[0])), float(np.sqrt(area)), cells_per_m
 
 
-def _differences(
+def _reaches(
     centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
-) -> tuple[Float64, Float64]:
-    """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
+) -> tuple[Float64, Float64, Float64]:
+    """(RAYS,) cells up to which the photo's hair and a silhouette reach, and how far the two can be compared."""
     radii = np.arange(1.0, 0.18 * scale, 0.5)
     angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
     x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
@@ -210,11 +224,20 @@ def _differences(
     beyond, rows = np.minimum(np.searchsorted(radii, ends[0] + 2.0), len(radii) - 1), np.arange(RAYS)
     sure = (sight.known[at] > 0.5)[rows, beyond] & inside[rows, beyond]
     trust = sure * (ends[0] > 0) * (ends[1] > 0) * _sideways(rows)
-    difference = np.clip(ends[0] - ends[1], -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
+    return ends[0], ends[1], np.asarray(trust, np.float64)
+
+
+def _differences(
+    centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
+) -> tuple[Float64, Float64]:
+    """(RAYS,) cells by which the photo's hair reaches beyond the groom's, smoothed, and how far the groom's reaches."""
+    hair, style, trust = _reaches(centre, upwards, scale, mask, sight)
+    difference = np.clip(hair - style, -FARTHEST_M[0] * scale, FARTHEST_M[1] * scale)
+    rows = np.arange(RAYS)
     apart = np.minimum(rows, RAYS - rows)
     kernel = np.fft.rfft(np.exp(-0.5 * (apart / SMOOTH_RAYS) ** 2))
     summed, weight = (np.fft.irfft(np.fft.rfft(row) * kernel, RAYS) for row in (trust * difference, trust))
-    return np.asarray(summed / (np.maximum(weight, 0) + 0.3)), np.maximum(ends[1], 1.0)
+    return np.asarray(summed / (np.maximum(weight, 0) + 0.3)), np.maximum(style, 1.0)
 
 
 def _sideways(rays: np.ndarray) -> Float64:

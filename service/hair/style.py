@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -42,6 +42,10 @@ WAVES: Mapping[Curl, Wave] = {
     "4a": Wave(2.8, 9.0, 0.0, 0.35), "4b": Wave(2.0, 6.5, 0.0, 0.5), "4c": Wave(1.4, 5.0, 0.0, 0.7),
 }  # fmt: skip
 """After what hairdressers tell the types by: chalk for 3a, a marker for 3b, a pencil for 3c, a needle for 4a."""
+
+
+LENGTHS = ("top_mm", "fringe_mm", "sides_mm", "back_mm")
+"""Lengths of strands by where they grow."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,11 @@ class Style:
         if self.curl not in WAVES:
             raise ValueError(f"curl is {self.curl!r}; there are {', '.join(WAVES)}")
 
+    def scaled(self, factor: float, *names: str) -> Style:
+        """With these lengths in mm times a factor, within 0.5 and 1200."""
+        changed = {name: float(np.clip(getattr(self, name) * factor, 0.5, 1200)) for name in names}
+        return dataclasses.replace(self, **changed)  # type: ignore[arg-type]
+
 
 NAMED: Mapping[str, Style] = {
     style.kind: style
@@ -149,6 +158,25 @@ _CHANCE: Mapping[str, float] = {
     "long_wavy": 0.15, "ponytail": 0.09, "bun": 0.07,
 }  # fmt: skip
 """How often a random style begins as each of :data:`NAMED`; none is rare, so that every kind is learnt."""
+
+
+def style_to_json(style: Style) -> dict[str, Any]:
+    """JSON values of a style, numbers rounded to four digits."""
+    values = dataclasses.asdict(style)
+    melanin = {name: round(value, 4) for name, value in values.pop("melanin").items()}
+    return {
+        **{name: float(f"{value:.4g}") if isinstance(value, float) else value for name, value in values.items()},
+        "melanin": melanin,
+    }
+
+
+def style_from_json(values: dict[str, Any]) -> Style:
+    """The inverse of :func:`style_to_json`.
+
+    Raises:
+        TypeError, ValueError: values are missing, unknown or out of range.
+    """
+    return Style(**{**values, "melanin": Melanin(**values["melanin"])})
 
 
 def sample_style(seed: int) -> Style:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from service.arrays import Float32
+from service.hair.asked import NONE
 from service.hair.groom import Groom
 
 
@@ -20,6 +23,7 @@ class WornHair:
         seen: (N,) float32 in [0, 1], share of each strand that the photo shows; the rest is a likely one.
         agreement: intersection over union of its silhouette and the photo's hair, in [0, 1]; 0 where none was compared.
         doubts: stable codes for the manifest; docs/hair.md lists them.
+        in_photo_light: whether the colour of the strands still has the photo's light in it.
     """
 
     asked: str
@@ -29,8 +33,16 @@ class WornHair:
     seen: Float32
     agreement: float = 0.0
     doubts: tuple[str, ...] = ()
+    in_photo_light: bool = False
 
     @property
     def bald_beneath(self) -> bool:
         """Whether the skin is to be painted without hair: strands are worn, or hair is not wanted."""
-        return self.groom is not None or self.asked == "none"
+        return self.groom is not None or self.asked == NONE
+
+    @property
+    def root_colour(self) -> Float32:
+        """(3,) float32 linear RGB, the usual colour at the roots; dark brown without strands."""
+        if self.groom is None or not len(self.groom):
+            return np.array([0.05, 0.03, 0.02], np.float32)
+        return np.asarray(np.median(self.groom.colour.linear()[:, 0], 0), np.float32)

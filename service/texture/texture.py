@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from service.anatomy.hair.find_hair import Hair
 from service.arrays import AnyFloat, Bool, Float32, Float64
 from service.colour import linear_to_srgb, srgb_to_linear, to_bytes
 from service.errors import NumericFault
@@ -21,6 +20,7 @@ from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.geometry.normals import face_normals
 from service.geometry.raster import signed_area
+from service.hair.worn_hair import WornHair
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
@@ -54,7 +54,7 @@ GRAIN = 0.08
 """Standard deviation of the opacity over its mean, about: roots are points."""
 
 
-def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zones, hair: Hair) -> Float32:
+def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zones) -> Float32:
     """(N,) float32 opacity in [0, 1] of the shadow at the inner texels.
 
     Args:
@@ -62,7 +62,6 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
         parts: (N, 13) as ``service.texture.segmentation.parts_at`` gives them; None: nothing was read.
         weight: (N,) of the photo at the texels, before anything was found to hide them.
         zones: of the same texels.
-        hair: says whether the unseen scalp has hair.
     """
     head = chart.head
     count = len(head.mean)
@@ -80,9 +79,9 @@ def root_shadow(chart: Chart, parts: Float32 | None, weight: Float32, zones: Zon
     return np.asarray(np.clip(OPACITY * grown * points, 0, 0.95), np.float32)
 
 
-def darkening(colour: Float32, shadow: Float32, hair: Hair) -> Float32:
+def darkening(colour: Float32, shadow: Float32, hair: WornHair) -> Float32:
     """(N, 3) float32 in [0, 1], linear: what the shadow leaves of the light from sRGB skin (N, 3)."""
-    root = np.clip(hair.colour.usual * hair.colour.root * np.float32(DARKER), 0, 1)
+    root = np.clip(hair.root_colour * np.float32(DARKER), 0, 1)
     skin = srgb_to_linear(colour)
     left = np.minimum(root / np.maximum(skin, np.float32(1e-3)), 1)  # pale hair never lightens
     return np.asarray(1 + shadow[:, None] * (left - 1), np.float32)
@@ -103,7 +102,7 @@ NOT_SEGMENTED = "not-segmented"
 
 def make_texture(
     photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
-    hair: Hair | None = None,
+    hair: WornHair | None = None,
 ) -> Texture:  # fmt: skip
     """Unwrap the photo on the fitted head and inpaint the rest.
 
@@ -136,7 +135,7 @@ def make_texture(
     completed = complete_skin(chart, unwrapped.colour, found.seen, fallback, on_scalp)
     roots = None
     if hair is not None and bald:
-        shadow = root_shadow(chart, None if reading is None else part, weight, zones, hair)
+        shadow = root_shadow(chart, None if reading is None else part, weight, zones)
         roots = to_bytes(chart.fill_outside(chart.spread(darkening(completed.colour, shadow, hair))))
     person = fallback if fit.cheek is None else fit.cheek
     sure = _confidence(completed)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service.anatomy.hair.worn import to_albedo
+from service.anatomy.wearables import small_albedo, to_albedo
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
 from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write_text
@@ -141,14 +141,6 @@ def photo_light(avatar: Avatar) -> Triple:
     light = to_albedo(texture.texture, small_albedo(made.diffuse_albedo, (width, height)), texture.lit_skin)
     red, green, blue = (1 / float(value) for value in light)
     return red, green, blue
-
-
-def small_albedo(codes: UInt16, size: tuple[int, int]) -> Image:
-    """(h, w, 3) uint8 sRGB, ``size`` = (w, h), of 16-bit codes of diffuse albedo (H, W, 3)."""
-    import cv2
-
-    small = np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.float32)
-    return np.rint(small / 257).astype(np.uint8)
 
 
 def _small(texture: UInt8, size: tuple[int, int]) -> UInt8:

@@ -1,0 +1,152 @@
+"""The hair of a photo as strands on the fitted head: the pipeline's stage "hair".
+
+::
+
+    photo --read--> HairReading --bank--> likely styles --refine--> one --grow, fit--> strands --paint--> WornHair
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import replace
+
+import numpy as np
+
+from service.arrays import Float32
+from service.colour import srgb_to_linear
+from service.face.fit.result import Fit
+from service.face.reading.reader import Reading
+from service.hair.asked import NONE, AskedHair
+from service.hair.bank import kind_of, match, read_bank
+from service.hair.colour import HairColour, asked_colour
+from service.hair.groom import Groom, make_groom
+from service.hair.paint import painted
+from service.hair.reading import read_hair
+from service.hair.refine import fitted, refined, seen_share, thickness_m, tried
+from service.hair.scalp import Scalp
+from service.hair.sight import Sight, overlap
+from service.hair.style import LENGTHS, NAMED, Style, style_from_json
+from service.hair.worn_hair import WornHair
+from service.head.model import HeadModel
+from service.photo.photo import Photo
+
+UNREAD = "crop"
+"""Style of a head of which nothing was read."""
+BALD = 0.22
+"""Share of the visible scalp with hair on it below which a head is bald."""
+CROPPED_M = 0.0045
+"""Thickness of hair at the outline under which it is cropped to the skin, and no strand of its own: of portraits with
+hair painted on, or fur of 3 to 4 mm, the median is 3.0 mm, of other short hair 6 to 20."""
+LEAST_SCALP = 0.35
+"""Least share of the scalp in the picture that has to be seen for the hair to be known."""
+POOR, DOUBTFUL = 0.6, 0.5
+"""Overlap, and probability of the kind, below which either is in doubt."""
+USUAL_SKIN = np.array([0.52, 0.31, 0.22], np.float32)
+"""Linear RGB of skin in a photo whose cheek was not seen."""
+CANDIDATES = 6
+"""Styles of the bank that are tried on the head."""
+
+
+def find_hair(
+    photo: Photo, head: HeadModel, fit: Fit, reading: Reading | None, asked: AskedHair, strands: int, seed: int
+) -> WornHair:
+    """Hair of the person in a photo.
+
+    Args:
+        photo: that was fitted.
+        head: the head model; one without a region "scalp" wears nothing.
+        fit: camera and vertices.
+        reading: of the photo; without one nothing is compared.
+        asked: the options.
+        strands: of a full head.
+        seed: of all that is random.
+    """
+    style_name = asked.style if isinstance(asked.style, str) else "custom"
+    if asked.style == NONE or "scalp" not in head.region_names:
+        return WornHair(
+            style_name, None, NONE, {}, np.zeros(0, np.float32),
+            doubts=() if asked.style == NONE else ("hair-not-for-this-head",),
+        )  # fmt: skip
+    skin = Scalp.of(head, fit.neutral)
+    person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
+    if reading is None:
+        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
+        groom = make_groom(style, seed, strands, skin)
+        found = WornHair(
+            style_name, groom, kind_of(style), {}, np.zeros(len(groom), np.float32),
+            doubts=() if asked.named else ("hair-unseen",),
+        )  # fmt: skip
+        return _coloured(found, photo, None, person, asked, seed)
+    read = read_hair(photo.pixels, reading)
+    sight = Sight.of(read, fit, head)
+    if asked.named:
+        style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
+        groom = make_groom(style, seed, strands, skin)
+        seen = seen_share(groom.strands, sight)
+        agreement = overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
+        return _coloured(WornHair(style_name, groom, kind_of(style), {}, seen, agreement), photo, sight, person, asked,
+                         seed)  # fmt: skip
+    matches = match(read_bank(), sight, fit, head, read)
+    kinds = matches.kinds(read_bank())
+    grown, known = _on_scalp(sight, skin)
+    doubts: tuple[str, ...] = ("hair-unseen",) if known < LEAST_SCALP else ()
+    thick = thickness_m(sight)
+    if not doubts and (grown < BALD or (thick is not None and thick < CROPPED_M)):
+        kind = "bald" if grown < BALD else "shaved"
+        return WornHair(style_name, None, kind, {kind: 1.0}, np.zeros(0, np.float32), doubts=())
+    best = min((tried(read_bank().style(row), sight, skin, seed) for row in matches.best(CANDIDATES)),
+               key=lambda one: one.loss)  # fmt: skip
+    best = refined(best.style, sight, skin, seed, rounds=1)
+    if asked.length_mm is None:
+        groom, seen = fitted(best.style, sight, skin, seed, strands)
+    else:
+        groom = make_groom(_longer(best.style, asked), seed, strands, skin)
+        seen = seen_share(groom.strands, sight)
+    agreement = overlap(sight.hair, sight.drawn(groom.strands).mask, sight.known)
+    kind = kind_of(best.style)
+    doubts += ("hair-style-poor",) if agreement < POOR else ()
+    doubts += ("hair-kind-doubtful",) if kinds.get(kind, 0.0) < DOUBTFUL else ()
+    found = WornHair(style_name, groom, kind, kinds, seen, agreement, doubts)
+    return _coloured(found, photo, sight, person, asked, seed)
+
+
+def _asked_style(asked: AskedHair) -> Style | None:
+    if isinstance(asked.style, dict):
+        return style_from_json(asked.style)
+    return NAMED.get(asked.style)
+
+
+def _longer(style: Style, asked: AskedHair) -> Style:
+    """The style with its longest strands as long as asked for; what hangs is not cut at a height then."""
+    if asked.length_mm is None:
+        return style
+    factor = asked.length_mm / max(*(getattr(style, name) for name in LENGTHS), 0.1)
+    free = dataclasses.replace(style, cut_y=None, fade=style.fade if factor < 3 else 0.0)
+    return free.scaled(factor, *LENGTHS)
+
+
+def _on_scalp(sight: Sight, skin: Scalp) -> tuple[float, float]:
+    """Shares of the scalp before the camera: where hair is of what is known, and what is known."""
+    cell, seen = sight.visible(*sight.project(skin.even.position))
+    facing = (skin.even.normal * (sight.camera.centre - skin.even.position)).sum(1) > 0
+    own = seen & facing
+    known = float((sight.known[cell] * own).sum())
+    hair = float((sight.hair[cell] * own).sum())
+    return hair / max(known, 1e-6), known / max(float(facing.sum()), 1.0)
+
+
+def _coloured(
+    found: WornHair, photo: Photo, sight: Sight | None, skin: Float32, asked: AskedHair, seed: int
+) -> WornHair:
+    """The same in the photo's colours, in the photo's light; what was asked for is under white light."""
+    groom: Groom | None = found.groom
+    if groom is None:
+        return found
+    colour: HairColour
+    if asked.colour != "auto":
+        colour = asked_colour(asked.colour, len(groom), seed)
+    else:
+        unseen = sight is None or "hair-unseen" in found.doubts
+        colour = painted(photo, None if unseen else sight, groom.strands, found.seen, skin, seed)
+    doubts = found.doubts + (() if colour.measured else ("hair-colour-guessed",))
+    return replace(found, groom=replace(groom, colour=colour), doubts=doubts, in_photo_light=asked.colour == "auto")

@@ -1,0 +1,61 @@
+"""What of a head of hair goes into files and pictures: its cards, in the photo's light and without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from service.arrays import Float32, UInt8
+from service.colour import bytes_to_linear, linear_to_srgb
+from service.hair.cards import BUDGETS, hair_parts
+from service.hair.colour import KNOTS, as_absorbed
+from service.hair.scalp import Scalp
+from service.hair.worn_hair import WornHair
+from service.levels import QualityName
+from service.materials.material import OwnMap
+from service.materials.part import MeshPart
+
+
+def hair_cards(hair: WornHair, skin: Scalp, quality: QualityName, seed: int) -> tuple[MeshPart, ...]:
+    """Meshes of the hair, in the light that its colour has; none on a head that wears no strands.
+
+    Args:
+        hair: of the photo.
+        skin: of the fitted head at rest.
+        quality: says how many triangles and texels.
+        seed: of all that is random.
+    """
+    return () if hair.groom is None else hair_parts(hair.groom, skin, BUDGETS[quality], seed)
+
+
+def hair_in_albedo(
+    hair: WornHair, parts: tuple[MeshPart, ...], light: Float32
+) -> tuple[WornHair, tuple[MeshPart, ...]]:
+    """Hair and its meshes without the photo's light, in a colour that melanin has, or dye where it is far from those.
+
+    Args:
+        hair: of the photo.
+        parts: with those of :func:`hair_cards`; all others stay as they are.
+        light: (3,) factors from colours in the photo's light to albedo.
+    """
+    groom = hair.groom
+    if groom is None or not hair.in_photo_light or not len(groom):
+        return hair, parts
+    seen = groom.colour.linear()
+    made = replace(as_absorbed(np.clip(seen * light, 1e-3, 0.9)), measured=groom.colour.measured)
+    before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
+    change = np.asarray(after / np.maximum(before, 1e-5), np.float32)
+    unlit = tuple(_recoloured(part, change) if part.name.startswith("hair") else part for part in parts)
+    return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
+
+
+def _recoloured(part: MeshPart, change: Float32) -> MeshPart:
+    """The part with the colours of its own picture times factors (3,), linear."""
+    picture = part.material.colour_map
+    if not isinstance(picture, OwnMap):
+        return part
+    linear = bytes_to_linear(picture.pixels[..., :3]) * change
+    coded: UInt8 = np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))).astype(np.uint8)
+    pixels = np.concatenate([coded, picture.pixels[..., 3:]], 2)
+    return replace(part, material=replace(part.material, colour_map=OwnMap(picture.name, pixels)))
