@@ -132,8 +132,8 @@ def make_avatar(
             gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
             photo, face, reading, fit = gathered.first
         with stage("hair"):
-            strands, asked = options.level.strands, options.asked_hair()
-            hair = kept("hair", lambda: find_hair(photo, head, fit, reading, asked, strands, options.seed))
+            count = options.level.strands
+            hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.asked_hair(), count, options.seed))
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from service import GENERATOR
-from service.anatomy.items import FILE as HAIR_FILE
+from service.anatomy.items import FILE as ITEMS_FILE
 from service.archive.avatar import Avatar
 from service.archive.manifest import Model
+from service.hair.bank import FILE as BANK_FILE
 from service.head.files import DEFAULT_HEAD
 from service.head.model import HeadModel
 from service.reflectance.albedo.albedo_prior import FILE as PRIOR_FILE
@@ -88,8 +89,10 @@ def model_cards(
     digest = sha256((head_file or DEFAULT_HEAD).read_bytes()).hexdigest()
     cards = [Model(head.name, digest, head.licence, "head model")]
     if photo:
-        digest = sha256(HAIR_FILE.read_bytes()).hexdigest()
-        cards.append(Model("makehuman-hair", digest, "CC0-1.0", "hair, lashes, brows and bust"))
+        cards += [
+            Model("makehuman-wearables", sha256(ITEMS_FILE.read_bytes()).hexdigest(), "CC0-1.0", "lashes, brows, bust"),
+            Model("hair-styles", sha256(BANK_FILE.read_bytes()).hexdigest(), "Apache-2.0", "styles of hair"),
+        ]
     ran = {*networks, *(networks_of("detect", "read", "compare") if photo else ())}
     for one in REGISTRY:
         if one.name in ran and one.name in table:

@@ -56,7 +56,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
     faces = (quad[None, None] + 2 * np.arange(QUADS)[None, :, None, None]
              + 2 * (QUADS + 1) * np.arange(count)[:, None, None, None]).reshape(-1, 3)  # fmt: skip
     picture = OwnMap("hair", _strips(groom.colour.linear(), strip, chosen, rng))
-    material = Material("hair", colour_map=picture, alpha="mask", cutoff=0.35, double_sided=True, roughness=0.45, ior=1.55)
+    material = Material("hair", colour_map=picture, alpha="mask", cutoff=0.35, double_sided=True, roughness=0.45)
     return (MeshPart("hair", points, points, faces.astype(np.int32), uv, material),)
 
 
@@ -71,7 +71,8 @@ def _strips(colour: Float32, strip: Float32, chosen: np.ndarray, rng: np.random.
         pick = own[rng.integers(0, len(own), STRIP)]
         low = np.minimum(rows.astype(int), colour.shape[1] - 2)
         part = (rows - low)[None, :, None]
-        picture[:, k * STRIP : (k + 1) * STRIP, :3] = np.moveaxis(pick[:, low] * (1 - part) + pick[:, low + 1] * part, 0, 1)
+        drawn = pick[:, low] * (1 - part) + pick[:, low + 1] * part
+        picture[:, k * STRIP : (k + 1) * STRIP, :3] = np.moveaxis(drawn, 0, 1)
         ends = rng.uniform(0.75, 1.0, STRIP) * (rng.random(STRIP) < 0.85)
         picture[:, k * STRIP : (k + 1) * STRIP, 3] = np.linspace(0, 1, 256)[:, None] < ends
     picture[..., :3] = linear_to_srgb(np.clip(picture[..., :3], 0, 1))

@@ -179,4 +179,4 @@ def _melanin(absorbed: Float64) -> Float64:
 
 def natural(albedo: Float32) -> Float32:
     """(3,) linear RGB of the melanin, and dye where no melanin explains it, that comes nearest to an albedo (3,)."""
-    return as_absorbed(np.broadcast_to(albedo, (1, KNOTS, 3))).linear()[0, 0]
+    return np.asarray(as_absorbed(np.broadcast_to(albedo, (1, KNOTS, 3))).linear()[0, 0])

@@ -1,4 +1,4 @@
-"""The file of hair, and what follows a head."""
+"""Lashes, brows and the bust: their file, and how they follow a head."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.anatomy.hair.names import STYLES
-from service.anatomy.hair.wearables import Skull, hair_on, read_items, write_items
-from service.anatomy.hair.worn import bust_part, lash_part, outwards, seam
+from service.anatomy.items import read_items, write_items
+from service.anatomy.wearables import bust_part, lash_part, seam, to_albedo
 from service.arrays import Float32
+from service.colour import linear_to_srgb
 from service.errors import ModelFault
-from service.geometry.normals import area_normals, face_normals, normalise
+from service.geometry.normals import area_normals
 from service.geometry.sampling import sample_chart
 from service.head.files import load_head
 from service.materials.material import OwnMap
@@ -22,8 +22,7 @@ from tests.service.archive.toys import toy_avatar
 HEAD, ITEMS = load_head(), read_items()
 
 
-def test_the_file_has_the_styles_that_the_option_names() -> None:
-    assert tuple(name.partition("/")[2] for name in ITEMS.names("hair")) == STYLES
+def test_the_file_has_brows_lashes_and_a_bust() -> None:
     assert len(ITEMS.names("brow")) == 12
     assert ITEMS.names("lash") and ITEMS.names("bust") == ["bust/body"]
 
@@ -35,12 +34,9 @@ def test_items_are_sound(name: str) -> None:
     assert item.follow.min() >= 0 and item.follow.max() < len(HEAD.mean)
     np.testing.assert_allclose(item.share.sum(1), 1.0, atol=0.005)
     assert np.abs(item.rest).max() < 0.5
-    if name.startswith("hair/"):
-        assert item.picture.shape == (512, 512, 2) and item.along is not None
-        assert 0 <= item.along.min() < 0.01 and item.along.max() == 1.0
 
 
-@pytest.mark.parametrize("name", ["hair/long01", "lash/eyelashes02", "bust/body"])
+@pytest.mark.parametrize("name", ["lash/eyelashes02", "bust/body"])
 def test_a_head_that_moves_takes_its_things_along(name: str) -> None:
     item, shift = ITEMS.items[name], np.array([0.01, -0.02, 0.03], np.float32)
     moved = item.worn(np.broadcast_to(shift, HEAD.mean.shape))
@@ -57,11 +53,11 @@ def test_the_bust_is_the_heads_own_neck_where_they_meet() -> None:
 
 
 def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    items = [ITEMS.items["hair/short04"], ITEMS.items["bust/body"]]
+    items = [ITEMS.items["brow/eyebrow001"], ITEMS.items["bust/body"]]
     for path in (tmp_path / "a.npz", tmp_path / "b.npz"):
         write_items(items, ITEMS.fitted_head, path)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    again = read_items(tmp_path / "a.npz").items["hair/short04"]
+    again = read_items(tmp_path / "a.npz").items["brow/eyebrow001"]
     np.testing.assert_allclose(again.rest, items[0].rest, atol=1e-5)
     assert np.array_equal(again.picture, items[0].picture) and np.array_equal(again.triangles, items[0].triangles)
 
@@ -107,14 +103,13 @@ def test_lashes_let_light_into_the_eye() -> None:
     assert 0.1 < covered.mean() < 0.35
 
 
-@pytest.mark.parametrize("name", ITEMS.names("hair"))
-def test_cards_of_hair_face_outwards_in_the_order_of_their_height(name: str) -> None:
-    """A third of some styles faces the skull: path tracers turn round normals on the other side of a face."""
-    skull = Skull.of(HEAD, HEAD.mean)
-    item = ITEMS.items[name]
-    points = hair_on(item, ITEMS, skull)
-    faces = outwards(points, item.triangles, skull)
-    assert np.array_equal(np.sort(np.sort(faces, 1), 0), np.sort(np.sort(item.triangles, 1), 0))
-    _, away, normal = skull.nearest(points[faces].mean(1))  # of middles that differ by rounding
-    assert ((normalise(face_normals(points, faces)) * normal).sum(1) > -0.01).mean() > 0.995
-    assert (np.diff(away) > -1e-5).mean() > 0.995
+def test_the_photos_light_is_the_ratio_on_lit_skin() -> None:
+    rng = np.random.default_rng(2)
+    albedo = rng.uniform(0.3, 0.6, (20, 20, 3)).astype(np.float32)
+    light = np.array([0.8, 0.7, 0.5], np.float32)
+    coded = [np.rint(255 * linear_to_srgb(x)).astype(np.uint8) for x in (albedo, albedo * light)]
+    lit = np.full((20, 20), 255, np.uint8)
+    coded[1][:5] = 3  # hair, which is not lit skin
+    lit[:5] = 0
+    np.testing.assert_allclose(to_albedo(coded[1], coded[0], lit), 1 / light, rtol=0.02)
+    assert np.array_equal(to_albedo(coded[1], coded[0], np.zeros_like(lit)), np.ones(3))
