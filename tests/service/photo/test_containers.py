@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.gate_fuzz import decode_here, decode_in_child, run, seeds
 from service.errors import CorruptImage, TooComplex, UnsupportedFormat
 from service.photo.container import MAX_CHUNKS, MAX_SEGMENTS, open_container
 from service.photo.conversions import MAX_EXIF_BYTES, ExifFacts, read_exif
 from service.photo.gate import read_photo
 from service.photo.limits import Limits
 from tests.service.photo import badimages as bad
+from tests.tools.gate_fuzz import decode_here, decode_in_child, run, seeds
 
 PICTURE = bad.picture()
 JPEG, PNG, WEBP = (bad.save(PICTURE, kind) for kind in ("JPEG", "PNG", "WEBP"))

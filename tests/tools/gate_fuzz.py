@@ -1,6 +1,6 @@
 """Feed damaged image files to the gate and count what becomes of them.
 
-``python -m benchmarks.gate_fuzz --count 10000`` changes sound files at random (flipped bits, cut, spliced, repeated or
+``python -m tests.tools.gate_fuzz --count 10000`` changes sound files at random (flipped bits, cut, spliced, repeated or
 zeroed runs, length fields set to extremes, checksums mended so that the damage reaches the decoder) and decodes each
 one. By default the decoder runs in this process under the address-space limit of the gate, which is fast; with
 ``--child`` each file goes the whole way through ``read_photo`` and a process of its own.
@@ -12,7 +12,6 @@ its bytes are kept with ``--keep FOLDER``, and the exit status is 1.
 from __future__ import annotations
 
 import argparse
-import io
 import struct
 import sys
 import time
@@ -30,6 +29,7 @@ from service.photo.container import open_container
 from service.photo.gate import read_photo
 from service.photo.limits import Limits, check_size
 from service.photo.wire import Output, Request
+from tests.service.photo.badimages import png, save
 
 LIMITS = Limits(max_pixels=4_000_000)
 """Smaller than the gate's own, so that a header made larger by a flipped bit does not slow the run down."""
@@ -44,19 +44,19 @@ def seeds() -> list[bytes]:
     exif = Image.Exif()
     exif[0x0112] = 6
     return [
-        _written(colour, "JPEG", exif=exif),
-        _written(colour, "JPEG", progressive=True, icc_profile=_profile()),
-        _written(colour, "JPEG", subsampling=2, restart_marker_blocks=4),
-        _written(colour.convert("CMYK"), "JPEG"),
-        _written(colour.convert("L"), "JPEG"),
-        _written(colour, "PNG", exif=exif, icc_profile=_profile()),
-        _written(alpha, "PNG"),
-        _written(colour.quantize(16), "PNG", transparency=3),
-        _written(colour.convert("1"), "PNG"),
-        _png16(pixels),
-        _written(colour, "WEBP"),
-        _written(alpha, "WEBP", exif=exif),
-        _written(alpha, "WEBP", lossless=True, icc_profile=_profile()),
+        save(colour, "JPEG", exif=exif),
+        save(colour, "JPEG", progressive=True, icc_profile=_profile()),
+        save(colour, "JPEG", subsampling=2, restart_marker_blocks=4),
+        save(colour.convert("CMYK"), "JPEG"),
+        save(colour.convert("L"), "JPEG"),
+        save(colour, "PNG", exif=exif, icc_profile=_profile()),
+        save(alpha, "PNG"),
+        save(colour.quantize(16), "PNG", transparency=3),
+        save(colour.convert("1"), "PNG"),
+        png(pixels.astype(np.uint16) * 257, 6, 16),
+        save(colour, "WEBP"),
+        save(alpha, "WEBP", exif=exif),
+        save(alpha, "WEBP", lossless=True, icc_profile=_profile()),
     ]
 
 
@@ -184,25 +184,10 @@ def _extreme(data: bytearray, rng: np.random.Generator) -> None:
 _CHANGES = (_flip, _flip, _flip_early, _cut, _remove, _repeat, _overwrite, _extreme)
 
 
-def _written(image: Image.Image, kind: str, **options: object) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, kind, **options)
-    return buffer.getvalue()
-
-
 def _profile() -> bytes:
     from PIL import ImageCms
 
     return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-
-
-def _png16(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:
-    raw = b"".join(b"\0" + (row.astype(np.uint16) * 257).astype(">u2").tobytes() for row in pixels)
-    header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 16, 6, 0, 0, 0)
-    out = bytearray(b"\x89PNG\r\n\x1a\n")
-    for kind, body in ((b"IHDR", header), (b"IDAT", zlib.compress(raw)), (b"IEND", b"")):
-        out += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-    return bytes(out)
 
 
 if __name__ == "__main__":
