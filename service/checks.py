@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import types
+from dataclasses import is_dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
@@ -47,12 +48,31 @@ class Checked:
 def _refusal(kind: type, given: Any, error: ValidationError) -> UsageError:
     """The first fault that pydantic found."""
     hints = get_type_hints(kind, include_extras=True)
+    place = error.errors(include_url=False)[0]["loc"]
+    if place and is_dataclass(hints.get(str(place[0]))):
+        return refused(error)
     values = getattr(given, "kwargs", given) or {}  # of a constructor's arguments, or the values of a JSON object
-    name = str(next(iter(error.errors(include_url=False)[0]["loc"]), ""))
+    name = str(next(iter(place), ""))
     if name not in hints or name not in values:
         known = ", ".join(field for field in hints if not field.startswith("_"))
         return UsageError(f"{kind.__name__} has no {name!r}; it has {known}, each by its name", field=name)
     return UsageError(f"{name} is {shown(values[name])}; it has to be {_right(hints[name])}", field=name)
+
+
+def refused(error: ValidationError, what: str = "") -> UsageError:
+    """The first fault that pydantic found in nested values, such as a scene; ``field`` is its place, as in a URL.
+
+    Args:
+        error: of pydantic.
+        what: name of the whole, where it is not the first part of the place.
+    """
+    fault = error.errors(include_url=False)[0]
+    place, words = "/".join(map(str, fault["loc"])), fault["msg"].removeprefix("Value error, ")
+    before = f"{what}: " * bool(what)
+    if fault["type"] == "json_invalid":
+        return UsageError(f"{before}not JSON: {words}", field="")
+    value = "" if fault["type"] == "missing" else f" is {shown(fault['input'])}"
+    return UsageError(f"{before}{place or 'it'}{value}: {words[:1].lower()}{words[1:]}", field=place)
 
 
 def shown(value: object) -> str:

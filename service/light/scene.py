@@ -6,53 +6,38 @@ Radiance is linear sRGB in an arbitrary unit, as the response's exposure scales 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
-from service.checks import shown
-from service.errors import UsageError
+from annotated_types import Ge, Le, MaxLen, MinLen
+from pydantic import AfterValidator, ConfigDict, Strict, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from service.checks import refused
 
 Triple = tuple[float, float, float]
 
 WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
 
-
-def _fault(what: str, value: object, wanted: str, place: str | None = None) -> UsageError:
-    """What is wrong with a value; its place in the scene is its name, the last word, unless that is given."""
-    if place is None:
-        place = what.rpartition(" ")[2].replace("[", "/").replace("]", "")
-    return UsageError(f"scene: {what} is {shown(value)}; it should be {wanted}", field=place)
-
-
-@contextlib.contextmanager
-def _within(place: str) -> Iterator[None]:
-    """Let faults know that they are in a part of the scene."""
-    try:
-        yield
-    except UsageError as fault:
-        raise UsageError(fault.message, field=f"{place}/{fault.extra.get('field', '')}".strip("/")) from fault
+_CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False)
+_Metres = Annotated[float, Strict(), Ge(-1e3), Le(1e3)]
+_Radiance = Annotated[float, Strict(), Ge(0), Le(1e6)]
+_Intensity = Annotated[float, Strict(), Ge(0), Le(1e12)]
+_Gain = Annotated[float, Strict(), Ge(0.01), Le(100)]
+_Place = tuple[_Metres, _Metres, _Metres]
+_Colour = tuple[_Radiance, _Radiance, _Radiance]
 
 
-def _number(value: object, what: str, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise _fault(what, value, f"a number from {low:g} to {high:g}")
-    return float(value)
+def _leads_somewhere(direction: Triple) -> Triple:
+    if math.hypot(*direction) < 1e-6:
+        raise ValueError("it should be other than zero")
+    return direction
 
 
-def _triple(value: object, what: str, low: float, high: float) -> Triple:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise _fault(what, value, "three numbers")
-    a, b, c = (_number(v, f"{what}[{i}]", low, high) for i, v in enumerate(value))
-    return a, b, c
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_CHECKED)
 class PointLight:
     """A spherical light of uniform radiance.
 
@@ -62,33 +47,21 @@ class PointLight:
         radius_m: 0 for a point; shadows soften with it.
     """
 
-    position_m: Triple
-    intensity: Triple
-    radius_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        _triple(self.position_m, "position_m", -1e3, 1e3)
-        _triple(self.intensity, "intensity", 0.0, 1e12)
-        _number(self.radius_m, "radius_m", 0.0, 1e3)
+    position_m: _Place
+    intensity: tuple[_Intensity, _Intensity, _Intensity]
+    radius_m: Annotated[float, Strict(), Ge(0), Le(1e3)] = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_CHECKED)
 class Softbox:
     """A spherical Gaussian of radiance: radiance * exp(sharpness * (cos - 1)), cos of the angle to its direction."""
 
-    direction: Triple
-    radiance: Triple
-    sharpness: float = 20.0
-
-    def __post_init__(self) -> None:
-        _triple(self.direction, "softbox direction", -1e3, 1e3)
-        if math.hypot(*self.direction) < 1e-6:
-            raise _fault("softbox direction", self.direction, "other than zero")
-        _triple(self.radiance, "softbox radiance", 0.0, 1e6)
-        _number(self.sharpness, "softbox sharpness", 0.1, 1000.0)
+    direction: Annotated[_Place, AfterValidator(_leads_somewhere)]
+    radiance: _Colour
+    sharpness: Annotated[float, Strict(), Ge(0.1), Le(1000)] = 20.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_CHECKED)
 class Environment:
     """Distant light from all directions: a shipped image plus an analytic sky, rotated about the vertical and scaled.
 
@@ -101,25 +74,15 @@ class Environment:
     """
 
     name: str | None = None
-    zenith: Triple = BLACK
-    horizon: Triple = BLACK
-    ground: Triple = BLACK
-    softboxes: tuple[Softbox, ...] = ()
-    rotation_deg: float = 0.0
-    strength: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.name is not None and not isinstance(self.name, str):
-            raise _fault("environment name", self.name, "a string or null")
-        for name in ("zenith", "horizon", "ground"):
-            _triple(getattr(self, name), name, 0.0, 1e6)
-        if len(self.softboxes) > 64:
-            raise _fault("number of softboxes", len(self.softboxes), "at most 64")
-        _number(self.rotation_deg, "rotation_deg", -3600.0, 3600.0)
-        _number(self.strength, "strength", 0.0, 1e6)
+    zenith: _Colour = BLACK
+    horizon: _Colour = BLACK
+    ground: _Colour = BLACK
+    softboxes: Annotated[tuple[Softbox, ...], MaxLen(64)] = ()
+    rotation_deg: Annotated[float, Strict(), Ge(-3600), Le(3600)] = 0.0
+    strength: _Radiance = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_CHECKED)
 class Response:
     """The camera's tone curve: coded value = sRGB(clip(exposure * white_balance * light)) ** gamma.
 
@@ -131,41 +94,25 @@ class Response:
         gamma: exponent of the coded value.
     """
 
-    exposure: float | None = None
-    target: float = 0.75
-    white_balance: Triple = WHITE
-    shoulder: float = 0.0
-    gamma: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.exposure is not None:
-            _number(self.exposure, "exposure", 0.0, 1e9)
-        _number(self.target, "target", 0.01, 0.99)
-        _triple(self.white_balance, "white_balance", 0.01, 100.0)
-        _number(self.shoulder, "shoulder", 0.0, 0.9)
-        _number(self.gamma, "gamma", 0.3, 3.0)
+    exposure: Annotated[float, Strict(), Ge(0), Le(1e9)] | None = None
+    target: Annotated[float, Strict(), Ge(0.01), Le(0.99)] = 0.75
+    white_balance: tuple[_Gain, _Gain, _Gain] = WHITE
+    shoulder: Annotated[float, Strict(), Ge(0), Le(0.9)] = 0.0
+    gamma: Annotated[float, Strict(), Ge(0.3), Le(3)] = 1.0
 
 
 DEFAULT_VIEW: Triple = (0.0, 0.0, 1.2)
 """Viewpoint in metres, head space: in front of the face at portrait distance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_CHECKED)
 class Scene:
     """Light, viewpoints and camera. Several viewpoints simulate a texture blended from several photos."""
 
     environment: Environment = Environment()
-    lights: tuple[PointLight, ...] = ()
-    viewpoints: tuple[Triple, ...] = (DEFAULT_VIEW,)
+    lights: Annotated[tuple[PointLight, ...], MaxLen(64)] = ()
+    viewpoints: Annotated[tuple[_Place, ...], MinLen(1), MaxLen(16)] = (DEFAULT_VIEW,)
     response: Response = Response()
-
-    def __post_init__(self) -> None:
-        if not 1 <= len(self.viewpoints) <= 16:
-            raise _fault("viewpoints", self.viewpoints, "a list of 1 to 16 points")
-        for point in self.viewpoints:
-            _triple(point, "viewpoint", -1e3, 1e3)
-        if len(self.lights) > 64:
-            raise _fault("number of lights", len(self.lights), "at most 64")
 
     def exposed(self, exposure: float) -> Scene:
         """The same scene with the exposure fixed."""
@@ -183,65 +130,9 @@ class Scene:
             UsageError: not JSON, a field that does not exist, or a value out of range; the message names it.
         """
         try:
-            data = json.loads(text)
-        except (ValueError, RecursionError) as fault:
-            raise UsageError(f"scene: not JSON: {fault}") from fault
-        fields = _known(data, cls, "scene")
-        if "environment" in fields:
-            with _within("environment"):
-                fields["environment"] = _environment(fields["environment"])
-        if "lights" in fields:
-            fields["lights"] = _all(fields["lights"], PointLight, "lights", "light")
-        if "viewpoints" in fields:
-            points = enumerate(_list(fields["viewpoints"], "viewpoints"))
-            fields["viewpoints"] = tuple(_triple(point, f"viewpoints[{n}]", -1e3, 1e3) for n, point in points)
-        if "response" in fields:
-            with _within("response"):
-                fields["response"] = _build(fields["response"], Response, "response")
-        return cls(**fields)
-
-
-def _all(data: object, kind: type, what: str, one: str) -> tuple[Any, ...]:
-    built = []
-    for number, item in enumerate(_list(data, what)):
-        with _within(f"{what}/{number}"):
-            built.append(_build(item, kind, one))
-    return tuple(built)
-
-
-def _list(value: object, what: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise _fault(what, value, "a list")
-    return value
-
-
-def _known(data: object, kind: type, what: str) -> dict[str, Any]:
-    if not isinstance(data, Mapping):
-        raise _fault(what, data, "an object with named fields", "")
-    names = [field.name for field in dataclasses.fields(kind)]
-    unknown = sorted(set(data) - set(names))
-    if unknown:
-        words = f"scene: {what} has no field {unknown[0][:40]!r}; it has {', '.join(names)}"
-        raise UsageError(words, field=unknown[0][:40])
-    return dict(data)
-
-
-def _build(data: object, kind: type, what: str) -> Any:
-    fields = _known(data, kind, what)
-    for name, value in fields.items():
-        if isinstance(value, list):
-            fields[name] = tuple(value)
-    for field in dataclasses.fields(kind):
-        if field.default is dataclasses.MISSING and field.name not in fields:
-            raise UsageError(f"scene: {what} has no {field.name}, which it needs", field=field.name)
-    return kind(**fields)
-
-
-def _environment(data: object) -> Environment:
-    fields = _known(data, Environment, "environment")
-    fields["softboxes"] = _all(fields.get("softboxes", []), Softbox, "softboxes", "softbox")
-    built: Environment = _build(fields, Environment, "environment")
-    return built
+            return TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            raise refused(error, "scene") from error
 
 
 BRIGHT = 0.9
