@@ -131,9 +131,10 @@ def _view_facts(name: str) -> Object:
     return {"target": _ELEMENT_BUFFER} if name.startswith("indices") else {}
 
 
-Slot = Literal["colour", "roughness", "specular", "normal", "cavity"]
+Slot = Literal["colour", "roughness", "specular", "normal", "cavity", "anisotropy"]
 
 SPECULAR, IOR, TRANSMISSION = "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission"
+ANISOTROPY = "KHR_materials_anisotropy"
 
 COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
 DEFAULT_IOR = 1.5
@@ -228,6 +229,9 @@ class GltfMaterials:
             found[IOR] = {"ior": material.ior}
         if material.transmission > 0:
             found[TRANSMISSION] = {"transmissionFactor": material.transmission}
+        if material.anisotropy > 0:
+            found[ANISOTROPY] = {"anisotropyStrength": material.anisotropy}
+            self._put(found[ANISOTROPY], "anisotropyTexture", material.anisotropy_map, "anisotropy")
         return found
 
     def _put(self, into: Object, key: str, one: Map | None, slot: Slot) -> bool:
@@ -266,7 +270,7 @@ def packed(pixels: UInt8, slot: Slot) -> UInt8:
 
     Specular is in alpha, roughness in green, cavity in red; of several channels the first counts.
     """
-    if slot in ("colour", "normal"):
+    if slot in ("colour", "normal", "anisotropy"):
         return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, 2)
     values = pixels if pixels.ndim == 2 else pixels[..., 0]
     channels = np.full((*values.shape, 4 if slot == "specular" else 3), 255, np.uint8)

@@ -337,7 +337,10 @@ class Material(_Strict):
     """Mean free path of red, green and blue."""
     transmission: Fraction
     maps: dict[str, str]
-    """By what they are for: colour, roughness, specular, normal, displacement, cavity, thickness."""
+    """By what they are for: colour, roughness, specular, normal, displacement, cavity, thickness, anisotropy, and
+    strand: place from root to tip, identity and depth."""
+    anisotropy: Fraction = 0.0
+    """How much wider a highlight is across the strands of hair than along them, as glTF has it."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,6 +32,7 @@ class ObjMesh:
         polygon_uv: (Q, 4) int32 indices into ``uv``, -1 as in ``polygons``; all -1 where a face has none.
         part_names: names of ``o`` (``g`` where there is no ``o``), in order of appearance.
         polygon_part: (Q,) uint8 index into ``part_names``.
+        normals: (V, 3) float64 of the vertices, of each that of its last corner; 0 where the file has none.
     """
 
     vertices: Float64
@@ -40,6 +41,7 @@ class ObjMesh:
     polygon_uv: Int32
     part_names: tuple[str, ...]
     polygon_part: UInt8
+    normals: Float64 | None = None
 
     def part(self, name: str) -> ObjMesh:
         """One of the parts by itself, with its own vertices and texture coordinates.
@@ -57,7 +59,9 @@ class ObjMesh:
             short[index >= 0] = local
             rows += [(values[used], short)]
         (points, polygons), (uv, places) = rows
-        return ObjMesh(points, uv, polygons, places, (name,), np.zeros(len(polygons), np.uint8))
+        used = np.unique(self.polygons[chosen][self.polygons[chosen] >= 0])
+        normals = None if self.normals is None else self.normals[used]
+        return ObjMesh(points, uv, polygons, places, (name,), np.zeros(len(polygons), np.uint8), normals)
 
     def as_head(self, name: str, licence: str) -> HeadModel:
         """A head model with this topology, chart and shape, and without bases, landmarks or regions.
@@ -99,6 +103,8 @@ def read_obj(data: bytes) -> ObjMesh:
         raise BadMesh("the OBJ file is not text; a Wavefront OBJ file is expected") from error
     vertices: list[list[float]] = []
     uv: list[list[float]] = []
+    normals: list[list[float]] = []
+    normal_of: dict[int, int] = {}
     faces: list[tuple[list[int], list[int], int]] = []
     names: list[str] = []
     objects, current = False, 0
@@ -108,9 +114,15 @@ def read_obj(data: bytes) -> ObjMesh:
             vertices.append(_numbers(number, words, 3))
         elif kind == "vt":
             uv.append(_numbers(number, words, 2))
+        elif kind == "vn":
+            normals.append(_numbers(number, words, 3))
         elif kind == "f":
             names = names or ["skin"]
-            faces.append((*_face(number, words, len(vertices), len(uv)), current))
+            corners, places_of = _face(number, words, len(vertices), len(uv))
+            faces.append((corners, places_of, current))
+            if normals and words[0].count("/") == 2:
+                turned = (_index(number, word.rpartition("/")[2], len(normals), "vn") for word in words)
+                normal_of.update(zip(corners, turned, strict=False))
         elif kind == "o" or (kind == "g" and not objects):
             objects |= kind == "o"
             name = " ".join(words) or "unnamed"
@@ -122,6 +134,9 @@ def read_obj(data: bytes) -> ObjMesh:
         raise BadMesh("the OBJ file has no faces; a mesh is expected")
     polygons, places, owners = zip(*faces, strict=True)
     used, owner = np.unique(owners, return_inverse=True)  # exporters write empty groups
+    upright = np.zeros((len(vertices), 3))
+    if normal_of:
+        upright[list(normal_of)] = np.array(normals)[list(normal_of.values())]
     return ObjMesh(
         np.array(vertices, np.float64),
         np.array(uv, np.float64).reshape(-1, 2),
@@ -129,6 +144,7 @@ def read_obj(data: bytes) -> ObjMesh:
         np.array(places, np.int32),
         tuple(names[index] for index in used),
         owner.astype(np.uint8),
+        upright,
     )
 
 

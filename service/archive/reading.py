@@ -16,6 +16,7 @@ from service.archive.read_obj import MAX_BYTES as MAX_OBJ
 from service.archive.read_obj import ObjMesh, read_obj
 from service.arrays import UInt8
 from service.errors import BadArchive, CorruptImage, NumericFault, UnreadableInput
+from service.geometry.normals import normalise
 from service.materials.material import ChartMap, Map, Material, OwnMap
 from service.materials.part import MeshPart
 from service.photo.container import open_container
@@ -26,7 +27,7 @@ from service.render.surface import StoredMap
 
 MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
-COLOUR = ("colour",)
+DRAWN = ("colour", "anisotropy")
 """Slots of materials that a picture needs."""
 
 
@@ -38,7 +39,7 @@ class AvatarFile:
         manifest: as stored; only the keys that are used here were checked.
         mesh: ``mesh/head.obj``, the head's own parts.
         maps: by role.
-        parts: meshes beside the head's own, in the photo's expression; of their maps they have the colours.
+        parts: meshes beside the head's own, in the photo's expression; of their maps they have ``DRAWN``.
         replaced: the head's own parts in place of which others stand.
     """
 
@@ -99,7 +100,7 @@ def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Ma
         archive: has the textures of parts' own, which are decoded.
         given: what the manifest says of it.
         known: maps by path; those that are new are added.
-        slots: "colour", "normal" and the like; maps of the chart are left out where it is "colour" alone.
+        slots: "colour", "normal" and the like; maps of the chart are left out where they are ``DRAWN``.
 
     Raises:
         BadArchive: a value is out of range, or a texture cannot be read.
@@ -111,7 +112,7 @@ def stored_material(archive: ArchiveFile, given: m.Material, known: dict[str, Ma
         stem = path.rpartition("/")[2].removesuffix(".png")
         if own and path not in known:
             known[path] = OwnMap(stem, unpack_texture(archive.read(path, MAX_TEXTURE), stem))
-        if own or slots != COLOUR:
+        if own or slots != DRAWN:
             maps[f"{slot}_map"] = known[path] if own else ChartMap(stem)
     values = {field.name: getattr(given, field.name) for field in fields(m.Material) if field.name != "maps"}
     triples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
@@ -126,11 +127,17 @@ def _part(
 ) -> MeshPart:
     if part.material not in materials:
         raise BadArchive(f"the manifest names no material {part.material[:40]!r}, which a part has")
-    mesh, material = whole.part(part.name), stored_material(archive, materials[part.material], known, COLOUR)
+    mesh, material = whole.part(part.name), stored_material(archive, materials[part.material], known, DRAWN)
     points, has_uv = mesh.vertices.astype(np.float32), (mesh.polygon_uv[:, 0] >= 0).all()
     uv, uv_faces = (mesh.uv, mesh.polygon_uv) if has_uv else (np.zeros((len(points), 2)), None)
+    normals = None
+    if material.anisotropy > 0 and mesh.normals is not None:
+        normals = np.asarray(normalise(mesh.normals, (0.0, 1.0, 0.0)), np.float32)
     try:
-        return MeshPart(part.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces)
+        return MeshPart(
+            part.name, points, points, mesh.polygons, uv.astype(np.float32), material, uv_faces=uv_faces,
+            normals=normals,
+        )  # fmt: skip
     except NumericFault as fault:
         raise BadArchive(f"the part {part.name[:40]!r} of the archive cannot be used: {fault}") from fault
 

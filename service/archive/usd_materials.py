@@ -66,6 +66,8 @@ def mtlx_network(material: Material, files: MapFiles) -> list[Node]:
         "transmission": ("float", material.transmission),
         "opacity": ("color3", (material.opacity,) * 3),
     }
+    if material.anisotropy > 0:
+        inputs["specular_anisotropy"] = ("float", material.anisotropy)
     if any(material.subsurface_mm):
         longest = max(material.subsurface_mm)
         inputs["subsurface"] = ("float", 1.0)

@@ -1,4 +1,15 @@
-"""Hair cards: ribbons along strands of a groom, with a texture of strips in their colours."""
+"""Hair cards: ribbons along the locks of a groom, with textures drawn from its own strands.
+
+::
+
+    Groom --k-means by whole polyline--> bundles --middle line, spread, outwards--> ribbons
+    Groom --strands by the hairline--> single hairs        scalp with roots on it --> cap
+    ribbons, hairs, cap --what their strands look like--> atlas --> two meshes
+
+One mesh is cut out by alpha (``hair``): ribbons, and beneath them fewer and denser ones that close slits. The other is
+blended over it (``hair_edge``): the shade of roots on the scalp and single hairs, so that the hairline is soft. What a
+ribbon cannot follow, curls above all, its texture shows.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +17,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
 
-from service.arrays import Float32, UInt8
-from service.colour import linear_to_srgb, luma
+from service.arrays import AnyFloat, Bool, Float32, Int32, Int64
+from service.geometry.normals import face_normals
+from service.hair.atlas import SAMPLES, Atlas, Cells, Strokes, cell_corners, draw_atlas
 from service.hair.groom import Groom
-from service.hair.guides import resampled, unit
-from service.hair.scalp import Scalp
+from service.hair.scalp import CELL_M, LOW, Scalp
+from service.hair.style import WAVES
 from service.levels import QualityName
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
+
+HAIR, EDGE = "hair", "hair_edge"
+"""Names of the two meshes."""
 
 
 @dataclass(frozen=True)
@@ -29,51 +46,408 @@ BUDGETS: Mapping[QualityName, Budget] = {
     "draft": Budget(20_000, 1024), "standard": Budget(60_000, 2048), "high": Budget(120_000, 2048),
     "reference": Budget(120_000, 4096),
 }  # fmt: skip
-QUADS, STRIPS, STRIP = 10, 16, 32
-"""Quads of a ribbon; strips of the texture by brightness, and texels across one."""
-HALF_M = 0.0035
-"""Half a ribbon's width."""
+SHARES = {"body": 0.72, "inner": 0.14, "single": 0.14}
+"""Of the triangles that the cap leaves: ribbons, what closes slits below them, single hairs."""
+ROW_M = 0.028
+"""Length of a ribbon's quads."""
+ROWS = (3, 14)
+"""Fewest and most quads of a ribbon; waves and curls are in its texture."""
+TINTS = 8
+"""Places along a strand at which it has its colours."""
+SPREAD = 2.1
+"""Half a ribbon's width over the standard deviation of its strands' offsets: 1.73 would be the width of evenly spread
+strands; the rest is overlap with the neighbours."""
+PRIOR = 2.0
+"""Strands that the usual spread counts for: most bundles have only a few."""
+NARROWEST_M, WIDEST_M = 0.0008, 0.011
+"""Half widths."""
+LONGER = 0.05
+"""Share of its length by which a ribbon reaches beyond its mean tip, for the strands that are longer."""
+ROLL = 0.25
+"""How much ribbons of one place are turned against each other: enough to break up a sheet."""
+INNER_M = 0.0025
+"""Distance of the inner ribbons below those that they back."""
+EDGE_SHARE = 0.42
+"""Distance to the middle of a root's nearest roots, over their mean distance, from which on it is on the hairline."""
+COPIES = 3
+"""Single hairs for each strand on the hairline."""
+HAIR_M = 0.0007
+"""Half width of the ribbon of a single hair; its texture shows one to three."""
+CAP_M = 0.0007
+"""Height of the cap over the scalp."""
+CUTOFF = 0.35
+"""Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
+IOR = 1.55
+"""Of human hair (Marschner et al. 2003, table 1)."""
+ROUGHNESS = 0.42
+ANISOTROPY = 0.75
+"""Strength as in glTF: how much wider a highlight is across strands than along them."""
 
 
 def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tuple[MeshPart, ...]:
-    """The mesh of a head of hair, which stands still; nothing where no strand grows."""
+    """The meshes of a head of hair, which stand still.
+
+    Args:
+        groom: strands on the head at rest.
+        scalp: of that head.
+        budget: triangles and texels; the triangles are not exceeded.
+        seed: of ribbons' turns and of what the atlas shows.
+
+    Returns:
+        ``HAIR`` and ``EDGE``; nothing where no strand grows. Faces are in order from the skin outwards.
+    """
     if not len(groom):
         return ()
     rng = np.random.default_rng([seed, 0xCA4D])
-    count = min(len(groom), budget.triangles // (2 * QUADS))
-    chosen = rng.choice(len(groom), count, replace=False)
-    line = resampled(groom.strands[chosen], np.ones(count, np.float32), QUADS + 1)
-    along = unit(np.gradient(line, axis=1))
-    across = unit(np.cross(along, scalp.outwards(line)))
-    width = HALF_M * np.linspace(1, 0.5, QUADS + 1, dtype=np.float32)[None, :, None]
-    points = np.stack([line - width * across, line + width * across], 2).reshape(-1, 3)
-    bright = luma(groom.colour.linear()[chosen].mean(1))
-    strip = (np.argsort(np.argsort(bright, kind="stable"), kind="stable") * STRIPS // count).astype(np.float32)
-    u = (strip[:, None, None] + np.array([0.05, 0.95], np.float32)) / STRIPS
-    v = np.linspace(0.995, 0.005, QUADS + 1, dtype=np.float32)[None, :, None]
-    uv = np.stack(np.broadcast_arrays(u, v), -1).reshape(-1, 2).astype(np.float32)
-    quad = np.array([[0, 1, 3], [0, 3, 2]])
-    faces = (quad[None, None] + 2 * np.arange(QUADS)[None, :, None, None]
-             + 2 * (QUADS + 1) * np.arange(count)[:, None, None, None]).reshape(-1, 3)  # fmt: skip
-    picture = OwnMap("hair", _strips(groom.colour.linear(), strip, chosen, rng))
-    material = Material("hair", colour_map=picture, alpha="mask", cutoff=0.35, double_sided=True, roughness=0.45)
-    return (MeshPart("hair", points, points, faces.astype(np.int32), uv, material),)
+    body = Body.of(groom.strands, scalp)
+    colours = groom.colour.linear(TINTS)
+    rows = _rows(groom)
+    edge = on_hairline(groom.strands[:, 0])
+    inner_rows = max(ROWS[0], rows // 2)
+    cap = _cap(groom, scalp)
+    wanted = {name: int(share * max(budget.triangles - len(cap[3]), 0)) for name, share in SHARES.items()}
+    ribbons = Ribbons.along(groom.strands, rows, wanted["body"] // (2 * rows), body, rng)
+    inner = Ribbons.along(groom.strands, inner_rows, wanted["inner"] // (2 * inner_rows), body, rng)
+    inner = inner.backing(body, scalp)
+    hairs = _single_hairs(groom, edge, min(rows, 6), wanted["single"], body, rng)
+    strokes, cells, of_ribbon, of_inner, of_hair = _drawn(groom, colours, ribbons, inner, hairs, rng)
+    atlas = draw_atlas(strokes, cells, budget.atlas, colours[:, 0].mean(0), rng)
+    return _parts(ribbons, inner, hairs, cap, (of_ribbon, of_inner, of_hair), atlas, body)
 
 
-def _strips(colour: Float32, strip: Float32, chosen: np.ndarray, rng: np.random.Generator) -> UInt8:
-    """(256, STRIPS * STRIP, 4) uint8: strands side by side from root (row 0) to tip."""
-    picture = np.zeros((256, STRIPS * STRIP, 4), np.float32)
-    rows = np.linspace(0, colour.shape[1] - 1, 256)
-    for k in range(STRIPS):
-        own = colour[chosen[strip == k]]
-        if not len(own):
-            continue
-        pick = own[rng.integers(0, len(own), STRIP)]
-        low = np.minimum(rows.astype(int), colour.shape[1] - 2)
-        part = (rows - low)[None, :, None]
-        drawn = pick[:, low] * (1 - part) + pick[:, low + 1] * part
-        picture[:, k * STRIP : (k + 1) * STRIP, :3] = np.moveaxis(drawn, 0, 1)
-        ends = rng.uniform(0.75, 1.0, STRIP) * (rng.random(STRIP) < 0.85)
-        picture[:, k * STRIP : (k + 1) * STRIP, 3] = np.linspace(0, 1, 256)[:, None] < ends
-    picture[..., :3] = linear_to_srgb(np.clip(picture[..., :3], 0, 1))
-    return np.rint(255 * picture).astype(np.uint8)
+def _rows(groom: Groom) -> int:
+    """Quads of a ribbon."""
+    length = float(np.median(np.linalg.norm(np.diff(groom.strands, axis=1), axis=2).sum(1)))
+    return int(np.clip(np.ceil(length / ROW_M), ROWS[0], ROWS[1]))
+
+
+@dataclass(frozen=True)
+class Body:
+    """The body of hair: which way is out of it.
+
+    Attributes:
+        filled: (X, Y, Z) float32, blurred share of cells on the scalp's grid that hair or the head fills.
+    """
+
+    filled: Float32
+
+    @classmethod
+    def of(cls, strands: Float32, scalp: Scalp) -> Body:
+        """Of strands (N, P, 3) on a head."""
+        shape = scalp.distance.shape
+        cell = np.rint((strands.reshape(-1, 3) - np.array(LOW, np.float32)) / np.float32(CELL_M)).astype(np.int64)
+        cell = np.clip(cell, 0, np.array(shape) - 1)
+        count = np.bincount(np.ravel_multi_index(tuple(cell.T), shape), minlength=int(np.prod(shape))).reshape(shape)
+        usual = max(float(np.median(count[count > 0])), 1.0)
+        solid = np.where(scalp.distance < 0, 1.0, 1 - np.exp(-count / usual))
+        return cls(np.asarray(gaussian_filter(solid, 2.0, mode="nearest"), np.float32))
+
+    def outwards(self, points: Float32) -> Float32:
+        """(..., 3) float32 unit vectors from points (..., 3), metres, to where there is less hair."""
+        flat, step = points.reshape(-1, 3), np.float32(CELL_M)
+        axes = np.eye(3, dtype=np.float32)
+        slopes = [self.read(flat + step * axis) - self.read(flat - step * axis) for axis in axes]
+        return _unit(-np.stack(slopes, -1)).reshape(points.shape)
+
+    def read(self, points: Float32) -> Float32:
+        """(N,) share of filled cells at points (N, 3)."""
+        at = (points.T - np.array(LOW, np.float32)[:, None]) / np.float32(CELL_M)
+        return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
+
+
+@dataclass(frozen=True)
+class Ribbons:
+    """Ribbons, K of them with S quads each.
+
+    Attributes:
+        line: (K, S + 1, 3) float32 metres, their middle lines from root to tip.
+        across: (K, S + 1, 3) float32 unit, from one side to the other.
+        half: (K, S + 1) float32 metres, half their widths.
+        label: (N,) int64, the ribbon of each strand.
+    """
+
+    line: Float32
+    across: Float32
+    half: Float32
+    label: Int64
+
+    @classmethod
+    def along(cls, strands: Float32, rows: int, count: int, body: Body, rng: np.random.Generator) -> Ribbons:
+        """At most ``count`` ribbons of ``rows`` quads along the bundles of strands (N, P, 3)."""
+        coarse = np.einsum("rp,npc->nrc", _window(strands.shape[1], 8), strands)
+        # Where they begin and end tells bundles apart more than where they run.
+        weight = np.array([1.4, 1, 1, 1, 1, 1, 1, 1.2], np.float32)[:, None]
+        label = kmeans((coarse * weight).reshape(len(strands), -1), min(count, max(len(strands) // 2, 1)), 4, rng)
+        number = np.bincount(label).astype(np.float32)
+        weights = _window(strands.shape[1], rows + 1)
+        own = np.einsum("rp,npc->nrc", weights, strands)
+        line = _means(label, own, len(number))
+        step = line[:, -1] - line[:, -2]
+        line[:, -1] += step * LONGER * rows
+        across = facing(line, body.outwards(line), rng)
+        offset = ((own - line[label]) * across[label]).sum(2)
+        squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]
+        usual = np.average(squares, axis=0, weights=number)
+        spread = np.sqrt((number[:, None] * squares + PRIOR * usual) / (number[:, None] + PRIOR))
+        half = np.clip(SPREAD * spread, NARROWEST_M, WIDEST_M)
+        half = np.maximum(half, 0.45 * half.max(1, keepdims=True))
+        return cls(line, across, half.astype(np.float32), label)
+
+    def backing(self, body: Body, scalp: Scalp) -> Ribbons:
+        """These ribbons as an inner layer: wider, and a little deeper, but out of the head."""
+        line = self.line - np.float32(INNER_M) * body.outwards(self.line)
+        line[:, 1:] = scalp.pushed(line[:, 1:], 0.0009, 2 * INNER_M)
+        return Ribbons(line, self.across, np.minimum(1.35 * self.half, WIDEST_M), self.label)
+
+    def offsets(self, strands: Float32) -> Float32:
+        """(N, SAMPLES) sideways place of strands (N, P, 3) on their ribbons, in half widths."""
+        at = np.linspace(0, self.line.shape[1] - 1, SAMPLES)
+        own = _between(strands, np.linspace(0, strands.shape[1] - 1, SAMPLES))
+        line, across = _between(self.line, at), _unit(_between(self.across, at))
+        half = _between(self.half[..., None], at)[..., 0]
+        apart = ((own - line[self.label]) * across[self.label]).sum(2)
+        return np.asarray(apart / half[self.label], np.float32)
+
+    def ends(self, strands: Float32) -> Float32:
+        """(N,) where strands end along their ribbon, 1 at its end."""
+        last = self.line[:, -1] - self.line[:, -2]
+        run = np.linalg.norm(np.diff(self.line, axis=1), axis=2).sum(1)
+        back = ((strands[:, -1] - self.line[self.label, -1]) * _unit(last)[self.label]).sum(1) / run[self.label]
+        return np.asarray(np.clip(1 + back, 0.55, 1.0), np.float32)
+
+    @property
+    def length(self) -> Float32:
+        """(K,) metres."""
+        return np.asarray(np.linalg.norm(np.diff(self.line, axis=1), axis=2).sum(1), np.float32)
+
+
+def facing(line: Float32, outwards: Float32, rng: np.random.Generator) -> Float32:
+    """(K, S + 1, 3) unit vectors across lines (K, S + 1, 3), so that ribbons face outwards, each a little rolled.
+
+    Where a line runs straight outwards, as on an afro, its roll alone says which way it faces.
+    """
+    along = _unit(np.gradient(line, axis=1))
+    flat = np.cross(along, outwards)
+    chance = rng.normal(0, 1, (len(line), 1, 3)).astype(np.float32)
+    chance = _unit(np.where((chance * outwards.mean(1, keepdims=True)).sum(2, keepdims=True) < 0, -chance, chance))
+    across = flat + ROLL * np.cross(along, chance)
+    for _ in range(2):  # ribbons do not turn within a quad
+        across[:, 1:-1] = 0.25 * across[:, :-2] + 0.5 * across[:, 1:-1] + 0.25 * across[:, 2:]
+    across -= along * (across * along).sum(2, keepdims=True)
+    return _unit(across)
+
+
+def on_hairline(roots: Float32) -> Bool:
+    """(N,) whether roots (N, 3) lie on the border of those: their neighbours are all on one side."""
+    found = cKDTree(roots).query(roots, k=min(24, len(roots)))
+    apart, near = np.asarray(found[0]).reshape(len(roots), -1), np.asarray(found[1]).reshape(len(roots), -1)
+    offset = np.linalg.norm(roots[near].mean(1) - roots, axis=1)
+    return np.asarray(offset > EDGE_SHARE * np.maximum(apart.mean(1), 1e-6))
+
+
+def kmeans(rows: Float32, count: int, rounds: int, rng: np.random.Generator) -> Int64:
+    """(N,) cluster of each of rows (N, D), at most ``count``, none of them empty (Lloyd 1982)."""
+    centre = rows[np.sort(rng.choice(len(rows), min(count, len(rows)), replace=False))]
+    for _ in range(rounds):
+        label = _nearest(rows, centre)
+        number = np.bincount(label, minlength=len(centre))
+        sums = _means(label, rows, len(centre))
+        centre = np.where(number[:, None] > 0, sums, centre)
+    return np.asarray(np.unique(_nearest(rows, centre), return_inverse=True)[1], np.int64)
+
+
+def _nearest(rows: Float32, centre: Float32) -> Int64:
+    size = np.square(centre).sum(1)
+    chunks = (rows[first : first + 2048] for first in range(0, len(rows), 2048))
+    return np.concatenate([(size - 2 * chunk @ centre.T).argmin(1) for chunk in chunks])
+
+
+def _means(label: Int64, values: Float32, count: int) -> Float32:
+    """(count, ...) mean of values (N, ...) by label; 0 where there is none."""
+    from scipy.sparse import csr_matrix
+
+    flat = values.reshape(len(values), -1)
+    sums = csr_matrix((np.ones(len(label), np.float32), (label, np.arange(len(label)))), (count, len(label))) @ flat
+    number = np.maximum(np.bincount(label, minlength=count), 1)
+    return np.asarray(sums / number[:, None], np.float32).reshape(count, *values.shape[1:])
+
+
+def _window(points: int, rows: int) -> Float32:
+    """(rows, points) weights of a line's points for each of its rows: means over as much as a row stands for."""
+    at = np.linspace(0, points - 1, rows)[:, None]
+    # The window gets narrower towards root and tip, where the line has to be met.
+    wide = np.minimum(max((points - 1) / max(rows - 1, 1), 1.0), np.minimum(at, points - 1 - at) + 1.0)
+    weight = np.maximum(1 - np.abs(np.arange(points)[None] - at) / wide, 0)
+    return np.asarray(weight / weight.sum(1, keepdims=True), np.float32)
+
+
+def _between(lines: Float32, at: AnyFloat) -> Float32:
+    """Lines (N, P, C) at places along them, in points."""
+    low = np.minimum(at.astype(int), max(lines.shape[1] - 2, 0))
+    part = (at - low).astype(np.float32)[None, :, None]
+    return np.asarray(lines[:, low] * (1 - part) + lines[:, np.minimum(low + 1, lines.shape[1] - 1)] * part, np.float32)
+
+
+def _single_hairs(
+    groom: Groom, edge: Bool, rows: int, budget: int, body: Body, rng: np.random.Generator
+) -> Ribbons:
+    """Narrow ribbons along strands: those of the hairline several times, and some of what is seen of the rest."""
+    most = max(budget // (2 * rows), 1)
+    own = np.flatnonzero(edge)
+    chosen = np.repeat(own, COPIES)
+    chosen = chosen if len(chosen) <= 0.7 * most else rng.choice(chosen, int(0.7 * most), replace=False)
+    rest = rng.choice(len(groom), min(most - len(chosen), len(groom)), replace=False)
+    chosen = np.concatenate([chosen, rest])
+    line = np.einsum("rp,npc->nrc", _window(groom.strands.shape[1], rows + 1), groom.strands[chosen])
+    shift = rng.normal(0, 0.0009, (len(chosen), 1, 3)).astype(np.float32)
+    out = body.outwards(line[:, 0])[:, None]
+    shift -= out * (shift * out).sum(2, keepdims=True)
+    line = line + shift * np.linspace(1, 1.8, rows + 1, dtype=np.float32)[None, :, None]
+    across = facing(line, body.outwards(line), rng)
+    half = np.full(line.shape[:2], HAIR_M, np.float32)
+    return Ribbons(np.asarray(line, np.float32), across, half, chosen.astype(np.int64))
+
+
+def _drawn(
+    groom: Groom, colours: Float32, ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, rng: np.random.Generator
+) -> tuple[Strokes, Cells, Int64, Int64, Int64]:
+    """What the atlas shows, and the cell of each ribbon, inner ribbon and single hair.
+
+    Ribbons whose strands are alike in place, width and colour share a cell; it is drawn from the strands of the ribbon
+    in the middle of them, and of those nearest to it.
+    """
+    cells = Cells.layout()
+    offset, ends = ribbons.offsets(groom.strands), ribbons.ends(groom.strands)
+    count = len(ribbons.line)
+    way = _means(ribbons.label, offset, count)
+    spread = np.sqrt(_means(ribbons.label, (offset - way[ribbons.label]) ** 2, count))
+    tints = np.sqrt(colours[:, ::2]).reshape(len(colours), -1)
+    tint = _means(ribbons.label, tints, count)
+    wide = np.log(ribbons.half.mean(1) / ribbons.half.mean())[:, None]
+    even = _means(ribbons.label, ends[:, None], count)
+    wavy, tight = way.std(1, keepdims=True), spread.mean(1, keepdims=True)
+    described = np.concatenate([2 * wavy, tight, 5.0 * tint, 0.5 * wide, 3.0 * even], 1).astype(np.float32)
+    of_ribbon = kmeans(described, len(cells.body), 6, rng)
+    made: list[Strokes] = []
+    for cell in range(int(of_ribbon.max()) + 1):
+        own = np.flatnonzero(of_ribbon == cell)
+        apart = np.square(described[own] - described[own].mean(0)).sum(1)
+        near = own[np.argsort(apart, kind="stable")[:10]]
+        strands = _alike(groom, ribbons.label, near)
+        size = float(2 * ribbons.half[near].mean()), float(ribbons.length[near].mean())
+        made.append(Strokes.filling(cells.body[cell], offset[strands], ends[strands], colours[strands], size, 1.0, rng))
+    # The inner ribbons and the single hairs differ in colour alone.
+    places = _means(inner.label, tints, len(inner.line))
+    of_inner = kmeans(places, len(cells.dense), 5, rng)
+    for cell in range(int(of_inner.max()) + 1):
+        strands = np.flatnonzero(np.isin(inner.label, np.flatnonzero(of_inner == cell)))
+        strands = rng.choice(strands, min(len(strands), 200), replace=False)
+        size = float(2 * inner.half.mean()), float(inner.length.mean())
+        shown = offset[strands], ends[strands], colours[strands]
+        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, rng))
+    of_hair = kmeans(tints[hairs.label], len(cells.single), 5, rng)
+    for cell in range(int(of_hair.max()) + 1):
+        strands = hairs.label[of_hair == cell]
+        made.append(Strokes.single(cells.single[cell], colours[rng.choice(strands, 3)], rng))
+    strokes = Strokes.joined(made)
+    return strokes, cells, cells.body[of_ribbon], cells.dense[of_inner], cells.single[of_hair]
+
+
+def _alike(groom: Groom, label: Int64, near: Int64) -> Int64:
+    """Strands of the ribbons ``near``; of curls those of the first one's lock alone, which share their phase."""
+    if WAVES[groom.style.curl].radius_mm == 0:
+        return np.flatnonzero(np.isin(label, near))
+    for ribbon in near:
+        lock = np.bincount(groom.lock[label == ribbon]).argmax()
+        own = np.flatnonzero(groom.lock == lock)
+        if len(own) >= 4:
+            return own
+    return np.flatnonzero(label == near[0])
+
+
+def _cap(groom: Groom, scalp: Scalp) -> tuple[Float32, Float32, Float32, Int32]:
+    """Vertices (V, 3), unit normals (V, 3), share of roots (V,) and triangles (T, 3) over the scalp with hair."""
+    corners = scalp.corners.reshape(-1, 3)
+    _, first, same = np.unique(np.round(corners, 6), axis=0, return_index=True, return_inverse=True)
+    points, normals = corners[first], scalp.normals.reshape(-1, 3)[first]
+    apart, _ = cKDTree(groom.strands[:, 0]).query(points, k=min(8, len(groom)))
+    usual = 0.004 * np.sqrt(10_000 / max(len(groom), 1))
+    cover = np.clip(1.6 - np.asarray(apart).reshape(len(points), -1).mean(1) / max(usual, 0.004) * 0.8, 0, 1)
+    faces = same.reshape(-1, 3).astype(np.int32)
+    faces = faces[(cover[faces] > 0.02).any(1)]
+    return (points + np.float32(CAP_M) * normals).astype(np.float32), normals, cover.astype(np.float32), faces
+
+
+def _parts(
+    ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, cap: tuple[Float32, Float32, Float32, Int32],
+    cells: tuple[Int64, Int64, Int64], atlas: Atlas, body: Body,
+) -> tuple[MeshPart, ...]:  # fmt: skip
+    maps = {
+        "colour_map": OwnMap(HAIR, atlas.colour), "normal_map": OwnMap(f"{HAIR}_normal", atlas.normal),
+        "anisotropy_map": OwnMap(f"{HAIR}_direction", atlas.direction),
+        "strand_map": OwnMap(f"{HAIR}_strands", atlas.strands),
+    }  # fmt: skip
+    surface = {"double_sided": True, "roughness": ROUGHNESS, "ior": IOR, "anisotropy": ANISOTROPY, **maps}
+    of_ribbon, of_inner, of_hair = cells
+    points, normals, uv, faces = _joined([_mesh(inner, of_inner, body), _mesh(ribbons, of_ribbon, body)])
+    made = [
+        MeshPart(HAIR, points, points, faces, uv, Material(HAIR, alpha="mask", cutoff=CUTOFF, **surface),  # type: ignore[arg-type]
+                 normals=normals)
+    ]  # fmt: skip
+    skin, upright, cover, triangles = cap
+    low, high = cell_corners(Cells.layout().cap)
+    turn = np.arctan2(skin[:, 0], skin[:, 2] + 0.07)
+    place = np.stack([low[0] + (high[0] - low[0]) * np.abs(turn) / np.pi, low[1] + (high[1] - low[1]) * cover], 1)
+    layers = [_mesh(hairs, of_hair, body)]
+    if len(triangles):
+        layers.insert(0, (skin, upright, place.astype(np.float32), triangles))
+    points, normals, uv, faces = _joined(layers)
+    edge = Material(EDGE, alpha="blend", **surface)  # type: ignore[arg-type]
+    return (*made, MeshPart(EDGE, points, points, faces, uv, edge, normals=normals))
+
+
+Mesh = tuple[Float32, Float32, Float32, Int32]
+"""Vertices, normals, texture coordinates and triangles."""
+
+
+def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
+    """Ribbons as triangles, from the skin outwards; root at the low end of a cell."""
+    count, rows = ribbons.line.shape[0], ribbons.line.shape[1]
+    side = ribbons.half[..., None] * ribbons.across
+    points = np.stack([ribbons.line - side, ribbons.line + side], 2)
+    low, high = cell_corners(cell)
+    along = np.linspace(0, 1, rows, dtype=np.float32)
+    u = np.stack([low[:, 0], high[:, 0]], 1)[:, None].repeat(rows, 1)
+    v = (low[:, 1:] + (high - low)[:, 1:] * along)[..., None].repeat(2, 2)
+    quad = (2 * np.arange(rows - 1)[:, None, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
+    order = np.argsort(body.read(ribbons.line[:, rows // 2]), kind="stable")[::-1]
+    faces = (2 * rows * order.astype(np.int32)[:, None, None] + quad[None]).reshape(-1, 3)
+    normals = np.repeat(_lit(ribbons, body)[:, :, None], 2, 2)
+    # A little of the ribbon's own roundness, so that bundles are told apart.
+    normals = _unit(normals + np.stack([-0.22 * ribbons.across, 0.22 * ribbons.across], 2))
+    uv = np.stack([u, v], 3).reshape(count * rows * 2, 2).astype(np.float32)
+    points, normals = points.reshape(-1, 3).astype(np.float32), normals.reshape(-1, 3).astype(np.float32)
+    # Path tracers turn round a normal that is on the other side of a face than its front; the face gets black.
+    turned = (face_normals(points, faces) * normals[faces].sum(1)).sum(1) < 0
+    faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    return points, normals, uv, np.ascontiguousarray(faces, np.int32)
+
+
+def _lit(ribbons: Ribbons, body: Body) -> Float32:
+    """(K, S + 1, 3) unit normals of the body of hair, upright on the strands."""
+    along = _unit(np.gradient(ribbons.line, axis=1))
+    out = body.outwards(ribbons.line)
+    upright = _unit(np.cross(ribbons.across, along))
+    # On ribbons that stand out of the body, like those of an afro, the body's normal is along the strand.
+    return _unit(out - 0.7 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)
+
+
+def _joined(meshes: list[Mesh]) -> Mesh:
+    before = np.cumsum([0, *(len(mesh[0]) for mesh in meshes)])
+    points, normals, uv = (np.concatenate([mesh[k] for mesh in meshes]) for k in range(3))
+    faces = np.concatenate([mesh[3] + np.int32(start) for mesh, start in zip(meshes, before, strict=False)])
+    return points, normals, uv, faces
+
+
+def _unit(vectors: AnyFloat) -> Float32:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)

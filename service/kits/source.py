@@ -111,6 +111,7 @@ def _part(mesh: Prim, facts: Part, materials: Mapping[str, Material]) -> MeshPar
         material=materials[facts.material],
         targets=targets,
         bone=facts.bone,
+        normals=_rows(mesh, "normal3f[] normals", 3) if materials[facts.material].anisotropy > 0 else None,
     )
 
 

@@ -100,6 +100,10 @@ class Material:
         thickness_map: linear, way of light through the flesh.
         subsurface_mm: mean free path of red, green and blue in the material, millimetres; 0 where light does not enter.
         transmission: share of the light that goes through without being diffused, in [0, 1], as in a cornea.
+        anisotropy: strength in [0, 1], as glTF has it: how much wider a highlight is across the strands of hair, which
+            run along v, than along them; 0 on everything else.
+        anisotropy_map: linear, direction across the strands in red and green as 127.5 (1 + d), strength in blue.
+        strand_map: linear: place from root to tip, identity and depth of the strand that a texel shows.
     """
 
     name: str
@@ -120,12 +124,16 @@ class Material:
     thickness_map: Map | None = None
     subsurface_mm: Triple = (0.0, 0.0, 0.0)
     transmission: float = 0.0
+    anisotropy: float = 0.0
+    anisotropy_map: Map | None = None
+    strand_map: Map | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "a material")
         ranges = {
             "opacity": self.opacity, "cutoff": self.cutoff, "roughness": self.roughness, "specular": self.specular,
-            "transmission": self.transmission, **dict(zip(("red", "green", "blue"), self.colour, strict=True)),
+            "transmission": self.transmission, "anisotropy": self.anisotropy,
+            **dict(zip(("red", "green", "blue"), self.colour, strict=True)),
         }  # fmt: skip
         for what, value in ranges.items():
             if not 0.0 <= value <= 1.0:
@@ -157,6 +165,6 @@ class Material:
         """Its maps, each once."""
         slots = (
             self.colour_map, self.roughness_map, self.specular_map, self.normal_map, self.displacement_map,
-            self.cavity_map, self.thickness_map,
+            self.cavity_map, self.thickness_map, self.anisotropy_map, self.strand_map,
         )  # fmt: skip
         return tuple(dict.fromkeys(one for one in slots if one is not None))

@@ -39,6 +39,8 @@ class MeshPart:
             does not move the part is left out.
         bone: the joint that carries the part.
         replaces: names of the head's own parts in place of which this one stands; files and pictures leave those out.
+        normals: (N, 3) float32 unit, with which a part that stands still is lit in place of those of its surface: cards
+            of hair lie at all angles, and have those of the body of hair that they make up.
     """
 
     name: str
@@ -51,10 +53,14 @@ class MeshPart:
     targets: Mapping[str, Float32] = field(default_factory=dict)
     bone: Bone = "head"
     replaces: tuple[str, ...] = ()
+    normals: Float32 | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "a part")
         count = len(self.vertices)
+        if self.normals is not None and (self.normals.shape != (count, 3) or self.targets):
+            raise NumericFault(f"normals of the part {self.name} are {self.normals.shape}; ({count}, 3) is right, "
+                               "for a part without targets")  # fmt: skip
         shaped = {"vertices": self.vertices, "neutral": self.neutral, **self.targets}
         for what, rows in shaped.items():
             if rows.shape != (count, 3) or not np.isfinite(rows).all():
@@ -158,7 +164,7 @@ def part_triangles(polygons: Int32, like: Int32 | None = None) -> Int32:
 
 def is_cards(part: MeshPart) -> bool:
     """Whether a part is masked cards, which are lit with other normals than those of their surface."""
-    return part.material.alpha == "mask"
+    return part.normals is not None or part.material.alpha == "mask"
 
 
 def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float32:
@@ -172,6 +178,8 @@ def part_normals(part: MeshPart, vertices: AnyFloat, triangles: AnyInt) -> Float
         vertices: (..., N, 3) metres, of any number of poses.
         triangles: (T, 3) its faces.
     """
+    if part.normals is not None:
+        return np.broadcast_to(part.normals, vertices.shape)
     normals = area_normals(vertices, triangles)
     if not is_cards(part):
         return normals

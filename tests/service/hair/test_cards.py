@@ -1,0 +1,127 @@
+"""Hair cards: what any renderer relies on, on all named styles and on a few random ones."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from service.colour import bytes_to_linear
+from service.geometry.normals import face_normals
+from service.hair.atlas import Cells, cell_corners
+from service.hair.cards import CUTOFF, EDGE, HAIR, Body, Budget, hair_parts, kmeans, on_hairline
+from service.hair.groom import Groom, make_groom
+from service.hair.scalp import mean_scalp
+from service.hair.style import NAMED, sample_style
+from service.materials.material import OwnMap
+from service.materials.part import MeshPart
+
+SMALL = Budget(12_000, 512)
+STYLES = [*NAMED.values(), *(sample_style(seed) for seed in (5, 11, 40))]
+
+
+@pytest.fixture(scope="module", params=range(len(STYLES)), ids=lambda k: f"{k}-{STYLES[k].kind}")
+def made(request: pytest.FixtureRequest) -> tuple[Groom, tuple[MeshPart, ...]]:
+    groom = make_groom(STYLES[request.param], 3, 2500)
+    return groom, hair_parts(groom, mean_scalp(), SMALL)
+
+
+def atlas(parts: tuple[MeshPart, ...]) -> np.ndarray:
+    picture = parts[0].material.colour_map
+    assert isinstance(picture, OwnMap)
+    return picture.pixels
+
+
+def test_stays_within_its_budget_and_on_its_texture(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    _, parts = made
+    assert [part.name for part in parts] == [HAIR, EDGE]
+    assert 0.2 * SMALL.triangles < sum(len(part.faces) for part in parts) <= SMALL.triangles
+    for part in parts:
+        assert part.uv.min() >= 0
+        assert part.uv.max() <= 1
+        assert part.normals is not None
+        assert np.allclose(np.linalg.norm(part.normals, axis=1), 1, atol=1e-4)
+    assert parts[0].material.colour_map is parts[1].material.colour_map
+
+
+def test_faces_look_out_of_the_body_of_hair(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    # A normal on the other side of a face than its front is turned round by path tracers, and the face gets black.
+    groom, parts = made
+    cards = parts[0]
+    assert cards.normals is not None
+    front = face_normals(cards.vertices, cards.faces)
+    with_front = (front * cards.normals[cards.faces].mean(1)).sum(1) > 0
+    out = Body.of(groom.strands, mean_scalp()).outwards(cards.vertices[cards.faces].mean(1))
+    assert with_front.all()
+    assert ((front * out).sum(1) > 0).mean() > 0.7
+
+
+def test_ribbons_lie_on_the_strands(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    groom, parts = made
+    low, high = groom.strands.min((0, 1)) - 0.03, groom.strands.max((0, 1)) + 0.03
+    for part in parts:
+        assert (part.vertices >= low).all()
+        assert (part.vertices <= high).all()
+
+
+def test_alpha_holds_in_mip_levels(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    alpha = atlas(made[1])[..., 3].astype(np.float32) / 255
+    low, high = cell_corners(Cells.layout().dense[:1])
+    small = cv2.resize(alpha, (len(alpha) // 8, len(alpha) // 8), interpolation=cv2.INTER_AREA)
+    (u0, v0), (u1, v1) = low[0] * len(small), high[0] * len(small)
+    middle = small[round(len(small) - v0 - 0.5 * (v1 - v0)), int(u0 + 0.5 * (u1 - u0))]
+    assert middle > CUTOFF
+    assert abs(float(small.mean() - alpha.mean())) < 1e-3
+
+
+def test_keeps_the_colour_of_the_strands(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    groom, parts = made
+    pixels = atlas(parts)
+    shown = bytes_to_linear(pixels[..., :3])[pixels[..., 3] > 200].mean(0)
+    assert np.allclose(np.sqrt(shown), np.sqrt(groom.colour.linear(8).mean((0, 1))), atol=0.05)
+
+
+def test_transparent_texels_have_the_colour_of_hair(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
+    # Else mip levels and bilinear samples get a dark rim.
+    pixels = atlas(made[1]).astype(int)
+    hair = pixels[pixels[..., 3] > 128][:, :3]
+    assert (pixels[..., :3].reshape(-1, 3).min(0) >= np.minimum(hair.min(0), 0.8 * hair.mean(0)) - 3).all()
+
+
+def test_the_same_groom_gives_the_same_bytes() -> None:
+    groom = make_groom(NAMED["bob"], 3, 1500)
+    one, other = (hair_parts(groom, mean_scalp(), SMALL) for _ in range(2))
+    assert all((a.vertices == b.vertices).all() and (a.faces == b.faces).all() for a, b in zip(one, other, strict=True))
+    assert (atlas(one) == atlas(other)).all()
+
+
+def test_a_head_without_strands_wears_nothing() -> None:
+    bald = make_groom(NAMED["crop"], 3, 1)
+    fields = (bald.strands[:0], bald.root_uv[:0], bald.lock[:0], bald.guide[:0], bald.guides[:0], bald.colour)
+    none = Groom(bald.style, *fields)
+    assert hair_parts(none, mean_scalp(), SMALL) == ()
+
+
+def test_few_strands_are_enough() -> None:
+    for count in (1, 2, 9):
+        parts = hair_parts(make_groom(NAMED["bob"], 3, count), mean_scalp(), SMALL)
+        assert all(np.isfinite(part.vertices).all() for part in parts)
+
+
+def test_hairline_is_the_border_of_the_roots() -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 1, 40))
+    roots = np.stack([x.ravel(), y.ravel(), np.zeros(1600)], 1).astype(np.float32)
+    found = on_hairline(roots)
+    inside = (np.abs(roots[:, :2] - 0.5) < 0.4).all(1)
+    assert found[(roots[:, 0] == 0) | (roots[:, 1] == 1)].all()
+    assert not found[inside].any()
+
+
+def test_kmeans_finds_what_is_apart() -> None:
+    rng = np.random.default_rng(1)
+    rows = np.concatenate([rng.normal(m, 0.1, (50, 4)) for m in (0.0, 3.0, 9.0)]).astype(np.float32)
+    label = kmeans(rows, 12, 6, rng)
+    groups = [set(label[k : k + 50].tolist()) for k in (0, 50, 100)]
+    assert not groups[0] & groups[1]
+    assert not groups[1] & groups[2]
+    assert sorted(set(label.tolist())) == list(range(label.max() + 1))
