@@ -8,12 +8,12 @@ import numpy as np
 
 from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb
-from service.hair.cards import BUDGETS, hair_parts
+from service.hair.cards import BUDGETS, EDGE, HAIR, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.scalp import Scalp
 from service.hair.worn_hair import WornHair
 from service.levels import QualityName
-from service.materials.material import OwnMap
+from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 
 
@@ -46,16 +46,22 @@ def hair_in_albedo(
     made = replace(as_absorbed(np.clip(seen * light, 1e-3, 0.9)), measured=groom.colour.measured)
     before, after = (np.median(one.reshape(-1, 3), 0) for one in (seen, made.linear(KNOTS)))
     change = np.asarray(after / np.maximum(before, 1e-5), np.float32)
-    unlit = tuple(_recoloured(part, change) if part.name.startswith("hair") else part for part in parts)
+    # Materials and textures that parts share stay shared.
+    materials: dict[str, Material] = {}
+    pictures: dict[int, OwnMap] = {}
+    for part in parts:
+        one = part.material.colour_map
+        if part.name in (HAIR, EDGE) and isinstance(one, OwnMap):
+            if id(one) not in pictures:
+                pictures[id(one)] = _recoloured(one, change)
+            materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])
+    unlit = tuple(replace(part, material=materials.get(part.material.name, part.material)) for part in parts)
     return replace(hair, groom=replace(groom, colour=made), in_photo_light=False), unlit
 
 
-def _recoloured(part: MeshPart, change: Float32) -> MeshPart:
-    """The part with the colours of its own picture times factors (3,), linear."""
-    picture = part.material.colour_map
-    if not isinstance(picture, OwnMap):
-        return part
-    linear = bytes_to_linear(picture.pixels[..., :3]) * change
+def _recoloured(picture: OwnMap, change: Float32) -> OwnMap:
+    """The picture with its colours times factors (3,), linear."""
+    linear = bytes_to_linear(np.arange(256, dtype=np.uint8))[:, None] * change
     coded: UInt8 = np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1).astype(np.float32))).astype(np.uint8)
-    pixels = np.concatenate([coded, picture.pixels[..., 3:]], 2)
-    return replace(part, material=replace(part.material, colour_map=OwnMap(picture.name, pixels)))
+    planes = [coded[picture.pixels[..., k], k] for k in range(3)]
+    return OwnMap(picture.name, np.dstack([*planes, picture.pixels[..., 3:]]))

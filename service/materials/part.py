@@ -127,12 +127,14 @@ def check_parts(parts: Sequence[MeshPart], taken: Sequence[str]) -> None:
 def coarser(parts: Sequence[MeshPart], step: int) -> tuple[MeshPart, ...]:
     """Parts whose own textures are reduced by area, ``step`` texels of a side to one; textures that are shared stay so.
 
-    Colours are weighted by alpha, so that what is transparent does not bleed into the rest.
+    Colours are weighted by alpha, so that what is transparent does not bleed into the rest. Strands of hair are left as
+    they are: their texture was drawn in the size that is wanted.
     """
     if step == 1:
         return tuple(parts)
     slots = [name for name in Material.__dataclass_fields__ if name.endswith("_map")]
-    textures = {id(one): replace(one, pixels=_reduced(one.pixels, step)) for part in parts for one in part.own_maps}
+    larger = (part for part in parts if part.material.strand_map is None)
+    textures = {id(one): replace(one, pixels=_reduced(one.pixels, step)) for part in larger for one in part.own_maps}
     materials: dict[str, Material] = {}
     for part in parts:
         maps = {slot: getattr(part.material, slot) for slot in slots}

@@ -13,8 +13,10 @@ from service.hair.cards import CUTOFF, EDGE, HAIR, Body, Budget, hair_parts, kme
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED, sample_style
+from service.hair.wear import hair_in_albedo
+from service.hair.worn_hair import WornHair
 from service.materials.material import OwnMap
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, check_parts
 
 SMALL = Budget(12_000, 512)
 STYLES = [*NAMED.values(), *(sample_style(seed) for seed in (5, 11, 40))]
@@ -93,6 +95,18 @@ def test_the_same_groom_gives_the_same_bytes() -> None:
     one, other = (hair_parts(groom, mean_scalp(), SMALL) for _ in range(2))
     assert all((a.vertices == b.vertices).all() and (a.faces == b.faces).all() for a, b in zip(one, other, strict=True))
     assert (atlas(one) == atlas(other)).all()
+
+
+def test_hair_without_the_photos_light_keeps_its_parts_together() -> None:
+    groom = make_groom(NAMED["bob"], 3, 1500)
+    parts = hair_parts(groom, mean_scalp(), SMALL)
+    worn = WornHair("bob", groom, "bob", {}, np.ones(len(groom), np.float32), in_photo_light=True)
+    other, unlit = hair_in_albedo(worn, parts, np.array([0.5, 0.6, 0.8], np.float32))
+    check_parts(unlit, [])
+    assert not other.in_photo_light
+    seen = atlas(parts)[..., 3] > 200
+    before, after = (bytes_to_linear(atlas(one)[..., :3])[seen].mean(0) for one in (parts, unlit))
+    assert (after < before).all()
 
 
 def test_a_head_without_strands_wears_nothing() -> None:
