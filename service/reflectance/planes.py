@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 import cv2
@@ -37,25 +38,33 @@ def interpolated(plane: Float32, size: tuple[int, int], rows: Indices, columns: 
 
 def interpolate_into(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices, into: Float32) -> None:
     """The same as :func:`interpolated`, written into an existing plane."""
-    tall, wide = size[1] / plane.shape[0], size[0] / plane.shape[1]
-    if not (tall.is_integer() and wide.is_integer()) or not into.size:
+    down, across = Fraction(size[1], plane.shape[0]), Fraction(size[0], plane.shape[1])
+    if max(down.denominator, across.denominator) > MOST_PERIOD or not into.size:
         into[...] = _interpolated_anywhere(plane, size, rows, columns)
         return
-    block, first_row, first_column = _enlarged_block(plane, int(tall), int(wide), rows, columns)
-    pick(block, rows - first_row, columns - first_column, into)
+    (top, bottom, first_row, tall), (left, right, first_column, wide) = (
+        _around(int(index.min()), int(index.max()), ratio, count)
+        for index, ratio, count in zip((rows, columns), (down, across), plane.shape, strict=True)
+    )
+    part = np.ascontiguousarray(plane[top:bottom, left:right])
+    pick(cv2.resize(part, (wide, tall), interpolation=cv2.INTER_LINEAR), rows - first_row, columns - first_column, into)
 
 
-def _enlarged_block(plane: Float32, tall: int, wide: int, rows: Indices, columns: Indices) -> tuple[Float32, int, int]:
-    """Part of the plane around some texels, enlarged by integer factors, and row and column of its first texel.
+MOST_PERIOD = 8
+"""Coarse texels after which their borders meet those of the map's texels again, up to which OpenCV interpolates."""
+
+
+def _around(first: int, last: int, ratio: Fraction, count: int) -> tuple[int, int, int, int]:
+    """First coarse texel and the one after the last around texels ``first`` to ``last`` of a map, first texel of the
+    map that they cover, and how many they cover.
 
     OpenCV is several times as fast as indexing. One more coarse texel on each side keeps its border handling out of the
-    result.
+    result; and their borders are borders of texels of the map.
     """
-    top, bottom = max(int(rows.min()) // tall - 1, 0), min(int(rows.max()) // tall + 2, plane.shape[0])
-    left, right = max(int(columns.min()) // wide - 1, 0), min(int(columns.max()) // wide + 2, plane.shape[1])
-    part = np.ascontiguousarray(plane[top:bottom, left:right])
-    size = ((right - left) * wide, (bottom - top) * tall)
-    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)), top * tall, left * wide
+    period = ratio.denominator
+    low = max(int(first / ratio) - 1, 0) // period * period
+    high = min(-(-(int(last / ratio) + 2) // period) * period, count)
+    return low, high, int(low * ratio), int(high * ratio) - int(low * ratio)
 
 
 def _interpolated_anywhere(plane: Float32, size: tuple[int, int], rows: Indices, columns: Indices) -> Float32:

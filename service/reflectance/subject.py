@@ -15,7 +15,7 @@ from service.face.fit.result import Fit
 from service.geometry.chart import NO_PART, Chart, islands
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, shrunk, stretched_to
+from service.image_filters import blurred, by_strips, shrunk, stretched_to
 from service.light.harmonics import BAND_GAIN, LUMINANCE, gradient, sh_basis
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
@@ -222,10 +222,6 @@ class Subject:
         return islands(self.head, size)
 
 
-_BAND = 256
-"""Rows of the full map at a time."""
-
-
 def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.int16]:
     """(H, W, 3) int16 codes of unit normals in head space, from (H, W, 2) codes of x and y in tangent space.
 
@@ -236,9 +232,9 @@ def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.
     axes = [subject.chart.fill_outside(axis) for axis in (frame.tangent, frame.bitangent, frame.normal)]
     result = np.zeros((height, width, 3), np.int16)
     columns = np.arange(width)
-    for first in range(0, height, _BAND):
-        rows = np.arange(first, min(first + _BAND, height))
-        local = unpack_normals(codes[rows[0] : rows[-1] + 1])
+
+    def turn(strip: slice) -> None:
+        rows, local = np.r_[strip], unpack_normals(codes[strip])
         turned = np.zeros_like(local)
         for along, axis in enumerate(axes):
             for component in range(3):
@@ -248,5 +244,7 @@ def to_object(codes: npt.NDArray[np.int16], subject: Subject) -> npt.NDArray[np.
         length = np.sqrt(np.einsum("yxi,yxi->yx", turned, turned))[..., None]
         forward = np.array([0, 0, 1], np.float32)
         unit = np.where(length > 1e-3, turned / np.maximum(length, 1e-3), forward)
-        result[rows[0] : rows[-1] + 1] = np.rint(unit * NORMAL_ONE)
+        result[strip] = np.rint(unit * NORMAL_ONE)
+
+    by_strips(height, turn)
     return result

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Float32, UInt8
+from service.arrays import Bool, Float32, UInt8
 from service.colour import Codes, to_codes
 from service.errors import ModelFault
+from service.image_filters import STRIP, shrunk, strips
 from service.reflectance.planes import Planes
 from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.runtime.network_registry import COVERED, networks_of
@@ -45,8 +46,10 @@ Keep = Callable[[tuple[slice, slice], Float32, Float32], None]
 """Function of slices of rows and columns, the result (K, h, w) there, and its weight (h, w) in [0, 1]."""
 
 
-def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
-    """Run network ``name`` in tiles and pass each result to ``keep``.
+def translate(name: str, job: MapInputs, outputs: int, keep: Keep, where: Bool | None = None) -> None:
+    """Run network ``name`` in tiles and pass each result to ``keep``, a few rows at a time.
+
+    Tiles lie around the marks of ``where`` (h, w) alone, a coarser map of the chart; None: everywhere.
 
     Raises:
         ModelFault: the network does not have ``outputs`` planes at the size of its input, reads a channel that does not
@@ -61,11 +64,12 @@ def translate(name: str, job: MapInputs, outputs: int, keep: Keep) -> None:
             )
 
         def write(one: Tile, values: Float32) -> None:
-            place = one.scaled(1)
-            keep(place, values, job.skin[place] * np.float32(1 / 255))
+            for part in strips(one.bottom - one.top, STRIP):
+                place = (slice(one.top + part.start, one.top + part.stop), slice(one.left, one.right))
+                keep(place, values[:, part], job.skin[place] * np.float32(1 / 255))
 
         read = job.planes.read(what.channels)
-        run_tiles(network, read, job.planes.size, write, tile=job.tile, progress=job.progress)
+        run_tiles(network, read, job.planes.size, write, tile=job.tile, where=where, progress=job.progress)
 
 
 ELSEWHERE = 0.65
@@ -108,7 +112,11 @@ def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
         ModelFault: the network is missing, changed, or does not fit.
     """
     result = np.zeros((*job.skin.shape, 2), np.int16)
-    covered = job.planes.read([COVERED]) if COVERED in job.planes.channels else None
+    covered, where = None, None
+    if COVERED in job.planes.channels:
+        covered = job.planes.read([COVERED])
+        size = (max(job.planes.size[0] // MARKS, 1), max(job.planes.size[1] // MARKS, 1))
+        where = (job.planes.shrunk([COVERED], size)[0] < 1) & (shrunk(job.skin, size) > 0)
 
     def keep(place: tuple[slice, slice], values: Float32, skin: Float32) -> None:
         bare = skin
@@ -117,8 +125,12 @@ def tangent_normals(stage: str, job: MapInputs) -> npt.NDArray[np.int16]:
             bare = skin * (1 - np.clip(covered(rows, columns)[0], 0, 1))
         result[place] = pack_normals(bare * values[0], bare * values[1], bare * values[2] + (1 - bare))
 
-    translate(networks_of(stage)[-1], job, 3, keep)
+    translate(networks_of(stage)[-1], job, 3, keep, where)
     return result
+
+
+MARKS = 16
+"""Texels of a side of a mark of bare skin: no tile of a network lies where there is none."""
 
 
 def pack_normals(x: Float32, y: Float32, z: Float32) -> npt.NDArray[np.int16]:
@@ -127,11 +139,15 @@ def pack_normals(x: Float32, y: Float32, z: Float32) -> npt.NDArray[np.int16]:
     Vectors without a direction become flat, (0, 0, 1); those steeper than ``STEEPEST_Z`` are limited to it.
     """
     z = np.maximum(z, 0)
-    length = np.sqrt(x * x + y * y + z * z)
-    sound = np.isfinite(length) & (length > 1e-3)
-    inverse = np.where(sound, 1 / np.where(sound, length, 1), 0)
-    x, y = (np.where(sound, part, 0) * inverse for part in (x, y))
-    across = np.sqrt(x * x + y * y)
-    most = np.float32(np.sqrt(1 - STEEPEST_Z**2))
-    shorter = np.where(across > most, most / np.maximum(across, most), 1) * np.float32(NORMAL_ONE)
-    return np.stack([np.rint(x * shorter), np.rint(y * shorter)], -1).astype(np.int16)
+    square = x * x + y * y
+    length = np.sqrt(square + z * z)
+    sound = (length > 1e-3) & (length < np.inf)
+    across = np.sqrt(square)
+    # Of unit length, and no longer across than the steepest.
+    scale = np.minimum(1 / np.where(sound, length, 1), MOST_ACROSS / np.maximum(across, np.float32(1e-6)))
+    scale = np.where(sound, scale * np.float32(NORMAL_ONE), 0)
+    return np.stack([np.rint(np.where(sound, part, 0) * scale) for part in (x, y)], -1).astype(np.int16)
+
+
+MOST_ACROSS = np.float32(np.sqrt(1 - STEEPEST_Z**2))
+"""Length of x and y of the steepest normal."""

@@ -7,15 +7,17 @@ Tile origins are multiples of the network's stride, because down-sampling makes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import Float32
+from service.arrays import Bool, Float32
 from service.errors import ModelFault
+from service.image_filters import marked_columns
 from service.runtime.networks import Description, Network
 from service.runtime.sessions import prompt_release
 
@@ -49,10 +51,26 @@ Write = Callable[[Tile, Float32], None]
 """Takes a tile and its result (K, scale h, scale w)."""
 
 
-def tiles(width: int, height: int, tile: int, stride: int) -> list[Tile]:
-    """Cut a map into tiles of nearly equal size, at most ``tile`` rounded up to ``stride``, row by row."""
-    rows, columns = _cuts(height, tile, stride), _cuts(width, tile, stride)
-    return [Tile(top, left, bottom, right) for top, bottom in rows for left, right in columns]
+def tiles(width: int, height: int, tile: int, stride: int, where: Bool | None = None) -> list[Tile]:
+    """Cut a map into tiles of nearly equal size, at most ``tile`` rounded up to ``stride``, row by row.
+
+    Args:
+        width: of the map.
+        height: of the map.
+        tile: inner side.
+        stride: of which origins are multiples.
+        where: (h, w) marks on a coarser map of the same chart: tiles lie around these alone; None: everywhere.
+
+    Raises:
+        ValueError: tile < 1 or an empty map.
+    """
+    marked = np.ones((1, 1), bool) if where is None else where
+    found = []
+    for top, bottom in _cuts(*_reach(np.asarray(marked.any(1)), height, stride), tile, stride):
+        columns = marked_columns(marked, (width, height), slice(top, bottom), stride)
+        if columns is not None:
+            found += [Tile(top, left, bottom, right) for left, right in _cuts(*columns, tile, stride)]
+    return found
 
 
 def run_tiles(
@@ -62,16 +80,18 @@ def run_tiles(
     write: Write,
     *,
     tile: int = DEFAULT_TILE,
+    where: Bool | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> None:
     """Compute a network over a map; memory does not grow with the map.
 
     Args:
         network: a loaded network that may be cut into tiles.
-        read: gives the input; the next tile is read, in another thread, while one is computed.
+        read: gives the input of a tile. It and ``write`` run in several threads, for different tiles.
         size: (width, height) of the map in input pixels.
-        write: takes each tile's result, in order, in another thread, while the next one is computed.
+        write: takes each tile's result, in any order.
         tile: inner side of a tile in input pixels.
+        where: (h, w) marks, as of :func:`tiles`; elsewhere nothing is computed nor written.
         progress: told the share that is done, in (0, 1], after each tile.
 
     Raises:
@@ -82,17 +102,16 @@ def run_tiles(
     what = network.description
     if what.whole is not None:
         raise ModelFault(f"network {network.name} takes whole maps of {what.whole}; it cannot run in tiles")
-    todo = tiles(*size, tile, what.stride)
-    with ThreadPoolExecutor(1) as writer:
-        written: Future[None] | None = None
-        for index, (one, maps) in enumerate(_read_ahead(read, todo, size, what)):
-            result = network.run(maps)
-            if written is not None:
-                written.result()  # one tile at most waits to be written
-            written = writer.submit(write, one, _inside(result, one, what))
+    todo = tiles(*size, tile, what.stride, where)
+
+    def work(one: Tile) -> None:
+        rows = reflected(size[1], *_window(one.top, one.bottom, what))
+        columns = reflected(size[0], *_window(one.left, one.right, what))
+        write(one, _inside(network.run(read(rows, columns)), one, what))
+
+    with ThreadPoolExecutor(network.lanes) as pool:
+        for index, _ in enumerate(pool.map(work, todo)):
             progress((index + 1) / len(todo))
-        if written is not None:
-            written.result()
 
 
 def _inside(result: Float32, one: Tile, what: Description) -> Float32:
@@ -123,29 +142,20 @@ def reflected(count: int, start: int, stop: int) -> Indices:
     return np.minimum(index, period - index) if count > 1 else np.zeros(stop - start, np.int64)
 
 
-def _cuts(length: int, tile: int, stride: int) -> list[tuple[int, int]]:
-    if tile < 1 or length < 1:
-        raise ValueError(f"cannot cut {length} pixels into tiles of {tile}")
-    count = -(-length // tile)
-    step = -(-length // (count * stride)) * stride
-    return [(start, min(start + step, length)) for start in range(0, length, step)]
+def _cuts(start: int, stop: int, tile: int, stride: int) -> list[tuple[int, int]]:
+    if tile < 1 or stop <= start:
+        raise ValueError(f"cannot cut {stop - start} pixels into tiles of {tile}")
+    count = -(-(stop - start) // tile)
+    step = -(-(stop - start) // (count * stride)) * stride
+    return [(at, min(at + step, stop)) for at in range(start, stop, step)]
 
 
-def _read_ahead(
-    read: Read, todo: Sequence[Tile], size: tuple[int, int], what: Description
-) -> Iterator[tuple[Tile, Float32]]:
-    def load(tile: Tile) -> Float32:
-        rows = reflected(size[1], *_window(tile.top, tile.bottom, what))
-        columns = reflected(size[0], *_window(tile.left, tile.right, what))
-        return read(rows, columns)
-
-    with ThreadPoolExecutor(1) as pool:
-        ahead = pool.submit(load, todo[0])
-        for index, tile in enumerate(todo):
-            maps = ahead.result()
-            if index + 1 < len(todo):
-                ahead = pool.submit(load, todo[index + 1])
-            yield tile, maps
+def _reach(marked: Bool, count: int, stride: int) -> tuple[int, int]:
+    """First texel, on the stride, and texel after the last, of a line of ``count`` that coarser marks can reach."""
+    where, across = np.flatnonzero(marked), count / len(marked)
+    if count < 1 or not len(where):
+        return 0, count
+    return max(int((where[0] - 1) * across) // stride * stride, 0), min(math.ceil((where[-1] + 2) * across), count)
 
 
 def _window(start: int, stop: int, what: Description) -> tuple[int, int]:

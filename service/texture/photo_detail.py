@@ -28,7 +28,7 @@ from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, shrunk, stretched_to
+from service.image_filters import blurred, least, most, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.map_registry import SEEN
 from service.photo.photo import Photo
@@ -37,6 +37,7 @@ from service.texture.photo_sampling import (
     Places,
     Reader,
     Strip,
+    change_strips,
     joined_octaves,
     octave_strips,
     split_octaves,
@@ -163,8 +164,7 @@ class OwnDetail:
         if not count:
             return self._told(())
         work = _Work(self, (width, height), count)
-        for one in octave_strips(codes, self.seen > LEAST_SEEN, count):
-            codes[one.place] = work.changed(one)
+        change_strips(codes, octave_strips(codes, self.seen > LEAST_SEEN, count), work.changed, work.count)
         return self._told(work.octaves())
 
     def _told(self, octaves: tuple[Octave, ...]) -> PhotoDetail:
@@ -226,8 +226,15 @@ def _face(photo: Photo, places: Places, seen: Float32) -> UInt8:
 
 def _clipped(photo: Float32) -> Float32:
     """(h, w) in [0, 1]: where a photo (h, w, 3) is white or black in all channels, which tells of no detail."""
-    lost = (photo.min(-1) > WHITE) | (photo.max(-1) < BLACK)
+    lost = (least(photo) > WHITE) | (most(photo) < BLACK)
     return blurred(lost.astype(np.float32), CLIPPED_SOFT)
+
+
+def _areas(index: int, share: Float32, area: Float32, inside: tuple[slice, slice]) -> tuple[float, float]:
+    """Area inside a strip of which the photo tells an octave, and all of it, in texels of the map."""
+    weight, scale = shrunk(area, share.shape[1::-1]).astype(np.float64), 2**index
+    own = tuple(slice(part.start // scale, part.stop // scale) for part in inside)
+    return float((share[own] * weight[own]).sum()) * scale**2, float(weight[own].sum()) * scale**2
 
 
 class _Work:
@@ -239,8 +246,8 @@ class _Work:
         self._power = np.zeros(octaves)
         self._area = 0.0
 
-    def changed(self, one: Strip) -> Codes:
-        """New codes of a strip."""
+    def changed(self, one: Strip) -> tuple[Codes, list[tuple[float, float]]]:
+        """New codes of a strip; and of each octave, what of the seen skin's area the photo tells, and that area."""
         map_ = one.before.astype(np.float32) * np.float32(1 / FULL_CODE)
         seen = np.clip(stretched(self._own.seen, self._size, one.window), 0, 1)
         photo = self._reader.rows(one.window[0], one.window[1], one.window[2:])
@@ -250,13 +257,13 @@ class _Work:
         pixels = stretched(self._own.places.coarsest, self._size, one.window)
         pixels = pixels * np.float32(self._own.places.coarsest.shape[1] / self._size[0])
         side = stretched(self._own.places.texel_mm, self._size, one.window)
-        change = []
+        change, told = [], []
         for index, (p, z) in enumerate(zip(ours, theirs, strict=True)):
             share, gain, rest = self._shares(index, p, z, seen, pixels)
             change.append(gain[..., None] * p + (rest - 1)[..., None] * z)
-            self._count(index, share, seen, side, one.inside)
+            told.append(_areas(index, share, seen * side * side, one.inside))
         new = map_[one.inside] + joined_octaves(change)[one.inside]
-        return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16)
+        return np.asarray(np.rint(np.clip(new, 0, 1) * np.float32(FULL_CODE)), np.uint16), told
 
     def _shares(self, index: int, band: Float32, made_up: Float32, seen: Float32,
                 pixels: Float32) -> tuple[Float32, Float32, Float32]:  # fmt: skip
@@ -267,29 +274,25 @@ class _Work:
             grey = luma(octave)
             return np.asarray(cv2.GaussianBlur(grey * grey, KERNEL, AROUND), np.float32)
 
-        here, least = shrunk(seen, size), np.float32(1e-10)
+        here, tiny = shrunk(seen, size), np.float32(1e-10)
         lowest = np.float32(1 / 2 ** (index + 2)) / np.maximum(shrunk(pixels, size), np.float32(1e-4))
         left = self._own.sharpness.resolved(np.sqrt(np.float32(2)) * lowest)
         noise = self._own.sharpness.noise_power(lowest)
         found, usual = power(band), np.maximum(power(made_up), USUAL**2)
-        signal = np.maximum(1 - noise / np.maximum(found, least), 0)
+        signal = np.maximum(1 - noise / np.maximum(found, tiny), 0)
         own = signal * found / np.maximum(left, LEAST_LEFT)
         gain = here * np.sqrt(signal) * np.minimum(4 * left, 1)
         strong = left * np.maximum(usual, own)
-        told = here * strong / np.maximum(strong + noise, least)
+        told = here * strong / np.maximum(strong + noise, tiny)
         if index >= self._octaves - 2:
             return told, gain, 1 - gain
         missing = np.maximum(told * own + (1 - told) * usual - gain * gain * found, 0)
         return told, gain, np.sqrt(np.clip((1 - told) * missing / usual, 0, 1))
 
-    def _count(self, index: int, share: Float32, seen: Float32, side: Float32, inside: tuple[slice, slice]) -> None:
-        size = share.shape[1::-1]
-        weight = shrunk(seen * side * side, size).astype(np.float64)
-        scale = 2**index
-        own = tuple(slice(part.start // scale, part.stop // scale) for part in inside)
-        self._power[index] += float((share[own] * weight[own]).sum()) * scale**2
-        if index == 0:
-            self._area += float(weight[own].sum())
+    def count(self, told: list[tuple[float, float]]) -> None:
+        """Add what was done to a strip."""
+        self._power += [power for power, _ in told]
+        self._area += told[0][1]
 
     def octaves(self) -> tuple[Octave, ...]:
         """What was done."""

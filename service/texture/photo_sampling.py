@@ -12,9 +12,11 @@ of an octave into the next, so that made-up pores would lie over the photo's spo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +30,8 @@ from service.geometry.chart import Chart, chart_points, solve_affine
 from service.head.model import HeadModel
 from service.image_filters import marked_columns, shrunk, strips
 from service.photo.photo import Photo
+
+T = TypeVar("T")
 
 SIZE = (768, 512)
 """Chart on which places are drawn; between its texels they are interpolated, as triangles are several texels wide."""
@@ -282,3 +286,33 @@ def octave_strips(values: npt.NDArray[Any], marked: Bool, octaves: int) -> Itera
                 part,
             )
         above = kept
+
+
+def change_strips(
+    values: npt.NDArray[Any],
+    strips_: Iterator[Strip],
+    changed: Callable[[Strip], tuple[npt.NDArray[Any], T]],
+    told: Callable[[T], None] = lambda more: None,
+) -> None:
+    """Change the strips of a map in place, two at a time.
+
+    Args:
+        values: the map.
+        strips_: of :func:`octave_strips`.
+        changed: new values of a strip's place, and what else there is to tell; it runs in two threads.
+        told: takes that, in the order of the strips.
+    """
+    waiting: deque[tuple[Strip, Future[tuple[npt.NDArray[Any], T]]]] = deque()
+
+    def finish() -> None:
+        strip, made = waiting.popleft()
+        values[strip.place], more = made.result()
+        told(more)
+
+    with ThreadPoolExecutor(2) as pool:
+        for one in strips_:
+            waiting.append((one, pool.submit(changed, one)))
+            if len(waiting) > 2:
+                finish()
+        while waiting:
+            finish()

@@ -15,12 +15,9 @@ import numpy.typing as npt
 from service.anatomy.canvas import PartTexels
 from service.colour import FULL_CODE, Codes, linear_to_srgb, srgb_to_linear
 from service.geometry.chart import NO_PART, nearest_inside
-from service.image_filters import shrunk
+from service.image_filters import by_strips, least, shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.subject import Subject, margin
-
-STRIP = 256
-"""Rows of the full map at a time."""
 
 
 def pad_skin(albedo: Codes, subject: Subject) -> Codes:
@@ -41,14 +38,17 @@ def pad_skin(albedo: Codes, subject: Subject) -> Codes:
     planes = np.concatenate([np.moveaxis(colour, 2, 0), beside_skin.reshape(1, *inside.shape).astype(np.float32)])
     outside = subject.islands((width, height)) == NO_PART
     columns = np.arange(width)
-    for top in range(0, height, STRIP):
-        rows = np.arange(top, min(top + STRIP, height))
-        chosen = outside[rows]
-        if not chosen.any():
-            continue
-        fill = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
-        chosen &= fill[..., 3] > 0.999
-        albedo[rows[0] : rows[-1] + 1][chosen] = np.rint(fill[..., :3][chosen]).astype(albedo.dtype)
+
+    def fill(strip: slice) -> None:
+        chosen = outside[strip]
+        if chosen.any():
+            rows = np.r_[strip]
+            chosen &= interpolated(planes[3], (width, height), rows, columns) > 0.999
+            for channel in range(3):
+                colours = interpolated(planes[channel], (width, height), rows, columns)[chosen]
+                albedo[strip, :, channel][chosen] = np.rint(colours).astype(albedo.dtype)
+
+    by_strips(height, fill)
     return albedo
 
 
@@ -77,9 +77,6 @@ def pad_parts(albedo: Codes, subject: Subject) -> Codes:
     return albedo
 
 
-"""Rows of the full map at a time."""
-
-
 def darkened(albedo: Codes, left: npt.NDArray[np.uint8]) -> Codes:
     """The albedo, changed in place.
 
@@ -90,12 +87,18 @@ def darkened(albedo: Codes, left: npt.NDArray[np.uint8]) -> Codes:
     height, width = albedo.shape[:2]
     planes = np.ascontiguousarray(np.moveaxis(left, 2, 0), np.float32) / np.float32(255)
     columns = np.arange(width)
-    for top in range(0, height, STRIP):
-        rows = np.arange(top, min(top + STRIP, height))
-        factor = np.stack([interpolated(plane, (width, height), rows, columns) for plane in planes], 2)
-        chosen = factor.min(2) < 1 - 1e-3
+
+    def darken(strip: slice) -> None:
+        factor = np.dstack([interpolated(plane, (width, height), np.r_[strip], columns) for plane in planes])
+        chosen = least(factor) < 1 - 1e-3
         if chosen.any():
-            strip = albedo[rows[0] : rows[-1] + 1]
-            linear = srgb_to_linear(strip[chosen] * np.float32(1 / FULL_CODE))
-            strip[chosen] = np.rint(linear_to_srgb(linear * factor[chosen]) * FULL_CODE).astype(albedo.dtype)
+            linear = _LINEAR_OF_CODE[albedo[strip][chosen]]
+            albedo[strip][chosen] = np.rint(linear_to_srgb(linear * factor[chosen]) * FULL_CODE).astype(albedo.dtype)
+
+    if (left < 255).any():
+        by_strips(height, darken)
     return albedo
+
+
+_LINEAR_OF_CODE = srgb_to_linear(np.arange(FULL_CODE + 1) * np.float32(1 / FULL_CODE))
+"""Linear value of each code."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.colour import linear_to_srgb
+from service.image_filters import most
 
 SEEN_CHANGE = 1 / 255
 """Change of an sRGB value from which a texel counts as changed: one step of an 8-bit map."""
@@ -69,5 +70,5 @@ class Ledger:
 
 def changed_texels(before: Float32, after: Float32) -> tuple[int, int]:
     """Texels of linear RGB maps (..., 3) that differ by more than ``SEEN_CHANGE`` as sRGB; and how many there are."""
-    coded = np.abs(linear_to_srgb(after) - linear_to_srgb(before)).max(-1)
+    coded = most(np.abs(linear_to_srgb(after) - linear_to_srgb(before)))
     return int((coded > SEEN_CHANGE).sum()), coded.size

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes, linear_to_srgb, luma, srgb_to_linear
-from service.image_filters import marked_columns, ramp, shrunk, stretched_to, strips
+from service.image_filters import by_strips, least, marked_columns, most, ramp, shrunk, stretched_to
 from service.levels import TEXTURE_SIZE
 from service.reflectance.albedo.corrections import Correction, Ledger, changed_texels
 from service.reflectance.planes import interpolated
@@ -41,8 +41,6 @@ GREYEST = 0.1
 """Blue below red, as a share of the brightest channel, below which skin is as grey as a lamp."""
 LEAST = 0.3
 """Share of each channel that is left at least."""
-STRIP = 512
-"""Rows of the full map at a time."""
 
 
 def without_highlights(
@@ -70,18 +68,19 @@ def without_highlights(
     if lit is not None:
         weight = weight * stretched_to(lit, size)
     change, told = highlights(bare, shown, np.clip(weight, 0, 1), size[0] / WIDTH)
-    marked = np.abs(change).max(-1) > 0
+    marked = most(np.abs(change)) > 0
     if ledger is not None:
         ledger.count(HIGHLIGHTS, *changed_texels(bare, bare + change))
-    for strip in strips(height, STRIP):
+
+    def mend(strip: slice) -> None:
         reached = marked_columns(marked, (width, height), strip)
         if reached is None:
-            continue
+            return
         place = (strip, slice(*reached))
         rows, columns = np.r_[place[0]], np.r_[place[1]]
         planes = [interpolated(change[..., i], (width, height), rows, columns) for i in range(3)]
         added = np.stack(planes, -1)
-        chosen = (np.abs(added).max(-1) > 1e-4) & (skin[place] == 255)
+        chosen = (most(np.abs(added)) > 1e-4) & (skin[place] == 255)
         linear = srgb_to_linear(albedo[place][chosen] * np.float32(1 / FULL_CODE))
         coarse = np.stack([interpolated(bare[..., i], (width, height), rows, columns)[chosen] for i in range(3)], -1)
         share = interpolated(told, (width, height), rows, columns)[chosen]
@@ -92,6 +91,8 @@ def without_highlights(
             more = (changed.astype(np.float32) - albedo[place][chosen]) @ LUMA
             grey[place][chosen] = np.clip(grey[place][chosen] + more, 0, FULL_CODE).astype(np.uint16)
         albedo[place][chosen] = changed
+
+    by_strips(height, mend)
     return albedo
 
 
@@ -107,7 +108,7 @@ def skin_detail(detail: Float32, colour: Float32, share: Float32) -> Float32:
         share: (N,) in [0, 1] of highlight; where skin is as grey as the lamp nothing is told apart, and all of it goes.
     """
     apart = colour[:, 0] - colour[:, 2]
-    clear = apart > GREYEST * np.abs(colour).max(-1)
+    clear = apart > GREYEST * most(np.abs(colour))
     strength = np.where(clear, (detail[:, 0] - detail[:, 2]) / np.where(clear, apart, 1), 0)
     skin = np.clip(strength, -1, 1)[:, None] * colour
     return np.asarray(detail + share[:, None] * (skin - detail), np.float32)
@@ -161,7 +162,7 @@ def _grey_share(albedo: Float32, usual: Float32) -> Float32:
     """
     red = albedo[..., :1]
     found = (albedo[..., 1:] - usual * red) / np.maximum(1 - usual, 0.15)
-    grey = np.clip(found.min(-1), 0, 0.8 * albedo[..., 1:].min(-1)) + np.minimum(found.max(-1), 0)
+    grey = np.clip(least(found), 0, 0.8 * least(albedo[..., 1:])) + np.minimum(most(found), 0)
     return np.asarray(grey / np.maximum(red[..., 0], DARKEST), np.float32)
 
 

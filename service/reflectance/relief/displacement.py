@@ -10,7 +10,6 @@ but the surface is not. Each side is moved by half of the difference, fading out
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -20,11 +19,11 @@ import numpy.typing as npt
 from service.arrays import AnyFloat, Bool, Float32, Float64, Int64, UInt16
 from service.geometry.chart import Chart, chart_points
 from service.head.model import HeadModel
-from service.image_filters import shrunk, stretched_to
+from service.image_filters import by_strips, shrunk, stretched_to
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import MID, SCALE_MM, Integration, unpack_normals
 from service.reflectance.relief.integration import MOST_STEPS, TOLERANCE, cliff_part, divergence, solve
-from service.reflectance.translate import STEEPEST_Z
+from service.reflectance.translate import MOST_ACROSS, STEEPEST_Z
 
 COARSEST_MM = 6.0
 """Standard deviation, on the surface, of the Gaussian that separates coarse shape from relief."""
@@ -35,9 +34,6 @@ MOST_MM = 1.0
 LENGTH_SLACK = 0.2
 """Largest difference from 1 of the length of a usable normal."""
 
-_BAND = 256
-"""Rows of the full map at a time."""
-
 _COARSE_WIDTH = 768
 """Width of the map on which coarse shape is computed, texels."""
 
@@ -46,6 +42,10 @@ _RIDGE = 1e-3
 
 _SIGMAS = (1.0, 1.5, 2.25, 3.4, 5.0, 7.6, 11.4, 17.0, 26.0)
 """Standard deviations, in texels, of the Gaussians between which is interpolated."""
+
+
+NARROW = 5.0
+"""Standard deviation, in texels, up to twice of which planes are fitted on the map itself."""
 
 
 @dataclass(frozen=True)
@@ -124,16 +124,16 @@ def slopes(normals: Float32) -> tuple[Float32, Float32, Bool]:
     Slopes are limited to 80 degrees. Normals that are not finite, or whose length differs from 1 by more than
     ``LENGTH_SLACK``, are not usable and count as flat.
     """
-    clean = np.where(np.isfinite(normals), normals, 0).astype(np.float32)
-    length = np.sqrt(np.einsum("yxi,yxi->yx", clean, clean))
-    usable = np.isfinite(normals).all(-1) & (np.abs(length - 1) <= LENGTH_SLACK)
-    unit = clean / np.maximum(length, 1e-6)[..., None]
-    flat = np.hypot(unit[..., 0], unit[..., 1])
-    z = np.maximum(unit[..., 2], STEEPEST_Z)
-    most = np.float32(np.sqrt(1 - STEEPEST_Z**2))
-    shorter = np.where(flat > most, most / np.maximum(flat, most), 1)
-    along, across = (np.where(usable, -unit[..., axis] * shorter / z, 0).astype(np.float32) for axis in (0, 1))
-    return along, across, usable
+    x, y, z = np.moveaxis(normals, 2, 0)
+    length = np.sqrt(x * x + y * y + z * z)
+    usable = np.abs(length - 1) <= LENGTH_SLACK  # False where it is NaN
+    inverse = 1 / np.where(usable, length, 1)
+    x, y = (np.where(usable, part, 0) * -inverse for part in (x, y))
+    flat = np.sqrt(x * x + y * y)
+    # No steeper than the steepest, whose z is the least.
+    scale = np.minimum(1, MOST_ACROSS / np.maximum(flat, MOST_ACROSS)) / np.maximum(z * inverse, STEEPEST_Z)
+    scale = np.where(usable, scale, 0).astype(np.float32)
+    return x * scale, y * scale, usable
 
 
 def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
@@ -154,8 +154,22 @@ def coarse_part(height: Float32, mask: Bool, steps: Steps) -> Float32:
     for index, width_px in enumerate(_SIGMAS):
         share = np.maximum(1 - np.abs(level - index), 0)
         if share.any():
-            smooth += share * _local_planes(total, weight, width_px)
+            smooth += share * _wide_planes(total, weight, width_px)
     return np.asarray(stretched_to(smooth, height.shape[::-1]) * mask, np.float32)
+
+
+def _wide_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
+    """The same as :func:`_local_planes`, fitted on means over squares where that is wide enough."""
+    step = 2 ** max(int(np.log2(sigma / NARROW)), 0)
+    if step == 1:
+        return _local_planes(total, weight, sigma)
+    tall, wide = total.shape
+    # One square more on each side, so that planes go on beyond the border.
+    around = (step, step - tall % -step, step, step - wide % -step)
+    padded = [cv2.copyMakeBorder(part, *around, cv2.BORDER_CONSTANT) for part in (total, weight)]
+    size = (padded[0].shape[1], padded[0].shape[0])
+    small = [shrunk(part, (size[0] // step, size[1] // step)) for part in padded]
+    return stretched_to(_local_planes(small[0], small[1], sigma / step), size)[step : step + tall, step : step + wide]
 
 
 def _local_planes(total: Float32, weight: Float32, sigma: float) -> Float32:
@@ -204,11 +218,9 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tu
     columns = np.arange(width)
     to_texel = np.float32(steps.width / width)
 
-    def fill(first: int) -> None:
-        band = slice(first, min(first + _BAND, height))
-        rows = np.arange(band.start, band.stop)
+    def fill(band: slice) -> None:
         along, lean, across = (
-            interpolated(part, (width, height), rows, columns) * to_texel
+            interpolated(part, (width, height), np.r_[band], columns) * to_texel
             for part in (steps.along, steps.lean, steps.across)
         )
         slope_x, slope_y, sound = slopes(unpack_normals(normals[band]))
@@ -216,8 +228,7 @@ def _differences(normals: npt.NDArray[np.int16], steps: Steps, mask: Bool) -> tu
         down[band] = -(slope_x * lean + slope_y * across)
         usable[band] &= sound & (along > 0) & (across > 0)
 
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(fill, range(0, height, _BAND)))
+    by_strips(height, fill)
     return right, down, usable
 
 

@@ -15,19 +15,19 @@ compressed no texel changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from service.arrays import AnyFloat, Float32, UInt8, UInt16
+from service.arrays import AnyFloat, Bool, Float32, UInt8, UInt16
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
 from service.head.regions import vertex_mask
-from service.image_filters import blurred, shrunk
+from service.image_filters import blurred, by_strips, marked_columns, most, shrunk
 from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, Wrinkle, unpack_normals
 
@@ -243,14 +243,17 @@ def unfolded_albedo(albedo: UInt16, creases: Creases) -> UInt16:
     """
     size = _small(albedo.shape)
     small = shrunk(albedo, size)
-    line = _band(np.log(np.maximum(small.mean(2), 1.0)))
+    line = _band(np.log(np.maximum(small @ np.full(3, 1 / 3, np.float32), 1.0)))
     right, down = cv2.Sobel(line, cv2.CV_32F, 1, 0), cv2.Sobel(line, cv2.CV_32F, 0, 1)
     share = _share(creases, np.asarray(right, np.float32), -np.asarray(down, np.float32))
     lacks = [np.asarray(share * np.maximum(-_band(small[..., k]), 0), np.float32) for k in range(3)]
     out = albedo.copy()
-    for rows, columns in _box(np.maximum.reduce(lacks) > 1, size, albedo.shape):
+
+    def lighten(rows: slice, columns: slice) -> None:
         part = np.dstack([_enlarged(one, albedo.shape, rows, columns) for one in lacks])
         out[rows, columns] = np.minimum(np.rint(albedo[rows, columns] + np.maximum(part, 0)), 65535)
+
+    _each_around(np.maximum.reduce(lacks) > 1, albedo.shape, lighten)
     return out
 
 
@@ -282,7 +285,7 @@ def _share(creases: Creases, x: Float32, y: Float32) -> Float32:
 
 def _band(plane: Float32) -> Float32:
     plane = np.asarray(plane, np.float32)
-    return np.asarray(cv2.GaussianBlur(plane, (0, 0), FINEST) - cv2.GaussianBlur(plane, (0, 0), COARSEST), np.float32)
+    return blurred(plane, FINEST) - blurred(plane, COARSEST)
 
 
 def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
@@ -294,25 +297,28 @@ def _codes(slopes: Float32) -> npt.NDArray[np.int16]:
 def _without(codes: npt.NDArray[np.int16], fold: Float32) -> npt.NDArray[np.int16]:
     """Normals less slopes (h, w, 2); texels without any stay as they are."""
     out = codes.copy()
-    size = (fold.shape[1], fold.shape[0])
-    for rows, columns in _box(np.abs(fold).max(2) > 0, size, codes.shape):
+
+    def unfold(rows: slice, columns: slice) -> None:
         own = codes[rows, columns]
         x, y, z = np.moveaxis(unpack_normals(own), 2, 0)
-        less = np.stack([_enlarged(fold[..., k], codes.shape, rows, columns) for k in (0, 1)], -1)
-        steep = -np.stack([x, y], -1) / np.maximum(z, 0.05)[..., None] - less
-        out[rows, columns] = np.where((less != 0).any(-1, keepdims=True), _codes(steep), own)
+        less = np.dstack([_enlarged(fold[..., k], codes.shape, rows, columns) for k in (0, 1)])
+        steep = -np.dstack([x, y]) / np.maximum(z, 0.05)[..., None] - less
+        out[rows, columns] = np.where(most(np.abs(less))[..., None] > 0, _codes(steep), own)
+
+    _each_around(most(np.abs(fold)) > 0, codes.shape, unfold)
     return out
 
 
-def _box(mask: npt.NDArray[np.bool_], size: tuple[int, int], shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
-    """Rows and columns of the full map that texels of a small one (h, w) are on, with a margin, in bands."""
-    if not mask.any():
-        return []
-    tall, wide = shape[0] / size[1], shape[1] / size[0]
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    top, bottom = max(int((rows[0] - 1) * tall), 0), min(int(np.ceil((rows[-1] + 2) * tall)), shape[0])
-    left, right = max(int((columns[0] - 1) * wide), 0), min(int(np.ceil((columns[-1] + 2) * wide)), shape[1])
-    return [(slice(at, min(at + 256, bottom)), slice(left, right)) for at in range(top, bottom, 256)]
+def _each_around(mask: Bool, shape: tuple[int, ...], change: Callable[[slice, slice], None]) -> None:
+    """Call a function of rows and columns for strips of the full map that texels of a small one (h, w) lie on."""
+    tall, wide = shape[:2]
+
+    def work(rows: slice) -> None:
+        columns = marked_columns(mask, (wide, tall), rows)
+        if columns is not None:
+            change(rows, slice(*columns))
+
+    by_strips(tall, work)
 
 
 def _enlarged(plane: Float32, shape: tuple[int, ...], rows: slice, columns: slice) -> Float32:

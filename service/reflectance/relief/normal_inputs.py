@@ -26,7 +26,7 @@ import numpy as np
 
 from service.arrays import Float32
 from service.colour import FULL_CODE, LUMA, Codes
-from service.image_filters import blurred, shrunk, stretched_to
+from service.image_filters import blurred, by_strips, shrunk, stretched_to
 from service.reflectance.albedo.light_corrections import continued
 from service.reflectance.planes import Planes, interpolated
 from service.reflectance.relief.shade_update import RELIEF
@@ -43,10 +43,6 @@ GAMMA = 2.2
 MOST_LIGHT = 4.0
 """Largest magnitude of the natural logarithm of the light that is divided by."""
 
-STRIP = 256
-"""Rows of the full map at a time."""
-
-
 def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
     """(H, W) codes of the grey texture, sRGB-coded, divided by its smooth light.
 
@@ -58,16 +54,18 @@ def shaded_grey(planes: Planes, albedo: Codes) -> Codes:
     result = np.zeros((height, width), np.uint16)
     light_known = all(name in planes.channels for name in CONTEXT)
     read, columns = planes.read(["texture_grey", *CONTEXT] if light_known else []), np.arange(width)
-    for top in range(0, height, STRIP):
-        rows = np.arange(top, min(top + STRIP, height))
+
+    def divide(rows: slice) -> None:
         if light_known:
-            grey, *logs = read(rows, columns)
+            grey, *logs = read(np.r_[rows], columns)
             strength = sum(share * one for share, one in zip(LUMA, logs, strict=True))
             strength = np.nan_to_num(np.clip(strength, -MOST_LIGHT, MOST_LIGHT))
             coded = (grey * np.float32(0.5) + np.float32(0.5)) * np.exp(strength * np.float32(-1 / GAMMA))
         else:
             coded = albedo[rows] @ (LUMA / np.float32(FULL_CODE))
         result[rows] = np.rint(np.clip(coded, 0, 1) * np.float32(FULL_CODE)).astype(np.uint16)
+
+    by_strips(height, divide)
     return result
 
 
@@ -97,7 +95,6 @@ GRAIN = 2.5
 """Standard deviation of what counts as coarse in inpainted skin, the same texels."""
 SEEN = 0.9
 """Share of lit skin from which on a texel is seen."""
-"""Rows of the full map at a time."""
 
 
 def zones(lit: Float32) -> tuple[Float32, Float32]:
@@ -136,8 +133,10 @@ def without_border(grey: Codes, planes: Planes) -> Codes:
     grain = small - both[..., 0] / np.maximum(both[..., 1], np.float32(1e-3))
     smooth = continued(small[None], inside)[0] + outside * grain
     change, columns = (1 - inside) * (smooth - small), np.arange(width)
-    for top in range(0, height, STRIP):
-        rows = np.arange(top, min(top + STRIP, height))
-        strip = grey[rows[0] : rows[-1] + 1]
-        strip[:] = np.rint(np.clip(strip + interpolated(change, (width, height), rows, columns), 0, FULL_CODE))
+
+    def add(rows: slice) -> None:
+        more = interpolated(change, (width, height), np.r_[rows], columns)
+        grey[rows] = np.rint(np.clip(grey[rows] + more, 0, FULL_CODE))
+
+    by_strips(height, add)
     return grey

@@ -24,7 +24,14 @@ from service.reflectance.reflectance_maps import NORMAL_ONE
 from service.reflectance.subject import GEOMETRY_SIZE
 from service.reflectance.translate import pack_normals
 from service.runtime.network_registry import COVERED
-from service.texture.photo_sampling import joined_octaves, octave_strips, split_octaves, stretched
+from service.texture.photo_sampling import (
+    Strip,
+    change_strips,
+    joined_octaves,
+    octave_strips,
+    split_octaves,
+    stretched,
+)
 
 PIGMENT = (0.0193, 0.0211, 0.0235, 0.0243, 0.0289)
 """Standard deviation of log albedo, octave by octave from periods of 2 to 4 texels of ``FULL_WIDTH`` on; measured by
@@ -50,8 +57,9 @@ def updated(normal: Float32, shade: Float32, slope: Float32, error: float, pigme
         error: standard deviation r of each component of ``normal``.
         pigment: standard deviation p, > 0.
     """
-    surprise = shade - (slope * normal).sum(-1)
-    gain = error**2 / (error**2 * (slope * slope).sum(-1) + pigment**2)
+    x, y = slope[..., 0], slope[..., 1]
+    surprise = shade - x * normal[..., 0] - y * normal[..., 1]
+    gain = error**2 / (error**2 * (x * x + y * y) + pigment**2)
     return np.asarray((gain * surprise)[..., None] * slope, np.float32)
 
 
@@ -85,7 +93,8 @@ def with_shade(normals: npt.NDArray[np.int16], grey: Codes, slope: Float32, trus
     if not octaves or not (trust > 0).any():
         return normals
     planes = [np.ascontiguousarray(plane) for plane in (slope[..., 0], slope[..., 1], trust)]
-    for one in octave_strips(normals, trust > 0, octaves):
+
+    def changed(one: Strip) -> tuple[npt.NDArray[np.int16], None]:
         bent = one.before * np.float32(1 / NORMAL_ONE)
         coded = one.of(grey) * np.float32(1 / FULL_CODE)
         bands, _ = split_octaves(np.log(np.maximum(coded, np.float32(LEAST))) * np.float32(GAMMA), octaves)
@@ -97,7 +106,9 @@ def with_shade(normals: npt.NDArray[np.int16], grey: Codes, slope: Float32, trus
             more = updated(normal, shade, here[..., :2], weights[index], PIGMENT[first + index])
             change.append(np.asarray(more * here[..., 2:] * np.float32(shares[index]), np.float32))
         better = (bent + joined_octaves(change))[one.inside]
-        z = np.sqrt(np.maximum(1 - (better * better).sum(-1), 0))
-        told = across[one.inside][..., 2:] > 0
-        np.copyto(normals[one.place], pack_normals(better[..., 0], better[..., 1], z), where=told)
+        x, y = better[..., 0], better[..., 1]
+        codes = pack_normals(x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0)))
+        return np.where(across[one.inside][..., 2:] > 0, codes, one.before[one.inside]), None
+
+    change_strips(normals, octave_strips(normals, trust > 0, octaves), changed)
     return normals
