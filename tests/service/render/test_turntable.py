@@ -16,7 +16,7 @@ from service.render.request import RenderRequest
 from service.render.view import turned_camera
 from tests.service.archive.toys import whole_avatar
 
-SMALL = RenderRequest(size=(64, 80), samples=1)
+SMALL = RenderRequest(size=(64, 80), samples=1, tolerance=200.0)
 
 
 @pytest.fixture(scope="module")
