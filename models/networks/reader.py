@@ -81,8 +81,8 @@ class Reader(nn.Module):
         self.fields = nn.Conv2d(widths[1], 7, 1)
         self.parts = nn.Sequential(nn.Conv2d(widths[1], 4 * PARTS, 1), nn.PixelShuffle(2))
 
-    def forward(self, crop: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """(N, 3, 256, 256) sRGB in [0, 1] -> the fields of ``Read`` in their order."""
+    def features(self, crop: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3, S, S) sRGB in [0, 1] -> what is known of the whole, S / 32 cells a side, and of places, S / 4."""
         x = self.act(self.stem(2.0 * crop - 1.0))
         kept = []
         for i, blocks in enumerate(self.down):
@@ -90,10 +90,15 @@ class Reader(nn.Module):
                 x = self.shrink[i - 1](x)
             x = blocks(x)
             kept.append(x)
+        deep = x
         for merge, blocks, beside in zip(self.merge, self.up, kept[-2:0:-1], strict=True):
             x = functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
             x = blocks(merge(torch.cat([x, beside], 1)))
-        x = self.last(x)
+        return deep, self.last(x)
+
+    def forward(self, crop: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """(N, 3, 256, 256) sRGB in [0, 1] -> the fields of ``Read`` in their order."""
+        _, x = self.features(crop)
         f = self.fields(x).float()
         normal = f[:, 3:6] / (f[:, 3:6].square().sum(1, keepdim=True) + 1e-8).sqrt()
         spread_mm = LEAST_MM + functional.softplus(f[:, 2:3] + 3.0)

@@ -31,7 +31,9 @@ def sheet(path: Path, start: int, size: int) -> None:
     cv2.imwrite(str(path), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
-def make(start: int, count: int, size: int, out: Path, jobs: int) -> None:
+def make(
+    start: int, count: int, size: int, out: Path, jobs: int, framing: str = "face", meshes: tuple[str, ...] = ()
+) -> None:
     """Write all shards, by several processes if asked for."""
     from models.people.shards import plan, write
     from models.people.skins import prepare
@@ -43,12 +45,12 @@ def make(start: int, count: int, size: int, out: Path, jobs: int) -> None:
         prepare()
     if jobs == 1:
         for path, seed, n in missing:
-            write(path, seed, n, size)
+            write(path, seed, n, size, None, framing, meshes)
             sys.stderr.write(f"{path}\n")
         return
     os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa's software renderer, in the children
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [(path, pool.submit(write, path, seed, n, size)) for path, seed, n in missing]
+        futures = [(path, pool.submit(write, path, seed, n, size, None, framing, meshes)) for path, seed, n in missing]
         for path, future in futures:
             future.result()
             sys.stderr.write(f"{path}\n")
@@ -66,6 +68,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--sheet", type=Path, help="draw a sheet of 48 portraits to this JPEG file")
     parser.add_argument("--statistics", type=int, metavar="N", help="measure N portraits and print a table")
+    parser.add_argument("--framing", choices=("face", "hair"), default="face", help="the face, or all of the hair")
+    parser.add_argument("--meshes", default="", help="hair meshes of the wardrobe, comma-separated, in place of grooms")
     parser.add_argument("--skins", action="store_true", help="only draw the skins")
     chosen = parser.parse_args()
     if chosen.count < 1 or chosen.start < 0 or chosen.size < 16 or chosen.jobs < 1:
@@ -81,7 +85,8 @@ def main() -> None:
 
         sys.stdout.write(statistics(chosen.start, chosen.statistics, chosen.size))
     if chosen.out:
-        make(chosen.start, chosen.count, chosen.size, chosen.out, chosen.jobs)
+        meshes = tuple(name for name in chosen.meshes.split(",") if name)
+        make(chosen.start, chosen.count, chosen.size, chosen.out, chosen.jobs, chosen.framing, meshes)
     if not (chosen.skins or chosen.sheet or chosen.statistics or chosen.out):
         parser.error("say what to do: --out, --sheet, --statistics or --skins")
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from models.people.shaders import KINDS, MOST_LAMPS, RADIANCE, SHADOW, TRUTH, VERTEX
+from models.people.strand_shaders import strand_programs
 from service.errors import ModelFault
 from service.geometry.camera import Camera
 
@@ -112,6 +113,19 @@ def specialised(text: str, name: str, kind: int) -> str:
     return text.replace("KIND", str(kind)).replace("SOFTNESS", "1.5" if name == "truth" else "0.0")
 
 
+class Lines(Protocol):
+    """Hair as the renderer takes it (``models.people.strands.Strands``)."""
+
+    programs: dict[str, Any]
+    gloss: float
+
+    def cast(self, matrix: npt.NDArray[np.floating]) -> None:
+        """Draw it into a depth map by a clip matrix (4, 4)."""
+
+    def draw(self) -> None:
+        """Draw light, direction and normal into the bound target."""
+
+
 class Renderer:
     """OpenGL context with programs, buffers and textures; make it once (``renderer()``)."""
 
@@ -128,6 +142,7 @@ class Renderer:
             for name, text in (("radiance", RADIANCE), ("truth", TRUTH), ("shadow", SHADOW))
             for kind, number in KINDS.items()
         }
+        self.strand_programs = strand_programs(self.gl)
         self.textures: dict[str, Any] = {}
         self.targets: dict[tuple[str, int], Any] = {}
         self.buffers: list[Any] = []
@@ -161,8 +176,7 @@ class Renderer:
 
     def _target(self, kind: str, size: int) -> Any:
         if (kind, size) not in self.targets:
-            count = 3 if kind == "truth" else 1
-            colours = [self.gl.texture((size, size), 4, dtype="f4") for _ in range(count)]
+            colours = [self.gl.texture((size, size), 4, dtype="f4") for _ in range(3)]
             self.targets[kind, size] = self.gl.framebuffer(colours, self.gl.depth_renderbuffer((size, size)))
         return self.targets[kind, size]
 
@@ -227,10 +241,11 @@ class Renderer:
         loaded: list[dict[str, Any]],
         matrices: list[npt.NDArray[np.float64]],
         shared: dict[str, Any],
+        hair: Lines | None = None,
     ) -> None:
         """Fill the lamps' depth maps."""
         if matrices:
-            self._depths(self.lamp_target, meshes, loaded, matrices, SHADOW_SIZE, MOST_LAMPS, shared)
+            self._depths(self.lamp_target, meshes, loaded, matrices, SHADOW_SIZE, MOST_LAMPS, shared, hair)
 
     def _depths(
         self,
@@ -241,6 +256,7 @@ class Renderer:
         size: int,
         across: int,
         shared: dict[str, Any],
+        hair: Lines | None = None,
     ) -> None:
         target.use()
         target.viewport = (0, 0, *target.size)
@@ -256,6 +272,9 @@ class Renderer:
                 target.viewport = (k % across * size, k // across * size, size, size)
                 program["toClip"].write(np.asarray(matrix, np.float32).T.tobytes())
                 arrays["shadow"].render()
+        for k, matrix in enumerate(matrices if hair is not None else ()):
+            target.viewport = (k % across * size, k // across * size, size, size)
+            hair.cast(matrix)
         target.viewport = (0, 0, *target.size)
 
     def depths(
@@ -265,6 +284,7 @@ class Renderer:
         matrices: npt.NDArray[np.float64],
         size: int,
         shared: dict[str, Any],
+        hair: Lines | None = None,
     ) -> Float:
         """(N, size, size) float32 depth in [0, 1], row 0 = bottom, as seen by (N, 4, 4) clip matrices."""
         across = 6
@@ -273,7 +293,7 @@ class Renderer:
             texture = self.gl.depth_texture((across * size, rows * size))
             self.depth_atlas = self.gl.framebuffer(depth_attachment=texture)
             self.depth_atlas_texture = texture
-        self._depths(self.depth_atlas, meshes, loaded, matrices, size, across, shared)
+        self._depths(self.depth_atlas, meshes, loaded, matrices, size, across, shared, hair)
         image = np.frombuffer(self.depth_atlas_texture.read(), np.float32).reshape(rows, size, across, size)
         return np.asarray(image.transpose(0, 2, 1, 3).reshape(-1, size, size)[: len(matrices)])
 
@@ -283,13 +303,25 @@ class Renderer:
         return {**maps, "shadow": self.lamp_depth}
 
     def radiance(
-        self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]
-    ) -> Float:
-        """(H, W, 4) float32 linear light and cover of the portrait, averaged from twice the size."""
+        self,
+        meshes: list[Mesh],
+        loaded: list[dict[str, Any]],
+        camera: Camera,
+        shared: dict[str, Any],
+        hair: Lines | None = None,
+    ) -> tuple[Float, Float, Float]:
+        """What the portrait shows, averaged from twice the size.
+
+        Returns:
+            (H, W, 4) float32 linear light and cover; of strands (H, W, 4) direction in the picture, depth and cover,
+            and (H, W, 4) normal in camera space and cover, all sums over covered samples divided by their whole number.
+        """
         size = camera.width * TWICE
         target = self._target("radiance", size)
         target.use()
+        target.color_mask = ((True,) * 4,) * 3
         target.clear(0.0, 0.0, 0.0, 0.0)
+        target.color_mask = ((True,) * 4, (False,) * 4, (False,) * 4)
         shared = {**shared, "toClip": clip_matrix(camera), "faint": 0.1}
         solid = [k for k, m in enumerate(meshes) if m.kind not in ("lens", "lash", "brow")]
         glass = [k for k, m in enumerate(meshes) if m.kind in ("lash", "brow")] + [
@@ -297,13 +329,27 @@ class Renderer:
         ]
         self.gl.enable_only(moderngl.DEPTH_TEST)
         self._draw("radiance", [meshes[k] for k in solid], [loaded[k] for k in solid], shared)
+        if hair is not None:
+            target.color_mask = ((True,) * 4,) * 3
+            program = hair.programs["draw"]
+            turn, shift = np.asarray(camera.rotation), np.asarray(camera.translation)
+            self._set(program, {**shared, "toCameraTurn": turn, "toCameraShift": shift, "gloss": hair.gloss})
+            self._bind(program, {"shadow": self.lamp_depth})
+            hair.draw()
+            target.color_mask = ((True,) * 4, (False,) * 4, (False,) * 4)
         self.gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self.gl.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         target.depth_mask = False
         self._draw("radiance", [meshes[k] for k in glass], [loaded[k] for k in glass], shared)
         target.depth_mask = True
-        image = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(size, size, 4)
-        return np.asarray(image.reshape(camera.height, TWICE, camera.width, TWICE, 4).mean((1, 3)))
+        target.color_mask = ((True,) * 4,) * 3
+
+        def averaged(attachment: int) -> Float:
+            values = np.frombuffer(target.read(components=4, attachment=attachment, dtype="f4"), np.float32)
+            return _halved(values.reshape(size, size, 4))
+
+        light = averaged(0)
+        return light, *((averaged(1), averaged(2)) if hair is not None else (np.zeros_like(light),) * 2)
 
     def truth(
         self, meshes: list[Mesh], loaded: list[dict[str, Any]], camera: Camera, shared: dict[str, Any]
@@ -331,6 +377,12 @@ class Renderer:
             for k in range(3)
         )
         return where, facing, part
+
+
+def _halved(image: Float) -> Float:
+    """Means of two by two pixels; ``mean`` over two axes takes four times as long."""
+    rows = image[0::TWICE] + image[1::TWICE]
+    return np.asarray((rows[:, 0::TWICE] + rows[:, 1::TWICE]) * np.float32(1 / TWICE**2))
 
 
 @functools.lru_cache(maxsize=1)

@@ -24,13 +24,8 @@ from service.geometry.normals import vertex_normals
 Float = npt.NDArray[np.float32]
 
 NO_BEARD = (0.0, 0.0, 0.0, 0.3)
-HAIR = (
-    *("short01", "short02", "short03", "short04") * 3,
-    *("afro01", "ponytail01", "long01", "braid01") * 2,
-    "bob01",
-    "bob02",
-)
-"""Hair by how often it is worn; bobs hide half of the face."""
+GROOMED = 0.93
+"""Share of people with hair, of those whom no scarf covers."""
 
 
 @dataclass
@@ -41,11 +36,14 @@ class Outfit:
         meshes: to be drawn with the head.
         beard: density, density of the moustache, length from 0 to 3, edge; for the shaders.
         screens: what is put on the picture.
+        groomed: whether hair grows on the head; hair_top: height in metres above which a hat hides it.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
     beard: tuple[float, float, float, float] = NO_BEARD
     screens: list[Callable[[Float, dict[str, npt.NDArray[Any]]], Float]] = field(default_factory=list)
+    groomed: bool = False
+    hair_top: float | None = None
 
     def screen(self, light: Float, truth: dict[str, npt.NDArray[Any]]) -> Float:
         """Put flat things before the face; the truth is changed in place."""
@@ -55,7 +53,7 @@ class Outfit:
 
 
 def hair_colour(person: Person, skin: Skin) -> Float:
-    """(3,) linear RGB of the person's hair."""
+    """(3,) linear RGB of the person's hair where it is no groom."""
     colour = skin.hair if person.hair is None else person.hair
     grey = max(skin.grey, person.old) * 0.8 if person.old > 0.3 else 0.0
     return np.asarray((1 - grey) * np.asarray(colour, np.float64) + grey * np.array([0.38, 0.37, 0.36]), np.float32)
@@ -75,7 +73,10 @@ def _pick(s: Stream, names: list[str]) -> str:
     return names[int(s.one() * len(names))]
 
 
-def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, light_level: float) -> Outfit:
+def dress(
+    seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, light_level: float,
+    meshes: tuple[str, ...] = (),
+) -> Outfit:  # fmt: skip
     """All that the person named ``seed`` has on and before the face.
 
     Args:
@@ -85,13 +86,17 @@ def dress(seed: int, person: Person, skin: Skin, hair: Float, wardrobe: Items, l
         hair: (3,) linear RGB.
         wardrobe: what there is to wear.
         light_level: radiance of skin in the portrait's light, about.
+        meshes: styles of the wardrobe of which one is worn in place of a groom; none for grooms.
     """
     s, out = Stream(seed, "dress"), Outfit()
     still, moving = person.neutral - wardrobe.fitted_head, person.vertices - wardrobe.fitted_head
     colour = tuple(float(x) for x in hair)
     top = _head_wear(s, out, person, wardrobe)
-    if top != "all" and s.chance(0.72):
-        _hair(s, out, person, wardrobe, colour, top)
+    out.groomed = top != "all" and s.chance(GROOMED)
+    out.hair_top = top if isinstance(top, float) else None
+    if meshes and out.groomed:
+        out.groomed = False
+        out.meshes += _mesh_hair(s, meshes, person, wardrobe, colour, out.hair_top)
     if person.skin % 4 == 0 and s.chance(0.95):  # the other skins have brows of their own
         item = wardrobe.items[_pick(s, wardrobe.names("brow"))]
         out.meshes.append(card(item, "brow", moving, labels.BROW, shadows=False, only_label=True,
@@ -139,26 +144,17 @@ def _head_wear(s: Stream, out: Outfit, person: Person, wardrobe: Items) -> float
     return None
 
 
-def _hair(
-    s: Stream, out: Outfit, person: Person, wardrobe: Items, colour: tuple[float, ...], top: float | str | None
-) -> None:
-    """Hair of the wardrobe, or fur on the scalp."""
-    if s.chance(0.2) and top is None:
-        head = the_head()
-        value = np.clip(head.region("scalp") * 1.3 - 0.15, 0.0, 1.0)
-        normals = np.asarray(vertex_normals(person.neutral, head.triangles.astype(np.int64)), np.float32)
-        length = float(np.exp(s.one(np.log(0.003), np.log(0.025))))
-        look: dict[str, object] = {"colour": colour}
-        out.meshes += fur(person.neutral, normals, length, s.one(0.0, 0.4), labels.HAIR, value, look)
-        return
-    item = wardrobe.items["hair/" + _pick(s, list(HAIR))]
+def _mesh_hair(
+    s: Stream, names: tuple[str, ...], person: Person, wardrobe: Items, colour: tuple[float, ...], top: float | None
+) -> list[Mesh]:
+    """One of some meshes of the wardrobe, without what a hat hides."""
+    item = wardrobe.items["hair/" + _pick(s, list(names))]
     mesh = card(item, "hair", person.neutral - wardrobe.fitted_head, labels.HAIR,
                 uniforms={"colour": colour, "cutoff": s.one(0.3, 0.6)})  # fmt: skip
-    if isinstance(top, float):
+    if top is not None:
         below = mesh.position[:, 1] < top
         mesh.triangles = np.ascontiguousarray(mesh.triangles[below[mesh.triangles].all(1)])
-    if len(mesh.triangles):
-        out.meshes.append(mesh)
+    return [mesh] if len(mesh.triangles) else []
 
 
 def _beard(s: Stream, out: Outfit, person: Person, skin: Skin, colour: tuple[float, ...]) -> None:

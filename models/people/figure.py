@@ -89,8 +89,10 @@ def neck_colour(skin: Skin, person: Person) -> Float:
     return np.asarray(colour * person.tint, np.float32)
 
 
-def figure(person: Person, skin: Skin, hair: Float, wardrobe: Items, seed: int) -> list[Mesh]:
-    """Meshes of the head and the chest."""
+def figure(
+    person: Person, skin: Skin, hair: Float, wardrobe: Items, seed: int, roots: Float | None = None
+) -> list[Mesh]:
+    """Meshes of the head and the chest; ``roots`` (V,) in [0, 1] tells where a groom grows."""
     s = Stream(seed, "figure")
     head = the_head()
     vertices = recessed(person)
@@ -115,6 +117,9 @@ def figure(person: Person, skin: Skin, hair: Float, wardrobe: Items, seed: int) 
             },
         )
     ]
+    if roots is not None:
+        meshes[0].uv = meshes[0].uv.copy()
+        meshes[0].uv[:, 3] -= roots[layouts()["skin"].source]
     look = (s.one(0.22, 0.6), s.one(0.0, 0.8) ** 2, s.one(0.75, 1.15), 0.0)
     for name in ("eye_left", "eye_right"):
         meshes.append(

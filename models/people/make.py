@@ -16,12 +16,15 @@ from models.people.dress import dress, hair_colour
 from models.people.figure import figure, recessed
 from models.people.light import AMBIENT_SIZE, add_ambient, ambient_matrices, draw_light
 from models.people.person import draw_person, lid_openings, the_head
-from models.people.pose import contour, draw_camera, landmarks
+from models.people.pose import FRAMINGS, contour, draw_camera, landmarks
 from models.people.skins import default_folder, load_beards, load_skin
+from models.people.strands import Strands, covered, wear_groom
 from models.people.wardrobe import load_wardrobe
 from service.anatomy.items import Item
 from service.face.reading import part_labels as labels
 from service.geometry.camera import Camera
+from service.hair.kinds import KINDS, ends_m, kinds_of
+from service.hair.style import Style
 
 Float = npt.NDArray[np.float32]
 
@@ -46,6 +49,11 @@ class Portrait:
         eyes: state of the eyes: "open", "half", "closed" or "wink".
         lids_mm: (2,) float32 height of the opening of the lids in the middle, the subject's right eye first; negative
             where they overlap.
+        hair: (H, W) float32 in [0, 1], share of the pixel that hair covers: strands, mesh, or painted on the scalp.
+        direction: (H, W, 2) float32 unit vectors of strands in the picture from root to tip, x right, y down; 0 where
+            no strand is seen.
+        kinds: the choice of each of ``service.hair.kinds.KINDS``; "" where a mesh is worn, which does not say.
+        ends_m: height of the lowest ends in the head's frame, metres; NaN where nothing is known or grows.
     """
 
     seed: int
@@ -63,15 +71,23 @@ class Portrait:
     vertices: Float
     eyes: str
     lids_mm: Float
+    hair: Float
+    direction: Float
+    kinds: dict[str, str]
+    ends_m: float
 
 
-def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait:
+def portrait(
+    seed: int, size: int = 256, folder: Path | None = None, framing: str = "face", meshes: tuple[str, ...] = ()
+) -> Portrait:
     """The portrait named ``seed``, the same every time on the same machine.
 
     Args:
         seed: >= 0.
         size: side in pixels.
         folder: where skins are kept (``models.people.skins``).
+        framing: key of ``models.people.pose.FRAMINGS``.
+        meshes: hair of the wardrobe, by name, of which one is worn in place of a groom: another maker's, for tests.
 
     Raises:
         ModelFault: there is no OpenGL through EGL, or the wardrobe is missing.
@@ -81,13 +97,16 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
     folder = folder or default_folder()
     skin = load_skin(person.skin, folder)
     wardrobe = load_wardrobe()
-    hair = hair_colour(person, skin)
     head = the_head()
     vertices = recessed(person)
-    camera = draw_camera(seed, size, landmarks(head, vertices))
-    outfit = dress(seed, person, skin, hair, wardrobe, light.level())
-    meshes = [*figure(person, skin, hair, wardrobe, seed), *outfit.meshes]
-    _textures(r, seed, person.skin, folder, light.sky, light.gobo, meshes)
+    camera = draw_camera(seed, size, landmarks(head, vertices), FRAMINGS[framing])
+    worn = None if meshes else wear_groom(seed, person)
+    hair = hair_colour(person, skin) if worn is None else worn.mean
+    outfit = dress(seed, person, skin, hair, wardrobe, light.level(), meshes)
+    worn = worn if outfit.groomed else None
+    roots = None if worn is None else covered(worn.groom, head.mean)
+    scene = [*figure(person, skin, hair, wardrobe, seed, roots), *outfit.meshes]
+    _textures(r, seed, person.skin, folder, light.sky, light.gobo, scene)
     shared = {
         "eye": tuple(float(x) for x in camera.centre),
         "cutoff": 0.45,
@@ -105,25 +124,36 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
         "glare": 1e9,
         "scalp": tuple(float(x) for x in hair),
     }
-    for mesh in meshes:  # a uniform that one mesh sets must not stay for the next
+    for mesh in scene:  # a uniform that one mesh sets must not stay for the next
         mesh.uniforms = {**{k: shared[k] for k in _OWN}, **mesh.uniforms}
-    loaded = r.load(meshes)
+    strands = None if worn is None else Strands(r.gl, r.strand_programs, worn, light, outfit.hair_top)
+    loaded = r.load(scene)
     try:
-        add_ambient(meshes, r.depths(meshes, loaded, ambient_matrices(), AMBIENT_SIZE, shared), light)
+        add_ambient(scene, r.depths(scene, loaded, ambient_matrices(), AMBIENT_SIZE, shared, strands), light)
         r.clear()
-        loaded = r.load(meshes)
-        r.shadows(meshes, loaded, light.matrices(), shared)
+        loaded = r.load(scene)
+        r.shadows(scene, loaded, light.matrices(), shared, strands)
         shared |= light.uniforms()
-        where, facing, part = r.truth(meshes, loaded, camera, shared)
-        radiance = r.radiance(meshes, loaded, camera, shared)
+        where, facing, part = r.truth(scene, loaded, camera, shared)
+        radiance, run, turned = r.radiance(scene, loaded, camera, shared, strands)
     finally:
         r.clear()
+        if strands is not None:
+            strands.release()
     behind = backdrop(seed, camera, light.sky)
     colour = radiance[..., :3] + (1.0 - np.clip(radiance[..., 3:], 0.0, 1.0)) * behind
-    truth = _truth(where, facing, part, camera)
+    truth = _with_strands(_truth(where, facing, part, camera), run, turned, camera)
+    bare = truth["part"].copy()
     colour = outfit.screen(colour, truth)
+    hidden = (truth["part"] == labels.OTHER) & (bare != labels.OTHER)
+    shown = np.where(hidden, np.float32(0), np.maximum(run[..., 3], truth["part"] == labels.HAIR))
     image, jpeg = develop(seed, colour, np.isin(truth["part"], labels.CHARTED))
     points, seen = _points(camera, vertices, truth)
+    known = not any(mesh.kind == "hair" for mesh in scene)
+    style = Style("none", 0, 0, 0, 0) if worn is None else worn.style
+    own = np.zeros((0, 2, 3), np.float32) if worn is None else worn.groom.strands
+    if worn is not None and seed % 2:
+        own = own * np.array([-1, 1, 1], np.float32)
     return Portrait(
         seed,
         image,
@@ -140,6 +170,10 @@ def portrait(seed: int, size: int = 256, folder: Path | None = None) -> Portrait
         vertices,
         person.eyes,
         lid_openings(vertices),
+        np.asarray(shown, np.float32),
+        np.where((shown > 0)[..., None], _unit(run[..., :2]), np.float32(0)),
+        kinds_of(style, own) if known else dict.fromkeys(KINDS, ""),
+        ends_m(own) if known else float("nan"),
     )
 
 
@@ -194,20 +228,45 @@ def _truth(where: Float, facing: Float, part: Float, camera: Camera) -> dict[str
     parts = np.round(part[..., 0]).astype(np.uint8)
     there = parts != labels.BACKGROUND
     charted = there & (where[..., 3] > 0.5) & np.isin(parts, labels.CHARTED)
+    return {
+        "chart": np.where(charted[..., None], where[..., :2], np.float32(np.nan)).astype(np.float32),
+        "normal": np.where(there[..., None], _facing(facing[..., :3], camera), 0.0).astype(np.float32),
+        "depth": np.where(there, where[..., 2], np.inf).astype(np.float32),
+        "part": parts,
+    }
+
+
+def _facing(normal: Float, camera: Camera) -> Float:
+    """(H, W, 3) unit normals, none of which points away: interpolated ones do at outlines, seen edge-on."""
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     rays = np.stack(
         [x - camera.principal_point[0], y - camera.principal_point[1], np.full_like(x, camera.focal_px)], -1
     )
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    # Interpolated normals point away from the camera at some outlines; there the surface is seen edge-on.
-    normal = facing[..., :3] - np.maximum((facing[..., :3] * rays).sum(-1, keepdims=True), 0.0) * rays
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    return _unit(normal - np.maximum((normal * rays).sum(-1, keepdims=True), 0.0) * rays)
+
+
+HAIRY = 0.5
+"""Share of a pixel from which on strands are what it shows."""
+
+
+def _with_strands(
+    truth: dict[str, npt.NDArray[Any]], run: Float, turned: Float, camera: Camera
+) -> dict[str, npt.NDArray[Any]]:
+    """The truth of all else, and of the strands before it where they cover most of a pixel."""
+    share = np.maximum(run[..., 3], 1e-6)
+    hairy = run[..., 3] > HAIRY
+    normal = _facing(_unit(turned[..., :3]), camera)
     return {
-        "chart": np.where(charted[..., None], where[..., :2], np.float32(np.nan)).astype(np.float32),
-        "normal": np.where(there[..., None], normal, 0.0).astype(np.float32),
-        "depth": np.where(there, where[..., 2], np.inf).astype(np.float32),
-        "part": parts,
+        "chart": np.where(hairy[..., None], np.float32(np.nan), truth["chart"]),
+        "normal": np.where(hairy[..., None], normal, truth["normal"]).astype(np.float32),
+        "depth": np.where(hairy, run[..., 2] / share, truth["depth"]).astype(np.float32),
+        "part": np.where(hairy, np.uint8(labels.HAIR), truth["part"]),
     }
+
+
+def _unit(vectors: npt.NDArray[np.floating]) -> Float:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-6), np.float32)
 
 
 def _points(camera: Camera, vertices: Float, truth: dict[str, npt.NDArray[Any]]) -> tuple[Float, npt.NDArray[np.bool_]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,17 +18,35 @@ NEAREST_M, FARTHEST_M = 0.28, 3.5
 """Distance of the face from the camera: an arm's length selfie to a tele lens."""
 
 
-def draw_camera(seed: int, size: int, face: Float) -> Camera:
+@dataclass(frozen=True)
+class Framing:
+    """How tightly a picture is cropped.
+
+    Attributes:
+        fill: least and greatest of the longer side of the landmarks' bounding box over the picture's.
+        above: how far the middle of the landmarks stands above the picture's, over its side, on average.
+    """
+
+    fill: tuple[float, float]
+    above: float
+
+
+FRAMINGS = {"face": Framing((0.45, 0.86), 0.03), "hair": Framing((0.34, 0.46), 0.05)}
+"""Of portraits to read faces in, and of wider ones that hold all of the hair (``service.hair.reading.FILL``)."""
+
+
+def draw_camera(seed: int, size: int, face: Float, framing: Framing = FRAMINGS["face"]) -> Camera:
     """A camera that holds the face in a square picture.
 
     Args:
         seed: names the camera.
         size: side of the picture, pixels.
         face: (L, 3) landmarks of the face in head space, metres.
+        framing: how tightly the face is cropped.
     """
     s = Stream(seed, "camera")
     wide = s.chance(0.3)
-    yaw = s.one(-75.0, 75.0) if wide else float(np.clip(s.normal(0.0, 18.0)[0], -60, 60))
+    yaw = s.one(-100.0, 100.0) if wide else float(np.clip(s.normal(0.0, 18.0)[0], -60, 60))
     pitch = float(np.clip(s.normal(0.0, 14.0 if wide else 8.0)[0], -35.0, 35.0))
     roll = float(np.clip(s.normal(0.0, 15.0 if s.chance(0.25) else 5.0)[0], -45.0, 45.0))
     distance = float(np.exp(s.one(np.log(NEAREST_M), np.log(FARTHEST_M))))
@@ -39,10 +59,9 @@ def draw_camera(seed: int, size: int, face: Float) -> Camera:
     seen = face @ first.rotation.T + translation
     flat = seen[:, :2] / seen[:, 2:]
     low, high = flat.min(0), flat.max(0)
-    fill = s.one(0.45, 0.86)
-    focal = fill * size / float((high - low).max())
+    focal = s.one(*framing.fill) * size / float((high - low).max())
     jitter = s.normal(0.0, 0.05, 2) * size
-    principal = size / 2 + jitter - focal * 0.5 * (low + high) - np.array([0.0, 0.03 * size])
+    principal = size / 2 + jitter - focal * 0.5 * (low + high) - np.array([0.0, framing.above * size])
     return Camera(size, size, focal, principal, first.rotation, translation)
 
 

@@ -128,11 +128,12 @@ void main() {
     vec4 over = texture(layers, t.xy);
     albedo = linear(texture(picture, t.xy).rgb) * tone.rgb;
     albedo = mix(albedo, albedo * vec3(0.8, 0.3, 0.26) + vec3(0.03, 0.0, 0.0), t.z);   // mouth lining and socket
-    albedo = mix(albedo, scalp * (0.75 + 0.5 * blob(t.xy * 300.0)), over.a * 0.85);
+    float roots = max(over.a, -t.w);   // hair painted on the scalp; t.w < 0: of a groom's roots
+    albedo = mix(albedo, scalp * (0.75 + 0.5 * blob(t.xy * 300.0)), roots * 0.85);
     float b = bearded() * (1.0 - t.z);
     albedo = mix(albedo, colour, b);
     wrap = vec3(0.30, 0.12, 0.07) * (1.0 - 0.8 * b);
-    shine.w *= 1.0 - 0.7 * max(b, max(over.g, over.a));
+    shine.w *= 1.0 - 0.7 * max(b, max(over.g, roots));
     shine.x = mix(shine.x, 0.2, over.r * 0.6);
     float fine = 0.08 * graininess;
     S = normalize(N + fine * (vec3(blob(t.xy * 700.0), blob(t.xy * 700.0 + 31.0), blob(t.xy * 700.0 + 57.0)) - 0.5));
@@ -233,7 +234,7 @@ void main() {
     else if (max(bearded(), over.b) > 0.2) l = 3;
     else if (over.r > 0.5) l = 4;
     else if (over.g > 0.25) l = 2;
-    else if (over.a > 0.6 && t.z < 0.5) l = 8;
+    else if (max(over.a, -t.w) > 0.6 && t.z < 0.5) l = 8;
   } else if (kind == 1) {
     vec3 d = normalize(t.xyz);
     l = acos(clamp(d.z, -1.0, 1.0)) < limbus ? 7 : 6;

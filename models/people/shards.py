@@ -14,6 +14,9 @@ A shard is an ``.npz`` without pickle. For N portraits of H x W pixels:
 | focal_px, principal_point, rotation, translation | float64 | camera |
 | identity, expression | float16 | coefficients of the head model |
 | vertices | int16 (N, V, 3) | hundredths of a millimetre, head space |
+| hair | uint8 (N, H, W) | round(255 share) of hair |
+| direction | int8 (N, H, W, 2) | round(127 direction of strands), 0 without |
+| kinds, ends_m | uint8 (N, 5), float16 (N) | index into each of ``KINDS``, 255 unknown; height of the ends |
 | eyes, lids_mm | uint8 (N), float16 (N, 2) | index into ``EYE_STATES``; opening of the lids |
 """
 
@@ -33,6 +36,7 @@ from models.people.develop import decoded
 from models.people.make import Portrait, portrait
 from service.errors import UnreadableInput
 from service.geometry.camera import Camera
+from service.hair.kinds import KINDS
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -65,9 +69,25 @@ def encode(portraits: list[Portrait]) -> Arrays:
         "identity": np.stack([p.identity for p in portraits]).astype(np.float16),
         "expression": np.stack([p.expression for p in portraits]).astype(np.float16),
         "vertices": np.clip(np.round(vertices), -32767, 32767).astype(np.int16),
+        "hair": np.round(255 * np.stack([p.hair for p in portraits])).astype(np.uint8),
+        "direction": np.round(127 * np.stack([p.direction for p in portraits])).astype(np.int8),
+        "kinds": np.array([[_number(kind, p.kinds[kind]) for kind in KINDS] for p in portraits], np.uint8),
+        "ends_m": np.array([p.ends_m for p in portraits], np.float16),
         "eyes": np.array([EYE_STATES.index(p.eyes) for p in portraits], np.uint8),
         "lids_mm": np.stack([p.lids_mm for p in portraits]).astype(np.float16),
     }
+
+
+UNKNOWN = 255
+"""Number of a kind that is not known."""
+
+
+def _number(kind: str, name: str) -> int:
+    return KINDS[kind].index(name) if name else UNKNOWN
+
+
+def _name(kind: str, number: int) -> str:
+    return KINDS[kind][number] if number != UNKNOWN else ""
 
 
 def decode(arrays: Arrays) -> Iterator[Portrait]:
@@ -103,6 +123,10 @@ def decode(arrays: Arrays) -> Iterator[Portrait]:
             arrays["vertices"][i].astype(np.float32) * np.float32(VERTEX_UNIT_M),
             EYE_STATES[int(arrays["eyes"][i])],
             arrays["lids_mm"][i].astype(np.float32),
+            arrays["hair"][i].astype(np.float32) / 255,
+            arrays["direction"][i].astype(np.float32) / 127,
+            {kind: _name(kind, int(k)) for kind, k in zip(KINDS, arrays["kinds"][i], strict=True)},
+            float(arrays["ends_m"][i]),
         )
 
 
@@ -143,9 +167,12 @@ def plan(start: int, count: int, size: int, out: Path) -> list[tuple[Path, int, 
     return result
 
 
-def write(path: Path, seed: int, count: int, size: int, folder: Path | None = None) -> bool:
+def write(
+    path: Path, seed: int, count: int, size: int, folder: Path | None = None, framing: str = "face",
+    meshes: tuple[str, ...] = (),
+) -> bool:  # fmt: skip
     """Make one shard unless it is there already; whether it was made."""
     if path.is_file():
         return False
-    save(encode([portrait(s, size, folder) for s in range(seed, seed + count)]), path)
+    save(encode([portrait(s, size, folder, framing, meshes) for s in range(seed, seed + count)]), path)
     return True

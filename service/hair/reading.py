@@ -20,6 +20,13 @@ from service.face.reading.part_labels import HAIR, HAT, OTHER
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
 from service.face.region import Region
 from service.geometry.sampling import sample_at
+from service.hair.kinds import CURLS as CURLS
+from service.hair.kinds import FRINGES as FRINGES
+from service.hair.kinds import GATHERED as GATHERED
+from service.hair.kinds import KINDS as KINDS
+from service.hair.kinds import LENGTH_ENDS_M as LENGTH_ENDS_M
+from service.hair.kinds import LENGTHS as LENGTHS
+from service.hair.kinds import PARTINGS as PARTINGS
 from service.image_filters import blurred, ramp
 
 SIDE, CELLS = 224, 112
@@ -27,23 +34,6 @@ SIDE, CELLS = 224, 112
 FILL, BELOW = 0.40, 0.05
 """Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its
 side: about 0.44 m, from above the crown to below the shoulders."""
-LENGTHS = ("cropped", "short", "ear", "jaw", "shoulder", "longer")
-"""How far hair at the sides reaches: up to 12 mm long; to the ears' middle; to their lobes; to the jaw; to the
-shoulders; beyond."""
-GATHERED = ("none", "half", "tied", "plaits")
-"""Loose; its upper or front part pinned back; a ponytail or bun; one plait or two."""
-PARTINGS = ("none", "left", "middle", "right")
-"""On the subject's own side."""
-FRINGES = ("no", "yes")
-"""Whether hair lies over the forehead."""
-CURLS = ("straight", "wavy", "curly", "coily")
-"""Andre Walker's types 1 to 4."""
-KINDS: Mapping[str, tuple[str, ...]] = {
-    "length": LENGTHS, "gathered": GATHERED, "parting": PARTINGS, "fringe": FRINGES, "curl": CURLS,
-}  # fmt: skip
-LENGTH_ENDS_M = (-0.03, -0.07, -0.125, -0.215)
-"""Height in the head's frame to which short, ear, jaw and shoulder length reach; the origin lies between the eyes."""
-
 
 @dataclass(frozen=True)
 class HairReading:
@@ -55,7 +45,7 @@ class HairReading:
         known: (H, W) float32 in [0, 1]: 0 beside the photo and where a hat or a hand hides whether there is hair.
         direction: (H, W, 2) float32 unit vectors from root to tip in the square's own axes, x right, y down.
         certainty: (H, W) float32 in [0, 1] of the direction; 0 without hair.
-        kinds: probability of each choice of :data:`KINDS`, by name; those of a kind sum to 1.
+        kinds: probability of each choice of ``service.hair.kinds.KINDS``, by name; those of a kind sum to 1.
         ends_m: height of the lowest ends in the head's frame, metres (Y up, 0 between the eyes), and its standard
             deviation.
     """
@@ -79,7 +69,7 @@ class HairReading:
         return float(self.known.mean())
 
     def likeliest(self, kind: str) -> tuple[str, float]:
-        """The likeliest choice of one of :data:`KINDS`, and its probability."""
+        """The likeliest choice of one of ``service.hair.kinds.KINDS``, and its probability."""
         return max(self.kinds[kind].items(), key=lambda item: item[1])
 
     def mask_at(self, at: Float64) -> Float32:

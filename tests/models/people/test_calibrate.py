@@ -29,7 +29,7 @@ def shown(head: HeadModel, vertices: np.ndarray, camera: Camera) -> Portrait:
     side, blank = (SIZE, SIZE), np.zeros(0, np.float32)
     return Portrait(
         0, np.zeros((*side, 3), np.uint8), b"", blank, blank, blank, np.zeros(side, np.uint8), blank,
-        np.zeros(0, bool), camera, blank, blank, vertices, "open", blank,
+        np.zeros(0, bool), camera, blank, blank, vertices, "open", blank, blank, blank, {}, 0.0,
     )  # fmt: skip
 
 

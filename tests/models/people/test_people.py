@@ -14,13 +14,16 @@ pytest.importorskip("moderngl", reason="moderngl is not installed: pip install '
 from models.people import shards
 from models.people.draw import renderer
 from models.people.expression import draw_expression
-from models.people.make import Portrait, portrait
+from models.people.make import HAIRY, Portrait, portrait
 from models.people.person import draw_person, lid_openings, the_head
 from models.people.skins import BEARDS, HEIGHT, WIDTH, Skin
+from models.people.strands import SHARED, carried
 from models.people.wardrobe import load_wardrobe
 from service.errors import ModelFault
 from service.face.reading import part_labels as labels
 from service.geometry.chart import Chart
+from service.hair.groom import make_groom
+from service.hair.style import sample_style
 
 pytestmark = pytest.mark.train
 
@@ -131,6 +134,48 @@ def test_the_same_seed_gives_the_same_bytes(portraits: list[Portrait]) -> None:
     assert portraits[3].jpeg != portraits[4].jpeg
 
 
+def test_strands_run_from_root_to_tip_where_hair_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long hair that hangs runs down the picture; where nothing covers a pixel there is no direction."""
+    plainly(monkeypatch)
+    down = []
+    for seed in range(40):
+        if seed // SHARED in (k for k in range(14) if sample_style(k).kind == "long_wavy"):
+            p = portrait(seed, SIZE, framing="hair")
+            assert not p.direction[p.hair == 0].any()
+            length = np.linalg.norm(p.direction, axis=2)
+            strands = p.hair > 0.9
+            assert np.isin(np.round(length[strands], 2), (0.0, 1.0)).all()
+            assert (p.part[p.hair > HAIRY] == labels.HAIR).all()
+            roll = np.radians(p.camera.yaw_pitch_roll_deg()[2])
+            ways = p.direction[strands & (length > 0.5)] @ np.array([-np.sin(roll), np.cos(roll)])
+            if len(ways) > 100:
+                down.append(float((ways > 0).mean()))
+    assert len(down) > 2
+    assert np.mean(down) > 0.85
+
+
+def test_grooms_follow_the_head_that_they_are_carried_to() -> None:
+    """Roots lie on the skin of the mean head, and within 3 mm of that of anybody's."""
+    from scipy.spatial import cKDTree
+
+    head = the_head()
+    skin = np.unique(head.triangles[head.triangle_part == 0])
+    groom = make_groom(sample_style(3), 3, 2000)
+    for seed in range(4):
+        person = draw_person(seed)
+        moved = carried(groom.strands[:, 0], person)
+        before = cKDTree(head.mean[skin]).query(groom.strands[:, 0])[0]
+        after = cKDTree(person.neutral[skin]).query(moved)[0]
+        assert np.median(np.abs(after - before)) < 0.003
+
+
+def test_another_makers_hair_is_a_mesh_whose_kind_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    plainly(monkeypatch)
+    shown = [portrait(seed, SIZE, framing="hair", meshes=("long01",)) for seed in range(4)]
+    assert all(set(p.kinds.values()) == {""} for p in shown if (p.hair > 0).any())
+    assert max(float((p.hair > 0.5).mean()) for p in shown) > 0.05
+
+
 def test_pictures_are_pictures(portraits: list[Portrait]) -> None:
     for p in portraits:
         assert p.image.shape == (SIZE, SIZE, 3)
@@ -200,7 +245,9 @@ def test_a_shard_holds_what_was_put_in(portraits: list[Portrait], tmp_path: Path
         near = np.isfinite(p.depth)
         np.testing.assert_allclose(p.depth[near], q.depth[near], atol=1e-4)
         np.testing.assert_allclose(p.vertices, q.vertices, atol=1e-5)
-        assert (p.seed, p.eyes) == (q.seed, q.eyes)
+        np.testing.assert_allclose(p.hair, q.hair, atol=2e-3)
+        np.testing.assert_allclose(p.direction, q.direction, atol=5e-3)
+        assert (p.seed, p.eyes, p.kinds) == (q.seed, q.eyes, q.kinds)
 
 
 def test_a_run_goes_on_where_it_stopped(
@@ -211,7 +258,7 @@ def test_a_run_goes_on_where_it_stopped(
     assert sum(n for _, _, n in whole) == 200
     made: list[int] = []
 
-    def fake(seed: int, size: int, folder: Path | None) -> Portrait:
+    def fake(seed: int, size: int, folder: Path | None, framing: str, meshes: tuple[str, ...]) -> Portrait:
         made.append(seed)
         return portraits[0]
 

@@ -17,6 +17,7 @@ from models.training.reader import Run, losses, train  # noqa: E402
 from models.training.reader_data import Batch, augmented, batch_of, read_cells, shard_seed  # noqa: E402
 from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
+from service.hair.kinds import KINDS  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -36,7 +37,8 @@ def made_up(seed: int) -> Portrait:
         seed, image, jpeg, chart, normal, np.where(inside, 1.0, np.inf).astype(np.float32),
         np.where(inside, labels.SKIN, labels.BACKGROUND).astype(np.uint8), np.zeros((478, 2), np.float32),
         np.zeros(478, bool), camera, np.zeros(100, np.float32), np.zeros(52, np.float32), np.zeros((4, 3), np.float32),
-        "open", np.zeros(2, np.float32),
+        "open", np.zeros(2, np.float32), np.zeros((SIDE, SIDE), np.float32), np.zeros((SIDE, SIDE, 2), np.float32),
+        dict.fromkeys(KINDS, ""), float("nan"),
     )  # fmt: skip
 
 

@@ -1,0 +1,213 @@
+"""Train the hair reader: ``python -m models.training.hair --data SHARDS --out RUN [--minutes 60]``.
+
+    python -m models.people --framing hair --start 100032 --count 6400 --out SHARDS     # see docs/synthetic-people.md
+    python -m models.people --framing hair --count 256 --out SHARDS                     # held out
+    python -m models.training.hair --data SHARDS --out RUN --minutes 60
+
+A run begins with the body of the shipped reader and goes on from its checkpoint. ``log.jsonl`` gets a line for each
+measurement on held-out people, whose grooms are never trained on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from models.networks.hair import COUNTS, HairReader, ReadHair
+from models.people.shards import UNKNOWN
+from models.training.hair_data import HairBatch, People, batch_of, draw, example, read_people
+from models.training.moving_average import follow
+from models.training.reader import shards
+from models.training.restore import weights_of
+from service.errors import ModelFault
+from service.hair.kinds import KINDS
+from service.runtime.sessions import MODELS
+
+RATE, DECAY = 1e-3, 0.02
+WARM_UP_STEPS = 100
+BODY_RATE = 0.4
+"""Rate of what the reader knows already, over that of the new layers."""
+WEIGHTS = {"mask": 4.0, "direction": 0.5, "kinds": 0.25, "ends": 0.1}
+AT_ONCE = 40
+"""Shards in memory."""
+REFRESH_STEPS = 25
+"""Steps after which a shard makes room for another."""
+
+
+def losses(read: ReadHair, batch: HairBatch) -> dict[str, Tensor]:
+    """Of the mask: cross entropy and the overlap's complement; negative log-likelihoods of all else."""
+    cross = functional.binary_cross_entropy_with_logits(read.mask, batch.mask, reduction="none")
+    mask = (cross * batch.known).sum() / batch.known.sum().clamp(min=1)
+    share = torch.sigmoid(read.mask) * batch.known
+    truth = batch.mask * batch.known
+    both, either = (share * truth).sum((1, 2, 3)), (share + truth - share * truth).sum((1, 2, 3))
+    seen = (truth.sum((1, 2, 3)) > 20).float()
+    overlap = ((1 - both / either.clamp(min=1)) * seen).sum() / seen.sum().clamp(min=1)
+    off = (read.direction - batch.direction).square().sum(1, keepdim=True)
+    way = 2 * read.spread.log() + off / (2 * read.spread.square())
+    direction = (way * batch.strands).sum() / batch.strands.sum().clamp(min=1)
+    kinds = torch.zeros(())
+    for k, part in enumerate(read.kinds.split(COUNTS, 1)):
+        told = batch.kinds[:, k] != UNKNOWN
+        if told.any():
+            kinds = kinds + functional.cross_entropy(part[told], batch.kinds[told, k], label_smoothing=0.02)
+    known = torch.isfinite(batch.ends[:, 0])
+    error = (read.ends[:, 0] - torch.nan_to_num(batch.ends[:, 0])) / read.ends[:, 1]
+    ends = ((read.ends[:, 1].log() + 2 * torch.log1p(error.square() / 4)) * known).sum() / known.sum().clamp(min=1)
+    return {"mask": mask + 0.25 * overlap, "direction": direction, "kinds": kinds, "ends": ends}
+
+
+class Run:
+    """Network, moving average and optimiser of a run, and its checkpoint."""
+
+    def __init__(self, folder: Path, seed: int = 0) -> None:
+        torch.manual_seed(seed)
+        self.folder = folder
+        self.network = HairReader()
+        self.step, self.seconds = 0, 0.0
+        path = folder / "checkpoint.pt"
+        if not path.is_file():
+            found = weights_of(MODELS / "reader.onnx")
+            self.network.begin_with({name: found[name] for name in self.network.body.state_dict()})
+        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
+        body = list(self.network.body.parameters())
+        own = [p for name, p in self.network.named_parameters() if not name.startswith("body.")]
+        self.optimiser = torch.optim.AdamW(
+            [{"params": body, "share": BODY_RATE}, {"params": own, "share": 1.0}], RATE, weight_decay=DECAY
+        )
+        if path.is_file():
+            content = torch.load(path, map_location="cpu", weights_only=True)
+            for name in ("network", "average", "optimiser"):
+                getattr(self, name).load_state_dict(content[name])
+            self.step, self.seconds = content["step"], content["seconds"]
+
+    def save(self) -> None:
+        """Write the checkpoint, whole or not at all."""
+        part = self.folder / "checkpoint.part"
+        torch.save(
+            {"network": self.network.state_dict(), "average": self.average.state_dict(),
+             "optimiser": self.optimiser.state_dict(), "step": self.step, "seconds": self.seconds}, part,
+        )  # fmt: skip
+        part.replace(self.folder / "checkpoint.pt")
+
+    def train_step(self, batch: HairBatch, left: float) -> dict[str, float]:
+        """One step; ``left`` is the share of the run that remains.
+
+        Raises:
+            ModelFault: the loss is not finite.
+        """
+        rate = RATE * min((self.step + 1) / WARM_UP_STEPS, 1.0) * max(min(left / 0.5, 1.0), 0.02)
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate * group["share"]
+        parts = losses(self.network.read(batch.image), batch)
+        total = torch.stack([WEIGHTS[name] * value for name, value in parts.items()]).sum()
+        if not torch.isfinite(total):
+            raise ModelFault(f"hair: the loss is {float(total)} at step {self.step}")
+        self.optimiser.zero_grad(set_to_none=True)
+        total.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        follow(self.average, self.network, self.step, 0.995)
+        self.step += 1
+        return {name: float(value.detach()) for name, value in parts.items()}
+
+
+def measured(network: HairReader, apart: list[People], most: int) -> dict[str, float]:
+    """What a network says of the first ``most`` held-out people."""
+    overlap, degrees, off = [], [], []
+    right: dict[str, list[float]] = {name: [] for name in KINDS}
+    for people in apart:
+        for first in range(0, min(len(people["seed"]), most), 16):
+            batch = batch_of([example(people, i) for i in range(first, min(first + 16, len(people["seed"]), most))])
+            with torch.no_grad():
+                read = network.read(batch.image)
+            said, true = read.mask[:, 0] > 0, batch.mask[:, 0] > 0.5
+            for a, b in zip(said, true, strict=True):
+                if b.sum() > 20:
+                    overlap.append(float((a & b).sum() / (a | b).sum().clamp(min=1)))
+            cosine = (read.direction * batch.direction).sum(1).clamp(-1, 1)[batch.strands[:, 0] > 0.5]
+            degrees.append(torch.rad2deg(torch.acos(cosine)))
+            for k, (name, part) in enumerate(zip(KINDS, read.kinds.split(COUNTS, 1), strict=True)):
+                told = batch.kinds[:, k] != UNKNOWN
+                right[name] += (part.argmax(1) == batch.kinds[:, k])[told].float().tolist()
+            known = torch.isfinite(batch.ends[:, 0])
+            off += (read.ends[:, 0] - batch.ends[:, 0])[known].abs().tolist()
+        most -= len(people["seed"])
+    result = {"overlap": np.mean(overlap), "direction_deg": float(torch.cat(degrees).mean()),
+              "ends_mm": 1000 * np.median(off)}  # fmt: skip
+    result |= {name: np.mean(values) for name, values in right.items()}
+    return {name: round(float(value), 4) for name, value in result.items()}
+
+
+def calibration_set(paths: list[Path]) -> HairBatch:
+    """All people of some shards, as the service would cut them."""
+    found = [read_people(path) for path in paths]
+    return batch_of([example(people, i) for people in found for i in range(len(people["seed"]))])
+
+
+def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: int, seed: int = 0) -> None:
+    """Train until the run has lasted ``minutes``; measure every ``every`` minutes. New shards are taken in.
+
+    Raises:
+        ModelFault: there is nothing to train on.
+    """
+    rng = np.random.default_rng([seed, run.step])
+    apart = [read_people(path) for path in shards(data, held_out=True)]
+    pool: list[People] = []
+    names: list[Path] = []
+    begun, before, saved = time.monotonic(), run.seconds, run.seconds
+    sums: dict[str, float] = {}
+    while run.seconds < 60 * minutes:
+        if run.step % REFRESH_STEPS == 0 or not pool:
+            fresh = [path for path in shards(data, held_out=False) if path not in names]
+            if fresh:
+                path = fresh[int(rng.integers(len(fresh)))]
+                pool, names = [*pool, read_people(path)][-AT_ONCE:], [*names, path][-AT_ONCE:]
+            if not pool:
+                raise ModelFault(f"{data}: no shard to train on; make some: python -m models.people --framing hair")
+        for name, value in run.train_step(draw(pool, batch, rng), 1 - run.seconds / (60 * minutes)).items():
+            sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
+        run.seconds = before + time.monotonic() - begun
+        if run.seconds - saved > 60 * every or run.seconds >= 60 * minutes:
+            saved = run.seconds
+            run.save()
+            line = {"step": run.step, "minutes": round(run.seconds / 60, 1), "shards": len(names),
+                    **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
+                    **(measured(run.average, apart, most) if apart else {})}  # fmt: skip
+            with (run.folder / "log.jsonl").open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            sys.stderr.write(json.dumps(line) + "\n")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m models.training.hair",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--data", type=Path, required=True, help="folder of shards")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the run")
+    parser.add_argument("--minutes", type=float, default=60.0, help="length of the run, all its sittings together")
+    parser.add_argument("--every", type=float, default=10.0, help="minutes between measurements")
+    parser.add_argument("--most", type=int, default=128, help="held-out people to measure on")
+    parser.add_argument("--batch", type=int, default=12)
+    parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
+    chosen = parser.parse_args()
+    if chosen.threads:
+        torch.set_num_threads(chosen.threads)
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    train(Run(chosen.out), chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most)
+
+
+if __name__ == "__main__":
+    main()
