@@ -19,7 +19,8 @@ from export.networks.convert import LICENCE, OPSET, rounded
 from export.networks.whole import convert
 from models.networks.hair import CELL, COUNTS, SIDE, HairReader
 from models.people.shards import UNKNOWN
-from models.training.hair import calibration_set, shards
+from models.training.hair import calibration_set
+from models.training.reader import shards
 from service.archive.container import replace_file
 from service.errors import ModelFault
 from service.hair.kinds import KINDS

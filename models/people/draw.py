@@ -272,9 +272,10 @@ class Renderer:
                 target.viewport = (k % across * size, k // across * size, size, size)
                 program["toClip"].write(np.asarray(matrix, np.float32).T.tobytes())
                 arrays["shadow"].render()
-        for k, matrix in enumerate(matrices if hair is not None else ()):
-            target.viewport = (k % across * size, k // across * size, size, size)
-            hair.cast(matrix)
+        if hair is not None:
+            for k, matrix in enumerate(matrices):
+                target.viewport = (k % across * size, k // across * size, size, size)
+                hair.cast(matrix)
         target.viewport = (0, 0, *target.size)
 
     def depths(

@@ -22,7 +22,7 @@ from models.people.light import DIRECTIONS, Light
 from models.people.person import Person, the_head
 from service.hair.colour import HairColour, absorption_of
 from service.hair.groom import Groom, make_groom
-from service.hair.style import Style, sample_melanin, sample_style
+from service.hair.style import Parting, Style, sample_melanin, sample_style
 from service.light.environment import flux_by_direction, spread_directions
 
 Float = npt.NDArray[np.float32]
@@ -72,7 +72,7 @@ def _grown(number: int) -> Groom:
     return make_groom(style, number, SHORT_COUNT if short else COUNT)
 
 
-MIRRORED = {"left": "right", "right": "left"}
+MIRRORED: dict[Parting, Parting] = {"left": "right", "right": "left"}
 
 
 def wear_groom(seed: int, person: Person) -> WornGroom | None:

@@ -1,8 +1,8 @@
-"""Train the hair reader: ``python -m models.training.hair --data SHARDS --out RUN [--minutes 60]``.
+"""Train the hair reader: ``python -m models.training.hair --data SHARDS --out RUN``.
 
     python -m models.people --framing hair --start 100032 --count 6400 --out SHARDS     # see docs/synthetic-people.md
     python -m models.people --framing hair --count 256 --out SHARDS                     # held out
-    python -m models.training.hair --data SHARDS --out RUN --minutes 60
+    python -m models.training.hair --data SHARDS --out RUN
 
 A run begins with the body of the shipped reader and goes on from its checkpoint. ``log.jsonl`` gets a line for each
 measurement on held-out people, whose grooms are never trained on.
@@ -154,8 +154,8 @@ def calibration_set(paths: list[Path]) -> HairBatch:
     return batch_of([example(people, i) for people in found for i in range(len(people["seed"]))])
 
 
-def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: int, seed: int = 0) -> None:
-    """Train until the run has lasted ``minutes``; measure every ``every`` minutes. New shards are taken in.
+def train(run: Run, data: Path, steps: int, sitting: float, batch: int, every: int, most: int, seed: int = 0) -> None:
+    """Train to ``steps``, at most ``sitting`` minutes now; measure every ``every`` steps. New shards are taken in.
 
     Raises:
         ModelFault: there is nothing to train on.
@@ -164,9 +164,9 @@ def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: 
     apart = [read_people(path) for path in shards(data, held_out=True)]
     pool: list[People] = []
     names: list[Path] = []
-    begun, before, saved = time.monotonic(), run.seconds, run.seconds
+    begun, before = time.monotonic(), run.seconds
     sums: dict[str, float] = {}
-    while run.seconds < 60 * minutes:
+    while run.step < steps and time.monotonic() - begun < 60 * sitting:
         if run.step % REFRESH_STEPS == 0 or not pool:
             fresh = [path for path in shards(data, held_out=False) if path not in names]
             if fresh:
@@ -174,11 +174,10 @@ def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: 
                 pool, names = [*pool, read_people(path)][-AT_ONCE:], [*names, path][-AT_ONCE:]
             if not pool:
                 raise ModelFault(f"{data}: no shard to train on; make some: python -m models.people --framing hair")
-        for name, value in run.train_step(draw(pool, batch, rng), 1 - run.seconds / (60 * minutes)).items():
+        for name, value in run.train_step(draw(pool, batch, rng), 1 - run.step / steps).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun
-        if run.seconds - saved > 60 * every or run.seconds >= 60 * minutes:
-            saved = run.seconds
+        if run.step % every == 0 or run.step >= steps:
             run.save()
             line = {"step": run.step, "minutes": round(run.seconds / 60, 1), "shards": len(names),
                     **{f"loss_{name}": round(value, 4) for name, value in sums.items()},
@@ -186,6 +185,7 @@ def train(run: Run, data: Path, minutes: float, batch: int, every: float, most: 
             with (run.folder / "log.jsonl").open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             sys.stderr.write(json.dumps(line) + "\n")
+    run.save()
 
 
 def main() -> None:
@@ -197,8 +197,9 @@ def main() -> None:
     )
     parser.add_argument("--data", type=Path, required=True, help="folder of shards")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
-    parser.add_argument("--minutes", type=float, default=60.0, help="length of the run, all its sittings together")
-    parser.add_argument("--every", type=float, default=10.0, help="minutes between measurements")
+    parser.add_argument("--steps", type=int, default=6000, help="length of the run, all its sittings together")
+    parser.add_argument("--sitting", type=float, default=1e9, help="minutes after which to stop for now")
+    parser.add_argument("--every", type=int, default=250, help="steps between measurements")
     parser.add_argument("--most", type=int, default=128, help="held-out people to measure on")
     parser.add_argument("--batch", type=int, default=12)
     parser.add_argument("--threads", type=int, default=0, help="of torch; 0 leaves its own choice")
@@ -206,7 +207,7 @@ def main() -> None:
     if chosen.threads:
         torch.set_num_threads(chosen.threads)
     chosen.out.mkdir(parents=True, exist_ok=True)
-    train(Run(chosen.out), chosen.data, chosen.minutes, chosen.batch, chosen.every, chosen.most)
+    train(Run(chosen.out), chosen.data, chosen.steps, chosen.sitting, chosen.batch, chosen.every, chosen.most)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from service.hair.kinds import KINDS, PARTINGS
 from service.hair.reading import BELOW, FILL
 
 People = dict[str, npt.NDArray[Any]]
-Image = npt.NDArray[np.float32]
+Image = npt.NDArray[Any]
 
 KEPT = ("jpeg", "jpeg_end", "part", "hair", "direction", "kinds", "ends_m", "points", "seed")
 MIRRORED_PARTING = [PARTINGS.index({"left": "right", "right": "left"}.get(name, name)) for name in PARTINGS]
@@ -123,8 +123,9 @@ def example(people: People, i: int, rng: np.random.Generator | None = None, behi
     run /= np.maximum(np.linalg.norm(run, axis=2, keepdims=True), 1e-6)
     arrays = [np.clip(picture / 255, 0, 1).transpose(2, 0, 1), mask[None], (known > 0.5)[None], run.transpose(2, 0, 1),
               strands[None]]  # fmt: skip
-    tensors = [torch.from_numpy(np.ascontiguousarray(a, np.float32))[None] for a in arrays]
-    return HairBatch(*tensors, torch.from_numpy(kinds)[None], torch.tensor([[float(people["ends_m"][i])]]))
+    image, *rest = (torch.from_numpy(np.ascontiguousarray(a, np.float32))[None] for a in arrays)
+    ends = torch.tensor([[float(people["ends_m"][i])]])
+    return HairBatch(image, rest[0], rest[1], rest[2], rest[3], torch.from_numpy(kinds)[None], ends)
 
 
 def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Image, Image]:
@@ -147,7 +148,8 @@ def spoilt(picture: Image, inside: Image, rng: np.random.Generator) -> tuple[Ima
     if rng.random() < 0.3:
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.uniform(25, 90))]
         done, data = cv2.imencode(".jpg", picture.astype(np.uint8), quality)
-        picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else picture
+        coded = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
+        picture = picture if coded is None else coded
     if rng.random() < 0.4:  # photos end, mostly at the sides or above and below
         low, high = rng.uniform(0, 0.28, 2), 1 - rng.uniform(0, 0.35, 2)
         keep = rng.random(4) < 0.5

@@ -36,8 +36,8 @@ LOWEST = 0.05
 """Share of the strands that may reach lower than what is called their ends."""
 FOREHEAD_M = (0.045, 0.02, 0.055)
 """The forehead: half its width, and its lower and upper height in the head's frame."""
-FRINGED = 0.12
-"""Share of the strands over the front of the head that have to lie on the forehead to be a fringe."""
+FRINGED, FRINGE_CELL_M = 0.4, 0.008
+"""Share of the forehead's cells that strands have to lie on to be a fringe, and the side of a cell."""
 _GATHERED = {"ponytail": "tied", "bun": "tied", "plait": "plaits", "two_plaits": "plaits", "half_up": "half",
              "pinned": "half"}  # fmt: skip
 
@@ -72,8 +72,8 @@ def kinds_of(style: Style, strands: Float32) -> dict[str, str]:
 
 def _fringed(strands: Float32) -> bool:
     half, low, high = FOREHEAD_M
-    away = strands[:, 0] - CENTRE
-    front = (np.abs(np.arctan2(away[:, 0], away[:, 2])) < 0.85) & (strands[:, 0, 1] > high)
-    x, y, z = np.moveaxis(strands, -1, 0)
-    over = ((np.abs(x) < half) & (y > low) & (y < high) & (z > -0.01)).any(1)
-    return bool(front.any() and over[front].mean() > FRINGED)
+    x, y, z = np.moveaxis(strands.reshape(-1, 3), -1, 0)
+    over = (np.abs(x) < half) & (y > low) & (y < high) & (z > -0.01)
+    cells = np.floor(np.stack([x[over] + half, y[over] - low]) / FRINGE_CELL_M).astype(int)
+    whole = np.ceil(2 * half / FRINGE_CELL_M) * np.ceil((high - low) / FRINGE_CELL_M)
+    return len(np.unique(cells, axis=1).T) > FRINGED * float(whole)

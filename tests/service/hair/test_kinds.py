@@ -1,0 +1,71 @@
+"""What a groom is called, by how far it reaches and what was done to it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from service.hair.groom import make_groom
+from service.hair.kinds import KINDS, LENGTH_ENDS_M, LENGTHS, ends_m, kinds_of, length_of
+from service.hair.style import NAMED, sample_style
+
+
+def kinds(name: str, **changes: object) -> dict[str, str]:
+    style = dataclasses.replace(NAMED[name], **changes)  # type: ignore[arg-type]
+    return kinds_of(style, make_groom(style, 1, 1500).strands)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "choice"),
+    [
+        ("shaved", "length", "cropped"), ("crop", "length", "short"), ("side_part", "length", "short"),
+        ("bob", "length", "jaw"), ("long_wavy", "length", "longer"), ("ponytail", "gathered", "tied"),
+        ("bun", "gathered", "tied"), ("crop", "gathered", "none"), ("bob", "parting", "middle"),
+        ("side_part", "parting", "left"), ("slicked_back", "parting", "none"), ("afro", "curl", "coily"),
+        ("curly", "curl", "curly"), ("long_wavy", "curl", "wavy"), ("bob", "curl", "straight"),
+        ("slicked_back", "fringe", "no"),
+    ],
+)  # fmt: skip
+def test_a_hairdresser_would_agree(name: str, asked: str, choice: str) -> None:
+    assert kinds(name)[asked] == choice
+
+
+def test_a_fringe_that_is_cut_above_the_brows_is_one() -> None:
+    assert kinds("bob", fringe_mm=60.0)["fringe"] == "yes"
+
+
+def test_two_plaits_are_plaits_and_a_half_up_is_half() -> None:
+    assert kinds("ponytail", gather="two_plaits")["gathered"] == "plaits"
+    assert kinds("ponytail", gather="half_up")["gathered"] == "half"
+
+
+def test_longer_names_for_lower_ends() -> None:
+    heights = np.linspace(0.05, -0.5, 200)
+    order = [LENGTHS.index(length_of(h)) for h in heights]
+    assert order == sorted(order)
+    assert set(order) == {1, 2, 3, 4, 5}
+    for limit, name in zip(LENGTH_ENDS_M, LENGTHS[1:], strict=False):
+        assert length_of(limit + 1e-4) == name
+
+
+def test_what_hangs_ends_where_it_was_cut() -> None:
+    style = dataclasses.replace(NAMED["bob"], layers=0.0)
+    assert style.cut_y is not None
+    assert ends_m(make_groom(style, 3, 1500).strands) == pytest.approx(style.cut_y, abs=0.02)
+
+
+def test_a_head_without_strands_is_cropped_and_has_no_ends() -> None:
+    none = np.zeros((0, 2, 3), np.float32)
+    assert kinds_of(NAMED["bob"], none)["length"] == "cropped"
+    assert np.isnan(ends_m(none))
+
+
+def test_every_choice_is_met_among_random_styles() -> None:
+    met: dict[str, set[str]] = {name: set() for name in KINDS}
+    for seed in range(160):
+        style = sample_style(seed)
+        for name, choice in kinds_of(style, make_groom(style, seed, 300).strands).items():
+            met[name].add(choice)
+    assert {name: met[name] == set(choices) for name, choices in KINDS.items()} == dict.fromkeys(KINDS, True)
