@@ -150,17 +150,15 @@ class Bust:
             triangles, places = part_triangles(part.polygons), part_triangles(part.polygons_uv, part.polygons)
             normal = part_normals(part, part.vertices, triangles)
             material = part.material
-            if material.opacity < 1:
-                if not material.transmission:
-                    continue  # the line of tears
-                mirror = {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
-                bsdf = {"type": "blendbsdf", "weight": material.f0, "clear": {"type": "null"}, "mirror": mirror}
-            else:
-                picture = material.colour_map
-                colours = np.full((1, 1, 3), material.colour)
-                if isinstance(picture, OwnMap):
-                    colours = bytes_to_linear(picture.pixels[..., :3])
-                bsdf = _principled(mi, colours, material.roughness, material.f0 / 0.08)
+            picture, relief = material.colour_map, material.normal_map
+            colours = np.full((1, 1, 3), material.colour)
+            if isinstance(picture, OwnMap):
+                colours = bytes_to_linear(picture.pixels[..., :3])
+            bsdf = _principled(mi, colours, material.roughness, material.f0 / 0.08)
+            if isinstance(relief, OwnMap):
+                bitmap = mi.Bitmap(np.ascontiguousarray(relief.pixels[::-1]))
+                normals = {"type": "bitmap", "bitmap": bitmap, "raw": True}
+                bsdf = {"type": "normalmap", "normalmap": normals, "bsdf": bsdf}
             corners = part.vertices[triangles], normal[triangles], part.uv[places]
             made[part.name] = _shape(mi, folder / f"{part.name}.ply", *corners, bsdf)
         sky = radiance(scene.environment)

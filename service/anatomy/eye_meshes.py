@@ -1,8 +1,11 @@
-"""Eyes of one head as meshes of their own: ball with the iris set back, cornea, tear line and caruncle.
+"""Eyes of one head as meshes of their own: ball with the iris set back, tear line and caruncle.
 
-Ball and cornea are built about the head's own eyeballs and follow them affinely, so they turn with ``eyeLook*``; tear
-line and caruncle follow the lids. Measures are those of adults: cornea of 7.8 mm radius (Gullstrand's eye), iris plane
-at the limbus.
+Balls are built about the head's own eyeballs and follow them affinely, so they turn with ``eyeLook*``; tear line and
+caruncle follow the lids. Measures are those of adults: cornea of 7.8 mm radius (Gullstrand's eye), iris at the limbus.
+
+The cornea is the ball's normal map, not a second mesh: the opaque iris mirrors as the dome before it does, and lies
+where refraction shows it. A clear mesh needs a blend, whose alpha scales the reflection (and screens clip it before),
+or refraction, which keeps a path tracer's shadow rays from the iris; this looks the same everywhere.
 """
 
 from __future__ import annotations
@@ -11,16 +14,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from service.anatomy.canvas import Canvas
+from service.anatomy.canvas import Canvas, smooth_noise
 from service.anatomy.eye_painting import DrawnEye, eye_albedo
 from service.arrays import AnyFloat, Float32, Float64, Int32, Int64, UInt8
 from service.face.features.eye_colours import IRIS
 from service.face.fit.result import Fit
+from service.geometry.normals import area_normals, normalise
 from service.head.eyeball import SIDES, Eyeball
 from service.head.model import HeadModel
 from service.head.regions import lid_edges, part_vertices
 from service.materials.material import Material, OwnMap
-from service.materials.part import Bone, MeshPart, targets_of
+from service.materials.part import Bone, MeshPart, part_triangles, targets_of
+from service.robust import smoothstep
 
 SIZE = 1024
 """Side of the picture of both eyes, texels."""
@@ -30,20 +35,27 @@ IRIS_SHARE, RIM_SHARE = 0.55, 0.98
 """Radius of the limbus, and of the back of the ball, on the picture, in halves of its side."""
 BACK_DEG = 150.0
 """Angle from the line of sight at which the ball ends, out of sight."""
-IRIS_BACK_M, PUPIL_BACK_M = 0.0004, 0.0006
-"""Depth of the iris's inner edge behind the plane of the limbus, and of the pupil behind that."""
-CORNEA_M = 0.0078
-"""Radius of curvature of the cornea; its apex stands 1.1 mm before the sphere of the ball."""
-FILM_M, FILM_DEG = 0.00004, 8.0
-"""Height of the tear film over the sclera, and how far beyond the limbus it goes."""
+RAISED_M = 0.0010
+"""Height of the iris's middle before the plane of the limbus, two fifths of the cornea's: refraction raises it so."""
+CORNEA_M, ASPHERICITY = 0.0078, -0.26
+"""Radius of curvature of the cornea's apex, and its conic constant: it flattens outwards (Kiely et al. 1982)."""
+FILM_ROUGHNESS, FILM_INDEX = 0.03, 1.576
+"""Of the tear film, which is as smooth as water. It mirrors F0 = 0.05, twice what the cornea's index of 1.376 gives: in
+light that is right for skin a window or a soft box would be grey in the eye, and photos show it white."""
+SULCUS, WAVES = (0.93, 1.08), 0.02
+"""Radii in iris radii between which cornea goes over into sclera; tilt of the film's waves there, radians."""
+RELIEF_SIZE = 512
+"""Side of the picture of the surface's normals, texels."""
+FILM_M = 0.00004
+"""Height of the tear film over the sclera."""
 TEAR_M = 0.0005
 """Height of the tear line on the ball, from the edge of the lid."""
-CARUNCLE_M = (0.0017, 0.0013, 0.0013)
+CARUNCLE_M = (0.0016, 0.0012, 0.0010)
 """Half axes of the caruncle, across, up and forward."""
-CARUNCLE_BACK_M, CARUNCLE_AT = 0.0009, 6
+CARUNCLE_BACK_M, CARUNCLE_AT = 0.0013, 6
 """Its depth behind the inner corner, and the number of vertices of the lids' inner edge there that carry it."""
-CARUNCLE = (0.50, 0.23, 0.20)
-"""Diffuse albedo, linear RGB."""
+CARUNCLE, LID_MARGIN = (0.43, 0.20, 0.17), (0.48, 0.28, 0.24)
+"""Diffuse albedo, linear RGB, of the caruncle, and of the wet margin of the lid that is seen through the tears."""
 
 def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPart, ...]:
     """Both eyes; nothing for a head without two eyeballs.
@@ -58,10 +70,10 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
     colour = IRIS if iris is None else np.asarray(iris, np.float32)
     pupil_m = None if fit.gaze is None else fit.gaze.pupil_m
     picture = OwnMap("eyes", eye_picture(head, colour, pupil_m))
-    white = Material("eye", colour_map=picture, roughness=0.25, ior=1.4)
-    clear = Material("eye_cornea", opacity=0.08, alpha="blend", roughness=0.03, ior=1.376, transmission=1.0)
-    wet = Material("eye_tears", opacity=0.22, alpha="blend", roughness=0.02, ior=1.336, double_sided=True)
-    flesh = Material("eye_caruncle", CARUNCLE, roughness=0.2, ior=1.4)
+    relief = OwnMap("eyes_normal", surface_picture(head, pupil_m))
+    glassy = Material("eye", colour_map=picture, roughness=FILM_ROUGHNESS, ior=FILM_INDEX, normal_map=relief)
+    wet = Material("eye_tears", LID_MARGIN, roughness=0.05, ior=1.336, double_sided=True)
+    flesh = Material("eye_caruncle", CARUNCLE, roughness=0.35, ior=1.4)
     made: list[MeshPart] = []
     for side in SIDES:
         bone: Bone = "eye_left" if side == "left" else "eye_right"
@@ -69,9 +81,7 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
         ball = Eyeball.of(head.mean[own].astype(np.float64))
         points, faces, places = globe(ball, pupil_m)
         name = f"eye_{side}"
-        made.append(_on_ball(f"{name}_ball", head, fit, own, points, faces, places, white, bone, (name,)))
-        points, faces = cornea(ball)
-        made.append(_on_ball(f"{name}_cornea", head, fit, own, points, faces, places[: len(points)], clear, bone, ()))
+        made.append(_on_ball(f"{name}_ball", head, fit, own, points, faces, places, glassy, bone, (name,)))
         edges = lid_edges(head, side)
         if edges is not None:
             made.append(_tears(f"{name}_tears", head, fit, ball, edges.upper[0], edges.lower[0], wet))
@@ -80,39 +90,22 @@ def eye_parts(head: HeadModel, fit: Fit, iris: AnyFloat | None) -> tuple[MeshPar
 
 
 def globe(ball: Eyeball, pupil_m: float | None = None) -> tuple[Float64, Int32, Float32]:
-    """(N, 3) metres, (F, 4) faces and (N, 2) places on the picture of a ball whose iris is a disc set back."""
+    """(N, 3) metres, (F, 4) faces and (N, 2) places on the picture of a ball whose iris lies behind the cornea."""
     limbus, pupil = np.radians(ball.limbus_deg), np.radians(ball.pupil_deg(pupil_m))
     rim, hole = ball.radius * np.sin(limbus), ball.radius * np.sin(pupil)
     plane = ball.radius * np.cos(limbus)
-    # Pupil, its edge, iris, then the sphere; radius and depth of every ring.
-    rings = [(0.5 * hole, plane - IRIS_BACK_M - PUPIL_BACK_M), (hole, plane - IRIS_BACK_M - PUPIL_BACK_M)]
-    for share in (0.0, 0.15, 0.4, 0.65, 0.85, 1.0):
-        rings.append((hole + share * (rim - hole), plane - IRIS_BACK_M * (1 - share)))
+    # Pupil, iris, then the sphere; radius and depth of every ring.
+    inside = [0.5 * hole, *(hole + share * (rim - hole) for share in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0))]
+    rings = [(radius, plane + RAISED_M * (1 - (radius / rim) ** 2)) for radius in inside]
     angles = np.concatenate([limbus + np.radians([3.0, 8.0, 14.0, 22.0]), np.radians(np.linspace(62, BACK_DEG, 8))])
     rings += [(ball.radius * np.sin(a), ball.radius * np.cos(a)) for a in angles]
     inner = len(rings) - len(angles)
     shares = [IRIS_SHARE * r / rim for r, _ in rings[:inner]] + [float(_share(a, limbus)) for a in angles]
-    points, faces = _lathe(rings, front=plane - IRIS_BACK_M - PUPIL_BACK_M)
+    points, faces = _lathe(rings, front=plane + RAISED_M)
     turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     flat = np.array(shares)[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
     uv = 0.5 + 0.5 * np.concatenate([[[0.0, 0.0]], flat.reshape(-1, 2)])
     return points + ball.centre, faces, uv.astype(np.float32)
-
-
-def cornea(ball: Eyeball) -> tuple[Float64, Int32]:
-    """(N, 3) metres and (F, 4) faces of the cornea's dome, which runs out into the tear film on the sclera."""
-    limbus = np.radians(ball.limbus_deg)
-    rim, plane = ball.radius * np.sin(limbus), ball.radius * np.cos(limbus)
-    # An eye too large for this curvature has a flatter cornea.
-    curve = max(CORNEA_M, 1.15 * rim)
-    foot = np.sqrt(curve**2 - rim**2)
-    rings = []
-    for share in (0.12, 0.3, 0.5, 0.7, 0.87, 1.0):
-        rings.append((share * rim, plane + FILM_M + np.sqrt(curve**2 - (share * rim) ** 2) - foot))
-    edge = limbus + np.radians(FILM_DEG)
-    rings.append((ball.radius * np.sin(edge), ball.radius * np.cos(edge)))
-    points, faces = _lathe(rings, front=plane + FILM_M + curve - foot)
-    return points + ball.centre, faces
 
 
 def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) -> UInt8:
@@ -140,6 +133,34 @@ def eye_picture(head: HeadModel, iris: Float32, pupil_m: float | None = None) ->
     canvas = Canvas(SIZE)
     canvas.put(np.arange(SIZE * SIZE), eye_albedo(eye, iris))
     return canvas.picture()
+
+
+def surface_picture(head: HeadModel, pupil_m: float | None = None) -> UInt8:
+    """(RELIEF_SIZE, RELIEF_SIZE, 3) uint8 normals of cornea and tear film about those of the ball's mesh, 128 + 127 n.
+
+    Args:
+        head: of whose left eye the cornea is.
+        pupil_m: radius of the pupil, metres; None: that of a lit room.
+    """
+    ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
+    points, faces, uv = globe(ball, pupil_m)
+    normals = area_normals(points, part_triangles(faces)).astype(np.float64)
+    # One meridian of the mesh: place on the picture, and its normal, which renderers interpolate along the meridian.
+    row = np.r_[0, np.arange(1, len(points), SEGMENTS)]
+    at = 2 * uv[row, 0].astype(np.float64) - 1
+    centre = np.arange(RELIEF_SIZE) + 0.5
+    x, y = np.meshgrid(2 * centre / RELIEF_SIZE - 1, 1 - 2 * centre / RELIEF_SIZE)
+    r = np.hypot(x, y)
+    mesh = np.arctan2(np.interp(r, at, normals[row, 0]), np.interp(r, at, normals[row, 2]))
+    iris = np.clip(r / IRIS_SHARE, 0, SULCUS[1]) * ball.radius * np.sin(np.radians(ball.limbus_deg))
+    dome = np.arctan2(iris, np.sqrt(np.maximum(CORNEA_M**2 - (1 + ASPHERICITY) * iris**2, (0.3 * CORNEA_M) ** 2)))
+    sclera = smoothstep(r / IRIS_SHARE, *SULCUS)
+    tilt = (dome - mesh) * (1 - sclera)
+    places = 12 * np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 3)
+    waves = [WAVES * sclera * smooth_noise(places, (1.5, 3.0), seed).reshape(r.shape) for seed in (3, 4)]
+    outward = np.stack([x, y], -1) / np.maximum(r, 1e-9)[..., None]
+    normal = np.concatenate([np.sin(tilt)[..., None] * outward + np.stack(waves, -1), np.cos(tilt)[..., None]], -1)
+    return np.asarray(np.rint(128 + 127 * normalise(normal)), np.uint8)
 
 
 SPREAD = 0.8

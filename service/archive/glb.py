@@ -133,7 +133,7 @@ def _view_facts(name: str) -> Object:
 
 Slot = Literal["colour", "roughness", "specular", "normal", "cavity", "anisotropy"]
 
-SPECULAR, IOR, TRANSMISSION = "KHR_materials_specular", "KHR_materials_ior", "KHR_materials_transmission"
+SPECULAR, IOR = "KHR_materials_specular", "KHR_materials_ior"
 ANISOTROPY = "KHR_materials_anisotropy"
 
 COPYRIGHT = "No rights are claimed by the makers of this program; those of the person shown remain. See LICENSES.md"
@@ -227,8 +227,6 @@ class GltfMaterials:
         found: Object = {SPECULAR: specular} if specular else {}
         if material.ior != DEFAULT_IOR:
             found[IOR] = {"ior": material.ior}
-        if material.transmission > 0:
-            found[TRANSMISSION] = {"transmissionFactor": material.transmission}
         if material.anisotropy > 0:
             found[ANISOTROPY] = {"anisotropyStrength": material.anisotropy}
             self._put(found[ANISOTROPY], "anisotropyTexture", material.anisotropy_map, "anisotropy")

@@ -335,7 +335,6 @@ class Material(_Strict):
     """Share of the F0 that ior gives, where there is no map."""
     subsurface_mm: Triple
     """Mean free path of red, green and blue."""
-    transmission: Fraction
     maps: dict[str, str]
     """By what they are for: colour, roughness, specular, normal, displacement, cavity, thickness, anisotropy, and
     strand: place from root to tip, identity and depth."""

@@ -140,7 +140,7 @@ def _mtl_lines(material: Material, files: MapFiles) -> str:
         f"Ks {level:g} {level:g} {level:g}",
         f"Ns {min(exponent, 1000.0):.1f}",
         f"Ni {material.ior:g}",
-        f"d {material.opacity * (1 - material.transmission):g}",
+        f"d {material.opacity:g}",
         "illum 2",
         f"Pr {material.roughness:g}",
     ]

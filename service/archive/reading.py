@@ -27,7 +27,7 @@ from service.render.surface import StoredMap
 
 MAX_TEXTURE = 64 << 20
 """Bytes of a part's own texture."""
-DRAWN = ("colour", "anisotropy")
+DRAWN = ("colour", "normal", "anisotropy")
 """Slots of materials that a picture needs."""
 
 

@@ -63,7 +63,6 @@ def mtlx_network(material: Material, files: MapFiles) -> list[Node]:
         "specular": ("float", material.specular),
         "specular_IOR": ("float", material.ior),
         "specular_roughness": ("float", material.roughness),
-        "transmission": ("float", material.transmission),
         "opacity": ("color3", (material.opacity,) * 3),
     }
     if material.anisotropy > 0:
@@ -226,8 +225,9 @@ class _PreviewSurface:
         }
         if files.path(material.specular_map) and material.specular > 0:
             inputs["color3f specularColor"] = Wire("Specular", "rgb")
-        opacity = material.opacity * (1 - material.transmission)
-        inputs["float opacity"] = Wire("Alpha", "a") if self._has_alpha else opacity
+        inputs["float opacity"] = Wire("Alpha", "a") if self._has_alpha else material.opacity
+        if material.alpha == "blend":
+            inputs["token opacityMode"] = "presence"  # alpha is coverage, as in glTF
         if material.alpha == "mask":
             inputs["float opacityThreshold"] = material.cutoff
         if files.path(material.cavity_map):

@@ -99,7 +99,6 @@ class Material:
         cavity_map: linear, share of the sky that the relief leaves open, in [0, 1].
         thickness_map: linear, way of light through the flesh.
         subsurface_mm: mean free path of red, green and blue in the material, millimetres; 0 where light does not enter.
-        transmission: share of the light that goes through without being diffused, in [0, 1], as in a cornea.
         anisotropy: strength in [0, 1], as glTF has it: how much wider a highlight is across the strands of hair, which
             run along v, than along them; 0 on everything else.
         anisotropy_map: linear, direction across the strands in red and green as 127.5 (1 + d), strength in blue.
@@ -123,7 +122,6 @@ class Material:
     cavity_map: Map | None = None
     thickness_map: Map | None = None
     subsurface_mm: Triple = (0.0, 0.0, 0.0)
-    transmission: float = 0.0
     anisotropy: float = 0.0
     anisotropy_map: Map | None = None
     strand_map: Map | None = None
@@ -132,7 +130,7 @@ class Material:
         checked_name(self.name, "a material")
         ranges = {
             "opacity": self.opacity, "cutoff": self.cutoff, "roughness": self.roughness, "specular": self.specular,
-            "transmission": self.transmission, "anisotropy": self.anisotropy,
+            "anisotropy": self.anisotropy,
             **dict(zip(("red", "green", "blue"), self.colour, strict=True)),
         }  # fmt: skip
         for what, value in ranges.items():

@@ -119,6 +119,7 @@ class SeenPart:
         pixel: (F,) flat position among the picture's samples.
         colour: (F, 3) linear albedo, and their opacity ``alpha`` (F,).
         radiance: (F, 3) linear; black until somebody lights the part.
+        normals: (F, 3) unit, by the part's own normal map; None where it has none.
     """
 
     drawn: DrawnPart
@@ -128,6 +129,7 @@ class SeenPart:
     colour: Float32
     alpha: Float32
     radiance: Float32
+    normals: Float32 | None = None
 
     @property
     def part(self) -> MeshPart:
@@ -243,8 +245,12 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
         if not len(found.pixel):
             continue
         shown, inside = front[found.triangle], found.barycentric
-        colour, alpha = painted(drawn.part, interpolate(drawn.part.uv, drawn.places[shown], inside), chart)
-        own = SeenPart(drawn, drawn.triangles[shown], inside, found.pixel, colour, alpha, np.zeros_like(colour))
+        place = interpolate(drawn.part.uv, drawn.places[shown], inside)
+        colour, alpha = painted(drawn.part, place, chart)
+        own = SeenPart(
+            drawn, drawn.triangles[shown], inside, found.pixel, colour, alpha, np.zeros_like(colour),
+            bent(drawn, shown, inside, place),
+        )  # fmt: skip
         parts.append(own)
         keys.append((found.pixel << 32) | found.depth.view(np.int32))
     # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
@@ -267,6 +273,29 @@ def painted(part: MeshPart, uv: Float32, chart: Float32 | None) -> tuple[Float32
     if material.alpha == "mask":
         alpha = np.clip((alpha - material.cutoff) / np.float32(EDGE) + np.float32(0.5), 0, 1)
     return np.asarray(colour, np.float32), np.asarray(alpha, np.float32)
+
+
+def bent(drawn: DrawnPart, shown: Int64, inside: Float32, uv: Float32) -> Float32 | None:
+    """(F, 3) unit normals of a part's own map, about those of its mesh; None without such a map, or in the open.
+
+    Args:
+        drawn: the part.
+        shown: (F,) its triangles.
+        inside: (F, 3) barycentric coordinates there.
+        uv: (F, 2) places on its map.
+    """
+    picture = drawn.part.material.normal_map
+    if not isinstance(picture, OwnMap) or recess_of(drawn.part.name) is None:
+        return None
+    normal = normalise(interpolate(drawn.normals, drawn.triangles[shown], inside))
+    corners, places = drawn.part.vertices[drawn.triangles], drawn.part.uv[drawn.places]
+    (a, b), (s, t) = ((rows[:, 1] - rows[:, 0], rows[:, 2] - rows[:, 0]) for rows in (corners, places))
+    along = (a * t[:, 1:] - b * s[:, 1:])[shown] * np.sign(s[:, :1] * t[:, 1:] - s[:, 1:] * t[:, :1])[shown]
+    tangent = normalise(along - normal * (along * normal).sum(1, keepdims=True), (1.0, 0.0, 0.0))
+    local = (sample_chart(picture.pixels[..., :3], uv) - np.float32(128)) / np.float32(127)
+    bitangent = np.cross(normal, tangent)
+    made = local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normal
+    return np.asarray(normalise(made), np.float32)
 
 
 def open_light(light: Illumination, graphs: Graphs, points: Float32, normals: AnyFloat) -> Float32:
@@ -312,7 +341,6 @@ def sketch(
         return np.asarray(DARKEST + (1 - DARKEST) * cosine, np.float32)
 
     for one in seen.parts:
-        one.alpha *= one.part.material.transmission == 0  # what is clear adds reflections only
         own = np.ones(3) if one.part.material.textured else np.asarray(tint)
         one.radiance = one.colour * own.astype(np.float32) * one.between(at(one.part.vertices, one.drawn.normals))
     return seen.resolved(colour * seen.between(at(seen.model.vertices, seen.model.normals)))

@@ -144,7 +144,7 @@ class LightOnParts:
     viewpoint: Triple
 
     def light_parts(self, seen: SeenHead, skin: Float32) -> None:
-        """Set the radiance of all fragments, and the opacity of clear parts: what they do not mirror goes through.
+        """Set the radiance of all fragments.
 
         Args:
             seen: the fragments.
@@ -169,6 +169,7 @@ class LightOnParts:
         for one, visible in inside:
             at = np.concatenate([one.part.vertices, one.drawn.normals], 1).astype(np.float32)
             point, normal = np.split(one.between(at)[visible], 2, 1)
+            normal = normal if one.normals is None else one.normals[visible]
             places.append((point, normalise(normal).astype(np.float32), Nodes.of(point)))
         points = np.concatenate([point[nodes.index] for point, _, nodes in places])
         normals = np.concatenate([normal[nodes.index] for _, normal, nodes in places])
@@ -181,12 +182,8 @@ class LightOnParts:
             there = there.between(nodes)
             arriving, flesh = there.with_flesh(skin[:3], skin[3:])
             mirrored, kept = self._glossy(point, normal, there, one.part.material, flesh)
-            if one.part.material.transmission > 0:
-                cover = np.maximum(1 - kept, np.float32(1e-6))
-                one.radiance[visible], one.alpha[visible] = mirrored / cover[:, None], cover
-            else:
-                diffuse = one.colour[visible] * arriving / np.float32(np.pi)
-                one.radiance[visible] = diffuse * kept[:, None] + mirrored
+            diffuse = one.colour[visible] * arriving / np.float32(np.pi)
+            one.radiance[visible] = diffuse * kept[:, None] + mirrored
 
     def arriving(self, points: Float32, normals: Float32, around: Occluders) -> Arriving:
         """What reaches points (N, 3), metres, with unit normals; the plan says whether anything hides sky and lamps."""

@@ -154,7 +154,6 @@ def _gltf_material(told: dict[str, Any], binary: bytes, one: dict[str, Any]) -> 
     opacity = np.ones((1, 1)) if mode == "OPAQUE" else colour[..., 3]
     if mode == "MASK":
         opacity = cut(opacity, one.get("alphaCutoff", 0.5))
-    opacity = opacity * (1 - extra.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
     rough = texture(base.get("metallicRoughnessTexture"))
     roughness = _flat(base["roughnessFactor"]) if rough is None else rough[..., 1] * base["roughnessFactor"]
     specular = extra.get("KHR_materials_specular", {})

@@ -25,7 +25,7 @@ from tests.support.browser import launched
 from tests.tools.mitsuba_look import LAMP_M, RADIANCE, SKY
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
 TOOLS = Path(__file__).resolve().parent
 THREE = TOOLS / "node_modules" / "three"
@@ -62,20 +62,42 @@ def serving(folder: Path) -> Iterator[str]:
         server.server_close()
 
 
-def look(browser: Browser, folder: Path, out: Path, size: int) -> dict[str, str]:
-    """Draw the pictures; the answer is the type of material of each mesh in the last.
+@contextmanager
+def opened(browser: Browser, folder: Path) -> Iterator[Page]:
+    """The page with an unpacked archive.
 
     Raises:
         AssertionError: the page logged an error.
     """
     wrong: list[str] = []
-    materials: dict[str, str] = {}
     with serving(folder) as address:
         page = browser.new_page()
         page.set_default_timeout(300_000)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(f"{address}/three_look.html")
         page.wait_for_function("window.ready")
+        yield page
+        page.close()
+    assert not wrong, wrong
+
+
+def write(picture: str, path: Path) -> None:
+    """A data URL as a file."""
+    path.write_bytes(base64.b64decode(picture.split(",", 1)[1]))
+
+
+def look_at_an_eye(browser: Browser, folder: Path, path: Path, watts: float) -> None:
+    """Draw the right eye as ``blender_eye.py`` does."""
+    side = 0.5
+    wish = {"size": 128, "sky": (0.1, 0.1, 0.11), "lamp": {"radiance": watts / (4 * side**2), "side": side}}
+    with opened(browser, folder) as page:
+        write(page.evaluate("(wish) => window.eye(wish)", wish), path)
+
+
+def look(browser: Browser, folder: Path, out: Path, size: int) -> dict[str, str]:
+    """Draw the pictures; the answer is the type of material of each mesh in the last."""
+    materials: dict[str, str] = {}
+    with opened(browser, folder) as page:
         box = None
         for name, (kind, neutral) in PICTURES.items():
             wish = {
@@ -84,9 +106,7 @@ def look(browser: Browser, folder: Path, out: Path, size: int) -> dict[str, str]
             }  # fmt: skip
             told = page.evaluate("([kind, wish]) => window.look(kind, wish)", [kind, wish])
             box, materials = told["box"], told["materials"]
-            (out / f"{name}.png").write_bytes(base64.b64decode(told["picture"].split(",", 1)[1]))
-        page.close()
-    assert not wrong, wrong
+            write(told["picture"], out / f"{name}.png")
     return materials
 
 

@@ -10,11 +10,12 @@ import numpy.typing as npt
 import pytest
 
 from service.anatomy.canvas import Canvas, smooth_noise
-from service.anatomy.eye_meshes import SEGMENTS, cornea, eye_parts, eye_picture, globe
+from service.anatomy.eye_meshes import SEGMENTS, eye_parts, eye_picture, globe, surface_picture
 from service.anatomy.mouth_meshes import FILE, mouth_parts, read_insets, teeth_picture
 from service.colour import bytes_to_linear, luma
 from service.errors import ModelFault
 from service.face.features.eyes import Gaze
+from service.geometry.normals import area_normals
 from service.head.eyeball import Eyeball
 from service.head.files import load_head
 from service.head.model import HeadModel
@@ -77,22 +78,39 @@ def test_all_meshes_are_sound(parts: dict[str, MeshPart]) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_iris_is_set_back_behind_a_cornea_that_bulges(head: HeadModel, side: str) -> None:
+def test_the_iris_lies_behind_the_sphere_of_the_ball(head: HeadModel, side: str) -> None:
     ball = Eyeball.of(head.mean[part_vertices(head, f"eye_{side}")].astype(np.float64))
     points, faces, _ = globe(ball)
     wide, _, _ = globe(ball, 0.003)
     assert np.hypot(*(wide - ball.centre)[1 + SEGMENTS : 1 + 2 * SEGMENTS, :2].T) == pytest.approx(0.003)
-    dome, _ = cornea(ball)
     assert np.ptp(points[:, 0]) == pytest.approx(0.024, abs=0.0006)
-    apex = dome[:, 2].max() - ball.centre[2]
     iris = points[0, 2] - ball.centre[2]
-    assert apex - ball.radius == pytest.approx(0.0011, abs=0.0005)
-    assert 0.002 < apex - iris < 0.005
+    assert 0.0002 < ball.radius - iris < 0.002
     # Seen from outside every face of the ball in front of the equator winds counter-clockwise.
     quads = faces[faces[:, 3] >= 0]
     a, b, c = (points[quads[:, k]] for k in range(3))
     front = a[:, 2] > ball.centre[2] + 0.002
-    assert (np.cross(b - a, c - a)[front, 2] > -1e-12).all()  # the pupil's edge is a wall
+    assert (np.cross(b - a, c - a)[front, 2] > 0).all()
+
+
+def test_the_eye_mirrors_as_a_cornea_and_the_sclera_as_the_ball(head: HeadModel) -> None:
+    """Normals of map and mesh together are those of a dome of 7.8 mm at its apex, flatter outwards."""
+    ball = Eyeball.of(head.mean[part_vertices(head, "eye_left")].astype(np.float64))
+    points, faces, uv = globe(ball)
+    normals = area_normals(points, np.concatenate([faces[:, :3], faces[faces[:, 3] >= 0][:, [0, 2, 3]]]))
+    picture = (surface_picture(head).astype(float) - 128) / 127
+    size = len(picture)
+    ray = points - ball.centre
+    for ring in range(1, len(points), SEGMENTS):
+        x, y = uv[ring, 0] * size, (1 - uv[ring, 1]) * size
+        local = picture[int(min(y, size - 1)), int(min(x, size - 1))]
+        tilt = np.degrees(np.arctan2(normals[ring, 0], normals[ring, 2]) + np.arctan2(local[0], local[2]))
+        radius = ray[ring, 0]
+        if radius < 0.0045 and ray[ring, 2] > 0:
+            dome = np.arcsin(radius / 0.0078)
+            assert tilt == pytest.approx(np.degrees(dome), abs=3.0)
+        elif np.degrees(np.arctan2(radius, ray[ring, 2])) > ball.limbus_deg + 6:
+            assert tilt == pytest.approx(np.degrees(np.arctan2(normals[ring, 0], normals[ring, 2])), abs=3.0)
 
 
 def test_the_eyes_picture_has_the_photos_iris(head: HeadModel) -> None:

@@ -12,7 +12,7 @@ from service.light.environment import illumination
 from service.light.formulas import Graphs
 from service.light.plan import LightPlan
 from service.light.scene import Environment, PointLight, Scene
-from service.materials.material import Material
+from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import recess_of
 from service.render.recess import Arriving, LightOnParts, Nodes, skin_around
@@ -149,20 +149,18 @@ def toy(name: str, z: float, **material: Any) -> MeshPart:
     return MeshPart(name, points, points, np.array([[0, 1, 2, 3]], np.int32), uv, surface)
 
 
-def test_a_clear_part_adds_what_it_mirrors_and_nothing_else() -> None:
-    """As a white sheet of 8 % a cornea would make black pupils grey."""
-    request = RenderRequest(scene=scene(EVEN), size=(48, 56), samples=1, tolerance=0.0)
-    pupil = toy("eye_left_ball", 0.3, specular=0.0)
-    clear = toy("eye_left_cornea", 0.303, colour=(1.0,) * 3, opacity=0.08, alpha="blend", transmission=1.0)
-    dark, shining, dull = (
-        render_head(
-            HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=parts, without=without
-        ).light[28, 24]
-        for parts, without in (((pupil,), ()), ((pupil, clear), ()), ((pupil, clear), ("reflection",)))
-    )  # fmt: skip
-    assert dark.max() < 1e-6 and dull.max() < 1e-6
-    f0 = (0.376 / 2.376) ** 2
-    np.testing.assert_allclose(shining, f0, rtol=0.15)
+@pytest.mark.parametrize(("tilt_deg", "seen"), [(0.0, False), (25.0, True)])
+def test_a_part_mirrors_by_its_own_normal_map(tilt_deg: float, seen: bool) -> None:
+    """Bent to the right, an eye shows the lamp on the right that it does not show as it is."""
+    bent = np.radians(tilt_deg)
+    code = np.rint(128 + 127 * np.array([np.sin(bent), 0.0, np.cos(bent)])).astype(np.uint8)
+    relief = OwnMap("relief", np.broadcast_to(code, (4, 4, 3)).copy())
+    eye = toy("eye_left_ball", 0.3, normal_map=relief, roughness=0.1)
+    away = 0.8 * np.array([np.sin(np.radians(50.0)), 0.0, np.cos(np.radians(50.0))]) + np.array([0.0, 0.0, 0.3])
+    lamp = PointLight((float(away[0]), 0.0, float(away[2])), (1.0, 1.0, 1.0), 0.05)
+    request = RenderRequest(scene=scene(None, lamp), size=(48, 56), samples=1, tolerance=0.0)
+    light = render_head(HEAD, HEAD.mean, albedo(), request, threads=1, detail=ROUGH, parts=(eye,)).light[28, 24]
+    assert (light.max() > 0.03) == seen
 
 
 def test_flesh_sends_back_no_more_than_it_receives() -> None:

@@ -1,6 +1,6 @@
 // mesh/head.glb as three.js objects.
 
-import { Group, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, Texture } from "three";
+import { Group, Mesh, MeshStandardMaterial, Texture } from "three";
 import { GLTFLoader, type GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 
 export type HeadPart = Mesh<Mesh["geometry"], MeshStandardMaterial>;
@@ -36,8 +36,6 @@ export function onChart(material: MeshStandardMaterial): boolean {
 
 /** The file's material as this page draws it. */
 export function drawable(material: MeshStandardMaterial): MeshStandardMaterial {
-  // The cornea is blended by its opacity; transmission would draw the whole head a second time for it.
-  if (material instanceof MeshPhysicalMaterial) material.transmission = 0;
   // The cards' edges, which a cut by alpha alone leaves jagged.
   material.alphaToCoverage = material.alphaTest > 0;
   material.depthWrite = !material.transparent;
