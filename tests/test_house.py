@@ -151,6 +151,21 @@ def test_no_path_of_anybodys_machine() -> None:
     assert not found
 
 
+def test_docs_name_files_and_commands_that_there_are() -> None:
+    """Whoever follows a page has to arrive; the changelog may tell of what has gone."""
+    missing = []
+    for page, text in tracked_text().items():
+        if not page.endswith(".md") or page == "CHANGELOG.md":
+            continue
+        paths = re.findall(r"`((?:service|models|export|benchmarks|tests|docs|web)/[\w./-]*)`", text)
+        missing += [f"{page}: {path}" for path in paths if not (ROOT / path).exists()]
+        for name in re.findall(r"python -m ((?:service|models|export|benchmarks|tests)[\w.]*\w)", text):
+            place = ROOT / name.replace(".", "/")
+            if not place.with_suffix(".py").exists() and not (place / "__main__.py").exists():
+                missing.append(f"{page}: python -m {name}")
+    assert not missing
+
+
 def test_no_private_key_and_no_large_file() -> None:
     for name, text in tracked_text().items():
         assert not re.search(r"-----BEGIN [A-Z ]*PRIVATE KEY", text), name
