@@ -7,10 +7,8 @@ of 48, ``--statistics N`` measures N portraits, ``--skins`` only draws the skins
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 SHEET = (8, 6)
@@ -32,28 +30,17 @@ def sheet(path: Path, start: int, size: int) -> None:
 
 
 def make(
-    start: int, count: int, size: int, out: Path, jobs: int, framing: str = "face", meshes: tuple[str, ...] = ()
-) -> None:
-    """Write all shards, by several processes if asked for."""
-    from models.people.shards import plan, write
+    start: int, count: int, size: int, out: str, jobs: int, database: str, framing: str, meshes: list[str]
+) -> bool:
+    """Draw all shards that are missing; whether all are there then."""
+    from models.drawing import draw_all
+    from models.people.shards import orders
     from models.people.skins import prepare
 
-    todo = plan(start, count, size, out)
-    missing = [t for t in todo if not t[0].is_file()]
-    sys.stderr.write(f"{len(todo)} shards, {len(todo) - len(missing)} of them there already\n")
-    if missing:
+    if not database:
         prepare()
-    if jobs == 1:
-        for path, seed, n in missing:
-            write(path, seed, n, size, None, framing, meshes)
-            sys.stderr.write(f"{path}\n")
-        return
-    os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa's software renderer, in the children
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [(path, pool.submit(write, path, seed, n, size, None, framing, meshes)) for path, seed, n in missing]
-        for path, future in futures:
-            future.result()
-            sys.stderr.write(f"{path}\n")
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa's software renderer, in the processes that draw
+    return draw_all(orders(start, count, size, framing, meshes), out, jobs=jobs, database=database)
 
 
 def main() -> None:
@@ -64,7 +51,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=64, help="portraits")
     parser.add_argument("--start", type=int, default=0, help="first seed")
     parser.add_argument("--size", type=int, default=256, help="side, pixels")
-    parser.add_argument("--out", type=Path, help="folder of the shards")
+    parser.add_argument("--out", help="folder or s3:// address of the shards")
+    parser.add_argument("--database", default="", help="have them drawn by workers of this Postgres: models/drawing.py")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--sheet", type=Path, help="draw a sheet of 48 portraits to this JPEG file")
     parser.add_argument("--statistics", type=int, metavar="N", help="measure N portraits and print a table")
@@ -85,8 +73,9 @@ def main() -> None:
 
         sys.stdout.write(statistics(chosen.start, chosen.statistics, chosen.size))
     if chosen.out:
-        meshes = tuple(name for name in chosen.meshes.split(",") if name)
-        make(chosen.start, chosen.count, chosen.size, chosen.out, chosen.jobs, chosen.framing, meshes)
+        meshes, where = [name for name in chosen.meshes.split(",") if name], (chosen.out, chosen.jobs, chosen.database)
+        if not make(chosen.start, chosen.count, chosen.size, *where, chosen.framing, meshes):
+            raise SystemExit(1)
     if not (chosen.skins or chosen.sheet or chosen.statistics or chosen.out):
         parser.error("say what to do: --out, --sheet, --statistics or --skins")
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 import io
 import os
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -157,22 +157,20 @@ def load(path: Path) -> Arrays:
         raise UnreadableInput(f"{path} is not a shard of portraits: {fault}") from fault
 
 
-def plan(start: int, count: int, size: int, out: Path) -> list[tuple[Path, int, int]]:
-    """Path, first seed and number of portraits of each shard; all but the last begin at multiples of ``PER_SHARD``."""
-    result, seed, end = [], start, start + count
+def orders(
+    start: int, count: int, size: int, framing: str = "face", meshes: Sequence[str] = ()
+) -> dict[str, dict[str, Any]]:
+    """Name of each shard -> its order; all shards but the last end at multiples of ``PER_SHARD``."""
+    result, seed, end = {}, start, start + count
     while seed < end:
         n = min(PER_SHARD - seed % PER_SHARD, end - seed)
-        result.append((out / f"people-{size}-{seed:08d}-{n:02d}.npz", seed, n))
+        drawn = {"seed": seed, "count": n, "size": size, "framing": framing, "meshes": list(meshes)}
+        result[f"people-{size}-{seed:08d}-{n:02d}.npz"] = {"what": "people", **drawn}
         seed += n
     return result
 
 
-def write(
-    path: Path, seed: int, count: int, size: int, folder: Path | None = None, framing: str = "face",
-    meshes: tuple[str, ...] = (),
-) -> bool:  # fmt: skip
-    """Make one shard unless it is there already; whether it was made."""
-    if path.is_file():
-        return False
-    save(encode([portrait(s, size, folder, framing, meshes) for s in range(seed, seed + count)]), path)
-    return True
+def draw_order(order: Mapping[str, Any], target: Path) -> None:
+    """Draw one shard: ``count`` portraits of ``size`` pixels from seed ``seed`` on, in one framing."""
+    seeds = range(order["seed"], order["seed"] + order["count"])
+    save(encode([portrait(s, order["size"], None, order["framing"], tuple(order["meshes"])) for s in seeds]), target)

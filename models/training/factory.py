@@ -1,29 +1,28 @@
 """Draws captures of the light stage into files for training: ``python -m models.training.factory -o DIR``.
 
-Files that exist are left alone, so an interrupted run goes on where it stopped, and several processes can share the
-work by ``--jobs``. On a machine with an accelerator give ``--device cuda``.
+Files that exist are left alone, so an interrupted run goes on where it stopped; ``--jobs`` draws several at the same
+time, ``--database`` has them drawn on many machines (:mod:`models.drawing`). On an accelerator: ``--device cuda``.
 """
 
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from itertools import count as upwards
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 import typer
 
+from models.drawing import draw_all
 from models.lightstage.poses import EXPRESSIONS
 from models.lightstage.split import FIRST_SEED, HELD_OUT, TRAIN, subject_part
 from models.lightstage.tones import TONES, tone
-from models.training.capture import LIGHTS, Recipe, Sitting, Studio, capture
+from models.training.capture import LIGHTS, Arrays, Recipe, Sitting, Studio, capture
 from service.errors import UsageError
 
 
@@ -51,28 +50,27 @@ def draw(seed: int, pose: str, part: str, folder: Path, device: str, recipe: Rec
     path = folder / part / f"{seed}_{pose}.npz"
     if path.exists():
         return None
-    arrays = capture(Sitting.of(Studio.open(), seed, pose, part, device), recipe)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(f".{os.getpid()}.part")
-    with unfinished.open("wb") as stream:
-        np.savez(stream, allow_pickle=False, **arrays)
+    _write(capture(Sitting.of(Studio.open(), seed, pose, part, device), recipe), unfinished)
     unfinished.replace(path)
     return path
 
 
-def _share(seeds: list[int], round_: int, part: str, folder: Path, device: str, recipe: Recipe, threads: int) -> int:
-    torch.set_num_threads(threads)
-    written = 0
-    for seed in seeds:
-        begin = time.perf_counter()
-        if draw(seed, pose_of(seed, round_), part, folder, device, recipe):
-            written += 1
-            typer.echo(f"{part} {seed} {pose_of(seed, round_)}: {time.perf_counter() - begin:.1f} s")
-    return written
+def draw_order(order: Mapping[str, Any], target: Path) -> None:
+    """Draw one capture: ``seed``, ``pose``, ``part``, ``device``, ``threads``, and ``recipe`` as of :class:`Recipe`."""
+    torch.set_num_threads(order["threads"])
+    sitting = Sitting.of(Studio.open(), order["seed"], order["pose"], order["part"], order["device"])
+    _write(capture(sitting, Recipe(**order["recipe"])), target)
+
+
+def _write(arrays: Arrays, path: Path) -> None:
+    with path.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **arrays)
 
 
 def main(
-    output: Annotated[Path, typer.Option("-o", help="Folder for the captures.")],
+    output: Annotated[str, typer.Option("-o", "--out", help="Folder or s3:// address for the captures.")],
     first: Annotated[int, typer.Option(help="First subject's seed.")] = FIRST_SEED,
     count: Annotated[int, typer.Option(min=1, help="Subjects of this part.")] = 140,
     part: Annotated[str, typer.Option(help="train or held-out.")] = TRAIN,
@@ -84,6 +82,7 @@ def main(
     patches_only: Annotated[bool, typer.Option(help="No whole charts and no light: for psi alone.")] = False,
     lights: Annotated[int, typer.Option(min=1, help="Scenes of each whole chart; every other one is hard.")] = LIGHTS,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    database: Annotated[str, typer.Option(help="Have them drawn by workers of this Postgres: models/drawing.py.")] = "",
 ) -> None:
     """Draw ``count`` subjects of a part of the split, each in ``rounds`` expressions.
 
@@ -94,15 +93,11 @@ def main(
         raise UsageError("--whole-only and --patches-only leave nothing to draw; give one of them")
     recipe = Recipe(lights, block=0, draft_width=0) if whole_only else Recipe(lights)
     recipe = Recipe(lights=0, lit=0) if patches_only else recipe
-    seeds = list(islice(seeds_of(part, first, tone_class), count))
-    for round_ in range(rounds):
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            shares = [seeds[i::jobs] for i in range(jobs)]
-            work = [
-                pool.submit(_share, share, round_, part, output, device, recipe, threads) for share in shares if share
-            ]
-            written = sum(job.result() for job in work)
-        typer.echo(f"round {round_}: {written} written, {len(seeds) - written} there already")
+    more = {"what": "captures", "part": part, "device": device, "threads": threads, "recipe": asdict(recipe)}
+    poses = ((s, pose_of(s, n)) for n in range(rounds) for s in islice(seeds_of(part, first, tone_class), count))
+    orders = {f"{part}/{seed}_{pose}.npz": {"seed": seed, "pose": pose, **more} for seed, pose in poses}
+    if not draw_all(orders, output, jobs=jobs, database=database):
+        raise typer.Exit(1)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import defaultdict
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,12 +17,13 @@ from models.networks.discriminator import Discriminator, fool_loss, judge_loss, 
 from models.training.moving_average import follow
 from models.training.super_resolution import ZetaTask
 from models.training.tasks import Batch, Task
+from models.training.team import Team, mean_of_parts, samples_of
 from service.errors import ModelFault
 
 
 @dataclass(frozen=True)
 class Run:
-    """Settings of a run, kept in its checkpoints."""
+    """Settings of a run, kept in its checkpoints; each of the ``parts`` of a step has ``batch`` samples."""
 
     network: str
     config: str
@@ -33,6 +34,7 @@ class Run:
     seed: int
     adversarial_from: float
     adversarial_weight: float
+    parts: int = 1
 
 
 def widened(value: Tensor, shape: torch.Size) -> Tensor:
@@ -44,11 +46,20 @@ def widened(value: Tensor, shape: torch.Size) -> Tensor:
 
 
 class Trainer:
-    """A network, its moving average and everything that a run needs to go on."""
+    """A network, its moving average and everything that a run needs to go on.
 
-    def __init__(self, run: Run, task: Task, device: str, bf16: bool = False) -> None:
+    Args:
+        run: its settings.
+        task: what the network learns.
+        device: of torch.
+        bf16: compute in half precision, as it does on an accelerator anyway.
+        team: the processes that train it.
+    """
+
+    def __init__(self, run: Run, task: Task, device: str, bf16: bool = False, team: Team | None = None) -> None:
         torch.manual_seed(run.seed)
         self.run, self.task, self.device = run, task, torch.device(device)
+        self.team = team or Team()
         self.bf16 = bf16 or self.device.type == "cuda"
         # Group normalisation, which the context alone has, is slow with channels last.
         order = torch.contiguous_format if run.network == "delta_context" else torch.channels_last
@@ -77,37 +88,54 @@ class Trainer:
         """
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate()
-        batch = self._to_device(self.task.batch(self.run.batch, self.generator))
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
-            result = self.task.predict(self.network, batch)
-        result = result.float()
-        parts = {"plain": self.task.loss(result, batch)}
+        batches = self._batches()
+        results = [self._result(batch) for batch in batches]
+        losses = [{"plain": self.task.loss(result, batch)} for result, batch in zip(results, batches, strict=True)]
         if self.judge is not None and self.step >= self.run.adversarial_from * self.run.steps:
-            parts.update(self._adversarial(cast(ZetaTask, self.task), result, batch))
-        total = cast(Tensor, sum(parts.values()))
-        if not torch.isfinite(total):
-            raise ModelFault(f"{self.run.network}: the loss is {float(total)} at step {self.step}")
+            judged = self._judged(self.judge, batches, results)
+            losses = [loss | more for loss, more in zip(losses, judged, strict=True)]
         self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
+        for loss in losses:
+            total = cast(Tensor, sum(loss.values())) / self.run.parts
+            if not torch.isfinite(total):
+                raise ModelFault(f"{self.run.network}: the loss is {float(total)} at step {self.step}")
+            total.backward()
+        self.team.add_up(self.network.parameters())
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
         follow(self.average, self.network, self.step)
         self.step += 1
-        return {name: float(value.detach()) for name, value in parts.items()}
+        return mean_of_parts(losses)
 
-    def _adversarial(self, task: ZetaTask, result: Tensor, batch: Batch) -> dict[str, Tensor]:
-        if self.judge is None or self.judge_optimiser is None:
-            return {}
-        real, fake = task.judged(batch, batch["large"]), task.judged(batch, result)
-        loss = judge_loss(self.judge(real), self.judge(fake.detach()))
-        self.judge_optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        self.judge_optimiser.step()
-        self.judge.requires_grad_(False)
-        seen, made = self.judge(real), self.judge(fake)
-        self.judge.requires_grad_(True)
+    def _batches(self) -> list[Batch]:
+        """What this member of the team has to do in this step; alone it draws from one stream of random numbers."""
+        if not self.team.shared:
+            return [self._to_device(self.task.batch(self.run.batch, self.generator)) for _ in range(self.run.parts)]
+        drawn = (samples_of(self.run.seed, self.step, part) for part in self.team.parts(self.run.parts))
+        return [self._to_device(self.task.batch(self.run.batch, generator)) for generator in drawn]
+
+    def _result(self, batch: Batch) -> Tensor:
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
+            return self.task.predict(self.network, batch).float()
+
+    def _judged(self, judge: Discriminator, batches: list[Batch], results: list[Tensor]) -> list[dict[str, Tensor]]:
+        """Train the discriminator; what it then says of each part of the step."""
+        task, optimiser = cast(ZetaTask, self.task), cast(torch.optim.Optimizer, self.judge_optimiser)
+        real = [task.judged(batch, batch["large"]) for batch in batches]
+        fake = [task.judged(batch, result) for batch, result in zip(batches, results, strict=True)]
+        optimiser.zero_grad(set_to_none=True)
+        for seen, made in zip(real, fake, strict=True):
+            (judge_loss(judge(seen), judge(made.detach())) / self.run.parts).backward()
+        self.team.add_up(judge.parameters())
+        optimiser.step()
+        judge.requires_grad_(False)
+        said = [(judge(seen), judge(made)) for seen, made in zip(real, fake, strict=True)]
+        judge.requires_grad_(True)
         weight = self.run.adversarial_weight
-        return {"fool": weight * fool_loss(made), "matching": 10.0 * weight * matching_loss(seen, made)}
+        return [
+            {"fool": weight * fool_loss(made), "matching": 10.0 * weight * matching_loss(seen, made)}
+            for seen, made in said
+        ]
 
     def measure(self) -> tuple[dict[str, float], Tensor]:
         """Mean numbers of the moving average on held-out subjects, and a picture of the first results."""
@@ -147,6 +175,7 @@ class Trainer:
             if content["run"][name] != getattr(self.run, name):
                 found = content["run"][name]
                 raise ModelFault(f"{folder}: the checkpoint is of {name} {found!r}, not {getattr(self.run, name)!r}")
+        self.run = replace(self.run, parts=content["run"].get("parts", 1))
         self.step, self.seconds = content["step"], content["seconds"]
         self.network.load_state_dict(content["network"])
         self.average.load_state_dict(content["average"])

@@ -194,7 +194,7 @@ class Reflectance(_Strict):
     height: Annotated[int, Gt(0)]
     super_resolution: bool
     """Whether a network enlarged the texture; otherwise it was resampled."""
-    runtime: Literal["onnxruntime", "openvino"]
+    runtime: Literal["onnxruntime", "openvino", "cuda", "tensorrt", "openvino-gpu"]
     """Of most networks."""
     precision: Literal["fp32", "bf16"]
     engines: dict[str, str]

@@ -24,7 +24,7 @@ from dbos import DBOS
 from service.batch.display import Display
 from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
 from service.batch.places import Folder, Place, place, writable
-from service.batch.plan import SETTLED_S, STATE, SUFFIXES, Line, Plan
+from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, UsageError
 from service.jobs.database import connect, create_tables
@@ -60,7 +60,9 @@ class Wanted:
         server: address, with ``api_key`` and ``keep`` as of :class:`RemoteMaker`; None for none.
         jobs: photos at the same time, where they are not computed by workers elsewhere.
         timeout_s: longest time of one photo there.
+        memory_mb: most memory of one photo in MiB where it is made here, 0 for no limit of ours.
         program: module that makes a photo here; tests put a small one in place of the pipeline.
+        inputs, product: suffixes of the files that count as photos, and of what is made of each.
     """
 
     source: str
@@ -75,7 +77,10 @@ class Wanted:
     keep: bool = False
     jobs: int = 1
     timeout_s: float = 1800.0
+    memory_mb: int = Settings.memory_mb
     program: str = Settings.batch_program
+    inputs: frozenset[str] = SUFFIXES
+    product: str = ARCHIVE
 
 
 @dataclass(frozen=True)
@@ -107,10 +112,10 @@ def run(wanted: Wanted, display: Display) -> Tally:
     if isinstance(source, Folder) and not source.path.is_dir():
         raise UsageError(f"there is no folder {wanted.source}; name one with photos in it", field="folder")
     with writable(out), _work(out, alone=wanted.shard is None) as work:
-        plan = Plan(work, source, out)
+        plan = Plan(work, source, out, wanted.inputs, wanted.product)
         photos = plan.look(own=wanted.shard, settled=_settled(wanted))
         if not photos and not wanted.watch and wanted.shard is None:
-            raise UsageError(f"there is no photo in {wanted.source}; they end with {', '.join(sorted(SUFFIXES))}")
+            raise UsageError(f"there is no photo in {wanted.source}; they end with {', '.join(sorted(wanted.inputs))}")
         if not wanted.resume and wanted.shard is None:
             plan.refuse()
         plan.ask(wanted.options)
@@ -159,7 +164,7 @@ class Engine:
         self._stopping = threading.Event()
         settings = Settings(
             data=work, database=wanted.database, worker="batch", program=wanted.program,
-            job_seconds=wanted.timeout_s, niceness=0,
+            job_seconds=wanted.timeout_s, niceness=0, memory_mb=wanted.memory_mb,
         )  # fmt: skip
         self._maker: Maker | None = None
         if wanted.server is not None:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from service.client.client import Client, Job, canonical, idempotency_key
-from service.client.download import check_archive
 from service.client.errors import (
     AccessDenied,
     ClientError,
@@ -126,7 +125,6 @@ class LocalMaker:
             raise Hopeless(Crashed("the process that makes a photo cannot start; 'avatarme doctor' may say why"))
         if ending.kind != "done":
             raise self._fault(ending, scratch)
-        check_archive(order.target)
         return [str(code) for code in ending.facts.get("warnings", [])]
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from service.archive.pack import write_archive
 from service.batch.makers import LOG
+from service.client.download import check_archive
 from service.errors import AvatarError, UnreadableInput
 from service.jobs.process import Reporter, Task
 from service.options import Options
@@ -25,7 +26,9 @@ def run(task: Task, reporter: Reporter) -> None:
         for stream in (sys.stderr, sys.stdout):
             os.dup2(log.fileno(), stream.fileno())
     try:
-        reporter.done({"warnings": make(task, reporter)})
+        warnings = make(task, reporter)
+        check_archive(Path(task.output))
+        reporter.done({"warnings": warnings})
     except AvatarError as error:
         reporter.problem(error.described())
 

@@ -89,7 +89,7 @@ class Folder:
     def entries(self, suffixes: Collection[str], leave_out: Place | None = None) -> Iterator[Entry]:
         """See ``Place``."""
         own = leave_out.path.resolve() if isinstance(leave_out, Folder) else None
-        waiting = [self.path]
+        waiting = [self.path] if self.path.is_dir() else []
         while waiting:
             here = waiting.pop()
             with os.scandir(here) as found:
@@ -170,6 +170,8 @@ class Store:
     def entries(self, suffixes: Collection[str], leave_out: Place | None = None) -> Iterator[Entry]:
         """See ``Place``."""
         own = f"{leave_out.address}/" if isinstance(leave_out, Store) else None
+        if own is not None and self.address.startswith(own):
+            own = None  # what is asked for lies in it
         for name, modified in self._listed():
             parts = name.split("/")
             # Hidden, or leading out of a folder where the archives go to one.

@@ -12,7 +12,7 @@ import itertools
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
@@ -21,6 +21,9 @@ from service.errors import UsageError
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".heic", ".heif"})
 """Files that count as photos. What they really are, their first bytes decide later."""
+
+ARCHIVE = ".zip"
+"""End of the name of what is made of a photo."""
 
 STATE = ".batch"
 """Folder among the archives for what is asked for, manifests and reports of shards."""
@@ -51,11 +54,15 @@ class Plan:
         folder: for the database; on this machine.
         source: the photos.
         out: the archives.
+        inputs, product: suffixes of both.
     """
 
-    def __init__(self, folder: Path, source: Place, out: Place) -> None:
+    def __init__(
+        self, folder: Path, source: Place, out: Place, inputs: Collection[str] = SUFFIXES, product: str = ARCHIVE
+    ) -> None:
         self.source = source
         self.out = out
+        self._inputs, self._product = inputs, product
         self._tables = sqlite3.connect(folder / "plan.sqlite", isolation_level=None)
         self._tables.executescript(
             """
@@ -104,7 +111,7 @@ class Plan:
         run("begin")
         for table in ("photos", "archives"):
             run(f"delete from {table}")  # noqa: S608 - our own names
-        found = ((*_names(e.name), e.modified) for e in self.source.entries(SUFFIXES, self.out))
+        found = ((*self._names(e.name), e.modified) for e in self.source.entries(self._inputs, self.out))
         self._tables.executemany("insert into photos values (?, ?, ?, ?)", found)
         self._tell_apart()
         if own is not None:
@@ -112,7 +119,7 @@ class Plan:
             run("delete from photos where part(name) != ?", (own[0],))
         if settled is not None:
             run("delete from photos where modified > ?", (settled,))
-        there = ((os.fsencode(entry.name), entry.modified) for entry in self.out.entries({".zip"}))
+        there = ((os.fsencode(entry.name), entry.modified) for entry in self.out.entries({self._product}))
         self._tables.executemany("insert into archives values (?, ?)", there)
         self.gather()
         run("commit")
@@ -208,13 +215,19 @@ class Plan:
         """Let go of the database."""
         self._tables.close()
 
+    def _names(self, name: str) -> tuple[bytes, bytes, bytes]:
+        archive = str(PurePosixPath(name).with_suffix(self._product))
+        return os.fsencode(name), os.fsencode(archive), _fold(archive)
+
     def _tell_apart(self) -> None:
-        """Give photos that differ in the suffix only their whole name and ``.zip``, until all archives differ."""
+        """Give photos that differ in the suffix only their whole name and that of an archive, until all differ."""
         many = "select fold from photos group by fold having count(*) > 1"
-        crowded = f"fold in ({many}) and archive != cast(name || x'2e7a6970' as blob)"
+        crowded = f"fold in ({many}) and archive != cast(name || x'{self._product.encode().hex()}' as blob)"
         while self._tables.execute(f"select 1 from photos where {crowded} limit 1").fetchone():  # noqa: S608
             rows = self._tables.execute(f"select name from photos where {crowded}").fetchall()  # noqa: S608
-            longer = ((name + b".zip", _fold(os.fsdecode(name) + ".zip"), name) for (name,) in rows)
+            longer = (
+                (name + self._product.encode(), _fold(os.fsdecode(name) + self._product), name) for (name,) in rows
+            )
             self._tables.executemany("update photos set archive = ?, fold = ? where name = ?", longer)
 
 
@@ -265,11 +278,6 @@ def _split(stream: IO[bytes]) -> Iterator[bytes]:
         *whole, rest = (rest + block).split(b"\n")
         yield from whole
     yield rest
-
-
-def _names(name: str) -> tuple[bytes, bytes, bytes]:
-    archive = str(PurePosixPath(name).with_suffix(".zip"))
-    return os.fsencode(name), os.fsencode(archive), _fold(archive)
 
 
 def _fold(archive: str) -> bytes:

@@ -54,7 +54,8 @@ Normals = Annotated[
     str | None, typer.Option(help="Space of specular and diffuse normals: tangent or object. [default: tangent]")
 ]
 Runtime = Annotated[
-    str | None, typer.Option(help="What networks run on: auto, onnxruntime or openvino. [default: auto]")
+    str | None,
+    typer.Option(help="Of networks: auto, onnxruntime, openvino, cuda, tensorrt or openvino-gpu. [default: auto]"),
 ]
 Detail = Annotated[
     float | None, typer.Option(help="How much detail finer than the photo is made up, 0 to 1. [default: 1]")

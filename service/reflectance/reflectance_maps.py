@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from service.arrays import Float32, UInt8, UInt16
 from service.reflectance.albedo.corrections import Applied
+from service.runtime.networks import RuntimeName
 from service.texture.photo_detail import PhotoDetail
 
 NORMAL_ONE = 32767
@@ -92,7 +93,7 @@ class Reflectance:
     specular_normal: npt.NDArray[np.int16] | None = None
     diffuse_normal: npt.NDArray[np.int16] | None = None
     displacement: UInt16 | None = None
-    runtime: Literal["onnxruntime", "openvino"] = "onnxruntime"
+    runtime: RuntimeName = "onnxruntime"
     precision: Literal["fp32", "bf16"] = "fp32"
     tile: int = 0
     super_resolution: bool = False

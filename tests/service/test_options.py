@@ -52,7 +52,7 @@ BAD = [
     ("bits", 12),
     ("bits", True),
     ("normals", "world"),
-    ("runtime", "tensorrt"),
+    ("runtime", "coreml"),
     ("detail", -0.1),
     ("detail", 1.5),
     ("detail", float("nan")),

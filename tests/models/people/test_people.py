@@ -249,12 +249,12 @@ def test_a_shard_holds_what_was_put_in(portraits: list[Portrait], tmp_path: Path
         assert (p.seed, p.eyes, p.kinds) == (q.seed, q.eyes, q.kinds)
 
 
-def test_a_run_goes_on_where_it_stopped(
+def test_an_order_is_one_shard_and_orders_meet_all_seeds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, portraits: list[Portrait]
 ) -> None:
-    whole = shards.plan(10, 200, SIZE, tmp_path)
-    assert [seed for _, seed, _ in whole] == [10, 64, 128, 192]
-    assert sum(n for _, _, n in whole) == 200
+    whole = shards.orders(10, 200, SIZE)
+    assert [order["seed"] for order in whole.values()] == [10, 64, 128, 192]
+    assert sum(order["count"] for order in whole.values()) == 200
     made: list[int] = []
 
     def fake(seed: int, size: int, folder: Path | None, framing: str, meshes: tuple[str, ...]) -> Portrait:
@@ -262,9 +262,7 @@ def test_a_run_goes_on_where_it_stopped(
         return portraits[0]
 
     monkeypatch.setattr("models.people.shards.portrait", fake)
-    path = tmp_path / "people.npz"
-    assert shards.write(path, 5, 2, SIZE)
-    assert not shards.write(path, 5, 2, SIZE)
+    shards.draw_order(whole["people-%d-00000010-54.npz" % SIZE] | {"seed": 5, "count": 2}, tmp_path / "people.npz")
     assert made == [5, 6]
     assert not list(tmp_path.glob("*.part"))
 
