@@ -262,7 +262,7 @@ def test_an_order_is_one_shard_and_orders_meet_all_seeds(
         return portraits[0]
 
     monkeypatch.setattr("models.people.shards.portrait", fake)
-    shards.draw_order(whole["people-%d-00000010-54.npz" % SIZE] | {"seed": 5, "count": 2}, tmp_path / "people.npz")
+    shards.draw_order(whole[f"people-{SIZE}-00000010-54.npz"] | {"seed": 5, "count": 2}, tmp_path / "people.npz")
     assert made == [5, 6]
     assert not list(tmp_path.glob("*.part"))
 
