@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.arrays import AnyFloat, Bool, Float32, Float64
-from service.colour import srgb_to_linear
+from service.arrays import AnyFloat, Bool, Float32, Float64, Int64
+from service.colour import luma, srgb_to_linear
 
 EUMELANIN = np.array([0.419, 0.697, 1.37], np.float32)
 PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
@@ -20,9 +20,10 @@ ROUGHNESS = 0.3
 """Azimuthal roughness of a strand."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
-DYED = 0.22
-"""Distance of logarithms from the nearest melanin from which on hair counts as dyed; less is the photo's white balance,
-or sky that black hair mirrors."""
+DYED, DYED_DARK, DARK = 0.4, 0.9, 0.02
+"""Spread over the channels of the logarithm of melanin's colour over the hair's, from which on hair counts as dyed: less
+is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of that
+is left."""
 KNOTS = 8
 """Places along a strand at which its pigment is told."""
 
@@ -78,8 +79,8 @@ class HairColour:
         """Of strands without dye."""
         return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
 
-    def chosen(self, kept: Bool) -> HairColour:
-        """Of the strands of a mask (N,)."""
+    def chosen(self, kept: Bool | Int64) -> HairColour:
+        """Of the strands of a mask (N,) or an index."""
         return replace(self, melanin=self.melanin[kept])
 
     def linear(self, points: int = KNOTS) -> Float32:
@@ -151,7 +152,8 @@ def as_absorbed(colours: AnyFloat) -> HairColour:
         usual = np.median(absorbed.reshape(-1, 3), 0)
         amount = np.median(melanin.reshape(-1, 2), 0)
         left = np.log(reflected(amount @ np.stack([EUMELANIN, PHEOMELANIN])) / reflected(usual))
-        if float(left.max() - left.min()) > DYED:
+        bright = float(luma(reflected(usual)))
+        if float(left.max() - left.min()) > DYED + DYED_DARK * np.exp(-bright / DARK):
             # Whatever melanin there is absorbs no more than the dyed hair does in any channel.
             bases = np.stack([EUMELANIN, PHEOMELANIN])
             most = (usual / np.maximum(amount @ bases, 1e-9)).min()

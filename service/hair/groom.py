@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from service.arrays import Bool, Float32, Int32
+from service.arrays import Bool, Float32, Int32, Int64
 from service.hair.colour import HairColour
 from service.hair.guides import (
     CLEARANCE_M,
@@ -65,11 +65,20 @@ class Groom:
     def __len__(self) -> int:
         return len(self.strands)
 
-    def chosen(self, strands: Float32, kept: Bool) -> Groom:
-        """Those of a mask (N,), with points (N, P, 3) in the place of theirs."""
+    def chosen(self, strands: Float32, kept: Bool | Int64) -> Groom:
+        """Those of a mask (N,) or an index (M,), with points (M, P, 3) in the place of theirs."""
         return replace(
-            self, strands=np.asarray(strands[kept], np.float32), root_uv=self.root_uv[kept], lock=self.lock[kept],
+            self, strands=np.asarray(strands, np.float32), root_uv=self.root_uv[kept], lock=self.lock[kept],
             guide=self.guide[kept], colour=self.colour.chosen(kept),
+        )  # fmt: skip
+
+    def joined(self, strands: Float32, root_uv: Float32, like: Int64) -> Groom:
+        """With more strands (M, P, 3), whose lock, guide and colour are those of the strands (M,) ``like``."""
+        index = np.concatenate([np.arange(len(self)), like])
+        whole = self.chosen(self.strands[index], index)
+        return replace(
+            whole, strands=np.concatenate([self.strands, strands.astype(np.float32)]),
+            root_uv=np.concatenate([self.root_uv, root_uv]),
         )  # fmt: skip
 
 

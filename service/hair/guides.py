@@ -117,6 +117,11 @@ def combed(style: Style, points: Float32, outwards: Float32, side: Float32, frin
     }[style.combing]
     if style.parting != "none" and style.combing in ("natural", "forward"):
         wish = wish + 0.8 * front * sideways
+    if style.tucked > 0:
+        x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
+        beside = _step(0.03, 0.05, x) * _step(0.06, 0.02, y) * _step(-0.10, -0.04, z)
+        behind = -1.2 * ahead + 0.25 * DOWN
+        wish = wish + style.tucked * 3.0 * beside[:, None] * (behind - 0.5 * wish)
     wish = np.where(fringe[:, None], ahead + 0.25 * wish + 0.6 * DOWN, wish)
     along = wish - outwards * (wish * outwards).sum(1, keepdims=True) * (style.combing != "up")
     return unit(along)
@@ -174,7 +179,7 @@ def _hanging(
     heading = unit(rising * roots.normal + (1.02 - rising) * comb)
     points = [place]
     long = _step(0.09, 0.14, length)[:, None]
-    before = _forward(roots)
+    before = _forward(roots) & (rng.random(len(roots)) >= style.tucked)
     astray = rng.normal(0, 0.7, (len(roots), 3)).astype(np.float32) * np.exp(
         -np.square(np.linalg.norm(place - CROWN, axis=1, keepdims=True) / 0.035)
     )

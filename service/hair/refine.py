@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from service.arrays import Bool, Float32, Float64
 from service.hair.groom import Groom, make_groom
@@ -143,8 +144,8 @@ SMOOTH_RAYS = 1.6
 """Standard deviation, in rays, of the smoothing of their difference."""
 FARTHEST_M = (0.03, 0.045)
 """How far the outline is moved at most, inwards and outwards."""
-SIDEWAYS_DEG = (95.0, 130.0)
-"""Angle from upwards up to which outlines are matched, and from which on not at all: below, hair hangs."""
+SIDEWAYS_DEG = (140.0, 165.0)
+"""Angle from upwards up to which outlines are matched, and from which on not at all: below lies the neck."""
 
 
 def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
@@ -169,7 +170,7 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     direction = away / np.maximum(length, 1e-6)[..., None]
     flat = (direction * (own * share * loose)[..., None]) @ np.linalg.inv(cells_per_m).T
     # What a photo from the front does not tell, the back of the head, is as full as the sides.
-    top = _sideways(np.arange(RAYS)) > 0.5
+    top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
     deep = depth - sight.project(CENTRE)[1]
     behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * (strands[..., 1] > -0.035) * float(difference[top].mean()) / scale
     offset = np.concatenate([flat, behind[..., None]], -1) @ sight.camera.rotation
@@ -213,7 +214,7 @@ def _reaches(
     centre: Float64, upwards: float, scale: float, mask: Float32, sight: Sight
 ) -> tuple[Float64, Float64, Float64]:
     """(RAYS,) cells up to which the photo's hair and a silhouette reach, and how far the two can be compared."""
-    radii = np.arange(1.0, 0.18 * scale, 0.5)
+    radii = np.arange(1.0, 0.26 * scale, 0.5)
     angles = upwards + np.arange(RAYS) * 2 * np.pi / RAYS
     x, y = (centre[k] + np.outer(way, radii) for k, way in enumerate((np.cos(angles), np.sin(angles))))
     inside = (x >= 0) & (y >= 0) & (x < CELLS) & (y < CELLS)
@@ -244,6 +245,34 @@ def _sideways(rays: np.ndarray) -> Float64:
     """Weight of a ray by its angle from upwards."""
     angle = np.abs(np.mod(rays * (360.0 / RAYS) + 180.0, 360.0) - 180.0)
     return np.asarray(np.clip((SIDEWAYS_DEG[1] - angle) / (SIDEWAYS_DEG[1] - SIDEWAYS_DEG[0]), 0, 1))
+
+
+TOP_DEG = 100.0
+"""Angle from upwards up to which the outline is that of the skull's hair: the back is as full as it is there."""
+FRINGED = 0.04
+"""Value of the head's soft mask of the scalp from which on hair may grow where the photo shows it."""
+SURE = 0.7
+"""How surely the photo has to show hair at a root beyond the usual hairline."""
+
+
+def to_hairline(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) -> Groom:
+    """The groom with strands on skin beyond its hairline where the photo shows hair, each like the one beside it."""
+    if not len(groom):
+        return groom
+    more = skin.roots(len(groom), rng, least=FRINGED)
+    cell, seen = sight.visible(*sight.project(more.position))
+    facing = (more.normal * (sight.camera.centre - more.position)).sum(1) > 0.02
+    shown = (sight.hair[cell] > SURE) & (sight.known[cell] > SURE) & seen & facing
+    near = cKDTree(groom.strands[:, 0])
+    apart = near.query(more.position)[0]
+    # Where roots are as near as they are among themselves, hair grows already.
+    usual = float(np.median(near.query(groom.strands[:500, 0], k=2)[0][:, 1]))
+    wanted = shown & (apart > 1.5 * usual)
+    if not wanted.any():
+        return groom
+    roots = more.chosen(wanted)
+    like = near.query(roots.position)[1]
+    return groom.joined(roots.position[:, None] - groom.strands[like, :1] + groom.strands[like], roots.uv, like)
 
 
 BARE = 0.6
@@ -332,12 +361,12 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
         seed: of all that is random.
         strands: of a full head.
     """
-    groom = make_groom(style, seed, strands, skin, photo_combing(sight))
     rng = np.random.default_rng([seed, 0xC07])
+    groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
     moved = groom.strands
     for _ in range(2):
         moved = to_outline(moved, sight, skin)
     moved, kept = trimmed(moved, sight, rng)
     moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
-    groom = groom.chosen(moved, kept)
+    groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

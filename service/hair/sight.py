@@ -21,6 +21,8 @@ COVERS = 2.2
 """Strand length in a cell, over the cell's side, at which 10,000 strands cover 1 - 1/e of it."""
 SHOWS = (0.25, 0.65)
 """Share of a cell up to which it counts as bare, and from which on as hair."""
+EDGE_CELLS = 2.0
+"""Cells from the edge of the photo that tell nothing."""
 SOFT_CELLS = 0.8
 """Standard deviation of the blur that closes the gaps between the few strands that are drawn."""
 
@@ -64,8 +66,13 @@ class Sight:
     def of(cls, reading: HairReading, fit: Fit, head: HeadModel) -> Sight:
         """The reading and the fitted head, in its expression."""
         bare = cls.beside(head, fit.vertices, fit.camera, reading.region)
+        # What is black beyond the photo counts in the cells at its edge, too.
+        margin = EDGE_CELLS * reading.region.side / CELLS
+        at, size = reading.cells, np.array([fit.camera.width, fit.camera.height])
+        inside = ((at >= margin) & (at < size - margin)).all(1).reshape(CELLS, CELLS)
+        known = np.asarray(reading.known * inside, np.float32)
         return replace(
-            bare, hair=ramp(reading.mask, SHOWS) * reading.known, known=reading.known, direction=reading.direction,
+            bare, hair=ramp(reading.mask, SHOWS) * known, known=known, direction=reading.direction,
             certainty=reading.certainty,
         )  # fmt: skip
 

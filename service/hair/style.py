@@ -74,6 +74,7 @@ class Style:
         receding: of the temples, 0 to 1.
         crown: bald on the crown, 0 to 1.
         hairline: random rise and fall of the hairline, 0 to 1.
+        tucked: how much of the hair beside the face lies behind the ears, 0 to 1.
         fade: how far up the sides are clipped short, 0 to 1.
         density: strands for each that a full head has, 0 to 1.
         melanin: its pigment.
@@ -102,6 +103,7 @@ class Style:
     receding: float = 0.0
     crown: float = 0.0
     hairline: float = 0.15
+    tucked: float = 0.0
     fade: float = 0.0
     density: float = 1.0
     melanin: Melanin = field(default_factory=lambda: Melanin(0.45, 0.12))
@@ -112,7 +114,7 @@ class Style:
             if not 0 <= value <= 1500:
                 raise ValueError(f"{name} is {value!r}; a length of hair in mm is 0 to 1500")
         for name in ("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
-                     "fade", "density"):  # fmt: skip
+                     "tucked", "fade", "density"):  # fmt: skip
             value = getattr(self, name)
             if not 0 <= value <= 1:
                 raise ValueError(f"{name} is {value!r}; it goes from 0 to 1")
@@ -179,6 +181,12 @@ def style_from_json(values: dict[str, Any]) -> Style:
     return Style(**{**values, "melanin": Melanin(**values["melanin"])})
 
 
+_ENDS: Mapping[str, tuple[float, float]] = {
+    "bob": (-0.175, -0.055), "curly": (-0.26, -0.06), "long_wavy": (-0.42, -0.17)
+}  # fmt: skip
+"""Heights between which random hair is cut."""
+
+
 def sample_style(seed: int) -> Style:
     """A random style; the same for the same seed."""
     rng = np.random.default_rng([seed, 0x4A1])
@@ -199,7 +207,9 @@ def sample_style(seed: int) -> Style:
         "density": float(rng.uniform(0.6, 1.0)), "melanin": sample_melanin(rng),
     }  # fmt: skip
     if base.cut_y is not None:
-        changes["cut_y"] = float(base.cut_y + rng.normal(0, 0.04))
+        low, high = _ENDS[base.kind]
+        changes["cut_y"] = float(rng.uniform(low, high))
+        changes["tucked"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.4 else 0.0
     if base.gather == "none" and base.kind not in ("shaved", "afro"):
         changes["parting"] = str(rng.choice(["none", "left", "middle", "right"], p=[0.25, 0.25, 0.3, 0.2]))
     if base.kind in ("bob", "long_wavy"):
