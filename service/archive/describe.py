@@ -210,7 +210,7 @@ def _hair(hair: WornHair) -> m.Hair:
         seen=round(float(hair.seen.mean()) if len(hair.seen) else 0.0, 4),
         colour=colour,
         melanin=melanin,
-        dyed=groom is not None and bool(groom.colour.dye.any()),
+        dyed=groom is not None and groom.colour.dyed,
         doubts=list(hair.doubts),
     )
 

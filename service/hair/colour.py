@@ -18,12 +18,16 @@ PHEOMELANIN = np.array([0.187, 0.4, 1.05], np.float32)
 """Absorption by unit concentration in red, green and blue."""
 ROUGHNESS = 0.3
 """Azimuthal roughness of a strand."""
+SURFACE = 0.011
+"""Light that the surface of strands scatters without colour: black hair is no hole."""
 GREY = 0.015
 """Melanin that is left in a grey hair."""
-DYED, DYED_DARK, DARK = 0.4, 0.9, 0.02
-"""Spread over the channels of the logarithm of melanin's colour over the hair's, from which on hair counts as dyed: less
-is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of that
-is left."""
+DYED, DYED_DARK, DARK = 0.4, 2.0, 0.02
+"""Spread over the channels of the logarithm of melanin's colour over the hair's, from which on no melanin explains it:
+less is the photo's white balance. By so much more in black hair, which mirrors sky, and the luminance at which 1/e of
+that is left."""
+NEUTRAL = 0.4
+"""Saturation (1 - min / max of linear RGB) below which hair without melanin's colour is grey, not dyed."""
 KNOTS = 8
 """Places along a strand at which its pigment is told."""
 
@@ -79,6 +83,14 @@ class HairColour:
         """Of strands without dye."""
         return cls(melanin.amounts(strands, rng), np.zeros(3, np.float32))
 
+    @property
+    def dyed(self) -> bool:
+        """Whether the colour is one that neither melanin nor grey hair has."""
+        if not self.dye.any() or not len(self.melanin):
+            return False
+        usual = np.median(self.linear().reshape(-1, 3), 0)
+        return bool(1 - usual.min() / max(float(usual.max()), 1e-6) > NEUTRAL)
+
     def chosen(self, kept: Bool | Int64) -> HairColour:
         """Of the strands of a mask (N,) or an index."""
         return replace(self, melanin=self.melanin[kept])
@@ -112,13 +124,14 @@ def asked_colour(asked: str, strands: int, seed: int) -> HairColour:
 
 
 def reflected(absorption: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
-    """(..., 3) linear RGB of a volume of strands with this absorption (..., 3)."""
-    return np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness)).astype(np.float32)
+    """(..., 3) linear RGB of a volume of strands with this absorption (..., 3), with what their surface scatters."""
+    inside = np.exp(-np.sqrt(np.maximum(absorption, 0)) * _width(roughness))
+    return np.asarray(SURFACE + (1 - SURFACE) * inside, np.float32)
 
 
 def absorption_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     """(..., 3) absorption that gives linear RGB (..., 3): the inverse of :func:`reflected`."""
-    logs = np.log(np.clip(colour, 1e-9, 1 - 1e-6))
+    logs = np.log(np.clip((colour - SURFACE) / (1 - SURFACE), 1e-9, 1 - 1e-6))
     return np.square(logs / _width(roughness)).astype(np.float32)
 
 
@@ -145,8 +158,9 @@ def _width(roughness: float) -> float:
 
 def as_absorbed(colours: AnyFloat) -> HairColour:
     """Strands (N, KNOTS, 3) of linear RGB in (0, 1) as melanin, and as dye what no melanin explains."""
-    absorbed = absorption_of(np.clip(colours, 1e-4, 0.98)).astype(np.float64)
-    melanin = _melanin(absorbed)
+    colours = np.clip(colours, 1.15 * SURFACE, 0.98)
+    absorbed = absorption_of(colours).astype(np.float64)
+    melanin = _as_bright(_melanin(absorbed), luma(np.asarray(colours, np.float32)))
     dye = np.zeros(3)
     if len(colours):
         usual = np.median(absorbed.reshape(-1, 3), 0)
@@ -160,6 +174,17 @@ def as_absorbed(colours: AnyFloat) -> HairColour:
             melanin = melanin * min(1.0, float(most))
             dye = np.maximum(usual - np.median(melanin.reshape(-1, 2), 0) @ bases, 0)
     return HairColour(np.asarray(melanin, np.float32), np.asarray(dye, np.float32))
+
+
+def _as_bright(melanin: Float64, bright: Float32) -> Float64:
+    """Concentrations (..., 2) times a factor by which their colour has a luminance (...)."""
+    absorbs = melanin @ np.stack([EUMELANIN, PHEOMELANIN])
+    low, high = np.full(bright.shape, -2.0), np.full(bright.shape, 2.0)
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        over = luma(reflected(absorbs * np.exp(middle)[..., None])) > bright
+        low, high = np.where(over, middle, low), np.where(over, high, middle)
+    return np.asarray(melanin * np.exp(0.5 * (low + high))[..., None])
 
 
 def _melanin(absorbed: Float64) -> Float64:

@@ -169,7 +169,8 @@ def _hanging(
     layer = 0.25 + 0.75 * _step(-0.6, 1.2, roots.elevation)
     layer = (layer * rng.uniform(0.5, 1.0, len(roots))).astype(np.float32)
     place = roots.position
-    fringe = _fringe(roots) & (style.fringe_mm < SHORT_FRINGE * style.top_mm)
+    forward = style.combing == "forward" or style.fringe_mm < SHORT_FRINGE * style.top_mm
+    fringe = _fringe(roots) & forward
     comb = combed(style, place, roots.normal, side, fringe)
     if wish is not None:
         own, sure = wish(place, roots.normal)

@@ -74,6 +74,7 @@ def painted(
     flat = np.asarray(np.clip(bright - LIGHT_TAKEN * light, low, high), np.float32)
     offset, slope = _hue(np.log(np.maximum(pixels[inner], 1e-4)), bright[inner])
     level = _levels(strands, seen, sight, flat, weight, float(flat[inner].mean()), rng)
+    level += float(np.median(bright[inner]) - np.median(level))
     level = np.clip(level, np.log(DARKEST), np.log(BRIGHTEST))
     return as_absorbed(np.exp(np.clip(offset + slope * level[..., None], -6.5, np.log(0.9))))
 

@@ -311,9 +311,34 @@ def trimmed(strands: Float32, sight: Sight, rng: np.random.Generator) -> tuple[F
     share = first / (points - 1)
     uneven = np.where(cut, rng.uniform(0.94, 1.0, len(strands)), 1.0)
     kept = (share >= LEAST_LEFT) | ~cut
-    # The roots of a long strand that crosses the face are no reason for a stub.
     made = resampled(strands, np.asarray(np.clip(share * uneven, 0.05, 1), np.float32), points)
     return made, np.asarray(kept)
+
+
+def bare_rooted(strands: Float32, sight: Sight) -> Bool:
+    """(N,) whether the photo shows bare skin where a strand begins."""
+    return np.asarray(sight.read(blurred(sight.bare, 0.7), strands[:, 0])[0] > BARE)
+
+
+def like_neighbours(strands: Float32, cut: Float32, kept: Bool, sight: Sight) -> Float32:
+    """Strands (N, P, 3) of which those that would be cut to stubs run as the nearest that are not.
+
+    So a strand that crosses the face, which the photo shows bare, goes beside it with the others.
+
+    Args:
+        strands: before they were cut.
+        cut: and after, (N, P, 3).
+        kept: (N,) which are no stubs.
+        sight: the photo; what begins on bare skin stays as it is.
+    """
+    stubs = np.flatnonzero(~kept & ~bare_rooted(strands, sight))
+    whole = np.flatnonzero(kept)
+    if not len(stubs) or not len(whole):
+        return strands
+    near = whole[cKDTree(strands[whole, 0]).query(strands[stubs, 0])[1]]
+    made = strands.copy()
+    made[stubs] = cut[near] - cut[near, :1] + strands[stubs, :1]
+    return made
 
 
 def _ends(strands: Float32, sight: Sight) -> float | None:
@@ -366,7 +391,9 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     moved = groom.strands
     for _ in range(2):
         moved = to_outline(moved, sight, skin)
+    moved = like_neighbours(moved, *trimmed(moved, sight, rng), sight)
     moved, kept = trimmed(moved, sight, rng)
+    kept |= ~bare_rooted(moved, sight)
     moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)
     groom = groom.chosen(moved[kept], kept)
     return groom, seen_share(groom.strands, sight)

@@ -223,7 +223,9 @@ def sample_style(seed: int) -> Style:
         changes["curl"] = str(rng.choice(["4a", "4b", "4c"]))
     elif base.kind in ("crop", "side_part", "slicked_back"):
         changes["curl"] = str(rng.choice(["1", "1", "1", "2a", "3b", "4a"]))
-        changes["combing"] = str(rng.choice([base.combing, base.combing, "up", "forward", "side"]))
+        changes["combing"] = str(rng.choice([base.combing, base.combing, "up", "forward", "forward", "side"]))
+        if changes["combing"] == "forward" and base.kind != "crop":  # hangs over the forehead
+            changes |= {"fringe_mm": float(rng.uniform(45, 95)), "parting": "none", "kind": f"{base.kind}_fringe"}
         changes["fade"] = _near(base.fade, 0.25, rng)
         changes["receding"] = float(np.clip(rng.normal(0, 0.5), 0, 1)) if rng.random() < 0.5 else 0.0
         changes["crown"] = float(rng.uniform(0.3, 1)) if rng.random() < 0.12 else 0.0
