@@ -12,34 +12,15 @@ import typer
 from service.arrays import Float32, UInt8
 from service.hair.bank import CELLS, FILE, VIEWS, view_sight
 from service.hair.groom import make_groom
-from service.hair.reading import CURLS, FRINGES, GATHERED, KINDS, LENGTH_ENDS_M, PARTINGS
+from service.hair.kinds import KINDS, kinds_of
 from service.hair.sight import Sight
-from service.hair.style import NAMED, Style, sample_style, style_to_json
+from service.hair.style import NAMED, sample_style, style_to_json
 from service.head.files import load_head
 
 STRANDS = 700
 """Strands of a groom that is drawn for the bank."""
 FIRST_SEED = 1_000_000
 """Seeds from here on are the bank's; training and tests take lower ones."""
-_GATHERED = {
-    "none": "none", "half_up": "half", "pinned": "half", "ponytail": "tied", "bun": "tied", "plait": "plaits",
-    "two_plaits": "plaits",
-}  # fmt: skip
-
-
-def kinds_of(style: Style, strands: Float32) -> list[int]:
-    """Number of the choice of each of ``service.hair.reading.KINDS`` that a style with these strands (N, P, 3) is."""
-    longest = max(style.top_mm, style.sides_mm)
-    lowest = float(np.quantile(strands[..., 1], 0.03)) if len(strands) else 0.0
-    length = 0 if longest <= 12 else 1 + int(np.searchsorted(-np.array(LENGTH_ENDS_M), -lowest))
-    found = {
-        "length": length,
-        "gathered": GATHERED.index(_GATHERED[style.gather]),
-        "parting": PARTINGS.index(style.parting),
-        "fringe": FRINGES.index("yes" if style.kind.endswith("_fringe") else "no"),
-        "curl": CURLS.index(("straight", "wavy", "curly", "coily")[int(style.curl[0]) - 1]),
-    }
-    return [found[name] for name in KINDS]
 
 
 def silhouettes(strands: Float32, sights: list[Sight]) -> UInt8:
@@ -61,7 +42,8 @@ def main(
     for seed, style in enumerate(styles):
         strands = make_groom(style, seed, STRANDS).strands
         masks.append(silhouettes(strands, sights))
-        kinds.append(kinds_of(style, strands))
+        found = kinds_of(style, strands)
+        kinds.append([KINDS[name].index(found[name]) for name in KINDS])
     rows = np.frombuffer(json.dumps([style_to_json(style) for style in styles]).encode(), np.uint8)
     output.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(output, styles=rows, masks=np.stack(masks), kinds=np.array(kinds, np.uint8))

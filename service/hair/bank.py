@@ -20,8 +20,9 @@ from service.face.fit.result import Fit
 from service.face.region import Region
 from service.geometry.camera import Camera
 from service.geometry.sampling import sample_at
+from service.hair.kinds import KINDS
 from service.hair.reading import CELLS as PHOTO_CELLS
-from service.hair.reading import KINDS, HairReading
+from service.hair.reading import HairReading
 from service.hair.sight import Sight
 from service.hair.style import Style, style_from_json
 from service.head.model import HeadModel

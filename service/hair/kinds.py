@@ -28,7 +28,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "length": LENGTHS, "gathered": GATHERED, "parting": PARTINGS, "fringe": FRINGES, "curl": CURLS,
 }  # fmt: skip
 CROPPED_MM = 12.0
-LENGTH_ENDS_M = (-0.03, -0.07, -0.125, -0.215)
+LENGTH_ENDS_M = (-0.042, -0.07, -0.125, -0.215)
 """Height in the head's frame to which short, ear, jaw and shoulder length reach; the origin lies between the eyes."""
 SIDES_RAD = 2.2
 """Azimuth up to which hair grows at the front and the sides; what grows on the nape is low however short it is."""
