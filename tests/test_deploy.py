@@ -21,11 +21,16 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 import yaml  # type: ignore[import-untyped]
 
 from service import __version__
 from service.api.front import Hosts
+from service.batch.shards import Rounds
+from service.jobs.admission import NewJob
+from service.jobs.database import connect, create_tables
 from service.jobs.settings import PREFIX, Settings
+from service.jobs.store import Store
 
 ROOT = Path(__file__).parents[1]
 DEPLOY = ROOT / "deploy"
@@ -185,7 +190,8 @@ def test_the_locks_have_the_versions_that_are_tested() -> None:
 def test_every_extra_for_serving_has_a_lock() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     locks = {path.stem for path in (DEPLOY / "locks").glob("*.txt")}
-    assert locks == {"base", "build", *extras} - {"dev", "train", "export"}
+    no_image = {"dev", "train", "export", "cuda", "tensorrt"}  # and the image is for processors
+    assert locks == {"base", "build", *extras} - no_image
 
 
 def test_the_bill_of_materials_names_packages_and_data_files() -> None:
@@ -305,7 +311,53 @@ def test_workers_have_lasting_names_of_their_own() -> None:
 
 
 def objects() -> dict[tuple[str, str], dict[str, Any]]:
-    return {(item["kind"], item["metadata"]["name"]): item for item in document("deploy/kubernetes.yaml")["items"]}
+    items = document("deploy/kubernetes/base/service.yaml")["items"]
+    return {(item["kind"], item["metadata"]["name"]): item for item in items}
+
+
+def kustomized(folder: str) -> dict[str, dict[str, Any]]:
+    """What kubectl makes of a folder, by kind and name."""
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed")
+    said = subprocess.run(["kubectl", "kustomize", folder], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    return {f"{item['kind']}/{item['metadata']['name']}": item for item in yaml.safe_load_all(said.stdout)}
+
+
+def test_kustomize_makes_what_the_manifest_says() -> None:
+    made = kustomized("deploy/kubernetes/base")
+    assert set(made) == {"/".join(key) for key in objects()}
+    images = {pod["image"] for kind in ("Deployment/api", "StatefulSet/worker") for pod in containers(made[kind])}
+    assert images == {f"avatarme:{__version__}"}
+    assert made["StatefulSet/worker"]["spec"]["replicas"] == 3
+
+
+def containers(item: dict[str, Any]) -> list[dict[str, Any]]:
+    return list(item["spec"]["template"]["spec"]["containers"])
+
+
+def test_workers_are_scaled_by_what_is_unfinished(tmp_path: Path) -> None:
+    """The question that KEDA asks the database, asked here of our own tables."""
+    made = kustomized("deploy/kubernetes/autoscaling")
+    scaled = made["ScaledObject/worker"]["spec"]
+    assert "replicas" not in made["StatefulSet/worker"]["spec"], "each apply would set it back"
+    (worker,) = containers(made["StatefulSet/worker"])
+    assert {"name": "AVATARME_BATCHES", "value": "1"} in worker["env"], "else its shards would wait for ever"
+    assert scaled["scaleTargetRef"]["name"] == made["StatefulSet/worker"]["metadata"]["name"]
+    (trigger,) = scaled["triggers"]
+    assert trigger["authenticationRef"]["name"] == made["TriggerAuthentication/queue"]["metadata"]["name"]
+    settings = Settings(data=tmp_path)
+    engine = connect(settings.database_url)
+    create_tables(engine, settings)
+    store = Store(engine)
+    more: dict[str, Any] = {"options": {}, "photo": "", "photo_sha256": "", "photo_bytes": 0, "keep_photo": False}
+    for number in range(4):
+        store.add(NewJob(id=f"{number:032x}", tenant="t", key=None, digest="", **more))
+    store.cancel(f"{0:032x}", 0.0)
+    Rounds(engine).put(store.queue, "round", "s3://bucket/out", [100, 50])
+    Rounds(engine).told("round", 0, {}, ended=True)
+    with engine.connect() as connection:
+        assert connection.execute(sa.text(trigger["metadata"]["query"])).scalar_one() == 3 + 1
 
 
 @pytest.mark.parametrize("key", [("Deployment", "api"), ("StatefulSet", "worker")])
