@@ -27,13 +27,22 @@ from service.face.fit.landmark_fit import (
 )
 from service.face.fit.outline import OutlineFinder
 from service.face.fit.pose_state import POSE, State
-from service.face.fit.solver import Damping, Prior, Term, minimise
+from service.face.fit.solver import Damping, PointTerm, Prior, Term, minimise
+from service.face.fit.stereo import Picture, stereo_terms
 from service.head.model import HeadModel
+from service.robust import smoothstep
 
 REACH_M = (0.008, 0.004)
 """Half length of the outline's search lines in each round, metres on the face."""
 STEPS = 4
 """Solver steps of each round."""
+PROFILE_DEG = (68.0, 52.0)
+"""Yaw from which on landmarks and the normals that were read are not followed where places were read, and up to which
+they are: the landmark network draws the hidden half of profiles, and both turn these some degrees to the camera."""
+HARDLY = 0.02
+"""Least weight of what is still followed."""
+STEREO_ROUNDS = 5
+"""Further rounds, of several photos, with the spots that these have in common."""
 
 
 @dataclass(frozen=True)
@@ -103,16 +112,28 @@ class PixelFit:
             Softened.around(sight.photo, sight.middle, state, self._vertices(state))
             for sight, state in zip(sights, states, strict=True)
         ]
-        for reach in REACH_M:
+        rounds = REACH_M if len(sights) == 1 else (*REACH_M, *(REACH_M[-1:] * STEREO_ROUNDS))
+        for round_, reach in enumerate(rounds):
+            seen: list[list[PointTerm]] = [[] for _ in sights]
+            if round_ >= len(REACH_M):
+                pictures = [
+                    Picture.of(sight.photo, sight.middle, self.head, state, self._vertices(state))
+                    for sight, state in zip(sights, states, strict=True)
+                ]
+                seen = stereo_terms(self.head, pictures)
             terms: list[list[Term]] = []
-            for sight, state, prior, read, image in zip(sights, states, priors, dense, soft, strict=True):
+            for sight, state, prior, read, image, spots in zip(sights, states, priors, dense, soft, seen, strict=True):
                 vertices = self._vertices(state)
                 basis = self.model.at_yaw(state.yaw_deg)
-                own: list[Term] = [weigh_landmarks(state, basis, sight.observed, ANNEAL[-1])[1], prior]
+                points = weigh_landmarks(state, basis, sight.observed, ANNEAL[-1])[1]
+                own: list[Term] = [points, prior]
                 if read is not None:
-                    own += [read.points(state), *([read.normals(state, vertices)] if normals else [])]
+                    squarely = max(float(smoothstep(np.float32(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
+                    own[0] = replace(points, precision=points.precision * squarely)
+                    own.append(read.points(state))
+                    own += [read.normals(state, vertices)] if normals and squarely > HARDLY else []
                 outline = self.outline.term(image, sight.middle, state, vertices, reach)
-                terms.append([*own, *([] if outline is None else [outline])])
+                terms.append([*own, *([] if outline is None else [outline]), *spots])
             states = minimise(
                 states, terms, shared=identity_of(self.model), lower=lower, upper=upper, damping=Damping(),
                 steps=STEPS, active=np.ones(POSE + self.model.shape_count, bool),
