@@ -183,7 +183,7 @@ NOT_MADE = ("confidence",)
 _OPTIONS = ("maps", "quality", "size", "bits", "normals", "runtime", "detail", "seed")
 
 
-def default_maps() -> tuple[str, ...]:
+def external_maps() -> tuple[str, ...]:
     """Every map that can be made from a texture and a mesh with the installed networks."""
     return tuple(
         name for name in MAP_NAMES

@@ -80,16 +80,26 @@ def open_avatar(source: Path | IO[bytes], roles: tuple[str, ...]) -> AvatarFile:
 def described_parts(manifest: dict[str, Any]) -> tuple[list[m.Part], dict[str, m.Material]]:
     """All parts of the files, and materials by name; none in the manifests of older versions.
 
+    Keys that other versions of the schema have are left out, and so are the parts of clear glass that older archives
+    have before their eyes: no material is clear now.
+
     Raises:
         BadArchive: one of them is not as the schema says.
     """
     from pydantic import TypeAdapter, ValidationError
 
+    def known(kind: type[Any], given: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [{field.name: one[field.name] for field in fields(kind) if field.name in one} for one in given]
+
     try:
-        parts = TypeAdapter(list[m.Part]).validate_python(manifest.get("parts", []))
-        materials = TypeAdapter(list[m.Material]).validate_python(manifest.get("materials", []))
-    except ValidationError as error:
-        raise BadArchive(f"the manifest's parts or materials cannot be used: {error.errors()[0]['msg']}") from error
+        given = manifest.get("materials", [])
+        clear = {one["name"] for one in given if one.get("transmission", 0) > 0}
+        seen = [one for one in manifest.get("parts", []) if one.get("material") not in clear]
+        parts = TypeAdapter(list[m.Part]).validate_python(known(m.Part, seen))
+        materials = TypeAdapter(list[m.Material]).validate_python(known(m.Material, given))
+    except (ValidationError, AttributeError, KeyError, TypeError) as error:
+        why = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
+        raise BadArchive(f"the manifest's parts or materials cannot be used: {why}") from error
     return parts, {one.name: one for one in materials}
 
 

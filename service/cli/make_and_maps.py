@@ -178,9 +178,9 @@ def maps(
     image, model = read_file(texture, MAX_TEXTURE, "texture"), read_file(mesh, MAX_MESH, "mesh")
     with progress_bar() as progress:
         from service.archive.pack import write_archive
-        from service.external import default_maps, make_external, mesh_type
+        from service.external import external_maps, make_external, mesh_type
 
-        chosen = Options(**{"maps": default_maps(), **options})
+        chosen = Options(**{"maps": external_maps(), **options})
         avatar = make_external(image, model, chosen, progress, chosen_head, mesh_type(mesh, model))
         write_archive(avatar, sys.stdout.buffer if output == PIPE else Path(output))
     for code in avatar.all_warnings():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from service.archive.container import ArchiveFile
 from service.errors import OutputFault
-from service.kits.source import described, unpack, write, write_light
+from service.kits.source import extract, kit_facts, write, write_light
 
 SCRIPT = Path(__file__).resolve().parent.parent / "data" / "kits" / "blender_scene.txt"
 """The script; not named .py, as it runs in Blender and not here."""
@@ -25,10 +25,10 @@ BUILD_SECONDS = 600
 
 def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
-    written = unpack(source, folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
+    written = extract(source, folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
     light = write_light(source, folder)
     written += light
-    facts = described(source) | {"environment": light[0].name if light else None}
+    facts = kit_facts(source) | {"environment": light[0].name if light else None}
     write(folder / "kit.json", (json.dumps(facts, indent=1) + "\n").encode())
     write(folder / "avatar_scene.py", SCRIPT.read_bytes())
     return [*written, folder / "kit.json", folder / "avatar_scene.py"]

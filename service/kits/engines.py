@@ -15,7 +15,7 @@ from service.archive.images import NORMAL_SCALE, NORMAL_ZERO, encode_jpeg, encod
 from service.archive.reading import unpack_map
 from service.arrays import UInt8
 from service.kits.lod import levels_of_detail, triangles
-from service.kits.source import described, materials_of, read_parts, unpack, write, write_light
+from service.kits.source import extract, kit_facts, materials_of, read_parts, write, write_light
 
 LARGEST = 4096
 IN_GLB = 2048
@@ -207,7 +207,7 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
     """
     charts = Charts(source)
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
-    written = unpack(source, folder, ("LICENSES.md", "maps/displacement.png", *more))
+    written = extract(source, folder, ("LICENSES.md", "maps/displacement.png", *more))
     materials = materials_of(source)
     parts = [part for part in read_parts(source.read("mesh/head.usda"), source.manifest, materials)
              if part.material.opacity > 0]  # fmt: skip
@@ -219,7 +219,7 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
             written.append(path)
             textures.append({"file": f"textures/{path.name}", "srgb": one.srgb, "use": one.use})
     pictures, head = glb_charts(charts), source.manifest["head"]
-    facts = described(source)
+    facts = kit_facts(source)
     levels = []
     for number, level in enumerate(levels_of_detail(parts)):
         path = folder / f"head_lod{number}.glb"

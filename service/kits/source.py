@@ -35,7 +35,7 @@ def opened(path: Path) -> ArchiveFile:
     return archive
 
 
-def unpack(archive: ArchiveFile, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
+def extract(archive: ArchiveFile, folder: Path, prefixes: tuple[str, ...]) -> list[Path]:
     """Write the files under some prefixes into a folder, under their names; returns where they are.
 
     Raises:
@@ -142,7 +142,7 @@ LEAST_SKIN = 50
 """Fewest texels of lit skin from which its albedo is estimated."""
 
 
-def described(archive: ArchiveFile) -> dict[str, Any]:
+def kit_facts(archive: ArchiveFile) -> dict[str, Any]:
     """What ``kit.json`` says of the head in every kit."""
     manifest = archive.manifest
     fit = manifest.get("fit") or {}

@@ -14,6 +14,7 @@ import numpy as np
 
 from service.arrays import Float32, Float64
 from service.colour import LUMA
+from service.geometry.normals import normalise
 from service.light.environment import Illumination, flux_by_direction, spread_directions
 from service.light.formulas import F0_SCALE, Graphs, lamp_numbers, mirror_openness, mirror_weights
 from service.light.harmonics import irradiance, project
@@ -55,11 +56,6 @@ def develop(light: Float64, response: Response) -> Float64:
     x = np.minimum(x, 1.0)
     coded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
     return np.asarray(np.maximum(coded, 0.0) ** response.gamma)
-
-
-def unit(v: Float64) -> Float64:
-    """Vectors (..., C) of length 1; shorter where the length is below 1e-12."""
-    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
 
 
 @dataclass
@@ -156,7 +152,7 @@ def _let_through(slope: Float64, horizon: Float64) -> Float64:
 
 
 @dataclass
-class View:
+class SeenSamples:
     """Specular light towards one viewpoint; dictionaries by ``KINDS``.
 
     Attributes:
@@ -200,9 +196,9 @@ class Shading:
         weight = np.stack([np.maximum(v.facing, 0.02) ** 4 for v in self.views])
         self.view_weight = weight / weight.sum(0)
 
-    def _view(self, viewpoint: Triple, radiance: Float64) -> View:
+    def _view(self, viewpoint: Triple, radiance: Float64) -> SeenSamples:
         s = self.surface
-        v = unit(np.asarray(viewpoint) - s.position[0])
+        v = normalise(np.asarray(viewpoint) - s.position[0])
         f0 = F0_SCALE * np.clip(s.specular, 0.0, 1.0)
         lobes = {
             "both": ((s.alpha[:, 0], s.share), (s.alpha[:, 1], 1.0 - s.share)),
@@ -211,7 +207,7 @@ class Shading:
         lobes["flat"] = lobes["both"]
         cosine = np.einsum("kx,kx->k", s.specular_normal[0], v)
         n_v = np.clip(cosine, 1e-3, 1.0)
-        reflected = unit(2.0 * cosine[:, None] * s.specular_normal[0] - v)
+        reflected = normalise(2.0 * cosine[:, None] * s.specular_normal[0] - v)
         mirror, opened, kept = {}, {}, {}
         for kind in KINDS:
             part, image, hidden = np.zeros(len(f0)), np.zeros((len(f0), 3)), np.zeros((len(f0), 3))
@@ -223,7 +219,7 @@ class Shading:
                 hidden = hidden + seen * mirror_openness(self.openness, n_v, alpha)[:, None]
             mirror[kind], opened[kind], kept[kind] = hidden, image, 1.0 - np.clip(part, 0.0, 1.0)
         highlights = {kind: self._highlights(v, lobes[kind], kind) for kind in KINDS}
-        return View(highlights, mirror, opened, kept, 1.0 - f0, np.einsum("kx,kx->k", s.normal, v))
+        return SeenSamples(highlights, mirror, opened, kept, 1.0 - f0, np.einsum("kx,kx->k", s.normal, v))
 
     def _highlights(self, v: Float64, lobes: tuple[tuple[Float64, Float64], ...], kind: str) -> Float64:
         """(lights, P, K, 3) radiance of highlights, without shadows."""
@@ -322,8 +318,8 @@ class Shading:
 
     def half_angles_deg(self) -> list[float]:
         """Angle between view and half vector of each light, mean over the samples, largest over the viewpoints."""
-        views = [unit(np.asarray(v) - self.surface.position[0]) for v in self.scene.viewpoints]
-        cosines = [[(v * unit(lamp.towards + v)).sum(-1) for v in views] for lamp in self.lamps]
+        views = [normalise(np.asarray(v) - self.surface.position[0]) for v in self.scene.viewpoints]
+        cosines = [[(v * normalise(lamp.towards + v)).sum(-1) for v in views] for lamp in self.lamps]
         return [max(float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0))).mean()) for c in each) for each in cosines]
 
     def soft_edges(self) -> Float64:

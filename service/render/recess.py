@@ -127,7 +127,7 @@ def surroundings(parts: Sequence[MeshPart], model: DrawnHead, spacing_mm: float,
 
 
 @dataclass(frozen=True)
-class LightOnParts:
+class RecessLight:
     """Light on parts.
 
     Attributes:

@@ -29,7 +29,7 @@ from service.light.scene import BRIGHT, Response, Scene, Triple, exposed_for
 from service.light.shading import Shading, develop
 from service.materials.part import MeshPart, framed
 from service.render.draw import DrawnHead, SeenHead, see
-from service.render.recess import LightOnParts
+from service.render.recess import RecessLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, HeadShader
 from service.render.surface import LARGEST, StoredMap, Surface, build_surface
@@ -169,7 +169,7 @@ def render_head(
     radiance = np.maximum(radiance, 0.0)
     with clock.step("parts"):
         skin = np.concatenate([seen.read(surface.albedo), np.float32(np.pi) * radiance], 1)
-        LightOnParts(light, chosen, graphs, detail, viewpoint).light_parts(seen, skin)
+        RecessLight(light, chosen, graphs, detail, viewpoint).light_parts(seen, skin)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
         background = None

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.arrays import Float32
+from service.geometry.chart import unit_vectors
 from service.light.environment import Illumination, prefiltered
 from service.light.formulas import F0_SCALE, Graphs, lamp_numbers
 from service.light.harmonics import irradiance, project
@@ -136,7 +137,7 @@ class HeadShader:
         if not (mirrors or shining):
             return diffuse * (1.0 - np.float32(F0_SCALE) * specular)[:, None]
         offset = np.asarray(viewpoint, np.float32) - seen.position_m
-        view, normal = (_unit(v).T for v in (offset, seen.read(s.specular_normal)))
+        view, normal = (unit_vectors(v).T for v in (offset, seen.read(s.specular_normal)))
         flat = "" if plan.runs("fresnel") else "_flat"
         ones = np.ones_like(share)
         lobes = [(alphas[:, 0], share), (alphas[:, 1], 1.0 - share)]
@@ -181,10 +182,3 @@ def _grown(part: slice, padding: int, size: int) -> slice:
 def _planes(image: Float32) -> Float32:
     """(C, H, W) of (H, W, C)."""
     return np.ascontiguousarray(np.moveaxis(image, 2, 0), np.float32)
-
-
-def _unit(vectors: Float32) -> Float32:
-    """(N, 3) of length 1; (0, 0, 1) where there is no direction."""
-    length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))[:, None]
-    sound = length > 1e-6
-    return np.where(sound, vectors / np.where(sound, length, 1), np.array([0, 0, 1], np.float32)).astype(np.float32)

@@ -22,7 +22,7 @@ from service.archive.pack import archive_members
 from service.archive.read_obj import read_obj
 from service.cli.app import app
 from service.errors import BadAspect, BadMesh, UnreadableInput, UsageError
-from service.external import check_aspect, default_maps, make_external, mesh_type, vertices_of
+from service.external import check_aspect, external_maps, make_external, mesh_type, vertices_of
 from service.head.files import save_head
 from service.options import Options
 from service.reflectance.reflectance_maps import Reflectance
@@ -148,7 +148,7 @@ def test_a_finer_texture_keeps_its_detail(head_file: Path, monkeypatch: pytest.M
 
 
 def test_what_only_a_photo_gives_cannot_be_asked_for(head_file: Path) -> None:
-    assert "confidence" not in default_maps()
+    assert "confidence" not in external_maps()
     with pytest.raises(UsageError, match="confidence"):
         make_external(TEXTURE, MESH, Options(maps=("confidence",)), head_file=head_file)
 

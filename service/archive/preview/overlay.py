@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from service.archive.avatar import Avatar
-from service.archive.preview.page import GREY, INK, PAPER, Image, blank, place, to_pixels, write_text
+from service.archive.preview.page import GREY, INK, PAPER, Image, blank, paste, to_pixels, write_text
 from service.archive.preview.sheet import clay_picture
 from service.arrays import Float64, Int64
 from service.face.fit.result import Fit
@@ -43,7 +43,7 @@ def overlay(avatar: Avatar) -> Image:
     page = blank(3 * size[0] + 4 * _MARGIN, size[1] + _MARGIN + _CAPTION, PAPER)
     for index, (title, picture) in enumerate(panels):
         x = _MARGIN + index * (size[0] + _MARGIN)
-        place(page, picture, x, _MARGIN)
+        paste(page, picture, x, _MARGIN)
         write_text(page, title, x, _MARGIN + size[1] + 21, 15, INK, bold=True)
     if size[0] >= 300:
         _legend(page, 2 * size[0] + 3 * _MARGIN + 100, _MARGIN + size[1] + 21, avatar.fit)

@@ -33,7 +33,7 @@ def backdrop(width: int, height: int) -> Float32:
     return np.asarray(np.array(TILE, np.float32) / 255 * 0.98 + glow, np.float32)
 
 
-def place(page: Image, picture: Image, x: int, y: int) -> None:
+def paste(page: Image, picture: Image, x: int, y: int) -> None:
     """Copy ``picture`` into ``page`` with its top left corner at (x, y); it has to lie within the page."""
     height, width = picture.shape[:2]
     page[y : y + height, x : x + width] = picture

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from service.anatomy.wearables import small_albedo, to_albedo
 from service.archive.avatar import Avatar
 from service.archive.images import encode_normals8
-from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, place, to_pixels, write_text
+from service.archive.preview.page import GREY, INK, WARNING, Image, backdrop, blank, paste, to_pixels, write_text
 from service.arrays import Float32, UInt8, UInt16
 from service.colour import bytes_to_linear
 from service.geometry.camera import Camera
@@ -205,7 +205,7 @@ def _map_size() -> tuple[int, int]:
 
 
 def _tile(page: Image, picture: Image, caption: str, x: int, y: int) -> None:
-    place(page, picture, x, y)
+    paste(page, picture, x, y)
     write_text(page, caption, x, y + picture.shape[0] + 18, 14, GREY)
 
 

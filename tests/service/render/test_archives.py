@@ -18,7 +18,7 @@ from service.archive.container import ArchiveFile
 from service.archive.images import encode_png
 from service.archive.pack import archive_members
 from service.archive.read_obj import read_obj
-from service.archive.reading import open_avatar, unpack_map
+from service.archive.reading import described_parts, open_avatar, unpack_map
 from service.errors import BadArchive, BadMesh, UsageError
 from service.head.model import HeadModel
 from tests.service.archive.toys import toy_avatar
@@ -119,6 +119,19 @@ def test_a_damaged_member_is_refused() -> None:
     data[at] ^= 0xFF
     with pytest.raises(BadArchive, match="CRC"):
         open_avatar(io.BytesIO(bytes(data)), ())
+
+
+def test_an_archive_of_another_version_is_read() -> None:
+    """Keys that are new or have gone are passed over; what was clear glass before the eyes is not drawn."""
+    manifest = json.loads(dict(members())["manifest.json"])
+    for one in manifest["materials"]:
+        one |= {"transmission": float(one["name"] == manifest["materials"][-1]["name"]), "future": [1]}
+    manifest["parts"][0]["future"] = True
+    parts, materials = described_parts(manifest)
+    assert len(materials) == len(manifest["materials"])
+    assert len(parts) == sum(one["material"] != manifest["materials"][-1]["name"] for one in manifest["parts"])
+    with pytest.raises(BadArchive, match="parts or materials"):
+        described_parts({"materials": 3})
 
 
 @pytest.mark.parametrize("entry", [{"bits": 12}, {"frame": "moon"}, {"coding": {"zero": 0, "scale": 0}}, {"coding": 3}])

@@ -15,7 +15,7 @@ from service.light.scene import Environment, PointLight, Scene
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 from service.render.draw import recess_of
-from service.render.recess import Arriving, LightOnParts, Nodes, skin_around
+from service.render.recess import Arriving, Nodes, RecessLight, skin_around
 from service.render.render import render_head
 from service.render.request import RenderRequest
 from service.render.visibility import Occluders, VisibilityDetail
@@ -50,7 +50,7 @@ def lit(
     what = what or scene(EVEN)
     around = Occluders(np.ascontiguousarray(occluders.T, np.float32), 0.45, GRAPHS)
     made = plan or LightPlan.everything(what)
-    light = LightOnParts(illumination(what), made, GRAPHS, VisibilityDetail(128), (0.0, 0.0, 1.2))
+    light = RecessLight(illumination(what), made, GRAPHS, VisibilityDetail(128), (0.0, 0.0, 1.2))
     found = light.arriving(points, normals, around)
     for values in dataclasses.astuple(found):
         assert np.isfinite(values).all()
