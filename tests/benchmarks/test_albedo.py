@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,16 +10,11 @@ pytest.importorskip("skimage")
 
 from benchmarks.albedo import (
     FEWEST,
-    KEPT,
-    Found,
-    OnDisk,
     brightness,
     regions_of,
-    tables,
     tone_of,
     typology_angle,
 )
-from benchmarks.corrections.score import Score
 from service.colour import linear_to_srgb
 
 pytestmark = pytest.mark.train
@@ -61,22 +54,3 @@ def test_regions_are_apart_and_none_is_empty() -> None:
         for other in names[i + 1 :]:
             shared = (planes[one] & planes[other]).sum()
             assert shared < 0.2 * min(planes[one].sum(), planes[other].sum()), (one, other)
-
-
-def test_stages_are_kept_on_disk_and_networks_are_not(tmp_path: Path) -> None:
-    stages = OnDisk(tmp_path / "photo")
-    assert stages.get_or_compute("fit", lambda: 1) == 1
-    assert stages.get_or_compute("fit", lambda: 2) == 1
-    assert "diffuse_albedo" not in KEPT
-    assert stages.get_or_compute("diffuse_albedo", lambda: 3) == 3
-    assert stages.get_or_compute("diffuse_albedo", lambda: 4) == 4
-
-
-def test_the_tables_say_what_was_found() -> None:
-    one = Found(Score(20.0, 18.0, 5.0, 1.0), Score(19.0, 19.0, 6.0, 1.0), {"brows": 2.0}, 50.0, 1.0)
-    other = Found(Score(10.0, 8.0, 9.0, 1.0), Score(9.0, 9.0, 7.0, 1.0), {"brows": 0.5}, -40.0, 1.0)
-    text = "\n".join(tables({"a": one, "b": other}))
-    assert "| a | light | 18.0 | 20.0 | 5.0 |" in text
-    assert "| **mean** | all (2) | 13.0 | 15.0 | 7.0 |" in text
-    assert f"**{np.log(2):.3f}**" in text
-    assert "| b | 0.50 | - |" in text

@@ -14,20 +14,15 @@ import pytest
 pytest.importorskip("torch")
 
 from benchmarks.corrections import sitters
-from benchmarks.corrections.__main__ import own_cases, page, rule_rows, verdict
+from benchmarks.corrections.__main__ import own_cases, verdict
 from benchmarks.corrections.photos import (
-    DEVELOPED,
     FACE_LEVEL,
-    GROUPS,
-    QUICK,
-    SITTINGS,
     Lens,
     Photo,
     develop,
     encoded,
-    names,
 )
-from benchmarks.corrections.score import Judge, Score, delta_e
+from benchmarks.corrections.score import Judge, Score
 from benchmarks.corrections.sitters import BORDER, whole_skin
 from benchmarks.corrections.trial import ALL, Effect, Verdicts, tried
 from benchmarks.heads import TexturedHead, at_places, places_of, subdivided
@@ -185,12 +180,6 @@ def test_heads_that_share_nothing_are_an_error() -> None:
         Judge.of(photo, avatar)
 
 
-def test_better_is_more_decibels_and_less_difference() -> None:
-    gain = Score(25, 20, 4, 22).over(Score(24, 21, 5, 20))
-    assert gain == Score(1, -1, 1, 2)
-    assert delta_e(np.full((5, 3), 0.5), np.full((5, 3), 0.5)) == 0
-
-
 pytest.importorskip("torch")
 
 
@@ -280,18 +269,6 @@ def test_coordinates_carried_for_colours_find_the_texture_again() -> None:
     np.testing.assert_array_equal(at_places(texture, places)[~off], colours[~off])
 
 
-def test_every_group_has_photos_and_every_name_is_there_once() -> None:
-    every = names()
-    assert len(set(every)) == len(every) and set(QUICK) <= set(every)
-    sitters = {sitting.name: sitting for sitting in SITTINGS}
-    assert {who for who, *_ in DEVELOPED} <= set(sitters)
-    groups = [group for sitting in SITTINGS for group in sitting.groups]
-    groups += [group for who, _, _, more in DEVELOPED for group in (*more, *sitters[who].groups)]
-    assert set(groups) == set(GROUPS)
-    shapes = [one.sitter.shape for one in SITTINGS if isinstance(one.sitter.shape, int)]
-    assert len(set(shapes)) == len(shapes) and all(shape % 3 != 2 for shape in shapes)
-
-
 pytest.importorskip("torch")
 
 
@@ -362,21 +339,6 @@ def test_gains_are_with_the_rule_less_without_it() -> None:
     assert found.warnings == ("little-seen",)
 
 
-def test_what_was_made_without_one_rule_does_not_serve_the_next() -> None:
-    gains = [verdicts(Toy(order)).effects["good"].gain for order in ((GOOD, BAD), (BAD, GOOD))]
-    assert gains[0] is not None and gains[1] is not None
-    assert gains[0].best == pytest.approx(gains[1].best, abs=1e-9)
-
-
-def test_a_rule_that_says_it_did_nothing_is_not_run_without() -> None:
-    toy = Toy((GOOD, IDLE))
-    found = verdicts(toy)
-    assert ("idle",) not in toy.runs and found.effects["idle"].changed == 0
-    untold = Toy((GOOD, IDLE), told=False)
-    again = verdicts(untold)
-    assert ("idle",) in untold.runs and again.effects["idle"].changed == 0
-
-
 def test_texels_are_counted_on_skin_and_on_seen_skin() -> None:
     found = verdicts(Toy((GOOD,)))
     assert found.effects["good"].changed == 1 and found.effects["good"].changed_seen == 1
@@ -397,14 +359,3 @@ def test_a_verdict_wants_a_tenth_of_a_decibel_on_the_rules_own_cases() -> None:
     hard, soft = (Verdicts(name, (name,), None, None, {}) for name in ("hard", "soft"))
     good, idle = (cast(Any, one) for one in (GOOD, IDLE))
     assert own_cases(good, [hard, soft]) == [hard] and own_cases(idle, [hard, soft]) == [hard, soft]
-
-
-def test_the_page_has_the_best_rule_first_and_every_photo() -> None:
-    toy = Toy((BAD, GOOD, IDLE))
-    found = [verdicts(toy), verdicts(Toy((BAD, GOOD, IDLE)), ("soft",))]
-    real = [tried("real", (), b"", Toy((BAD, GOOD, IDLE)), None)]  # type: ignore[arg-type]
-    rows = rule_rows(toy.registry, found, real)
-    assert [row.split(" | ")[0] for row in rows[2:]] == ["| good", "| idle", "| bad", f"| {ALL}"]
-    assert "100.0 %, 100.0 %" in rows[2]
-    text = page(toy.registry, found, real, MAPS)
-    assert text.count("| photo |") == 3 and "2 photos" in text and "1 are real" in text

@@ -8,9 +8,8 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("skimage")
 
-from benchmarks.albedo import Found, typology_angle
-from benchmarks.corrections.score import Score
-from benchmarks.fairness import CLASSES, MELANIN, WHITEST, table, toned
+from benchmarks.albedo import typology_angle
+from benchmarks.fairness import CLASSES, MELANIN, WHITEST, toned
 from service.colour import linear_to_srgb
 
 pytestmark = pytest.mark.train
@@ -26,12 +25,3 @@ def test_each_class_has_its_angle_by_melanin_alone(name: str, angle: float) -> N
     depth = -np.log(made / colours) / MELANIN
     free = made.max(1) < WHITEST
     assert np.allclose(depth[free], depth[free].mean(), atol=1e-6), "one depth for all of the skin"
-
-
-def test_the_table_tells_how_far_the_tones_lie_apart() -> None:
-    def found(raw: float) -> Found:
-        return Found(Score(25.0, raw, 5.0, 1.0), Score(20.0, 20.0, 6.0, 1.0), {}, 0.0, 1.1)
-
-    lines = table({("light", "soft"): found(22.0), ("light", "left"): found(20.0), ("dark", "soft"): found(18.5)})
-    assert lines[-1].startswith("| **between best and worst tone** | | | 2.5 | 0.0 | 0.0 |")
-    assert "| light | soft | 0 | 22.0 | 25.0 | 5.0 | 1.10 | 6.0 |" in lines

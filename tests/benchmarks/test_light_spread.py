@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import typer
 
 pytest.importorskip("torch")
 
-from benchmarks.corrections.sitters import HIFI3D as HIFI_MAPS
 from benchmarks.heads import TexturedHead
-from benchmarks.light_spread import ALL, HIFI3D, KINDS, Run, Spread, chosen, psnr, table, true_albedo
+from benchmarks.light_spread import ALL, Run, Spread, psnr, table, true_albedo
 from service.colour import linear_to_srgb, srgb_to_linear
 
 RNG = np.random.default_rng(0)
@@ -68,19 +66,6 @@ def test_spread_over_lights_and_over_heads() -> None:
     assert f"{12 * 24} texels" in lines[-1]
 
 
-def test_one_head_has_no_spread_over_heads() -> None:
-    """It would be a division by nothing, and a warning in the midst of a run of minutes."""
-    runs = {("a", "soft"): run(0.3, 0.4), ("a", "left"): run(0.3, 0.6)}
-    assert np.isnan(Spread.of(runs, {"a": "one"}, "albedo").over_heads)
-    assert "| texture | 36.1 | 36.1 | - | - |" in table(runs, {"a": "one"}, "draft")
-
-
-@pytest.mark.parametrize("given", ["soft", "soft,soft", "soft,moon", ""])
-def test_names_that_make_no_table_are_refused(given: str) -> None:
-    with pytest.raises(typer.BadParameter, match="2 or more of soft, left"):
-        chosen(given, ("soft", "left"), 2, "lights")
-
-
 def test_the_true_albedo_is_that_of_the_nearest_skin_and_eyes_are_left_out() -> None:
     vertices = RNG.uniform(-0.1, 0.1, (4000, 3)) * [1, 1, 0]
     colours = np.where(vertices[:, :1] > 0, [[0.5, 0.3, 0.2]], [[0.2, 0.1, 0.1]])
@@ -91,10 +76,3 @@ def test_the_true_albedo_is_that_of_the_nearest_skin_and_eyes_are_left_out() -> 
     albedo, skin = true_albedo(head, position, mask)
     np.testing.assert_allclose(albedo[0, :2], [[0.5, 0.3, 0.2], [0.2, 0.1, 0.1]])
     assert skin.tolist() == [[True, True, False, False, False]]
-
-
-def test_every_kind_names_its_heads_once() -> None:
-    """Photos are kept by the head's name: two heads of one name would be given each other's photos."""
-    names = [one.skin for one in HIFI3D]
-    assert sorted(names) == sorted(set(names)) == sorted(HIFI_MAPS)
-    assert set(KINDS) == {"carried", "scan", "stage", "hifi3d"}

@@ -10,10 +10,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from benchmarks.heads import TexturedHead
-from benchmarks.subjects import KINDS, PUPILS_M, SCAN_LIDS, STAGE_SEEDS, scan, stage, staged
-from models.lightstage.split import HELD_OUT, subject_part
-from service.errors import UsageError
+from benchmarks.subjects import PUPILS_M, SCAN_LIDS, scan, staged
 from tests.toyhead import EYE_RADIUS, EYE_X, sphere_head
 
 
@@ -30,22 +27,6 @@ def test_colours_of_a_staged_head_lie_where_the_chart_has_them() -> None:
     np.testing.assert_allclose(made.eyes, [[EYE_X, 0, 0], [-EYE_X, 0, 0]], atol=1e-6)
     assert made.eye_radius == pytest.approx(EYE_RADIUS, rel=0.02)
     assert len(made.vertices) > 8 * len(head.mean), "a colour a vertex is the detail that there is"
-
-
-def test_subjects_of_the_stage_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A photo that is kept needs the truth that it was taken of."""
-    head, seeds = sphere_head(), []
-
-    def sitting(seed: int) -> TexturedHead:
-        seeds.append(seed)
-        return staged(f"stage{seed}", head, head.mean.astype(np.float64), np.full((8, 12, 3), 0.3))
-
-    monkeypatch.setattr("benchmarks.subjects.stage_head", sitting)
-    first, again = stage(tmp_path, tmp_path), stage(tmp_path, tmp_path)
-    assert seeds == list(STAGE_SEEDS) and [one.name for one in again] == [f"stage{seed}" for seed in seeds]
-    assert all(subject_part(seed) == HELD_OUT for seed in seeds), "training has seen them"
-    np.testing.assert_array_equal(first[0].colours, again[0].colours)
-    assert again[1].eye_radius == pytest.approx(EYE_RADIUS, rel=0.02)
 
 
 def test_the_scan_comes_in_metres_with_its_colours_the_right_way_up(tmp_path: Path) -> None:
@@ -70,9 +51,3 @@ def test_the_scan_comes_in_metres_with_its_colours_the_right_way_up(tmp_path: Pa
     assert np.linalg.norm(found.eyes[0] - found.eyes[1]) == pytest.approx(PUPILS_M)
     nearest = np.linalg.norm(found.vertices[:, None] - found.eyes, axis=2).min()
     assert nearest > 1.05 * found.eye_radius, "eyeballs would show through the closed lids"
-
-
-def test_a_folder_without_the_scan_is_named(tmp_path: Path) -> None:
-    assert set(KINDS) == {"carried", "scan", "stage"}
-    with pytest.raises(UsageError, match=r"color\.jpg"):
-        scan(tmp_path, tmp_path)
