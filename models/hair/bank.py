@@ -12,7 +12,7 @@ import typer
 from service.arrays import Float32, UInt8
 from service.hair.bank import CELLS, FILE, VIEWS, view_sight
 from service.hair.groom import make_groom
-from service.hair.kinds import KINDS, kinds_of
+from service.hair.kinds import KINDS, ends_m, kinds_of
 from service.hair.sight import Sight
 from service.hair.style import NAMED, sample_style, style_to_json
 from service.head.files import load_head
@@ -38,15 +38,18 @@ def main(
     head = load_head()
     sights = [view_sight(head, *view) for view in VIEWS]
     styles = [*NAMED.values(), *(sample_style(FIRST_SEED + k) for k in range(count))]
-    masks, kinds = [], []
+    masks, kinds, ends = [], [], []
     for seed, style in enumerate(styles):
         strands = make_groom(style, seed, STRANDS).strands
         masks.append(silhouettes(strands, sights))
         found = kinds_of(style, strands)
+        ends.append(ends_m(strands) if len(strands) else 0.0)
         kinds.append([KINDS[name].index(found[name]) for name in KINDS])
     rows = np.frombuffer(json.dumps([style_to_json(style) for style in styles]).encode(), np.uint8)
     output.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(output, styles=rows, masks=np.stack(masks), kinds=np.array(kinds, np.uint8))
+    np.savez_compressed(
+        output, styles=rows, masks=np.stack(masks), kinds=np.array(kinds, np.uint8), ends=np.array(ends, np.float32)
+    )
     typer.echo(f"{output}: {len(styles)} styles, {output.stat().st_size / 1e6:.1f} MB")
 
 

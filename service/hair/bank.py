@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -39,6 +40,8 @@ TEMPERATURE = 0.035
 """Loss by which a style becomes e times less likely; ``python -m benchmarks.hair`` fits it."""
 TRUST: dict[str, float] = {"length": 0.5, "gathered": 0.5, "parting": 0.4, "fringe": 0.5, "curl": 0.8}
 """Exponents of the reading's own probabilities."""
+ENDS_TRUST, ENDS_M = 0.3, 0.03
+"""Weight of the height of the ends that was read, and the standard deviation that it has at least."""
 UNLIKELY = 0.02
 """Least probability that a reading can give to a choice."""
 
@@ -50,12 +53,14 @@ class Bank:
     Attributes:
         styles: n of them.
         masks: (n, views, CELLS * CELLS / 8) uint8, bits of their silhouettes row by row.
+        ends: (n,) float32 metres, height of their lowest ends in the head's frame.
         kinds: (n, kinds) uint8, for each of ``service.hair.reading.KINDS`` the number of the choice.
     """
 
     styles: tuple[Style, ...]
     masks: UInt8
     kinds: UInt8
+    ends: Float32
 
     def seen(self, view: int) -> Float32:
         """(2 n, CELLS * CELLS) float32 0 or 1: silhouettes of all styles, then of all their mirror images."""
@@ -79,10 +84,10 @@ def read_bank(file: Path = FILE) -> Bank:
         ModelFault: the file is damaged or made by another version.
     """
     try:
-        with np.load(file, allow_pickle=False) as arrays:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             styles = tuple(style_from_json(values) for values in json.loads(arrays["styles"].tobytes()))
-            bank = Bank(styles, arrays["masks"], arrays["kinds"])
-    except (OSError, KeyError, ValueError, TypeError) as error:
+            bank = Bank(styles, arrays["masks"], arrays["kinds"], arrays["ends"])
+    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise ModelFault(f"{file} is no bank of styles: {error}") from error
     wanted = (len(styles), len(VIEWS), CELLS * CELLS // 8), (len(styles), len(KINDS))
     if (bank.masks.shape, bank.kinds.shape) != wanted:
@@ -168,6 +173,8 @@ def match(bank: Bank, sight: Sight, fit: Fit, head: HeadModel, reading: HairRead
     for column, (name, choices) in enumerate(KINDS.items()):
         chance = np.array([max(reading.kinds[name].get(choice, 0.0), UNLIKELY) for choice in choices])
         logs += TRUST[name] * np.log(chance)[doubled[:, column]]
+    ends, doubt = reading.ends_m
+    logs -= ENDS_TRUST * 0.5 * np.tile((bank.ends - ends) ** 2, 2) / (doubt**2 + ENDS_M**2)
     share = np.exp(logs - logs.max())
     return Matches(share / share.sum(), np.asarray(overlap, np.float32))
 

@@ -52,6 +52,13 @@ class Melanin:
     grey: float = 0.0
     highlights: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name, most in (("eumelanin", 20), ("pheomelanin", 20), ("fade", 1), ("spread", 2), ("grey", 1),
+                           ("highlights", 1)):  # fmt: skip
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
+                raise ValueError(f"{name} is {value!r}; it goes from 0 to {most}")
+
     def amounts(self, strands: int, rng: np.random.Generator) -> Float32:
         """(strands, KNOTS, 2) float32 concentrations of eumelanin and pheomelanin from root to tip."""
         amount = np.exp(rng.normal(0, self.spread, strands))
@@ -132,7 +139,7 @@ def reflected(absorption: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
 def absorption_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> Float32:
     """(..., 3) absorption that gives linear RGB (..., 3): the inverse of :func:`reflected`."""
     logs = np.log(np.clip((colour - SURFACE) / (1 - SURFACE), 1e-9, 1 - 1e-6))
-    return np.square(logs / _width(roughness)).astype(np.float32)
+    return np.asarray(np.square(logs / _width(roughness)), np.float32)
 
 
 def melanin_of(colour: AnyFloat, roughness: float = ROUGHNESS) -> tuple[float, float, float]:

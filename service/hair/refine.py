@@ -102,6 +102,8 @@ def _changes(size: float) -> Iterator[Change]:
     if size == 1:
         for parting in ("left", "middle", "right", "none"):
             yield lambda s, p=parting: s if s.gather != "none" else dataclasses.replace(s, parting=p)  # type: ignore[misc]
+        for combing in ("forward", "side", "back"):
+            yield lambda s, c=combing: s if s.gather != "none" else dataclasses.replace(s, combing=c)  # type: ignore[misc]
 
 
 # --- Combing ----------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -46,6 +46,18 @@ WAVES: Mapping[Curl, Wave] = {
 
 LENGTHS = ("top_mm", "fringe_mm", "sides_mm", "back_mm")
 """Lengths of strands by where they grow."""
+
+
+_MM, _SHARE = (0, 1500), (0, 1)
+_RANGES: Mapping[str, tuple[float, float]] = {
+    **dict.fromkeys(("top_mm", "fringe_mm", "sides_mm", "back_mm", "volume_mm", "frizz_mm"), _MM),
+    **dict.fromkeys(("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
+                     "tucked", "fade", "density"), _SHARE),
+    "lock_mm": (0.5, 100), "cut_y": (-1, 0.2), "tie_y": (-0.2, 0.2),
+}  # fmt: skip
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "parting": get_args(Parting), "combing": get_args(Combing), "curl": get_args(Curl), "gather": get_args(Gather)
+}
 
 
 @dataclass(frozen=True)
@@ -109,19 +121,17 @@ class Style:
     melanin: Melanin = field(default_factory=lambda: Melanin(0.45, 0.12))
 
     def __post_init__(self) -> None:
-        for name in ("top_mm", "fringe_mm", "sides_mm", "back_mm", "volume_mm", "frizz_mm"):
+        for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
-            if not 0 <= value <= 1500:
-                raise ValueError(f"{name} is {value!r}; a length of hair in mm is 0 to 1500")
-        for name in ("layers", "lift", "gravity", "stiffness", "clump", "flyaways", "receding", "crown", "hairline",
-                     "tucked", "fade", "density"):  # fmt: skip
-            value = getattr(self, name)
-            if not 0 <= value <= 1:
-                raise ValueError(f"{name} is {value!r}; it goes from 0 to 1")
-        if self.lock_mm <= 0:
-            raise ValueError(f"lock_mm is {self.lock_mm!r}; locks are more than 0 mm apart")
-        if self.curl not in WAVES:
-            raise ValueError(f"curl is {self.curl!r}; there are {', '.join(WAVES)}")
+            if name == "cut_y" and value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+                raise ValueError(f"{name} is {value!r}; it goes from {low} to {high}")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; there are {', '.join(choices)}")
+        if not isinstance(self.kind, str) or not 0 < len(self.kind) <= 40 or not self.kind.isidentifier():
+            raise ValueError(f"kind is {self.kind!r:.60}; it is a name of at most 40 letters")
 
     def scaled(self, factor: float, *names: str) -> Style:
         """With these lengths in mm times a factor, within 0.5 and 1200."""
@@ -178,7 +188,10 @@ def style_from_json(values: dict[str, Any]) -> Style:
     Raises:
         TypeError, ValueError: values are missing, unknown or out of range.
     """
-    return Style(**{**values, "melanin": Melanin(**values["melanin"])})
+    melanin = values.get("melanin", {"eumelanin": 0.45, "pheomelanin": 0.12})
+    if not isinstance(melanin, dict):
+        raise TypeError(f"melanin is {melanin!r:.60}; it has eumelanin, pheomelanin and what else Melanin takes")
+    return Style(**{**values, "melanin": Melanin(**melanin)})
 
 
 _ENDS: Mapping[str, tuple[float, float]] = {

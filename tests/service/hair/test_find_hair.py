@@ -1,0 +1,191 @@
+"""From what a photo shows of hair to strands on the head: choice, fit, colour, and what callers ask for."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.colour import linear_to_srgb, luma
+from service.errors import ModelFault, UsageError
+from service.hair.asked import COLOURS as COLOUR_NAMES
+from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
+from service.hair.bank import kind_of, match, mirrored, read_bank
+from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
+from service.hair.find_hair import CROPPED_M, find_hair
+from service.hair.paint import painted
+from service.hair.refine import fitted, refined, seen_share, thickness_m, trimmed
+from service.hair.scalp import Scalp
+from service.hair.sight import overlap
+from service.hair.style import NAMED, style_from_json, style_to_json
+from service.head.files import load_head
+from service.options import Options
+from service.photo.photo import Photo
+from tests.support.hair import fit_of, photographed
+
+HEAD = load_head()
+SKIN = Scalp.of(HEAD)
+USUAL_SKIN = np.array([0.5, 0.3, 0.2], np.float32)
+
+
+@pytest.mark.parametrize("kind", ["crop", "bob", "long_wavy", "afro"])
+def test_the_bank_knows_what_it_is_shown(kind: str) -> None:
+    """A style of the bank grown from another seed; would break at a view taken for its mirror image."""
+    seen = photographed(NAMED[kind], 77, HEAD, yaw=20.0)
+    matches = match(read_bank(), seen.sight, seen.fit, HEAD, seen.reading)
+    assert matches.probability.sum() == pytest.approx(1.0)
+    assert next(iter(matches.kinds(read_bank()))) == kind
+    assert matches.overlap.max() > 0.8
+
+
+def test_a_parting_is_found_on_its_own_side() -> None:
+    """Mirror images are half of the bank: a photo of one is that of the other, turned."""
+    left = photographed(NAMED["side_part"], 5, HEAD, yaw=-20.0)
+    matches = match(read_bank(), left.sight, left.fit, HEAD, left.reading)
+    turned = dataclasses.replace(left.sight, hair=left.sight.hair[:, ::-1])
+    other = photographed(NAMED["bob"], 5, HEAD, yaw=20.0)
+    again = match(read_bank(), turned, other.fit, HEAD, left.reading)
+    half = len(read_bank().styles)
+    np.testing.assert_allclose(again.overlap, np.roll(matches.overlap, half), atol=0.06)
+    assert mirrored(mirrored(NAMED["side_part"])) == NAMED["side_part"]
+
+
+def test_a_bank_that_is_torn_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bank.npz").write_bytes(b"PK\x03\x04 torn")
+    with pytest.raises(ModelFault, match=r"bank\.npz"):
+        read_bank(tmp_path / "bank.npz")
+
+
+@pytest.mark.parametrize(("kind", "other"), [("crop", "side_part"), ("bob", "long_wavy"), ("afro", "curly")])
+def test_strands_take_the_photos_outline(kind: str, other: str) -> None:
+    """From a style that is another: overlap grows by much, no strand is in the head, and the rest is finite."""
+    seen = photographed(NAMED[kind], 3, HEAD)
+    before = overlap(seen.sight.hair, photographed(NAMED[other], 1, HEAD).sight.hair, seen.sight.known)
+    found = refined(NAMED[other], seen.sight, SKIN, 0, rounds=1)
+    groom, share = fitted(found.style, seen.sight, SKIN, 0, 2000)
+    after = overlap(seen.sight.hair, seen.sight.drawn(groom.strands).mask, seen.sight.known)
+    assert after > max(0.72, before + 0.05)
+    assert np.isfinite(groom.strands).all() and len(share) == len(groom) and 0 <= share.min() <= share.max() <= 1
+    assert (SKIN.outside(groom.strands[:, 2:]) < -0.003).mean() < 0.02
+
+
+def test_no_hair_hangs_where_the_photo_shows_background() -> None:
+    """Long hair on a head whose photo shows a crop: nothing is left below the jaw, not even behind the neck."""
+    seen = photographed(NAMED["crop"], 3, HEAD)
+    groom, _ = fitted(NAMED["long_wavy"], seen.sight, SKIN, 0, 2000)
+    lowest = groom.strands[..., 1].min(1)
+    assert np.quantile(lowest, 0.02) > -0.12
+    hangs = NAMED["long_wavy"].cut_y
+    assert hangs is not None and hangs < -0.3
+
+
+def test_strands_are_cut_where_the_photo_shows_none_and_only_there() -> None:
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    bare = dataclasses.replace(seen.sight, hair=np.zeros_like(seen.sight.hair))
+    unknown = dataclasses.replace(bare, known=np.zeros_like(bare.known))
+    rng = np.random.default_rng(0)
+    strands = seen.groom.strands[:400]
+    _, kept = trimmed(strands, bare, rng)
+    assert kept.mean() < 0.6, "what is seen on bare skin goes"
+    same, kept = trimmed(strands, unknown, rng)
+    assert kept.all()
+    np.testing.assert_allclose(same[:, [0, -1]], strands[:, [0, -1]], atol=1e-4)
+    none, kept = trimmed(strands[:0], bare, rng)
+    assert len(none) == len(kept) == 0 and len(seen_share(strands[:0], bare)) == 0
+
+
+def test_thickness_tells_a_shaved_head_from_a_crop() -> None:
+    thin, thick = (thickness_m(photographed(NAMED[kind], 3, HEAD).sight) for kind in ("shaved", "side_part"))
+    assert thin is not None and thick is not None and thin < CROPPED_M < thick
+
+
+def picture_of(colour: np.ndarray, shade: np.ndarray | float = 1.0) -> Photo:
+    """A photo of the size of a view, of one linear colour (3,) times a shade (112, 112)."""
+    linear = np.clip(np.broadcast_to(np.asarray(shade)[..., None], (112, 112, 1)) * colour, 0, 1)
+    return Photo(np.rint(255 * linear_to_srgb(linear.astype(np.float32))).astype(np.uint8), None, "ab" * 32)
+
+
+@pytest.mark.parametrize("name", ["brown", "blond", "red"])
+def test_the_photos_colour_is_taken_without_its_light(name: str) -> None:
+    seen = photographed(NAMED["bob"], 3, HEAD)
+    pure = dataclasses.replace(COLOURS[name], spread=0.0, fade=0.0)
+    wanted = asked_colour(name, 1, 0).chosen(np.zeros(1, np.int64))
+    colour = np.median(dataclasses.replace(wanted, melanin=pure.amounts(1, np.random.default_rng(0))).linear()[0], 0)
+    gradient = np.broadcast_to(np.linspace(0.6, 1.5, 112), (112, 112))
+    share = np.ones(len(seen.groom), np.float32)
+    found = painted(picture_of(colour, gradient), seen.sight, seen.groom.strands, share, USUAL_SKIN, 0)
+    linear = found.linear()
+    np.testing.assert_allclose(np.median(linear.reshape(-1, 3), 0), colour, rtol=0.35, atol=0.004)
+    left = linear[seen.groom.strands[:, -1, 0] > 0.05].mean(), linear[seen.groom.strands[:, -1, 0] < -0.05].mean()
+    assert max(left) / min(left) < 1.45, "two and a half times before"
+    assert found.measured and not found.dyed
+
+
+def test_black_hair_that_mirrors_the_sky_is_not_violet_and_blue_hair_stays_blue() -> None:
+    def usual(colour: list[float]) -> np.ndarray:
+        made = as_absorbed(np.broadcast_to(np.array(colour, np.float32), (4, KNOTS, 3)))
+        assert np.isfinite(made.melanin).all() and made.melanin.min() >= 0 and made.dye.min() >= 0
+        assert made.dyed is (colour[2] > 0.1)
+        return np.asarray(made.linear()[0, 0])
+
+    black = usual([0.014, 0.013, 0.018])
+    assert black[0] >= black[1] >= black[2] and luma(black.astype(np.float32)) < 0.03
+    blue = usual([0.02, 0.05, 0.3])
+    assert blue[2] > 2 * blue[0]
+
+
+def test_hair_that_is_not_seen_is_guessed_and_says_so() -> None:
+    photo, asked = picture_of(np.full(3, 0.2)), AskedHair()
+    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
+    found = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    assert found.groom is not None and set(found.doubts) == {"hair-unseen", "hair-colour-guessed"}
+    same = find_hair(photo, HEAD, fit, None, asked, 300, 0)
+    assert same.groom is not None
+    np.testing.assert_array_equal(found.groom.strands, same.groom.strands)
+
+
+@pytest.mark.parametrize("name", STYLES)
+def test_a_style_that_is_asked_for_is_worn(name: str) -> None:
+    photo = picture_of(np.full(3, 0.2))
+    fit = fit_of(HEAD.mean, photographed(NAMED["crop"], 1, HEAD, strands=50).fit.camera)
+    asked = AskedHair(name, "blond", 150.0)
+    found = find_hair(photo, HEAD, fit, None, asked, 200, 0)
+    assert found.kind == kind_of(NAMED[name]) and found.groom is not None and not found.doubts
+    longest = 1000 * np.linalg.norm(np.diff(found.groom.strands, axis=1), axis=2).sum(1).max()
+    assert 100 < longest < 900, "curls are several times as long as their middle line"
+    assert luma(np.median(found.groom.colour.linear().reshape(-1, 3), 0)) > 0.1
+    bald = find_hair(photo, HEAD, fit, None, AskedHair("none"), 200, 0)
+    assert bald.groom is None and bald.bald_beneath and bald.kind == "none"
+
+
+def test_styles_survive_json_and_names_are_those_of_the_styles() -> None:
+    assert set(STYLES) == set(NAMED) and set(COLOUR_NAMES) == {"auto", *COLOURS}
+    for style in NAMED.values():
+        assert style_from_json(json.loads(json.dumps(style_to_json(style)))) == style
+
+
+def test_what_cannot_be_asked_for_is_refused_with_its_value(tmp_path: Path) -> None:
+    bob = style_to_json(NAMED["bob"])
+    for wrong in ("mohican", {"kind": "x"}, {**bob, "melanin": 3}, {**bob, "lock_mm": "9"}, {**bob, "lift": 7},
+                  {**bob, "curl": "5z"}, {**bob, "kind": "a b"}, {**bob, "colour": 1}):  # fmt: skip
+        with pytest.raises(UsageError, match="hair"):
+            checked_hair(wrong)
+    for wrong_colour in ("greenish", "#12345", "#12345g"):
+        with pytest.raises(UsageError, match=wrong_colour):
+            checked_colour(wrong_colour)
+    for wrong_length in ("long", "12 inches"):
+        with pytest.raises(UsageError, match=wrong_length):
+            parse_length(wrong_length)
+    (tmp_path / "list.json").write_text("[1]")
+    for file in ("list.json", "none.json"):
+        with pytest.raises(UsageError, match=file):
+            parse_hair(str(tmp_path / file))
+    for length in (0.5, 2000.0, float("nan")):
+        with pytest.raises(UsageError, match="hair_length"):
+            Options(hair_length=length)
+    (tmp_path / "bob.json").write_text(json.dumps(style_to_json(NAMED["bob"])))
+    assert Options(hair=parse_hair(str(tmp_path / "bob.json")), hair_colour="#5A3B25").hair_colour == "#5a3b25"
+    assert parse_length("auto") is None and parse_length("120 mm") == 120.0
