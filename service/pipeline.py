@@ -21,6 +21,8 @@ from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from service.anatomy.eye_meshes import eye_parts
 from service.anatomy.mouth_meshes import mouth_parts
 from service.anatomy.wearables import BROWS, find_brows, in_albedo, small_albedo, to_albedo, worn
@@ -53,6 +55,7 @@ from service.runtime.tiles import DEFAULT_TILE
 from service.stage_cache import NoCache, StageCache
 from service.texture.photo_detail import OwnDetail, own_texture_of
 from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
@@ -63,8 +66,10 @@ STAGES = {"decode": 0.15, "detect": 0.35, "fit": 0.55, "hair": 0.6, "texture": 0
 BEFORE_NETWORKS = 0.1
 """What the stages above are of the whole where the networks run too; writing is as much again."""
 
-FIRST_ONLY = ("expression", "eyes", "hair", "texture", "albedo", "detail")
-"""What the first photo is used for."""
+FIRST_ONLY = ("expression", "eyes", "hair")
+"""What the first photo alone is used for."""
+LEAST_SHARE = 0.005
+"""Share of the seen texture below which a photo does not count as used for it."""
 
 READERS = networks_of("read")
 """Networks that read a face; without them the fit follows landmarks and outline."""
@@ -136,7 +141,7 @@ def make_avatar(
             hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.asked_hair(), count, options.seed))
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
-            texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair))
+            texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
             cards = hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed)
         parts = (*cards, *worn(head, fit, texture.texture, brows))
         with stage("compare"):
@@ -181,7 +186,7 @@ def make_avatar(
         head=head,
         fit=fit,
         texture=texture,
-        sources=_sources(gathered),
+        sources=_sources(gathered, texture, detail=own is not None),
         left_out=gathered.left_out,
         options=options.to_json(),
         seed=options.seed,
@@ -230,12 +235,19 @@ def _face_in(
     return choose_face(faces, options.face, photo.size)
 
 
-def _sources(gathered: Gathered) -> tuple[Source, ...]:
+def _sources(gathered: Gathered, texture: Texture, *, detail: bool) -> tuple[Source, ...]:
     """The photos of an avatar and what each was used for."""
-    return tuple(
-        Source(view.photo, view.face, fit, ("shape", *(FIRST_ONLY if index == 0 else ())), 1.0 if index == 0 else 0.0)
-        for index, (view, fit) in enumerate(zip(gathered.views, gathered.fits, strict=True))
-    )
+    found = []
+    for place, (view, fit) in enumerate(zip(gathered.views, gathered.fits, strict=True)):
+        share = 1.0
+        if texture.photos:
+            seen = np.stack([one.share.astype(np.float64) for one in texture.photos])
+            share = float(seen[place].sum() / max(float(seen.sum()), 1.0))
+        used = ["shape", *(("texture", "albedo") if share > LEAST_SHARE else ())]
+        used += ["detail"] if detail and share > LEAST_SHARE else []
+        used += FIRST_ONLY if place == 0 else []
+        found.append(Source(view.photo, view.face, fit, tuple(used), share))
+    return tuple(found)
 
 
 def _head_and_chart(options: Options, head_file: Path | None) -> tuple[HeadModel, Chart]:

@@ -80,6 +80,11 @@ class Gathered:
         view = self.views[0]
         return view.photo, view.face, view.reading, self.fits[0]
 
+    @property
+    def others(self) -> tuple[tuple[View, Fit], ...]:
+        """The photos beside it, and the same head's fits in them."""
+        return tuple(zip(self.views[1:], self.fits[1:], strict=True))
+
     def only(self, chosen: Sequence[int], further: Sequence[LeftOut]) -> Gathered:
         """Those of some places, in this order, and what is left out besides."""
         return replace(

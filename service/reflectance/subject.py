@@ -21,7 +21,7 @@ from service.reflectance.planes import interpolated
 from service.reflectance.reflectance_maps import NORMAL_ONE, unpack_normals
 from service.reflectance.relief.folds import Creases
 from service.runtime.network_registry import EYES
-from service.texture.texture_maps import Texture, depth_map, shape_normals
+from service.texture.texture_maps import PhotoTexture, Texture, depth_map, shape_normals
 
 DARKEST = 0.2
 """Least irradiance, over the mean of the seen skin, by which is divided: darker skin lies in cast shadows, whose light
@@ -88,6 +88,7 @@ class Subject:
         slope: (h, w, 2) float32 at ``GEOMETRY_SIZE``: how the photo's light answers to normals
             (``service.reflectance.subject``); None: the light is not known.
         creases: where the photo's expression folds the skin; None: nowhere.
+        photos: what each of several photos shows; empty for one.
     """
 
     head: HeadModel
@@ -102,6 +103,7 @@ class Subject:
     roots: npt.NDArray[np.uint8] | None = None
     slope: Float32 | None = None
     creases: Creases | None = None
+    photos: tuple[PhotoTexture, ...] = ()
 
     @classmethod
     def of(
@@ -134,6 +136,7 @@ class Subject:
             roots=texture.roots,
             slope=slope,
             creases=Creases.of(subject.chart, fit),
+            photos=texture.photos,
         )
 
     @property

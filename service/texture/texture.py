@@ -1,4 +1,4 @@
-"""The texture stage: one fitted photo becomes the maps of a whole head.
+"""The texture stage: the fitted photos of one head become the maps of a whole head.
 
 Bald skin has the shadow of hair's roots where the photo shows hair, or the head would have it. It is pigment between
 pores and no relief: it darkens the albedo when that is made, and the networks of normals never see it.
@@ -6,6 +6,7 @@ pores and no relief: it darkens the albedo when that is made, and the networks o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from service.errors import NumericFault
 from service.face.fit.result import Fit
 from service.face.reading.part_labels import HAIR, SKIN
 from service.face.reading.reader import Reading
+from service.face.view import View
 from service.geometry.chart import Chart, chart_points
 from service.geometry.mesh_field import laplacian, smooth_fit, splat
 from service.geometry.normals import face_normals
@@ -26,6 +28,7 @@ from service.head.regions import vertex_mask
 from service.map_registry import MIRRORED, SEEN
 from service.photo.photo import Photo
 from service.robust import smoothstep
+from service.texture.blending import Blend, Layer, blend
 from service.texture.inpainting import Completed, complete_skin, grain
 from service.texture.part_colours import paint_parts
 from service.texture.segmentation import (
@@ -38,7 +41,7 @@ from service.texture.segmentation import (
     shows_opening,
     worn_before,
 )
-from service.texture.texture_maps import Texture, depth_map, shape_normals
+from service.texture.texture_maps import PhotoTexture, Texture, depth_map, shape_normals
 from service.texture.unwrap import Unwrapped, unwrap
 
 OPACITY = 0.5
@@ -102,12 +105,12 @@ NOT_SEGMENTED = "not-segmented"
 
 def make_texture(
     photo: Photo, head: HeadModel, fit: Fit, chart: Chart, reading: Reading | None = None,
-    hair: WornHair | None = None,
+    hair: WornHair | None = None, others: Sequence[tuple[View, Fit]] = (),
 ) -> Texture:  # fmt: skip
-    """Unwrap the photo on the fitted head and inpaint the rest.
+    """Unwrap photos on the fitted head, blend them and inpaint the rest.
 
     Args:
-        photo: the upright photo that was fitted.
+        photo: the upright photo that was fitted; of several the one whose light, eyes and mouth the texture has.
         head: the model that ``chart`` was built from.
         fit: camera and vertices.
         chart: gives the size of the maps, 576 x 384 for AvatarMe's texture.
@@ -115,20 +118,18 @@ def make_texture(
             and the warning is ``not-segmented``.
         hair: of the photo. Where it is worn as a mesh the skin beneath is bald, with the shadow of the roots; without
             it the photo's hair stays on the scalp, as on a shaved head.
+        others: further photos of the person, and the same head's fits in them.
 
     Raises:
         NumericFault: vertices, camera or a map are not finite.
     """
-    _require_finite(fit)
-    unwrapped = unwrap(photo, fit, chart)
-    zones = Zones.of(chart)
-    weight, bald = unwrapped.weight, hair is not None and hair.bald_beneath
-    part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
-    hidden = covered(part, zones, bald=bald)
-    hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
-    bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
-    unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
-    found = segment(chart, unwrapped, part, zones)
+    for one in (fit, *(other for _, other in others)):
+        _require_finite(one)
+    zones, bald = Zones.of(chart), hair is not None and hair.bald_beneath
+    views = [(photo, fit, reading), *((view.photo, other, view.reading) for view, other in others)]
+    layers = [_layer(chart, zones, *view, bald=bald) for view in views]
+    mixed = blend(chart, layers, [one for _, one, _ in views], zones)
+    unwrapped, part, weight, found = (getattr(mixed.layer, name) for name in _LAYER)
     scalp = zones.scalp * (part[:, HAIR] + part[:, SKIN] > 0.5)  # under a hat no colour of the scalp is seen
     on_scalp = None if bald else _scalp_colour(unwrapped, scalp, zones.skin)
     fallback = DEFAULT_SKIN if found.colour is None else found.colour
@@ -159,7 +160,38 @@ def make_texture(
     return Texture(
         to_bytes(texture), code, shown, exact, tangent, depth, chart.mask, fraction, warnings,
         to_bytes(parts.albedo), parts.iris, parts.tooth, roots,
+        _per_photo(chart, layers, mixed, parts.colour) if others else (),
     )  # fmt: skip
+
+
+_LAYER = ("unwrapped", "parts", "weight", "found")
+
+
+def _layer(chart: Chart, zones: Zones, photo: Photo, fit: Fit, reading: Reading | None, *, bald: bool) -> Layer:
+    """What one photo shows of the head."""
+    unwrapped = unwrap(photo, fit, chart)
+    weight = unwrapped.weight
+    part = parts_of_face(chart, unwrapped, zones) if reading is None else parts_at(reading, fit, unwrapped)
+    hidden = covered(part, zones, bald=bald)
+    hidden = np.maximum(grown(chart, hidden) if bald else hidden, shows_opening(part, zones))
+    bare: Bool = np.asarray(unwrapped.visible & (hidden < 0.5))
+    unwrapped = replace(unwrapped, weight=weight * (1 - hidden), visible=bare)
+    return Layer(unwrapped, part, weight, segment(chart, unwrapped, part, zones))
+
+
+def _per_photo(chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Float32) -> tuple[PhotoTexture, ...]:
+    """What each of several photos shows, what it does not shown as by the others in its light."""
+    linear = srgb_to_linear(np.clip(colour, 0, 1))
+    found = []
+    for layer, share, gain in zip(layers, mixed.shares, mixed.gains, strict=True):
+        seen = (layer.found.seen * (layer.unwrapped.weight > 0))[:, None]
+        elsewhere = linear_to_srgb(np.clip(linear * np.exp(-gain), 0, 1))
+        own = elsewhere + seen * (layer.unwrapped.colour - elsewhere)
+        planes = np.concatenate([own, layer.found.lit[:, None] * seen, seen, share[:, None]], 1)
+        image = to_bytes(np.clip(chart.fill_outside(chart.spread(planes)), 0, 1))
+        field = chart.fill_outside(chart.spread(gain))
+        found.append(PhotoTexture(image[..., :3].copy(), *np.moveaxis(image[..., 3:], 2, 0).copy(), field))
+    return tuple(found)
 
 
 def _require_finite(fit: Fit) -> None:

@@ -13,6 +13,25 @@ from service.geometry.normals import normalise, vertex_normals
 
 
 @dataclass(frozen=True)
+class PhotoTexture:
+    """What one of several photos shows, on the chart of the texture.
+
+    Attributes:
+        texture: (H, W, 3) uint8 sRGB in this photo's light; what it does not show is as the others do.
+        lit_skin: (H, W) uint8, 255 where it shows skin on which the light can be measured.
+        seen: (H, W) uint8, 255 where it shows the head's own surface.
+        share: (H, W) uint8, 255 where the texture is this photo's alone.
+        gain: (H, W, 3) float32, natural logarithm of linear RGB: of the texture's light over this photo's.
+    """
+
+    texture: UInt8
+    lit_skin: UInt8
+    seen: UInt8
+    share: UInt8
+    gain: Float32
+
+
+@dataclass(frozen=True)
 class Texture:
     """Maps of the fitted head on its chart, (H, W) texels, row 0 = top (v = 1). All texels are filled, also outside the
     islands.
@@ -38,6 +57,7 @@ class Texture:
         iris, tooth: (3,) float32 linear RGB >= 0, albedo of irises and teeth; None for an external texture.
         roots: (H, W, 3) uint8, linear, 255 = 1: what the shadow of hair roots leaves of the skin albedo; None: it has
             none, or the hair stays on the skin.
+        photos: what each of several photos shows, in the order of their fits; empty for one photo.
     """
 
     texture: UInt8
@@ -53,6 +73,7 @@ class Texture:
     iris: Float32 | None = None
     tooth: Float32 | None = None
     roots: UInt8 | None = None
+    photos: tuple[PhotoTexture, ...] = ()
 
 
 OVERALL_SMOOTHNESS = 12.0

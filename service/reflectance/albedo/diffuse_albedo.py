@@ -9,6 +9,7 @@ Rules correct what it finds, and what is left after it: ``REGISTRY`` has all of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,11 +30,13 @@ from service.reflectance.albedo.light_corrections import (
     LightCorrection,
     corrected,
 )
+from service.reflectance.albedo.several_lights import agreed_light, photo_planes
 from service.reflectance.planes import Planes
 from service.reflectance.translate import MapInputs, translate
 from service.runtime.network_registry import CONTEXT, EYES, INPAINTED, LIDS, LIT, PARTS, SHOWN, TEXTURE, networks_of
 from service.runtime.networks import Engine, Network, describe_network, open_network
 from service.runtime.tiles import run_whole
+from service.texture.texture_maps import PhotoTexture
 
 ON_LIT_SKIN: tuple[LightCorrection, ...] = (SKIN_HUE, LIGHT_CONTRAST)
 """Corrections of the light where the photo shows skin in it, in order."""
@@ -69,13 +72,34 @@ def light_between_lids(light: Float32, lit: Float32) -> Float32:
     return np.asarray(mean + np.float32(np.log(BETWEEN_LIDS)), np.float32)
 
 
-def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> Found:
+def found_by(
+    network: Network, planes: Planes, ledger: Ledger | None = None, photos: Sequence[PhotoTexture] = ()
+) -> Found:
     """Ask the context network about the planes of a whole chart.
 
-    Planes of ``service.reflectance.subject.CLUES`` may be missing: then all skin is lit, none is
-    inpainted, and there are no lids.
+    Planes of ``service.reflectance.subject.CLUES`` may be missing: then all skin is lit, none is inpainted, and there
+    are no lids. Of several photos each is asked about by itself, too (``service.reflectance.albedo.several_lights``).
     """
     ledger = ledger or Ledger()
+    start, lids, white_seen = _seen_by(network, planes)
+    on_skin = corrected(start, ON_LIT_SKIN, ledger)
+    if photos:
+
+        def delit(photo: PhotoTexture) -> tuple[ChartLight, Float32]:
+            own, _, white = _seen_by(network, photo_planes(planes, photo))
+            told = corrected(own, ON_LIT_SKIN, Ledger(ledger.without))
+            return told, error_model().stated(clues(told.light, own.texture, own.weight, lids, None, white))
+
+        on_skin = agreed_light(on_skin, photos, delit)
+    whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
+    prior = start.prior
+    apart = None if prior is None else prior.apart(start.shown)
+    clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
+    return Found(whole.light, light_between_lids(on_skin.light, start.lit), clue_planes)
+
+
+def _seen_by(network: Network, planes: Planes) -> tuple[ChartLight, Float32, bool]:
+    """What the network says of planes, (h, w) how far a texel is lid, and whether a white is known."""
     what = network.description
     size = what.whole or planes.size
     light = run_whole(network, planes.shrunk(what.channels, size))
@@ -91,13 +115,8 @@ def found_by(network: Network, planes: Planes, ledger: Ledger | None = None) -> 
     # Lids are small and have lashes: brought to the albedo of skin, they would glow beside the lashes.
     inpainted = clue(INPAINTED, 0.0) * (1 - lids)
     shown = np.maximum(lit, clue(SHOWN, 0.0)) * inside
-    start = ChartLight(light, light, linear.T.reshape(3, *lit.shape), lit, inside, inpainted, shown)
-    on_skin = corrected(start, ON_LIT_SKIN, ledger)
-    whole = corrected(replace(on_skin, found=on_skin.light), EVERYWHERE, ledger)
-    prior = start.prior
-    apart = None if prior is None else prior.apart(start.shown)
-    clue_planes = clues(whole.light, start.texture, start.weight, lids, apart, white_seen)
-    return Found(whole.light, light_between_lids(on_skin.light, lit), clue_planes)
+    texture = linear.T.reshape(3, *lit.shape)
+    return ChartLight(light, light, texture, lit, inside, inpainted, shown), lids, white_seen
 
 
 LIGHT_NETWORK, NETWORK = networks_of("diffuse_albedo")
@@ -128,7 +147,9 @@ def without(light: Float32, coded: Float32) -> Float32:
     return linear_to_srgb(np.minimum(linear, np.float32(BRIGHTEST))) * np.float32(2) - np.float32(1)
 
 
-def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None) -> Delit:
+def diffuse_albedo(
+    texture: Codes, job: MapInputs, ledger: Ledger | None = None, photos: Sequence[PhotoTexture] = ()
+) -> Delit:
     """The albedo of a texture (H, W, 3), which is among the job's planes as ``texture_*``.
 
     The network has seen skin only. What is no skin has the albedo of the planes ``PARTS``; without them the texture
@@ -138,6 +159,7 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
         texture: codes.
         job: what the network is given.
         ledger: which corrections run; it counts what they change.
+        photos: what each of several photos shows.
 
     Raises:
         ModelFault: a network is missing, changed, or does not fit.
@@ -146,7 +168,7 @@ def diffuse_albedo(texture: Codes, job: MapInputs, ledger: Ledger | None = None)
     found: Found | None = None
     if needs_context(job.engine):
         with open_network(LIGHT_NETWORK, job.engine) as network:
-            found = found_by(network, job.planes, ledger)
+            found = found_by(network, job.planes, ledger, photos)
             job.planes.add_coarse(network.description.planes(len(found.light)), found.light)
     result = np.zeros_like(texture)
     parts = job.planes.read(PARTS) if set(PARTS) <= set(job.planes.channels) else None
