@@ -34,14 +34,19 @@ DARKEST = 2e-3
 """Linear value at which logarithms stop."""
 SHADE = 0.4
 """Least light over its mean that the fits are believed, as they know of no light from behind."""
+BELIEVED = 0.5
+"""Share of that ratio of lights that is believed: of the sides of a head, a frontal photo tells little."""
 GAIN_SMOOTHNESS, GAIN_PRIOR = 0.5, 0.02
 """Weights of the gains' smoothness, and of the ratio of the lights, relative to a texel that both photos see well."""
-MOST_GAIN = 1.6
+MOST_GAIN = 5.0
 """Largest magnitude of a gain, natural logarithm."""
 WELL = (0.05, 0.3)
 """Opacity from which on a texel tells the gains, and from which on fully."""
 SHARP_PX = 110.0
 """Distance of the eyes in pixels that a texture of 576 x 384 can hold; larger faces are no better on it."""
+DIM, CLIPPED = (0.0, 0.45), (0.93, 0.99)
+"""sRGB values up to which noise is all that a photo shows and from which on it is well exposed; and at which light is
+lost."""
 KEEN = 4.0
 """Power of the weights by which the finest octave is blended: of the best view alone, nearly."""
 OCTAVES = (1.5, 4.0, 10.0)
@@ -135,8 +140,10 @@ def _log(colour: Float32) -> Float32:
 def _merit(layer: Layer, fit: Fit) -> Float32:
     """(N,) how well a photo shows each texel: squarely, at a fine scale, unhidden."""
     scale = min(fit.inter_ocular_px / SHARP_PX, 1.0) ** 2
-    doubt = 0.3 if "low-confidence" in fit.warnings else 1.0
-    return np.asarray(layer.found.seen * layer.unwrapped.weight * (scale * doubt), np.float32)
+    doubt = 0.5 if "low-confidence" in fit.warnings else 1.0
+    colour = layer.unwrapped.colour
+    exposed = smoothstep(colour.max(1), *DIM) * (1 - 0.7 * smoothstep(colour.max(1), *CLIPPED))
+    return np.asarray(layer.found.seen * layer.unwrapped.weight * exposed * (scale * doubt), np.float32)
 
 
 def _gains(
@@ -169,6 +176,7 @@ def _field(chart: Chart, edges: csc_array, apart: Float32, trust: Float32, light
     values, known = splat(chart.corners, chart.weights, apart, trust, count)
     weight = known[:, None]
     total = float(known.sum())
+    light = BELIEVED * light
     exposure = (weight * (values - light)).sum(0) / total if total > 1 else np.zeros(3)
     return smooth_fit(edges, values, known, GAIN_SMOOTHNESS, light + exposure, GAIN_PRIOR)
 
