@@ -389,6 +389,8 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
         strands: of a full head.
     """
     rng = np.random.default_rng([seed, 0xC07])
+    # What thins hair is told by temples and crown; a photo does not show how densely the rest grows.
+    style = dataclasses.replace(style, density=1.0)
     groom = to_hairline(make_groom(style, seed, strands, skin, photo_combing(sight)), sight, skin, rng)
     moved = groom.strands
     for _ in range(2):

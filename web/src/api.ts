@@ -17,6 +17,9 @@ export interface Job {
 
 export interface Options {
   quality?: string;
+  hair?: string;
+  hair_colour?: string;
+  hair_length?: number;
   maps?: string[];
   face?: number | "largest";
 }

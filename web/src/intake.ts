@@ -75,6 +75,11 @@ export class Intake {
     if (which === "fast") chosen.maps = FAST;
     if (which === "some") chosen.maps = form.getAll("maps").map(String);
     if (form.get("face") === "largest") chosen.face = "largest";
+    const hair = String(form.get("hair") ?? "auto"), colour = String(form.get("hair_colour") ?? "auto");
+    if (hair !== "auto") chosen.hair = hair;
+    if (colour !== "auto") chosen.hair_colour = colour;
+    const length = Number(form.get("hair_length"));
+    if (length > 0) chosen.hair_length = length;
     return chosen;
   }
 
