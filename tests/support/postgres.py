@@ -25,12 +25,14 @@ class Postgres:
 
     Args:
         folder: for its files.
+        connections: that it takes at the same time.
 
     Raises:
         RuntimeError: there is no Postgres on this machine.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, connections: int = 200) -> None:
+        self._connections = connections
         programs = find_programs()
         if programs is None:
             raise RuntimeError("Postgres is not installed; apt-get install postgresql")
@@ -55,7 +57,8 @@ class Postgres:
 
     def start(self) -> None:
         """Start, and wait until it answers."""
-        options = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c max_connections=200"
+        options = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories=''"
+        options += f" -c max_connections={self._connections}"
         self._run("pg_ctl", "-D", str(self._data), "-o", options, "-l", str(self._data / "log"), "-w", "start")
 
     def stop(self, mode: str = "fast") -> None:
