@@ -38,12 +38,12 @@ DRAFT = ["--quality", "draft", "--seed", "1"]
 _MEMORY = """
 import json, resource, sys
 from pathlib import Path
-from service.batch.places import Folder
+from service.jobs.places import Place
 from service.batch.plan import Plan, manifest_name, read_lines, report_name, text_of
 folder = Path(sys.argv[1])
 (folder / "out").mkdir()
-out = Folder(folder / "out")
-plan = Plan(folder, Folder(folder / "photos"), out)
+out = Place(folder / "out")
+plan = Plan(folder, Place(folder / "photos"), out)
 photos = plan.look()
 plan.ask({})
 for number, _ in enumerate(plan.write_shards("1")):

@@ -23,10 +23,10 @@ import sqlalchemy as sa
 import typer
 
 from service.batch.makers import Order
-from service.batch.places import Folder
 from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
 from service.jobs.database import connect, create_tables
+from service.jobs.places import Place
 from service.jobs.process import descendants
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
@@ -82,8 +82,8 @@ def measured(count: int, seconds: float, photos: int, folder: Path) -> str:
     (folder / "in").mkdir()
     for number in range(count * photos):
         (folder / "in" / f"{number:06d}.jpg").touch()
-    out = Folder(folder / "out")
-    plan = Plan(folder, Folder(folder / "in"), out)
+    out = Place(folder / "out")
+    plan = Plan(folder, Place(folder / "in"), out)
     plan.look()
     plan.ask({})
     shards = plan.write_shards("1")
@@ -137,8 +137,8 @@ def main(
     photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 4,
 ) -> None:
     """Print the table."""
-    print("| workers | photos | shards | of the ideal rate | transactions/s | cores of Postgres | tally, median ms ", end="")
-    print("| most | last shard after the mean, % |\n|---|---|---|---|---|---|---|---|---|")
+    print("| workers | photos | shards | of the ideal rate | transactions/s | cores of Postgres ", end="")
+    print("| tally, median ms | most | last shard after the mean, % |\n|---|---|---|---|---|---|---|---|---|")
     for word in workers.split(","):
         with tempfile.TemporaryDirectory(prefix="many-workers-") as folder:
             print(measured(int(word), seconds, photos, Path(folder)), flush=True)

@@ -19,8 +19,8 @@ from typing import Any
 from service.batch.display import display
 from service.batch.driver import Wanted
 from service.batch.driver import run as run_batch
-from service.batch.places import place
 from service.batch.plan import STATE
+from service.jobs.places import place
 from service.jobs.process import Reporter, Task
 
 Order = Mapping[str, Any]

@@ -17,7 +17,7 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from service.errors import AvatarError
-from service.jobs.artifacts import StoreFault
+from service.jobs.places import StoreFault
 from service.jobs.view import from_error, problem
 
 MEDIA_TYPE = "application/problem+json"

@@ -23,11 +23,11 @@ from dbos import DBOS
 
 from service.batch.display import Display
 from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
-from service.batch.places import Folder, Place, place, writable
 from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
 from service.errors import AvatarError, UsageError
 from service.jobs.database import connect, create_tables
+from service.jobs.places import Place, place, writable
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from service.jobs.workflow import launch
@@ -109,7 +109,7 @@ def run(wanted: Wanted, display: Display) -> Tally:
         KeyboardInterrupt: Ctrl-C; what was finished is in the report, what was not has left nothing behind.
     """
     source, out = place(wanted.source), place(wanted.out)
-    if isinstance(source, Folder) and not source.path.is_dir():
+    if source.folder is not None and not source.folder.is_dir():
         raise UsageError(f"there is no folder {wanted.source}; name one with photos in it", field="folder")
     with writable(out), _work(out, alone=wanted.shard is None) as work:
         plan = Plan(work, source, out, wanted.inputs, wanted.product)
@@ -238,11 +238,11 @@ def _work(out: Place, *, alone: bool) -> Iterator[Path]:
     Raises:
         UsageError: another batch writes there.
     """
-    if not isinstance(out, Folder):
+    if out.folder is None:
         with tempfile.TemporaryDirectory(prefix="avatarme-batch-") as folder:
             yield Path(folder)
         return
-    state = out.path / STATE
+    state = out.folder / STATE
     state.mkdir(parents=True, exist_ok=True)
     lock = os.open(state / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
     try:

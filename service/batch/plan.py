@@ -16,8 +16,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
-from service.batch.places import Place, read
 from service.errors import UsageError
+from service.jobs.places import Place
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".heic", ".heif"})
 """Files that count as photos. What they really are, their first bytes decide later."""
@@ -96,7 +96,7 @@ class Plan:
     def ask(self, options: Mapping[str, Any]) -> None:
         """Write down what is asked for; with the same options as before, what was made before counts."""
         content = json.dumps({"source": self.source.address, "options": options}, sort_keys=True).encode()
-        if read(self.out, ASKED) != content:
+        if not self.out.exists(ASKED) or self.out.read(ASKED) != content:
             self.out.write(ASKED, content)
         self._since = self.out.modified(ASKED) or 0.0
 

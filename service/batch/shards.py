@@ -25,12 +25,12 @@ import sqlalchemy as sa
 from dbos import DBOS
 
 from service.batch.makers import Hopeless, Maker, Order, Stopped, facts_of
-from service.batch.places import Folder, Place, place, read
 from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_name, text_of
 from service.client.download import file_sha256
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
-from service.jobs.artifacts import StoreFault, sha256_of
+from service.jobs.artifacts import sha256_of
 from service.jobs.database import PATIENCE, SHARDS
+from service.jobs.places import Place, StoreFault, place
 from service.jobs.queue import Queue
 from service.jobs.workflow import POLL, RECOVERIES, Workflows
 
@@ -140,7 +140,7 @@ class Asked:
     @classmethod
     def read(cls, out: Place) -> Asked:
         """What is asked for in a place of archives."""
-        content = json.loads(read(out, ASKED) or b"{}")
+        content = json.loads(out.read(ASKED))
         return cls(place(content["source"]), content["options"], out.modified(ASKED) or 0.0)
 
 
@@ -216,6 +216,8 @@ class Shards:
         def stop() -> bool:
             return self._stopping.is_set() or called_off()
 
+        if not lasting(lambda: target.exists(ASKED)):
+            return "called off"  # somebody has cleared the place
         asked = lasting(lambda: Asked.read(target))
         photos = lasting(lambda: list(read_lines(target, manifest_name(name, number))))
         lines = lasting(lambda: _report(target, name, number))
@@ -325,12 +327,12 @@ def _fetched(source: Place, name: str, scratch: Path) -> Path:
     Raises:
         UnreadableInput: it is not there (any more) or must not be read.
     """
-    if isinstance(source, Folder):
+    if source.folder is not None:
         try:
-            (source.path / name).open("rb").close()
+            source.open(name).close()
         except OSError as error:
             raise UnreadableInput(f"cannot read {name}: {error.strerror}") from error
-        return source.path / name
+        return source.folder / name
     path = scratch / f"photo{PurePosixPath(name).suffix}"
 
     def fetch() -> None:

@@ -16,12 +16,12 @@ import pytest
 
 from service.batch.driver import _work
 from service.batch.makers import LocalMaker, Order
-from service.batch.places import Folder
 from service.batch.plan import Plan
 from service.batch.shards import Rounds, Shards
 from service.client.download import check_archive
 from service.errors import Crashed, OutputFault, UsageError
 from service.jobs.database import connect, create_tables
+from service.jobs.places import Place
 from service.jobs.queue import Queue
 from service.jobs.settings import Settings
 from tests.service.batch.conftest import Folders
@@ -156,15 +156,15 @@ def test_a_disk_that_is_full_ends_the_batch(folders: Folders, monkeypatch: pytes
     """Every later photo would be computed for nothing."""
     for number in range(4):
         folders.photo(f"{number}.jpg", "full" if where == "archive" else "good")
-    put = Folder.put
+    put = Place.put
 
-    def full(place: Folder, source: Path, name: str) -> None:
+    def full(place: Place, source: Path, name: str) -> None:
         if name.endswith(".zip"):
             raise OSError(errno.ENOSPC, "No space left on device")
         put(place, source, name)
 
     if where == "put":
-        monkeypatch.setattr(Folder, "put", full)
+        monkeypatch.setattr(Place, "put", full)
     tally = folders.run(jobs=1)
     assert isinstance(tally.ended_by, OutputFault)
     assert "no space" in tally.ended_by.message
@@ -245,7 +245,7 @@ def test_an_earlier_report_and_an_archive_are_not_thrown_away_by_a_slip(folders:
 
 def test_two_programs_do_not_share_a_folder(folders: Folders) -> None:
     folders.photo("a.jpg", "good")
-    with _work(Folder(folders.out), alone=True), pytest.raises(UsageError, match="another batch"):
+    with _work(Place(folders.out), alone=True), pytest.raises(UsageError, match="another batch"):
         folders.run()
     assert folders.run().made == 1
 
@@ -299,7 +299,7 @@ def test_a_frozen_worker_that_comes_back_takes_nothing_away(folders: Folders, tm
     for number in range(4):
         folders.photo(f"{number}.jpg", "good")
     folders.out.mkdir()
-    plan = Plan(tmp_path, Folder(folders.photos), Folder(folders.out))
+    plan = Plan(tmp_path, Place(folders.photos), Place(folders.out))
     plan.look()
     plan.ask({})
     plan.write_shards("r")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from service.batch.places import Folder
 from service.batch.plan import REPORT, REPORTS, Plan
+from service.jobs.places import Place
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -22,7 +22,7 @@ def found(folder: Path, out: Path | None = None) -> dict[str, str]:
     """Photos and their archives, as a plan has them."""
     out = out or folder / ".out"
     out.mkdir(exist_ok=True)
-    plan = Plan(out, Folder(folder), Folder(out))
+    plan = Plan(out, Place(folder), Place(out))
     plan.look()
     plan.ask({})
     photos = {photo["path"]: photo["archive"] for photo in plan.todo()}
@@ -82,7 +82,7 @@ def test_the_last_line_of_a_photo_counts_and_torn_ones_do_no_harm(tmp_path: Path
     (tmp_path / REPORT).write_text(line("z") + line("a.jpg", "failed") + torn)
     (tmp_path / REPORTS / "2-000000.jsonl").write_text(line("a.jpg", n=2) + torn)
     (tmp_path / REPORTS / "1-000000.jsonl").write_text(line("a.jpg", n=1) + line("b.jpg", "failed", new=1))
-    plan = Plan(tmp_path / ".batch", Folder(tmp_path), Folder(tmp_path))
+    plan = Plan(tmp_path / ".batch", Place(tmp_path), Place(tmp_path))
     plan.look()
     assert plan.outcome() == (1, 1, 0)
     plan.merge(tmp_path / ".batch")

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from service.batch.places import place
 from service.errors import UsageError
+from service.jobs.places import place
 from tests.service.batch.conftest import Folders
 from tests.service.jobs.s3 import serve
 
@@ -23,7 +23,7 @@ def bucket() -> Iterator[Any]:
 
 def test_a_batch_in_a_store(folders: Folders, bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages of one name: what is listed must come from all of them."""
-    monkeypatch.setattr("service.batch.places.PAGE", 1)
+    monkeypatch.setattr("service.jobs.places.PAGE", 1)
     for name, word in (("a.jpg", "good"), ("sub/b.png", "corrupt"), (".hidden.jpg", "good"), ("x/../y.jpg", "good")):
         bucket.pipe_file(f"bucket/photos/{name}", word.encode())
     places = {"source": "s3://bucket/photos", "out": "s3://bucket/photos/out"}

@@ -17,10 +17,11 @@ import pytest
 from service.client.client import Client
 from service.jobs import database
 from service.jobs import janitor as janitor_module
-from service.jobs.artifacts import Artifacts, StoreFault, artifact_name
+from service.jobs.artifacts import Artifacts, artifact_name
 from service.jobs.database import now
 from service.jobs.erasure import STRAY, Strays
 from service.jobs.janitor import Janitor
+from service.jobs.places import StoreFault
 from service.jobs.workflow import Runner
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
