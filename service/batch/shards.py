@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import sqlalchemy as sa
 from dbos import DBOS
@@ -29,8 +29,9 @@ from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_na
 from service.client.download import file_sha256
 from service.errors import AvatarError, Crashed, OutputFault, UnreadableInput
 from service.jobs.artifacts import sha256_of
-from service.jobs.database import PATIENCE, SHARDS
+from service.jobs.database import FAULTS, SHARDS, patient
 from service.jobs.places import Place, StoreFault, place
+from service.jobs.process import Glance
 from service.jobs.queue import Queue
 from service.jobs.workflow import POLL, RECOVERIES, Workflows
 
@@ -211,7 +212,7 @@ class Shards:
         return ending
 
     def _run(self, target: Place, name: str, number: int) -> str:
-        called_off = _Glance(lambda: not lasting(lambda: self._rounds.goes_on(name)))
+        called_off = Glance(lambda: not lasting(lambda: self._rounds.goes_on(name)), LOOK_S)
 
         def stop() -> bool:
             return self._stopping.is_set() or called_off()
@@ -281,21 +282,6 @@ class Shards:
         return line
 
 
-class _Glance:
-    """A question that is asked every ``LOOK_S`` at most; once it is True it stays so."""
-
-    def __init__(self, question: Callable[[], bool]) -> None:
-        self._question = question
-        self._next = 0.0
-        self._answer = False
-
-    def __call__(self) -> bool:
-        if not self._answer and time.monotonic() >= self._next:
-            self._answer = self._question()
-            self._next = time.monotonic() + LOOK_S
-        return self._answer
-
-
 _ABOUT_A_NAME = (errno.ENAMETOOLONG, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.EINVAL, errno.EILSEQ)
 
 
@@ -306,19 +292,16 @@ def lasting(call: Callable[[], T]) -> T:
         Hopeless: it failed for ``PATIENCE`` seconds, or a disk is full, read-only or gone.
         OSError: something is wrong with a name, which is one photo's own matter.
     """
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        try:
-            return call()
-        except (StoreFault, sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError) as error:
-            log.warning("waiting for database or store: %s", str(error).partition("\n")[0])
-            if time.monotonic() > deadline:
-                raise Hopeless(OutputFault(f"database or store cannot be reached: {error}")) from error
-        except OSError as error:
-            if error.errno in _ABOUT_A_NAME:
-                raise
-            raise Hopeless(OutputFault(f"cannot read or write: {(error.strerror or str(error)).lower()}")) from error
-        time.sleep(0.5)
+
+    def end(error: Exception) -> NoReturn:
+        raise Hopeless(OutputFault(f"database or store cannot be reached: {error}")) from error
+
+    try:
+        return patient(call, (StoreFault, *FAULTS), end)
+    except OSError as error:
+        if error.errno in _ABOUT_A_NAME:
+            raise
+        raise Hopeless(OutputFault(f"cannot read or write: {(error.strerror or str(error)).lower()}")) from error
 
 
 def _fetched(source: Place, name: str, scratch: Path) -> Path:
@@ -335,14 +318,17 @@ def _fetched(source: Place, name: str, scratch: Path) -> Path:
         return source.folder / name
     path = scratch / f"photo{PurePosixPath(name).suffix}"
 
-    def fetch() -> None:
-        with source.open(name) as stream, path.open("wb") as target:
+    def fetch() -> bool:
+        try:
+            stream = source.open(name)
+        except FileNotFoundError:
+            return False
+        with stream, path.open("wb") as target:
             shutil.copyfileobj(stream, target)
+        return True
 
-    try:
-        lasting(fetch)
-    except FileNotFoundError as error:
-        raise UnreadableInput(f"{name} is not there any more") from error
+    if not lasting(fetch):
+        raise UnreadableInput(f"{name} is not there any more")
     return path
 
 

@@ -2,7 +2,9 @@
 
 Turns are start tags of start-time fair queueing (Goyal, Vin, Cheng 1996) with jobs of equal cost: a tenant's next job
 gets the turn after that of its last unfinished one, and somebody who has none gets the turn that is being served.
-However many jobs one tenant has waiting, another one's next job is thus behind at most one of them for each worker.
+However many jobs one tenant has waiting, another one's next job is thus behind at most one of them for each worker. The
+queues of DBOS know priorities, which the turns are given as, but no shares: one tenant's thousand jobs would come
+before all that is posted after them.
 """
 
 from __future__ import annotations

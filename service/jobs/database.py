@@ -9,7 +9,7 @@ import logging
 import os
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy import event
@@ -244,19 +244,33 @@ PATIENCE = 60.0
 """Seconds for which a step waits for its database or disk before the worker gives up."""
 
 
-def patient(call: Callable[[], T]) -> T:
-    """Call again and again while the database or the disk fails; after ``PATIENCE`` end this process.
+FAULTS = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError)
+"""What SQLAlchemy raises while a database is away."""
 
-    An exception would be recorded as the result of the step, and the job would fail for what is not its fault. A new
-    process takes the step up again.
+
+def _end_process(error: Exception) -> NoReturn:
+    log.critical("this worker cannot reach its database or disk and ends")
+    os._exit(TEMPORARY_FAILURE)
+
+
+def patient(
+    call: Callable[[], T], faults: tuple[type[Exception], ...] = (*FAULTS, OSError),
+    give_up: Callable[[Exception], NoReturn] = _end_process,
+) -> T:  # fmt: skip
+    """Call again and again while the database or the disk fails; after ``PATIENCE`` give up.
+
+    Args:
+        call: what is wanted.
+        faults: that may go by.
+        give_up: ends this process unless told: an exception would be recorded as the result of the step, and the job
+            would fail for what is not its fault. A new process takes the step up again.
     """
     deadline = time.monotonic() + PATIENCE
     while True:
         try:
             return call()
-        except (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.TimeoutError, OSError) as error:
-            log.warning("waiting for database or disk: %s", error)
+        except faults as error:
+            log.warning("waiting for database or disk: %s", str(error).partition("\n")[0])
             if time.monotonic() > deadline:
-                log.critical("this worker cannot reach its database or disk and ends")
-                os._exit(TEMPORARY_FAILURE)
+                give_up(error)
         time.sleep(0.5)

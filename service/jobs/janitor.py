@@ -14,10 +14,10 @@ from service.jobs.erasure import checkpoint, forget, let_go
 from service.jobs.kinds import KINDS
 from service.jobs.locks import DatabaseLock
 from service.jobs.queue import ATTEMPTS, MESSAGE
+from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION
 from service.jobs.store import Row, workflows
 from service.jobs.view import FINAL, problem
-from service.jobs.workflow import Runner
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,8 @@
-"""The process of one job: starting, watching and ending it, and the lines of JSON that both sides exchange."""
+"""The process of one job: starting, watching and ending it, and the lines of JSON that both sides exchange.
+
+DBOS runs a step in a thread of its worker, where a decoder that crashes, runs out of memory or never ends would take
+all other jobs along.
+"""
 
 from __future__ import annotations
 
@@ -130,6 +134,21 @@ TICK = 0.2
 """Seconds between two looks at cancellation, time and memory."""
 
 _END_OF_MEMORY = (-signal.SIGKILL,)
+
+
+class Glance:
+    """A question that is asked every ``seconds`` at most; once it is True it stays so."""
+
+    def __init__(self, question: Callable[[], bool], seconds: float) -> None:
+        self._question, self._seconds = question, seconds
+        self._next, self._answer = 0.0, False
+
+    def __call__(self) -> bool:
+        """The answer, or the last one."""
+        if not self._answer and time.monotonic() >= self._next:
+            self._answer = self._question()
+            self._next = time.monotonic() + self._seconds
+        return self._answer
 
 
 @dataclass(frozen=True)

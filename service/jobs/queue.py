@@ -126,7 +126,7 @@ class Queue:
 
         It checks no owner, so nobody else may do it at the same time: see :meth:`Janitor.take_over`. DBOS counts the
         attempts at a workflow anew; what a job that takes its workers along is failed for is counted by
-        ``service.jobs.attempts``. Where a worker is not dead after all, the step that it is at runs twice and its
+        ``service.jobs.runner``. Where a worker is not dead after all, the step that it is at runs twice and its
         result counts once.
         """
         if not workers:

@@ -1,5 +1,7 @@
 """Finished stages of a job as files, so that a killed run goes on after the last of them.
 
+DBOS could keep each stage as a step of its own, but writes results into the database, and these have hundreds of MB.
+
 Arrays are npy, the rest is JSON, nothing is pickled::
 
     32 bytes sha256 of what follows | 8 bytes length of the JSON | JSON | npy | npy | ...

@@ -21,8 +21,6 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-import sqlalchemy as sa
-
 from service.errors import UsageError
 from service.jobs import telemetry
 from service.jobs.database import now
@@ -224,13 +222,3 @@ def tell(store: Store, settings: Settings, job: str, attempt: int) -> str:
         words = "a webhook did not arrive%s: %s"
         log.warning(words, " and is given up" if last else "", said, extra={"job": job, "attempt": attempt})
     return said
-
-
-def queue_older_messages(store: Store) -> None:
-    """Put messages that an older version kept in a table of its own into the queue."""
-    if sa.inspect(store.engine).has_table("avatarme_webhooks"):
-        with store.engine.begin() as connection:
-            for job, tries in connection.execute(sa.text("delete from avatarme_webhooks returning job, tries")).all():
-                row = store.get(job)
-                if row is not None and row["webhook"]:
-                    store.queue.put_message(connection, row, min(tries + 1, ATTEMPTS))

@@ -28,10 +28,10 @@ from service.jobs.erasure import Strays
 from service.jobs.janitor import Janitor, LostJob
 from service.jobs.locks import DatabaseLock, FileLock
 from service.jobs.machine import end_with_parent, keep_private
+from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings, from_json
 from service.jobs.store import Store
-from service.jobs.webhooks import queue_older_messages
-from service.jobs.workflow import Runner, Workflows
+from service.jobs.workflow import Workflows
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,6 @@ class Worker:
     def run(self) -> None:
         """Work until the process is told to end."""
         self._janitor.reconcile(working=False)
-        queue_older_messages(self.runner.store)
         self._check()
         self.beat()
         if self._fault is None:

@@ -6,97 +6,19 @@ Steps hand on names and hashes, never bytes, and may run twice at the same time.
 from __future__ import annotations
 
 import logging
-import secrets
-import shutil
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from dbos import DBOS, DBOSConfig
 
-from service.errors import ModelFault
 from service.jobs import webhooks
-from service.jobs.artifacts import Artifacts
-from service.jobs.attempts import Attempts
-from service.jobs.database import LINE, now, patient
-from service.jobs.kinds import KINDS
+from service.jobs.database import LINE, patient
+from service.jobs.kinds import EXPORT, KINDS
 from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, WORKFLOW, JsonSerializer
+from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings
-from service.jobs.store import Store
-from service.jobs.view import FINAL, from_error
-
-
-class Runner(Attempts):
-    """Runs jobs on this machine.
-
-    Args:
-        settings: of this worker.
-        store: the jobs.
-        artifacts: their files.
-    """
-
-    def __init__(self, settings: Settings, store: Store, artifacts: Artifacts) -> None:
-        super().__init__(settings, store, artifacts)
-        self.doubt = threading.Event()
-        """Set when a job found a data file damaged."""
-
-    def accept(self, workflow: str) -> dict[str, Any]:
-        """First step: the job whose turn this is runs, if there is one."""
-        job = patient(lambda: self.store.begin(workflow))
-        return {"kind": "ended"} if job is None else {"kind": "wanted", "job": job}
-
-    def make(self, job: str) -> dict[str, Any]:
-        """Second step: compute the archive in a process of its own.
-
-        Returns:
-            ``kind`` "done" with the facts of the archive, "problem" with a problem object, or "ended" where the job
-            has ended meanwhile.
-        """
-        row = self._row(job)
-        if row is None or row["state"] in FINAL:
-            return {"kind": "ended"}
-        scratch = self.scratch / f"{job}-{secrets.token_hex(4)}"
-        scratch.mkdir(parents=True, mode=0o700)
-        self.active[job] = None
-        try:
-            return self.outcome(row, scratch)
-        finally:
-            self.active.pop(job, None)
-            shutil.rmtree(scratch, ignore_errors=True)
-
-    def publish(self, job: str, outcome: dict[str, Any]) -> str:
-        """Last step: the owner sees the outcome, and what is no longer needed is erased.
-
-        Returns:
-            "published", or "lost" where the archive is not on the disk any more.
-        """
-        expires = now() + self.settings.result_hours * 3600
-        if outcome["kind"] == "done":
-            if not patient(lambda: self.artifacts.exists(outcome["archive"])):
-                row = self._row(job)
-                return "published" if row is None or row["state"] in FINAL else "lost"
-            patient(lambda: self.store.succeed(job, outcome, expires))
-        elif outcome["kind"] == "problem":
-            patient(lambda: self.store.fail(job, outcome["problem"], expires))
-            if outcome["problem"]["code"] == ModelFault.code:
-                self.doubt.set()
-        self.tidy(job)
-        return "published"
-
-    def tidy(self, job: str) -> None:
-        """Erase what a job that has ended does not need: its stages, and its photo unless it is to be kept."""
-        row = self._row(job)
-        if row is None or row["state"] not in FINAL:
-            return
-        keep = {row["archive"]} if row["archive"] and row["gone"] is None else set()
-        if row["keep_photo"] and row["photo"] and row["gone"] is None:
-            keep.add(row["photo"])
-        patient(lambda: self.artifacts.sweep(job, keep))
-        patient(lambda: self.store.set(job, swept=True))
-
-
-T = TypeVar("T")
+from service.jobs.view import from_error
 
 log = logging.getLogger(__name__)
 
@@ -106,8 +28,9 @@ RECOVERIES = 200
 It can be that many: what a photo can do to its process does not reach the worker, and is counted by itself.
 """
 
-POLL = 1.0
-"""Seconds between two looks into a queue; those of three queues are most of what a worker does beside its jobs."""
+POLL, SLOW_POLL = 1.0, 4.0
+"""Seconds between two looks into a queue, which are most of what a worker does beside its jobs; the second for kits,
+which take longer than that."""
 
 MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""
@@ -163,7 +86,9 @@ def of_jobs(runner: Runner) -> Workflows:
     """Jobs of all kinds, and messages of their ends."""
     settings = runner.settings
     queues: dict[str, dict[str, Any]] = {
-        kind.place: {"worker_concurrency": kind.most(settings), "polling_interval_sec": POLL}
+        kind.place: {
+            "worker_concurrency": kind.most(settings), "polling_interval_sec": SLOW_POLL if kind is EXPORT else POLL,
+        }
         for kind in KINDS.values()
         if kind.most(settings)
     }

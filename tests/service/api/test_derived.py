@@ -16,9 +16,9 @@ from service.api.context import Asking, Here
 from service.api.renders_and_exports import asked, made, whole
 from service.jobs.database import JOBS
 from service.jobs.kinds import KINDS, Kind
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.jobs.view import job_json
-from service.jobs.workflow import Runner
 from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem
 from tests.service.api.test_renders import with_result
 from tests.service.databases import lay_out

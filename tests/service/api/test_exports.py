@@ -5,27 +5,22 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import httpx2
 import pytest
 
-from service.api.keys import new_key
 from service.archive.pack import write_archive
 from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.jobs.workflow import Runner
-from service.kits.export import TOOLS, export_kit
-from tests.service.api.conftest import TOY, TOY_PICTURE, Api, is_problem, open_api
+from service.kits.export import export_kit
+from tests.service.api.conftest import TOY, Api, is_problem, open_api
 from tests.service.archive.toys import whole_avatar
-from tests.support.server import Server, post, small_photo, wait_for
-from tests.support.toy_picture import picture
 
 
 @pytest.fixture(scope="module")
@@ -112,62 +107,6 @@ def test_a_kit_is_that_of_the_command_line_and_made_once(api: Api, archive: Path
     assert api.client.get(f"{again}/kit.zip").headers["etag"] == answer.headers["etag"], "of the same bytes"
 
 
-def test_a_worker_makes_what_waits(server: Server, client: httpx.Client) -> None:
-    avatar = post(client, small_photo(79)).json()["id"]
-    wait_for(client, avatar)
-    wanted = {"avatar": avatar, "for": "maya"}
-    deadline = time.monotonic() + 60
-    while (answer := client.post("/v1/exports", json=wanted)).status_code == 202 and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert answer.status_code == 200, answer.text
-    assert client.get(answer.json()["links"]["kit"]).content == picture({"for": "maya"})
-
-
-def test_erasing_an_avatar_erases_its_kits(api: Api, archive: Path, tmp_path: Path) -> None:
-    avatar = finished(api, archive, tmp_path)
-    place = ask(api, {"avatar": avatar, "for": "maya"}).headers["location"]
-    worked(api, export_program=TOY_PICTURE)
-    assert api.client.get(f"{place}/kit.zip").status_code == 200
-    assert api.client.delete(f"/v1/avatars/{avatar}").status_code == 204
-    is_problem(api.client.get(place), 410, "gone")
-    is_problem(api.client.get(f"{place}/kit.zip"), 410, "gone")
-    assert not any((api.context.settings.data / "artifacts").rglob("kit-*"))
-
-
-def test_a_kit_counts_in_the_quota_and_can_be_cancelled(api: Api, archive: Path, tmp_path: Path) -> None:
-    avatar = finished(api, archive, tmp_path)
-    first, _ = (ask(api, {"avatar": avatar, "for": tool}) for tool in TOOLS[:2])
-    is_problem(ask(api, {"avatar": avatar, "for": TOOLS[2]}), 429, "quota")
-    is_problem(api.post(), 429, "quota")
-    assert api.client.delete(first.headers["location"]).status_code == 204
-    assert api.client.get(first.headers["location"]).json()["state"] == "cancelled"
-    assert ask(api, {"avatar": avatar, "for": TOOLS[2]}).status_code == 202
-    for path in (f"/v1/renders/{first.json()['id']}", f"/v1/avatars/{first.json()['id']}", f"/v1/exports/{avatar}"):
-        is_problem(api.client.get(path), 404, "not-found")
-
-
-def test_a_slow_kit_is_ended_and_may_be_asked_for_again(api: Api, archive: Path, tmp_path: Path) -> None:
-    wanted = {"avatar": finished(api, archive, tmp_path), "for": "unreal"}
-    first = ask(api, wanted).headers["location"]
-    worked(api, export_seconds=0.1)
-    error = api.client.get(first).json()["error"]
-    assert (error["code"], error["status"]) == ("export-timeout", 504)
-    assert "smaller maps" in error["detail"]
-    second = ask(api, wanted)
-    assert second.status_code == 202 and second.headers["location"] != first
-
-
-def test_an_archive_that_no_kit_can_be_made_of_is_a_problem(api: Api, tmp_path: Path) -> None:
-    old = tmp_path / "old.zip"
-    with zipfile.ZipFile(old, "w") as made:
-        made.writestr("manifest.json", "{}")
-    place = ask(api, {"avatar": finished(api, old, tmp_path), "for": "maya"}).headers["location"]
-    worked(api)
-    error = api.client.get(place).json()["error"]
-    assert error["code"] == "bad-archive"
-    assert "is incomplete" in error["detail"]
-
-
 @pytest.mark.parametrize(
     ("content", "status", "code", "pointer"),
     [
@@ -184,33 +123,3 @@ def test_what_is_wrong_is_said(api: Api, content: Any, status: int, code: str, p
     body = is_problem(ask(api, content), status, code)
     if pointer is not None:
         assert body.get("pointer", "") == pointer
-
-
-def test_other_kinds_of_body_and_unfinished_avatars_are_refused(api: Api) -> None:
-    is_problem(ask(api, "{}", **{"Content-Type": "text/plain"}), 415, "unsupported-media-type")
-    is_problem(ask(api, {"avatar": api.post().json()["id"], "for": "maya"}), 409, "not-ready")
-
-
-def test_kits_of_others_are_not_there(archive: Path, tmp_path: Path) -> None:
-    keys = [new_key(name) for name in ("one", "two")]
-    file = tmp_path / "keys.json"
-    file.write_text(json.dumps({"keys": [entry for _, entry in keys]}))
-    own, others = ({"Authorization": f"Bearer {key}"} for key, _ in keys)
-    with open_api(Settings(data=tmp_path / "data", program=TOY, reserve_mb=1, keys=str(file))) as client:
-        api = Api(client)
-        wanted = {"avatar": finished(api, archive, tmp_path, **own), "for": "maya"}
-        is_problem(ask(api, wanted), 401, "unauthorized")
-        is_problem(ask(api, wanted, **others), 404, "not-found")
-        place = ask(api, wanted, **own).headers["location"]
-        is_problem(client.get(place, headers=others), 404, "not-found")
-        is_problem(client.delete(place, headers=others), 404, "not-found")
-        assert client.get(place, headers=own).json()["state"] == "queued"
-
-
-def test_it_is_in_the_description(api: Api) -> None:
-    described = api.client.get("/openapi.json").json()
-    operation = described["paths"]["/v1/exports"]["post"]
-    assert operation["requestBody"]["content"]["application/json"]["schema"]["$ref"].endswith("/Export")
-    schema = described["components"]["schemas"]["Export"]
-    assert schema["properties"]["for"]["enum"] == list(TOOLS)
-    assert operation["responses"]["200"]["content"]["application/json"]["schema"]["$ref"].endswith("/ExportJob")

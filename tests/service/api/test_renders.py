@@ -19,12 +19,12 @@ from service.api.keys import new_key
 from service.api.renders_and_exports import MAX_BODY
 from service.archive.pack import archive_members
 from service.archive.reading import open_avatar
-from service.jobs import attempts, render_process
+from service.jobs import render_process
 from service.jobs.artifacts import artifact_name, sha256_of
 from service.jobs.database import JOBS
 from service.jobs.kinds import RENDER
+from service.jobs.runner import Runner, task_of
 from service.jobs.settings import Settings
-from service.jobs.workflow import Runner
 from service.render.render import RenderedPicture, render_head
 from service.render.request import RenderRequest
 from service.render.surface import ROLES
@@ -132,7 +132,7 @@ def test_the_child_writes_the_picture_and_says_its_facts(
     source = api.context.store.get(finished)
     assert source is not None
     said = Said()
-    render_process.run(attempts.task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
+    render_process.run(task_of(row, source, api.context.settings, tmp_path, tmp_path), said)  # type: ignore[arg-type]
     png = (tmp_path / RENDER.file).read_bytes()
     assert (png[16:24], png[25]) == (b"\0\0\0\x20\0\0\0\x28", 6)
     assert said.facts["exposure"] == 0.5

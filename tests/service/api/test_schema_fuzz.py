@@ -19,8 +19,8 @@ import sqlalchemy as sa
 
 from service.api.keys import new_key
 from service.jobs.database import WORKERS
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
-from service.jobs.workflow import Runner
 from tests.service.api.conftest import GOOD, TOY, open_api
 
 CASES = int(os.environ.get("AVATARME_FUZZ", "270"))

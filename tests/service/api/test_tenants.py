@@ -78,11 +78,6 @@ def test_the_other_header_works_too(api: Api) -> None:
     assert api.client.get("/v1/avatars", headers={"X-API-Key": KEYS["ada"][0]}).status_code == 200
 
 
-def test_the_same_key_for_repeating_of_two_tenants_is_two_jobs(api: Api) -> None:
-    jobs = {api.post(**bearer(name), Idempotency_Key="k").json()["id"] for name in ("ada", "bob")}
-    assert len(jobs) == 2
-
-
 def test_a_quota_is_kept(api: Api) -> None:
     for _ in range(2):
         assert api.post(**bearer("bob")).status_code == 202

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from service.errors import UsageError
+from service.batch.shards import _fetched
+from service.errors import UnreadableInput, UsageError
 from service.jobs.places import place
 from tests.service.batch.conftest import Folders
 from tests.service.jobs.s3 import serve
@@ -44,6 +46,11 @@ def test_names_of_a_store_do_not_lead_out_of_a_folder(folders: Folders, bucket: 
     assert folders.run(source="s3://bucket/in").made == 1
     assert folders.archives() == ["good.zip"]
     assert not list(folders.out.parent.rglob("evil*"))
+
+
+def test_a_photo_that_goes_meanwhile_costs_its_own_line(bucket: Any, tmp_path: Path) -> None:
+    with pytest.raises(UnreadableInput, match="not there any more"):
+        _fetched(place("s3://bucket/in"), "gone.jpg", tmp_path)
 
 
 def test_a_store_that_nobody_knows() -> None:

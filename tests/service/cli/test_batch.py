@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from service import diagnosis
-from service.batch.display import display, duration, printable, progress_words
+from service.batch.display import display
 from service.cli.app import app
 from service.client.download import check_archive
 from tests.service.client.fake import Fake, answer, problem, serving
@@ -171,13 +171,3 @@ def test_a_bar_on_a_terminal(
     assert out == ""
     assert "2 of 2 photos, 2.0 a minute, 1 failed" in err
     assert ("\x1b[3" in err) == (no_color is None)
-
-
-def test_how_far_it_is_in_words() -> None:
-    assert progress_words(0, 0, 50, 3.0) == "0 of 50 photos"
-    assert progress_words(100, 20, 2000, 240.0) == "120 of 2000 photos, 30.0 a minute, 63 min left, 20 failed"
-    assert [duration(seconds) for seconds in (7, 300, 9000, 2e6)] == ["7 s", "5 min", "2.5 h", "23.1 days"]
-
-
-def test_names_and_messages_cannot_drive_the_terminal() -> None:
-    assert printable("a\x1b[2J\nb\u202e") == "a�[2J�b�"

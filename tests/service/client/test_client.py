@@ -59,12 +59,6 @@ def test_from_the_photo_to_the_archive(client: Client, fake: Fake, tmp_path: Pat
     assert not fake.jobs
 
 
-def test_every_request_carries_the_key_and_the_name_of_the_program(client: Client, fake: Fake) -> None:
-    client.wait(client.submit(PHOTO).id)
-    assert {seen.headers["Authorization"] for seen in fake.seen} == {"Bearer secret"}
-    assert all(seen.headers["User-Agent"].startswith("avatarme/") for seen in fake.seen)
-
-
 def test_the_name_of_the_photo_stays_at_home(client: Client, fake: Fake, tmp_path: Path) -> None:
     bodies: list[bytes] = []
 
@@ -246,12 +240,6 @@ def test_an_address_with_a_path_before_v1(fake: Fake) -> None:
         assert client.models() == {"models": []}
 
 
-def test_facts_of_the_server(client: Client) -> None:
-    assert client.models() == {"path": "/v1/models"}
-    assert client.quality() == {"path": "/v1/quality"}
-    client.ready()
-
-
 def test_events_go_on_where_they_were_cut(client: Client, fake: Fake) -> None:
     fake.cut_events.extend([1, 2])
     job = client.submit(PHOTO)
@@ -259,11 +247,6 @@ def test_events_go_on_where_they_were_cut(client: Client, fake: Fake) -> None:
     assert [event.id for event in events] == ["1", "2", "3", "4"], "each once, none lost"
     assert [seen.headers.get("Last-Event-ID") for seen in fake.requests("GET", "events$")] == [None, "1", "3"]
     assert events[-1].data["state"] == "succeeded"
-
-
-def test_events_from_where_the_caller_was(client: Client) -> None:
-    job = client.submit(PHOTO)
-    assert [event.id for event in client.events(job.id, last_event_id="2")] == ["3", "4"]
 
 
 def test_a_job_that_ended_while_nobody_listened(client: Client, fake: Fake) -> None:
@@ -366,11 +349,6 @@ def test_jobs_that_are_not_there(client: Client) -> None:
         client.state("../../admin")
 
 
-def test_a_photo_that_is_not_there(client: Client, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no-such"):
-        client.submit(tmp_path / "no-such.jpg")
-
-
 @pytest.mark.parametrize("size", [1, 7, 1000])
 def test_events_do_not_depend_on_where_the_network_cuts(client: Client, fake: Fake, size: int) -> None:
     """Line separators of Unicode inside JSON are text here; ready-made line splitters would cut the event there."""
@@ -456,11 +434,6 @@ def test_the_code_of_a_problem(content: object, code: str) -> None:
     parsed = Problem.parse(content, 418)
     assert parsed.code == code
     assert parsed.message
-
-
-@pytest.mark.parametrize("status", [True, "404", 7, 10**9, None])
-def test_a_status_that_is_none_gives_way_to_that_of_the_answer(status: object) -> None:
-    assert Problem.parse({"status": status}, 503).status == 503
 
 
 def test_the_photo_is_refused_by_the_same_class_as_in_a_local_run() -> None:

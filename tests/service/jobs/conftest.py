@@ -13,9 +13,9 @@ from service.jobs.admission import Bounds, NewJob
 from service.jobs.artifacts import Artifacts
 from service.jobs.database import connect, create_tables
 from service.jobs.queue import WORKFLOW, Queue
+from service.jobs.runner import Runner
 from service.jobs.settings import Settings
 from service.jobs.store import Store
-from service.jobs.workflow import Runner
 from tests.service.databases import lay_out
 
 TOY = "tests.support.toy_job"

@@ -15,8 +15,8 @@ import httpx
 import pytest
 
 from service.jobs.admission import UNFINISHED
-from service.jobs.attempts import LOSSES
 from service.jobs.process import descendants
+from service.jobs.runner import LOSSES
 from tests.service.jobs.conftest import unfinished
 from tests.service.jobs.processes import WITHIN, start_worker, wait_until
 from tests.support.moments import redone

@@ -22,7 +22,7 @@ from service.jobs.database import now
 from service.jobs.erasure import STRAY, Strays
 from service.jobs.janitor import Janitor
 from service.jobs.places import StoreFault
-from service.jobs.workflow import Runner
+from service.jobs.runner import Runner
 from tests.service.api.conftest import GOOD, Api, is_problem, open_api
 from tests.service.jobs.conftest import Bench
 from tests.service.jobs.processes import WITHIN

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import sqlalchemy as sa
 
 from service.errors import UsageError
 from service.jobs import telemetry, webhooks
@@ -25,7 +24,7 @@ from service.jobs.database import now
 from service.jobs.erasure import checkpoint, let_go
 from service.jobs.queue import ATTEMPTS, PAUSES_S
 from service.jobs.settings import Settings
-from service.jobs.webhooks import Target, may_be_reached, resolved, target
+from service.jobs.webhooks import Target, may_be_reached, target
 from tests.service.jobs.conftest import Bench, bench  # noqa: F401 - a fixture
 
 NEVER = [
@@ -143,17 +142,6 @@ def test_of_a_job_that_was_cancelled_or_erased_nobody_is_told(
     assert b"/hook?x" not in stored
 
 
-def test_messages_of_an_older_version_are_put_into_the_queue(bench: Bench) -> None:  # noqa: F811
-    job = bench.add(webhook="https://hooks.example/")
-    with bench.engine.begin() as connection:
-        connection.execute(sa.text("create table avatarme_webhooks (id text, job text, url text, tries integer)"))
-        values = {"id": "m", "job": job, "url": "x", "tries": 2}
-        connection.execute(sa.text("insert into avatarme_webhooks values (:id, :job, :url, :tries)"), values)
-    for _ in range(2):
-        webhooks.queue_older_messages(bench.store)
-    assert list(bench.queue.states([f"{job}.told.{number}" for number in range(1, 9)])) == [f"{job}.told.3"]
-
-
 class Dripping:
     """A receiver that sends one byte of its answer every now and then, for ever."""
 
@@ -211,21 +199,6 @@ def test_a_listed_host_is_told() -> None:
         target("https://hooks.example/", "", private=False)
 
 
-@pytest.mark.parametrize(
-    "address",
-    [
-        "127.0.0.1", "10.0.0.8", "169.254.169.254", "192.168.1.1", "0.0.0.0", "::1", "fe80::1", "::ffff:10.0.0.1",  # noqa: S104
-        *NEVER,
-    ],
-)  # fmt: skip
-def test_a_name_that_leads_inside_is_not_followed(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever owns the zone of a listed host, or answers for it, must not reach what stands beside the worker."""
-    answers = [(0, 0, 0, "", ("93.184.215.14", 443)), (0, 0, 0, "", (address, 443))]
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *a, **b: answers)
-    with pytest.raises(OSError, match="open internet"):
-        resolved(Target("https", "hooks.example", 443, "/"), private=False)
-
-
 @pytest.mark.parametrize("address", NEVER)
 def test_some_addresses_are_never_reached(address: str) -> None:
     assert not may_be_reached(address, private=True)
@@ -239,14 +212,6 @@ def test_some_addresses_are_never_reached(address: str) -> None:
 def test_others_are(address: str, inside: bool) -> None:
     assert may_be_reached(address, private=True)
     assert may_be_reached(address, private=False) is not inside
-
-
-def test_a_server_without_hosts_takes_no_address(tmp_path: Path) -> None:
-    from tests.service.api.conftest import GOOD, TOY, is_problem, open_api
-
-    with open_api(Settings(data=tmp_path / "data", program=TOY, reserve_mb=1)) as client:
-        files: dict[str, Any] = {"image": ("x.jpg", GOOD), "webhook_url": (None, "https://hooks.example/")}
-        is_problem(client.post("/v1/avatars", files=files), 422, "usage")
 
 
 def test_hosts_need_a_secret() -> None:

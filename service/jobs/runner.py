@@ -1,4 +1,4 @@
-"""Attempts at a job on this machine: a process of its own each time, again where the fault was not the photo's.
+"""The steps of a job on this machine: a process of its own for each attempt, again where the fault was not the photo's.
 
 A job that seems to take its whole worker along rests before it is tried again, which tells whether it does.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import secrets
 import shutil
 import threading
 import time
@@ -16,14 +17,14 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.errors import Crashed, OutOfMemory, OutOfTime
+from service.errors import Crashed, ModelFault, OutOfMemory, OutOfTime
 from service.jobs.artifacts import Artifacts, artifact_name, sha256_of
-from service.jobs.database import patient
+from service.jobs.database import now, patient
 from service.jobs.kinds import KINDS, Kind
-from service.jobs.process import Ending, JobProcess, Task
+from service.jobs.process import Ending, Glance, JobProcess, Task
 from service.jobs.settings import Settings
 from service.jobs.store import Row, Store
-from service.jobs.view import from_error, problem
+from service.jobs.view import FINAL, from_error, problem
 
 log = logging.getLogger(__name__)
 
@@ -54,25 +55,6 @@ class Report:
         known, self._stage, self._at = self._stage, stage, time.monotonic()
         with contextlib.suppress(sa.exc.SQLAlchemyError):
             self._store.progress(self._job, stage, share, known)
-
-
-class Stop:
-    """Whether a process is to end: the worker stops, or the job has ended because its owner wants it to."""
-
-    def __init__(self, store: Store, job: str, stopping: threading.Event) -> None:
-        self._store, self._job, self._stopping = store, job, stopping
-        self._at = 0.0
-
-    def __call__(self) -> bool:
-        """Whether it is to end now."""
-        if self._stopping.is_set():
-            return True
-        if time.monotonic() - self._at < LOOK:
-            return False
-        self._at = time.monotonic()
-        with contextlib.suppress(sa.exc.SQLAlchemyError):
-            return not self._store.wanted(self._job)
-        return False
 
 
 LOSSES = 10
@@ -130,8 +112,8 @@ Who kills everything reaches one process after the other, and that is no crash o
 """
 
 
-class Attempts:
-    """The processes of jobs on this machine, and what is decided by how they end.
+class Runner:
+    """The steps of a job on this machine, its processes, and what is decided by how they end.
 
     Args:
         settings: of this worker.
@@ -146,8 +128,64 @@ class Attempts:
         self.stopping = threading.Event()
         self.active: dict[str, JobProcess | None] = {}
         self.scratch = (settings.data / "scratch" / settings.worker).resolve()
+        self.doubt = threading.Event()
+        """Set when a job found a data file damaged."""
         self._spare: JobProcess | None = None
         self._lock = threading.Lock()
+
+    def accept(self, workflow: str) -> dict[str, Any]:
+        """First step: the job whose turn this is runs, if there is one."""
+        job = patient(lambda: self.store.begin(workflow))
+        return {"kind": "ended"} if job is None else {"kind": "wanted", "job": job}
+
+    def make(self, job: str) -> dict[str, Any]:
+        """Second step: compute the archive in a process of its own.
+
+        Returns:
+            ``kind`` "done" with the facts of the archive, "problem" with a problem object, or "ended" where the job
+            has ended meanwhile.
+        """
+        row = self._row(job)
+        if row is None or row["state"] in FINAL:
+            return {"kind": "ended"}
+        scratch = self.scratch / f"{job}-{secrets.token_hex(4)}"
+        scratch.mkdir(parents=True, mode=0o700)
+        self.active[job] = None
+        try:
+            return self.outcome(row, scratch)
+        finally:
+            self.active.pop(job, None)
+            shutil.rmtree(scratch, ignore_errors=True)
+
+    def publish(self, job: str, outcome: dict[str, Any]) -> str:
+        """Last step: the owner sees the outcome, and what is no longer needed is erased.
+
+        Returns:
+            "published", or "lost" where the archive is not on the disk any more.
+        """
+        expires = now() + self.settings.result_hours * 3600
+        if outcome["kind"] == "done":
+            if not patient(lambda: self.artifacts.exists(outcome["archive"])):
+                row = self._row(job)
+                return "published" if row is None or row["state"] in FINAL else "lost"
+            patient(lambda: self.store.succeed(job, outcome, expires))
+        elif outcome["kind"] == "problem":
+            patient(lambda: self.store.fail(job, outcome["problem"], expires))
+            if outcome["problem"]["code"] == ModelFault.code:
+                self.doubt.set()
+        self.tidy(job)
+        return "published"
+
+    def tidy(self, job: str) -> None:
+        """Erase what a job that has ended does not need: its stages, and its photo unless it is to be kept."""
+        row = self._row(job)
+        if row is None or row["state"] not in FINAL:
+            return
+        keep = {row["archive"]} if row["archive"] and row["gone"] is None else set()
+        if row["keep_photo"] and row["photo"] and row["gone"] is None:
+            keep.add(row["photo"])
+        patient(lambda: self.artifacts.sweep(job, keep))
+        patient(lambda: self.store.set(job, swept=True))
 
     def warm(self) -> None:
         """Have a process ready that has loaded the program; called by the main thread while nothing runs."""
@@ -231,7 +269,8 @@ class Attempts:
         self.active[job] = process
         progress = (lambda message: None) if kind.derived else Report(self.store, job)
         task = task_of(row, source, self.settings, scratch, photo)
-        return process.run(task, progress, Stop(self.store, job, self.stopping))
+        gone = Glance(lambda: self._gone(job), LOOK)
+        return process.run(task, progress, lambda: self.stopping.is_set() or gone())
 
     def _wait_for_space(self, job: str) -> None:
         """A job begins when the reserve is free, which is enough for its stages and its archive."""
@@ -280,6 +319,12 @@ class Attempts:
 
     def _wanted(self, job: str) -> bool:
         return patient(lambda: self.store.wanted(job))
+
+    def _gone(self, job: str) -> bool:
+        """Whether the job has ended because its owner wants it to, as far as the database says."""
+        with contextlib.suppress(sa.exc.SQLAlchemyError):
+            return not self.store.wanted(job)
+        return False
 
 
 def task_of(row: Row, source: Row | None, settings: Settings, scratch: Path, photo: Path) -> Task:

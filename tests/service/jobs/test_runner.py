@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from service.jobs import attempts
-from service.jobs.attempts import Report
+from service.jobs import runner as running
 from service.jobs.process import descendants
+from service.jobs.runner import Report
 from service.jobs.settings import Settings
 from tests.support.toy_job import LOG, SECONDS, archive
 
@@ -92,30 +92,30 @@ def test_one_crash_is_forgiven(bench: Bench) -> None:
 def test_a_job_that_takes_its_worker_along_ends(bench: Bench) -> None:
     """Nobody lives to count the crash: a container that is ended as a whole for its memory would never stop."""
     job = bench.add(seed=5)
-    for lost in range(attempts.LOSSES):
+    for lost in range(running.LOSSES):
         assert bench.store.attempt(job) == lost
     bench.run(job)
     assert problem(bench, job)["code"] == "crashed"
-    assert f"{attempts.LOSSES} times" in problem(bench, job)["detail"]
+    assert f"{running.LOSSES} times" in problem(bench, job)["detail"]
 
 
 def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The longer, the more were lost; it can be cancelled meanwhile."""
-    monkeypatch.setattr(attempts, "REST", 0.05)
+    monkeypatch.setattr(running, "REST", 0.05)
     job = bench.add(seed=5)
     rests = []
-    for lost in range(attempts.LOSSES):
+    for lost in range(running.LOSSES):
         begin = time.monotonic()
-        attempts.rest(bench.store, job, bench.runner.stopping)
+        running.rest(bench.store, job, bench.runner.stopping)
         rests.append(time.monotonic() - begin)
         assert bench.store.attempt(job) == lost
-    assert max(rests[: attempts.SUSPECTED]) < 0.05 + min(rests)
-    for count, seconds in enumerate(rests[attempts.SUSPECTED :]):
+    assert max(rests[: running.SUSPECTED]) < 0.05 + min(rests)
+    for count, seconds in enumerate(rests[running.SUSPECTED :]):
         assert seconds >= 0.05 * 2**count
     assert state(bench, job)["resting"] == 0
-    monkeypatch.setattr(attempts, "REST", 60.0)
-    bench.store.set(job, losses=attempts.LOSSES - 1)
-    resting = threading.Thread(target=attempts.rest, args=(bench.store, job, bench.runner.stopping))
+    monkeypatch.setattr(running, "REST", 60.0)
+    bench.store.set(job, losses=running.LOSSES - 1)
+    resting = threading.Thread(target=running.rest, args=(bench.store, job, bench.runner.stopping))
     resting.start()
     assert within(10, lambda: state(bench, job)["resting"] == 1)
     bench.store.cancel(job, 1e10)
@@ -126,7 +126,7 @@ def test_a_job_rests_before_it_is_blamed_for_lost_workers(bench: Bench, monkeypa
 def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> None:
     """Somebody kills everything again and again, faster than a stage ends on a busy machine: no fault of the photo."""
     job = bench.add(seed=5)
-    bench.store.set(job, losses=attempts.LOSSES - 1, resting=1)
+    bench.store.set(job, losses=running.LOSSES - 1, resting=1)
     bench.run(job)
     assert state(bench, job)["state"] == "succeeded"
     assert (state(bench, job)["losses"], state(bench, job)["resting"]) == (0, 0)
@@ -134,13 +134,13 @@ def test_a_worker_that_is_lost_while_the_job_rests_clears_it(bench: Bench) -> No
 
 def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever kills the worker now and then must not fail a job that gets ahead each time."""
-    monkeypatch.setattr(attempts, "LONGEST_REST", 0.01)
+    monkeypatch.setattr(running, "LONGEST_REST", 0.01)
     job = bench.add(seed=5)
-    for _ in range(3 * attempts.LOSSES):
+    for _ in range(3 * running.LOSSES):
         bench.store.attempt(job)
         Report(bench.store, job)({"kept": "one"})
     assert state(bench, job)["losses"] == 0
-    bench.store.set(job, losses=attempts.LOSSES - 1)
+    bench.store.set(job, losses=running.LOSSES - 1)
     bench.run(job)
     assert state(bench, job)["state"] == "succeeded"
     assert state(bench, job)["losses"] == 0
@@ -148,7 +148,7 @@ def test_a_stage_that_gets_finished_makes_up_for_lost_workers(bench: Bench, monk
 
 def test_the_end_of_everything_is_no_crash_of_the_job(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A service manager signals all processes one after the other: the job's may go before the worker's."""
-    monkeypatch.setattr(attempts, "AFTERMATH", 60.0)
+    monkeypatch.setattr(running, "AFTERMATH", 60.0)
     job = bench.add(seed=103)
     threading.Thread(target=bench.run, args=(job,), daemon=True).start()  # waits for the end of this process
     assert within(60, lambda: bench.runner.active.get(job) and state(bench, job)["losses"] == 1)
@@ -167,7 +167,7 @@ def test_memory_has_an_end(bench: Bench) -> None:
     job = bench.add(seed=102)
     bench.run(job)
     assert problem(bench, job)["code"] == "out-of-memory"
-    assert state(bench, job)["starved"] == attempts.OUT_OF_MEMORY, "it was not tried once more"
+    assert state(bench, job)["starved"] == running.OUT_OF_MEMORY, "it was not tried once more"
 
 
 def test_a_job_without_enough_memory_is_tried_once_more_with_less(bench: Bench) -> None:
@@ -267,7 +267,7 @@ def test_an_archive_that_is_lost_is_made_again(bench: Bench) -> None:
 
 def test_a_job_waits_for_space_and_then_goes_on(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk is no fault of the photo."""
-    monkeypatch.setattr(attempts, "SPACE", 0.02)
+    monkeypatch.setattr(running, "SPACE", 0.02)
     free = [0.0]
     monkeypatch.setattr(bench.runner, "free_mb", lambda: free[0])
     jobs = [bench.add(), bench.add()]
