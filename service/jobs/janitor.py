@@ -27,7 +27,7 @@ SETTLED = 5.0
 LOST = 30.0
 """Seconds after which a job that this worker should run, and does not, means that the worker has to be restarted."""
 
-HEAD = 50
+HEAD = 16
 """Jobs of each kind whose turns come next that are looked at."""
 
 _TAKE_OVER = 4242003
