@@ -22,6 +22,11 @@ export interface Options {
   hair_length?: number;
   maps?: string[];
   face?: number | "largest";
+  hair?: string;
+  hair_colour?: string;
+  hair_length?: number;
+  eye_colour?: string;
+  mouth?: string;
 }
 
 const KEY = "avatarme-key";
@@ -94,6 +99,26 @@ export function merged(job: Job | null, content: unknown, id = ""): Job {
 export async function readJob(id: string, signal?: AbortSignal): Promise<Job> {
   const answer = await request(`${ROOT}/${encodeURIComponent(id)}`, { signal });
   return merged(null, await answer.json(), id);
+}
+
+/** Address of a kit of a finished head, once the server has made it. */
+export async function exported(job: Job, tool: string, signal: AbortSignal, told: (text: string) => void): Promise<string> {
+  const wish = { method: "POST", body: JSON.stringify({ avatar: job.id, for: tool }), headers: { "Content-Type": "application/json" }, signal };
+  let made = await (await request(new URL("v1/exports", document.baseURI).pathname, wish)).json();
+  while (made.state === "queued" || made.state === "running") {
+    told(made.state === "queued" ? "Waiting for its turn" : "The server makes the kit");
+    await wait(1000, signal);
+    made = await (await request(made.links.self, { signal })).json();
+  }
+  if (made.state !== "succeeded") throw new Fault(problemOf(made.error, 500));
+  return made.links.kit;
+}
+
+export function wait(ms: number, signal: AbortSignal): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const timer = setTimeout(resolve, ms);
+    signal.addEventListener("abort", () => (clearTimeout(timer), reject(signal.reason)), { once: true });
+  });
 }
 
 export async function remove(job: Job): Promise<void> {

@@ -28,7 +28,7 @@ let close: () => void = never;
 
 // A browser of a phone says "coarse pointer" only where it has no pen and no mouse; touch is what matters here.
 document.body.classList.toggle("touch", navigator.maxTouchPoints > 0);
-const intake = new Intake(() => clearFault());
+const intake = new Intake(() => clearFault(), (problem) => fail(problem));
 const work = new Work();
 wipe(byId("gallery-wipe"));
 
@@ -96,7 +96,7 @@ async function watch(start: Job, signal: AbortSignal): Promise<Job> {
 async function finish(done: Job, signal: AbortSignal, origin: Origin): Promise<void> {
   work.stop();
   job = done;
-  if (done.state === "succeeded") return open(done, signal, origin.photoUrl);
+  if (done.state === "succeeded") return open(done, signal, origin);
   const boxes = done.error?.boxes;
   if (done.state === "failed" && done.error?.code === "multiple-faces" && boxes) return ask(boxes, origin);
   if (done.state === "failed") throw new Fault(done.error ?? { title: "The job failed", status: 500 });
@@ -117,14 +117,15 @@ function ask(boxes: NonNullable<Problem["boxes"]>, { options, photoUrl }: Origin
   chooseFace(boxes, photoUrl, (face) => void create({ ...options, face }));
 }
 
-async function open(done: Job, signal: AbortSignal, photoUrl: string): Promise<void> {
+async function open(done: Job, signal: AbortSignal, { options, photoUrl }: Origin): Promise<void> {
   show("result");
   byId("live").textContent = "The head is ready";
   byId("result-title").focus();
   window.scrollTo(0, 0);
+  const again = photoUrl ? (more: Options) => void create({ ...options, ...more }) : null;
   const { openResult } = await loadViewer();
   if (signal.aborted) return;
-  close = await openResult(done, { photoUrl, erase: () => void erase(done), gone }, signal);
+  close = await openResult(done, { photoUrl, erase: () => void erase(done), again, gone }, signal);
 }
 
 function loadViewer(): Promise<typeof import("./viewer")> {

@@ -1,6 +1,6 @@
 // A job's progress: server-sent events as long as they come, polling whenever they do not.
 
-import { merged, readJob, request, type Job } from "./api";
+import { merged, readJob, request, wait, type Job } from "./api";
 import { Fault, Unreachable } from "./problem";
 
 const SILENCE_MS = 45_000; // three of the server's heartbeats
@@ -109,11 +109,4 @@ function parse(block: string, last: string): Message {
     // Not JSON: nothing that this page knows.
   }
   return message;
-}
-
-function wait(ms: number, signal: AbortSignal): Promise<void> {
-  return new Promise((resolve, reject) => {
-    const timer = setTimeout(resolve, ms);
-    signal.addEventListener("abort", () => (clearTimeout(timer), reject(signal.reason)), { once: true });
-  });
 }

@@ -2,6 +2,7 @@
 
 import { headers, type Options } from "./api";
 import { byId, make, words } from "./dom";
+import type { Problem } from "./problem";
 import { noteOnTimes, readLevels, timeInWords, withoutReflectance, type Expected, type Level } from "./times";
 
 const USUAL = "standard";
@@ -10,10 +11,22 @@ const QUICK = "draft";
 /** Levels of quality that this page has words for; a newer server's others are shown by name. */
 const ABOUT: Record<string, string> = {
   draft: "A quick look, small maps",
-  standard: "Full-size maps",
+  standard: "Maps for close-ups",
   high: "16-bit normals, fine mesh",
   reference: "Full precision, to compare",
 };
+
+/** Names of formats by what the server calls them. */
+const FORMATS: Record<string, string> = { jpeg: "JPEG", png: "PNG", webp: "WebP", heic: "HEIC" };
+
+/** The format of a file by its first bytes; null where it is none of these. */
+function formatOf(start: Uint8Array): string | null {
+  const text = String.fromCharCode(...start);
+  if (text.startsWith("\xff\xd8\xff")) return "jpeg";
+  if (text.startsWith("\x89PNG")) return "png";
+  if (text.startsWith("RIFF") && text.slice(8, 12) === "WEBP") return "webp";
+  return text.slice(4, 8) === "ftyp" && /^(hei[cxms]|mif1)/.test(text.slice(8)) ? "heic" : null;
+}
 
 const FAST = ["texture", "confidence", "shape_normal"];
 const MAPS = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement", ...FAST];
@@ -23,13 +36,19 @@ export class Intake {
   photoUrl = "";
   private levels: Level[] = [];
 
-  constructor(private readonly changed: () => void) {
+  private formats = Object.keys(FORMATS);
+
+  /** `refused` is told of a file that is no photo that can be read. */
+  constructor(
+    private readonly changed: () => void,
+    private readonly refused: (problem: Problem) => void,
+  ) {
     const drop = byId("drop");
     for (const id of ["file", "camera"]) {
       const input = byId<HTMLInputElement>(id);
       input.addEventListener("change", () => {
         const file = input.files?.[0];
-        if (file) this.take(file);
+        if (file) void this.choose(file);
         input.value = ""; // the same file again is a change too
       });
     }
@@ -39,15 +58,24 @@ export class Intake {
         event.preventDefault(); // a photo dropped beside the field would replace the page
         drop.classList.toggle("over", type === "dragover");
         const file = type === "drop" ? event.dataTransfer?.files[0] : undefined;
-        if (file) this.take(file);
+        if (file) void this.choose(file);
       });
     document.addEventListener("paste", (event) => {
       const file = byId("intake").hidden ? undefined : event.clipboardData?.files[0];
-      if (file) this.take(file);
+      if (file) void this.choose(file);
     });
     this.offerMaps();
     byId("intake").addEventListener("change", () => this.tellTime());
     void this.ask();
+  }
+
+  /** Takes a file if it is a photo that this server reads, whatever its name says. */
+  async choose(file: File): Promise<void> {
+    const format = formatOf(new Uint8Array(await file.slice(0, 16).arrayBuffer()));
+    if (format && this.formats.includes(format)) return this.take(file);
+    const names = this.formats.map((one) => FORMATS[one] ?? one).join(", ");
+    const title = format ? `This server does not read ${FORMATS[format]}` : `${file.name} is not a photo that can be read`;
+    this.refused({ title, status: 415, detail: `Choose a ${names} file.` });
   }
 
   take(file: File): void {
@@ -98,10 +126,20 @@ export class Intake {
   private async ask(): Promise<void> {
     try {
       const answer = await fetch("v1/quality", { headers: headers() });
-      if (answer.ok) this.offer(readLevels(await answer.json()));
+      if (!answer.ok) return;
+      const told = await answer.json();
+      this.offer(readLevels(told));
+      if (Array.isArray(told.formats)) this.accept(told.formats);
     } catch {
       // The page works without.
     }
+  }
+
+  private accept(formats: string[]): void {
+    this.formats = formats;
+    for (const id of ["file", "camera"])
+      byId<HTMLInputElement>(id).accept = formats.map((one) => `image/${one}`).join() + (formats.includes("heic") ? ",image/heif" : "");
+    byId("formats").textContent = `${formats.map((one) => FORMATS[one] ?? one).join(", ")}.`;
   }
 
   private offer(levels: Level[]): void {

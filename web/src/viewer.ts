@@ -1,12 +1,14 @@
 // Everything that needs three.js; loaded when a head is to be shown.
 
-import { downloaded, request, type Job } from "./api";
+import { downloaded, request, type Job, type Options } from "./api";
 import { byId, bytes, make } from "./dom";
 import { artistsPanel } from "./panel/artists";
+import { correctPanel } from "./panel/correct";
 import { downloads } from "./panel/downloads";
 import { expressionPanel } from "./panel/expression";
 import { keeping } from "./panel/keep";
 import { lightOfPhoto, lightPanel } from "./panel/light";
+import { picturesPanel } from "./panel/pictures";
 import { summary } from "./panel/summary";
 import type { Problem } from "./problem";
 import { Compare } from "./viewer/compare";
@@ -21,6 +23,8 @@ export interface Around {
   /** Address of the photo in this page, "" where the page does not have it. */
   photoUrl: string;
   erase: () => void;
+  /** Makes the head again with more options; null where the page does not have the photo. */
+  again: ((options: Options) => void) | null;
   gone: (problem: Problem) => void;
 }
 
@@ -33,7 +37,8 @@ export async function openResult(job: Job, around: Around, signal: AbortSignal):
   status.textContent = "Loading the head";
   const manifest = (await (await request(`${job.links.files}/manifest.json`, { signal })).json()) as Manifest;
   const keep = keeping(job, around.erase);
-  panel.append(summary(job, manifest), downloads(job, manifest, around.gone, signal), keep);
+  const correct = correctPanel(manifest, around.again, signal);
+  panel.append(summary(job, manifest), correct, downloads(job, manifest, around.gone, signal), keep);
 
   const canvas = fresh(byId<HTMLCanvasElement>("canvas"));
   let scene: HeadScene;
@@ -52,7 +57,7 @@ export async function openResult(job: Job, around: Around, signal: AbortSignal):
     const store = new MapStore(job.links.files, manifest, scene.textureLimit());
     await scene.load(await data.arrayBuffer(), store);
     const motion = new Motion(scene);
-    const parts = [expressionPanel(scene, motion), lightPanel(scene, canvas, manifest.fit)];
+    const parts = [expressionPanel(scene, motion), lightPanel(scene, canvas, manifest.fit), picturesPanel(scene, signal)];
     keep.before(...parts, artistsPanel(job, manifest, { scene, store }, signal));
     status.textContent = "";
     const compare = await comparison(scene, job, manifest, around.photoUrl, signal);
@@ -78,7 +83,7 @@ async function comparison(
 ): Promise<Compare | null> {
   if (!manifest.camera) return null;
   const box = scene.boxInPhoto(manifest.camera);
-  const photo = await findPhoto(photoUrl, job.links.files, manifest, box, signal).catch(() => null);
+  const photo = await findPhoto(photoUrl, job.links.files, manifest, signal).catch(() => null);
   signal.throwIfAborted();
   return photo && new Compare(scene, manifest.camera, photo, box);
 }

@@ -1,18 +1,17 @@
 // What to download: a chooser, and how it gets to the disk.
 
-import { apiKey, downloaded, request, type Job } from "../api";
+import { apiKey, downloaded, exported, request, type Job } from "../api";
 import { byId, bytes, make } from "../dom";
 import { Fault, type Problem } from "../problem";
 import type { Manifest } from "../viewer/manifest";
-import { kitsOf, type Kit } from "./kits";
-import { zipOf, type Entry } from "./zip";
+import { HEAD, kitsOf, type Kit } from "./kits";
 
 /** `gone` is told when the files are no longer there. */
 export function downloads(job: Job, manifest: Manifest, gone: (problem: Problem) => void, signal: AbortSignal): HTMLElement {
   const kits = kitsOf(manifest);
   const choices = kits.map((kit, index) => {
     const input = make("input", { type: "radio", name: "kit", value: kit.id, checked: index === 0 });
-    const title = make("b", {}, kit.title, make("span", { class: "time" }, bytes(kit.size)));
+    const title = make("b", {}, kit.title, kit.size ? make("span", { class: "time" }, bytes(kit.size)) : "");
     return make("label", { class: "choice" }, input, make("span", {}, title, make("small", {}, kit.about)));
   });
   const list = make("div", { class: "choices kits", role: "radiogroup", "aria-labelledby": "download-title" }, ...choices);
@@ -43,23 +42,8 @@ export function downloads(job: Job, manifest: Manifest, gone: (problem: Problem)
 }
 
 async function fetchKit(job: Job, kit: Kit, signal: AbortSignal, told: (text: string) => void): Promise<string> {
-  const url = kit.from === "archive" ? job.links.archive : `${job.links.files}/${kit.paths[0]}`;
-  if (kit.from !== "zip") {
-    await fetchFile(url, kit.name, signal, told);
-    return "";
-  }
-  const entries: Entry[] = [];
-  let before = 0;
-  for (const path of kit.paths) {
-    const data = await downloaded(`${job.links.files}/${path}`, signal, (have) =>
-      told(`Fetching ${bytes(before + have)} of ${bytes(kit.size)}`),
-    );
-    before += data.size;
-    entries.push({ name: path, data });
-  }
-  if (kit.readme) entries.push({ name: "README.txt", data: new Blob([kit.readme]) });
-  told("Packing");
-  save(URL.createObjectURL(await zipOf(entries)), kit.name);
+  if (kit.from === "export") await fetchFile(await exported(job, kit.id, signal, told), kit.name, signal, told);
+  else await fetchFile(kit.from === "archive" ? job.links.archive : `${job.links.files}/${HEAD}`, kit.name, signal, told);
   return `Saved as ${kit.name}`;
 }
 
@@ -74,7 +58,7 @@ export async function fetchFile(url: string, name: string, signal: AbortSignal, 
   save(url, name);
 }
 
-function save(address: string, name: string): void {
+export function save(address: string, name: string): void {
   const link = make("a", { href: address, download: name });
   link.click();
   // The browser has taken the data over by then; revoked at once, some have not.

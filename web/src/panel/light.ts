@@ -13,7 +13,7 @@ const STEP = 5;
 const LIGHTS: [string, Partial<Light>][] = [
   ["Studio", { azimuth: 35, elevation: 30, strength: 2.1, room: 0.45 }],
   ["Window", { azimuth: -70, elevation: 15, strength: 2.8, room: 0.35 }],
-  ["Rim", { azimuth: 140, elevation: 35, strength: 4.5, room: 0.15 }],
+  ["Rim", { azimuth: 118, elevation: 25, strength: 6, room: 0.45 }],
 ];
 
 export function lightPanel(scene: HeadScene, canvas: HTMLCanvasElement, fit: Fit | null): HTMLElement {

@@ -2,7 +2,7 @@
 
 import type { Job } from "../api";
 import { make, words } from "../dom";
-import type { Fit, Likeness, Manifest } from "../viewer/manifest";
+import type { Fit, Hair, Likeness, Manifest } from "../viewer/manifest";
 
 /** Distance of the identity network under which two photos count as one person (King 2017, dlib). */
 const SAME_PERSON = 0.6;
@@ -12,6 +12,9 @@ const VERY_LIKE = 0.45;
 /** Landmark error over the distance of the eyes; rendered photos of unseen heads have 0.013 (README). */
 const CLOSE = 0.035;
 const FAIR = 0.06;
+
+/** Overlap of the hair's outline with that in the photo from which on it counts as alike. */
+const HAIR_LIKE = 0.7;
 
 const WARNINGS: Record<string, string> = {
   "low-resolution": "The face is small in the photo; details are guessed.",
@@ -23,25 +26,43 @@ const WARNINGS: Record<string, string> = {
   "glasses-removed": "Glasses were taken off; the skin under them is made up.",
   "face-covered": "Something covers much of the face; the skin under it is made up.",
   "not-segmented": "Skin could not be told from hair and clothes; all but the face is made up.",
+  "hair-unseen": "Hardly any hair is seen; it is made up.",
+  "hair-kind-doubtful": "The hairstyle could not be told for sure.",
+  "hair-style-poor": "The hair does not lie as in the photo.",
+  "hair-colour-guessed": "The hair's colour is guessed.",
+  "hair-not-for-this-head": "This head model takes no hair.",
   "little-seen": "Little of the face is seen; the rest is made up.",
 };
 
 export function summary(job: Job, manifest: Manifest): HTMLElement {
   const section = make("section", { class: "summary", "aria-labelledby": "summary-title" });
-  const title = make("h2", { id: "summary-title" }, headline(manifest.fit?.identity_similarity ?? null));
+  const title = make("h2", { id: "summary-title" }, headline(manifest.fit?.identity_similarity ?? null, manifest.hair ?? null));
   section.append(title, make("p", {}, manifest.fit ? sentences(manifest.fit) : "Made from a texture and a mesh."));
-  const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? [])]);
+  const codes = new Set([...job.warnings, ...(manifest.fit?.warnings ?? []), ...(manifest.warnings ?? []), ...(manifest.hair?.doubts ?? [])]);
   const rows = [...codes].map((code) => make("li", {}, WARNINGS[code] ?? `${words(code)}.`));
   if (rows.length) section.append(make("ul", { class: "note", "aria-label": "To be careful about" }, ...rows));
   return section;
 }
 
-export function headline(likeness: Likeness | null): string {
+/** Face and hair apart: the network that compares faces sees no hair. */
+function headline(likeness: Likeness | null, hair: Hair | null): string {
   if (!likeness) return "The head is ready";
-  if (likeness.distance <= VERY_LIKE) return "Very like the photo";
-  if (likeness.distance <= SAME_PERSON) return "Like the photo";
-  if (likeness.distance <= likeness.impostor.distance_p05) return "Somewhat like the photo";
-  return "Not much like the photo";
+  const face =
+    likeness.distance <= VERY_LIKE
+      ? "very like the photo"
+      : likeness.distance <= SAME_PERSON
+        ? "like the photo"
+        : likeness.distance <= likeness.impostor.distance_p05
+          ? "somewhat like the photo"
+          : "not much like the photo";
+  return `Face: ${face}. ${hair ? hairInWords(hair) : ""}`;
+}
+
+function hairInWords({ kind, agreement, doubts }: Hair): string {
+  const name = words(kind).toLowerCase();
+  if (!agreement) return `Hair: ${name}, not compared`;
+  const like = agreement >= HAIR_LIKE && !doubts.length ? "like the photo" : agreement >= HAIR_LIKE / 2 ? "roughly like the photo" : "unlike the photo";
+  return `Hair: ${name}, ${like}`;
 }
 
 function sentences(fit: Fit): string {

@@ -30,6 +30,17 @@ export interface Likeness {
   impostor: { distance_p05: number; centred_cosine_p95: number };
 }
 
+export type Box = [left: number, top: number, right: number, bottom: number];
+
+export interface Hair {
+  kind: string;
+  /** Of every kind, likeliest first. */
+  probabilities: Record<string, number>;
+  /** Overlap with the hair in the photo. */
+  agreement: number;
+  doubts: string[];
+}
+
 export interface Fit {
   landmark_rms_px: number;
   landmark_rms_iod?: number;
@@ -44,8 +55,9 @@ export interface Manifest {
   files: { path: string; role: string; size: number }[];
   displacement: { scale_mm: number; mid: number } | null;
   options?: { quality?: string };
-  /** Null, as `camera` and `fit`, where no photo was given. */
-  input: { width: number; height: number; face_box: [number, number, number, number] } | null;
+  /** Where preview/overlay.jpg has which part of the photo. */
+  overlay?: { crop: Box; panel: Box } | null;
+  hair?: Hair | null;
   camera: PhotoCamera | null;
   fit: Fit | null;
   head: { name: string; vertices: number };

@@ -2,6 +2,7 @@
 
 import {
   Box3,
+  Color,
   Group,
   Mesh,
   MeshBasicMaterial,
@@ -50,6 +51,9 @@ export class HeadScene {
   private store: MapStore | null = null;
   private distance = 1;
   private frame = 0;
+  /** Degrees per second that the camera goes round by itself. */
+  private speed = 0;
+  private last = 0;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
@@ -185,6 +189,39 @@ export class HeadScene {
     this.draw();
   }
 
+  get spinning(): boolean {
+    return this.speed !== 0;
+  }
+
+  /** Turns the head round at so many degrees per second; 0 stops. */
+  spin(speed: number): void {
+    this.speed = speed;
+    this.last = performance.now();
+    this.draw();
+  }
+
+  /** A colour behind the head; null for none. */
+  background(colour: string | null): void {
+    this.scene.background = colour ? new Color(colour) : null;
+    this.draw();
+  }
+
+  /** A PNG of what is seen, over a gradient from the centre to the rim if there is one. */
+  picture(gradient: [string, string] | null): Promise<Blob> {
+    this.render(); // what was drawn before is gone
+    const { width, height } = this.canvas;
+    const made = Object.assign(document.createElement("canvas"), { width, height });
+    const brush = made.getContext("2d")!;
+    if (gradient) {
+      const fill = brush.createRadialGradient(width / 2, 0.42 * height, 0, width / 2, 0.42 * height, 0.6 * Math.hypot(width, height));
+      gradient.forEach((colour, at) => fill.addColorStop(at, colour.trim()));
+      brush.fillStyle = fill;
+      brush.fillRect(0, 0, width, height);
+    }
+    brush.drawImage(this.canvas, 0, 0);
+    return new Promise((resolve, reject) => made.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("no picture"))), "image/png"));
+  }
+
   dispose(): void {
     cancelAnimationFrame(this.frame);
     this.watcher.disconnect();
@@ -206,11 +243,20 @@ export class HeadScene {
     this.frame = requestAnimationFrame(() => {
       this.frame = 0;
       this.controls.update(); // damping goes on by the change that it reports
-      const camera = this.throughPhoto ? this.photoCamera : this.camera;
-      this.lighting.place(camera, this.centre, this.controls.getAzimuthalAngle());
-      this.renderer.render(this.scene, camera);
-      this.canvas.dataset.frames = String(this.renderer.info.render.frame);
+      this.render();
+      if (this.spinning) {
+        const now = performance.now();
+        this.turn((this.speed * (now - this.last)) / 1000, 0);
+        this.last = now;
+      }
     });
+  }
+
+  private render(): void {
+    const camera = this.throughPhoto ? this.photoCamera : this.camera;
+    this.lighting.place(camera, this.centre, this.controls.getAzimuthalAngle());
+    this.renderer.render(this.scene, camera);
+    this.canvas.dataset.frames = String(this.renderer.info.render.frame);
   }
 
   private frameHead(box: Box3): void {
