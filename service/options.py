@@ -78,6 +78,9 @@ _Seconds = Annotated[float, Strict(), Gt(0), AllowInfNan(False)]
 _FaceIndex = Annotated[int, Strict(), Ge(0), Le(9999)]
 
 
+EyeColour = Literal["auto", "dark_brown", "brown", "hazel", "green", "blue", "grey"]
+"""The photo's, or a natural colour; ``service.face.features.eye_colours.NAMED_IRISES`` has their albedo."""
+Mouth = Literal["auto", "shut"]
 _Hair = Annotated[str | dict[str, Any], AfterValidator(checked_hair), Right(f"one of auto, none, {', '.join(STYLES)}")]
 _HairColour = Annotated[str, AfterValidator(checked_colour), Right("a colour's name or '#rrggbb'")]
 _HairLength = Annotated[
@@ -117,6 +120,8 @@ class Options(Checked):
             numbers of a style, as the manifest has them.
         hair_colour: "auto" is the photo's; a natural colour's name; or "#rrggbb", sRGB under white light.
         hair_length: millimetres of the longest strands, in [1, 1200]; None for the photo's, or the style's.
+        eye_colour: of the irises: "auto" is the photo's, or a natural colour's name.
+        mouth: "auto" is open as far as in the photo; "shut" says that its lips are closed, whatever was read.
         without: names of corrections that do not run, for experts and trials; docs/corrections.md has them.
 
     Raises:
@@ -143,6 +148,8 @@ class Options(Checked):
     hair: _Hair = "auto"
     hair_colour: _HairColour = "auto"
     hair_length: _HairLength | None = None
+    eye_colour: EyeColour = "auto"
+    mouth: Mouth = "auto"
     without: _Without = ()
 
     @property

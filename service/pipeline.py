@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -31,6 +32,8 @@ from service.archive.licences import model_cards
 from service.budget import within_budget
 from service.diagnosis import peak_rss_mb
 from service.face.face import Face, choose_face
+from service.face.features.eye_colours import NAMED_IRISES
+from service.face.features.mouth import with_mouth_shut
 from service.face.finder import FaceFinder
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
@@ -136,12 +139,16 @@ def make_avatar(
                 gathered = kept("read", lambda: read_all(gathered, readers.result()))
             gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
             photo, face, reading, fit = gathered.first
+            if options.mouth == "shut":
+                fit = with_mouth_shut(head, fit)
         with stage("hair"):
             count = options.level.strands
             hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.asked_hair(), count, options.seed))
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
+            if options.eye_colour != "auto":
+                texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
             cards = hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed)
         parts = (*cards, *worn(head, fit, texture.texture, brows))
         with stage("compare"):

@@ -6,7 +6,7 @@ import json
 import statistics
 from collections import defaultdict
 from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import sqlalchemy as sa
 from fastapi import APIRouter
@@ -96,8 +96,10 @@ def quality(context: Here) -> Response:
 
     There are no times before the first job of a kind has ended. Jobs that left maps out are not counted.
     """
+    from service.hair.asked import AUTO, COLOURS, NONE, STYLES
     from service.levels import LEVELS
-    from service.options import default_maps
+    from service.options import EyeColour, Mouth, default_maps
+    from service.photo.sandbox import readable_formats
 
     groups: dict[tuple[str, tuple[int, int]], list[Row]] = defaultdict(list)
     whole = set(default_maps())
@@ -108,7 +110,11 @@ def quality(context: Here) -> Response:
             groups[options["quality"], (width, height)].append(row)
     items = [_measured(name, size, rows) for (name, size), rows in sorted(groups.items())]
     levels = [{"name": name, "size": list(level.size)} for name, level in LEVELS.items()]
-    return JSONResponse({"levels": levels, "items": items})
+    choices = {
+        "hair": (AUTO, NONE, *STYLES), "hair_colour": COLOURS, "eye_colour": get_args(EyeColour),
+        "mouth": get_args(Mouth),
+    }  # fmt: skip
+    return JSONResponse({"levels": levels, "items": items, "formats": readable_formats(), "choices": choices})
 
 
 def _measured(name: str, size: tuple[int, int], rows: list[Row]) -> dict[str, Any]:

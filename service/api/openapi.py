@@ -163,6 +163,8 @@ class QualityList(BaseModel):
 
     levels: list[LevelFacts]
     items: list[Measured]
+    formats: list[str] = Field(description="Of photos that are read here, without 'image/'.")
+    choices: dict[str, list[str]] = Field(description="Names that options of hair, eyes and mouth can have.")
 
 
 class Health(BaseModel):

@@ -129,6 +129,12 @@ def make(
     hair_length: Annotated[
         str | None, typer.Option(metavar="auto|MM", help="Length of the longest strands in millimetres.")
     ] = None,
+    eye_colour: Annotated[
+        str | None, typer.Option(metavar="auto|NAME", help="Of the irises: the photo's, or brown, blue ...")
+    ] = None,
+    mouth: Annotated[
+        str | None, typer.Option(metavar="auto|shut", help="As in the photo, or shut where it came out open.")
+    ] = None,
     without: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="For experts: corrections not to make; docs/corrections.md.")
     ] = None,
@@ -165,6 +171,8 @@ def make(
             hair=hair,
             hair_colour=hair_colour,
             hair_length=hair_length,
+            eye_colour=eye_colour,
+            mouth=mouth,
             without=without,
         )
         run(photos, output, Options(**given), head=head, as_json=as_json)

@@ -147,7 +147,9 @@ def kit_facts(archive: ArchiveFile) -> dict[str, Any]:
     manifest = archive.manifest
     fit = manifest.get("fit") or {}
     named = {name: manifest.get(name) for name in ("parts", "materials", "joints", "displacement", "camera")}
-    return {"units": manifest["head"]["blendshapes"], "expression": fit.get("expression", {}), **named}
+    folds = {one["role"]: {"path": one["path"], "units": one["units"]} for one in manifest["maps"] if one.get("units")}
+    expression = fit.get("expression", {})
+    return {"units": manifest["head"]["blendshapes"], "expression": expression, "wrinkles": folds, **named}
 
 
 def write_light(archive: ArchiveFile, folder: Path) -> list[Path]:

@@ -79,6 +79,11 @@ def decoder_command(codec: Codec) -> list[str]:
     return [sys.executable, "-I", "-S", "-c", _BOOT, *dict.fromkeys(roots)]
 
 
+def readable_formats() -> tuple[str, ...]:
+    """Formats of photos that this installation reads; HEIC where its decoder is installed."""
+    return ("jpeg", "png", "webp", *(("heic",) if importlib.util.find_spec("pillow_heif") else ()))
+
+
 def _package_root(name: str) -> str:
     found = importlib.util.find_spec(name)
     if found is not None and found.origin is not None:

@@ -54,6 +54,35 @@ def posed(armature: Any, weights: dict[str, float]) -> None:
     bpy.context.view_layer.update()
 
 
+def border_mm() -> float:
+    """Largest distance of the skin's open border, subdivided twice, from what it was before."""
+    skin = bpy.data.objects["skin"]
+    smooth = next(one for one in skin.modifiers if one.type == "SUBSURF")
+    was, smooth.levels = smooth.levels, 2
+
+    def border() -> tuple[np.ndarray, np.ndarray]:
+        mesh = skin.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        sides = np.bincount([loop.edge_index for loop in mesh.loops], minlength=len(mesh.edges))
+        edges = np.array([edge.vertices[:] for edge in mesh.edges])[sides == 1]
+        return np.array([point.co[:] for point in mesh.vertices]), edges
+
+    fine, own = border()
+    smooth.show_viewport = False
+    coarse, edges = border()
+    smooth.show_viewport, smooth.levels = True, was
+    points, (a, b) = fine[np.unique(own)], (coarse[edges[:, k]] for k in (0, 1))
+    along = np.einsum("pei,ei->pe", points[:, None] - a, b - a) / np.maximum(np.square(b - a).sum(1), 1e-18)
+    nearest = a + np.clip(along, 0, 1)[..., None] * (b - a)
+    return float(1e3 * np.linalg.norm(points[:, None] - nearest, axis=2).min(1).max())
+
+
+def folds() -> dict[str, float]:
+    """Strength of each map of wrinkles on the skin."""
+    skin = bpy.data.materials["skin"].evaluated_get(bpy.context.evaluated_depsgraph_get())
+    values = [one for one in skin.node_tree.nodes if one.bl_idname == "ShaderNodeValue"]
+    return {one.label: float(one.outputs[0].default_value) for one in values if one.label.startswith("wrinkle")}
+
+
 def view(yaw: float, low: np.ndarray, high: np.ndarray) -> None:
     scene = bpy.context.scene
     middle = mathutils.Vector((low + high) / 2)
@@ -90,7 +119,8 @@ def main() -> None:
         "displaced": [one.name for one in bpy.data.materials if one.use_nodes and any(
             link.to_socket.name == "Displacement" for link in one.node_tree.links)],
         "subdivided": [name for name, mesh in meshes.items() if any(m.type == "SUBSURF" for m in mesh.modifiers)],
-        "moved_mm": {}, "camera": None if camera is None else {"lens": camera.data.lens},
+        "moved_mm": {}, "border_mm": border_mm(), "folds": {},
+        "camera": None if camera is None else {"lens": camera.data.lens},
     }
     if len(sys.argv) > 3:
         scene.cycles.device, scene.cycles.samples = "CPU", int(sys.argv[4])
@@ -103,6 +133,7 @@ def main() -> None:
         posed(armature, POSES[pose])
         now = {name: points(mesh) for name, mesh in meshes.items()}
         told["moved_mm"][pose] = {name: float(np.abs(now[name] - still[name]).max() * 1e3) for name in meshes}
+        told["folds"][pose] = folds()
         if pose == "photo":
             np.savez(out / "photo.npz", allow_pickle=False, **now)
         if len(sys.argv) > 3:

@@ -20,6 +20,15 @@ SCLERA = np.array([0.63, 0.59, 0.56], np.float32)
 IRIS = np.array([0.099, 0.054, 0.029454546], np.float32)
 """Iris assumed where the photo does not show its colour: medium brown, the most frequent."""
 
+NAMED_IRISES = {
+    name: np.array(albedo, np.float32)
+    for name, albedo in {
+        "dark_brown": (0.040, 0.022, 0.012), "brown": (0.099, 0.054, 0.029), "hazel": (0.130, 0.085, 0.040),
+        "green": (0.100, 0.115, 0.065), "blue": (0.085, 0.120, 0.165), "grey": (0.130, 0.145, 0.155),
+    }.items()
+}  # fmt: skip
+"""Irises that a caller names, linear RGB; within what :func:`likely_iris` takes for possible."""
+
 MOST_IRIS_LUMA, MOST_IRIS_CHANNEL = 0.2, 0.32
 """Largest luminance of an iris, and its largest channel. Without these limits an iris would glow where the sclera,
 which tells the light, lies in the lids' shade, or where skin was mistaken for an iris."""

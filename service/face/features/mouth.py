@@ -6,10 +6,13 @@ leaves such a gap between closed lips; so where no teeth are seen and the gap is
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from service.arrays import AnyFloat, Float64
 from service.face.features.rims import LEAST_FACING, Rim, fit_to_rim
+from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
@@ -75,6 +78,14 @@ def lips_on_rim(
     else:
         rim, units = rim.narrower(extra * rim.length), UNITS | ({"jawOpen"} if exact else set())
     return fit_to_rim(rim, edges, units, head, neutral, start, camera).expression
+
+
+def with_mouth_shut(head: HeadModel, fit: Fit) -> Fit:
+    """The fit with lips and jaw closed; the corners of the mouth stay as they are."""
+    expression = sealed(head, fit.expression)
+    for unit in {"jawOpen", "mouthClose"} & set(head.expression_names):
+        expression[head.expression_names.index(unit)] = 0.0
+    return replace(fit, expression=expression, vertices=head.expressed(fit.neutral, expression))
 
 
 def sealed(head: HeadModel, expression: Float64) -> Float64:

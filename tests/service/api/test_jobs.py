@@ -247,6 +247,8 @@ def test_what_the_server_says_of_itself(server: Server, client: httpx.Client, fi
     quality = client.get("/v1/quality").json()
     assert [level["name"] for level in quality["levels"]] == ["draft", "standard", "high", "reference"]
     assert any(item["jobs"] >= 1 and item["median_s"] > 0 for item in quality["items"])
+    assert set(quality["formats"]) >= {"jpeg", "png", "webp"}
+    assert all("auto" in names for names in quality["choices"].values())
     metrics = client.get("/metrics").text
     assert re.search(r'^avatarme_jobs{state="succeeded"} [1-9]', metrics, re.MULTILINE)
     assert 'avatarme_workers{ready="true"} 1.0' in metrics

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ import pytest
 from service.archive.pack import write_archive
 from service.kits.blender import blender
 from service.kits.export import export_kit
+from service.reflectance.reflectance_maps import Wrinkle
 from tests.service.archive.toys import whole_avatar
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -45,7 +47,11 @@ def run(tool: str, *arguments: object) -> None:
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("blender") / "toy.zip"
-    write_archive(whole_avatar(), path)
+    avatar = whole_avatar()
+    made = avatar.reflectance
+    assert made is not None and made.specular_normal is not None
+    folded = Wrinkle("mouth", {"jawOpen": 0.5}, made.specular_normal)
+    write_archive(replace(avatar, reflectance=replace(made, wrinkles=(folded,))), path)
     return path
 
 
@@ -94,6 +100,8 @@ def test_the_kits_scene_is_driven_as_a_whole(archive: Path, tmp_path: Path) -> N
         if name in moved:
             own = np.unique(avatar.head.triangles[avatar.head.triangle_part == index])
             assert moved[name] == pytest.approx(1e3 * np.abs(jaw[own]).max(), abs=0.02), name
+    assert facts["border_mm"] < 0.001, "the bust goes on where the smoothed skin ends"
+    assert [facts["folds"][pose]["wrinkle_mouth"] for pose in ("neutral", "jawOpen", "photo")] == [0.0, 1.0, 1.0]
     assert moved["toy_hair"] == pytest.approx(4.0, abs=0.02), "one property moves all parts"
     assert not any(facts["moved_mm"]["neutral"].values())
     # The photo's expression, as the property "photo" gives it; Blender is Z up.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.face.features.mouth import UNITS, lips_on_rim
+from service.face.features.mouth import UNITS, lips_on_rim, with_mouth_shut
+from service.face.fit.result import Fit
 from service.geometry.camera import Camera
 from service.head.model import HeadModel
 from service.head.regions import lip_edges
@@ -104,3 +105,15 @@ def test_the_jaw_opens_a_mouth_whose_edges_were_read(head: HeadModel, jaw: float
     )
     assert exact == pytest.approx(wide, abs=1.5)
     assert loose < wide - 2.5
+
+
+def test_a_mouth_that_is_said_to_be_shut_is(head: HeadModel) -> None:
+    """No gap is left between the lips, and what else the face does stays."""
+    wide = units(head, mouthUpperUp=0.3, mouthSmile=0.3)
+    wide[head.expression_names.index("jawOpen")] = 0.4
+    fit = Fit(VIEW, np.zeros(0), wide, head.shape(np.zeros(0), wide), head.mean, None, 1.0, 60.0)
+    shut = with_mouth_shut(head, fit)
+    assert gap_mm(head, wide) > 1.0 and gap_mm(head, shut.expression) < 0.35
+    np.testing.assert_allclose(shut.vertices, head.expressed(head.mean, shut.expression))
+    kept = [k for k, name in enumerate(head.expression_names) if "Smile" in name]
+    assert np.array_equal(shut.expression[kept], wide[kept])
