@@ -56,7 +56,11 @@ QUALITY = {
         {"name": "high", "size": [6144, 4096]},
         {"name": "reference", "size": [6144, 4096]},
     ],
+    "formats": ["jpeg", "png", "webp"],
+    "choices": {"hair": ["auto", "none", "bob"], "eye_colour": ["auto", "blue"], "mouth": ["auto", "shut"]},
 }
+KIT = b"PK\x05\x06" + bytes(18)
+"""A zip without files, which stands for every kit."""
 
 
 @dataclass
@@ -151,6 +155,10 @@ class Handler(BaseHTTPRequestHandler):
             return None
         if path == "/v1/quality":
             return self._json(200, self.fake.quality)
+        if path.startswith("/v1/exports/"):
+            avatar, tool, *file = path.removeprefix("/v1/exports/").split("/")
+            ready = self._export(avatar, tool, "succeeded")
+            return self._send(200, "application/zip", KIT) if file else self._json(200, ready)
         name, _, rest = path.removeprefix("/v1/avatars/").partition("/")
         if name in self.fake.gone:
             reason = self.fake.gone[name]
@@ -176,6 +184,9 @@ class Handler(BaseHTTPRequestHandler):
         if self.fake.refuse is not None:
             (_, content), self.fake.refuse = self.fake.refuse, None
             return self._problem(content)
+        if self.path == "/v1/exports":
+            wish = json.loads(body)
+            return self._json(202, self._export(wish["avatar"], wish["for"], "running"))
         parts = _parts(body, self.headers["Content-Type"])
         name = self.fake.post(json.loads(parts["options"]), parts["image"])
         return self._json(202, self.fake.state(name, 1), {"Location": f"/v1/avatars/{name}"})
@@ -183,6 +194,11 @@ class Handler(BaseHTTPRequestHandler):
     def do_DELETE(self) -> None:
         self.fake.deleted.append(self._begin().removeprefix("/v1/avatars/"))
         self._send(204, "", b"")
+
+    @staticmethod
+    def _export(avatar: str, tool: str, state: str) -> dict[str, Any]:
+        address = f"/v1/exports/{avatar}/{tool}"
+        return {"id": tool, "state": state, "error": None, "links": {"self": address, "kit": f"{address}/kit.zip"}}
 
     def _begin(self) -> str:
         path = self.path.partition("?")[0]

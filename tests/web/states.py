@@ -72,7 +72,7 @@ def after(page: Page, fake: Fake) -> Iterator[str]:
     page.check("input[name=drag][value=head]", force=True)
     shapes(page)
     artists(page)
-    for part in ("#measured", "#files"):
+    for part in ("#measured", "#files", "#correct", "#pictures"):
         page.click(f"{part} > summary")
     yield "everything open"
     page.check("input[name=view][value=confidence]")

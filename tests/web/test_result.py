@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.support.browser import PHOTO, Opener, artists, make_head, picture, settle
-from tests.web.fake_service import Fake
+from tests.web.fake_service import KIT, Fake
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -97,41 +95,19 @@ def test_what_there_is_to_download(fake: Fake, archive: Path, open_page: Opener)
     name, path = download(page, "all")
     assert name == "avatar.zip"
     assert path.read_bytes() == archive.read_bytes()
-    for tool in ("blender", "unreal"):
+    for tool in ("blender", "unreal", "unity", "maya"):
         name, path = download(page, tool)
         assert name == f"head-for-{tool}.zip"
-        with zipfile.ZipFile(path) as kit:
-            assert kit.testzip() is None
-            wanted = {"mesh/head.glb", "LICENSES.md", *(f"maps/{role}.png" for role in SURFACE)}
-            assert set(kit.namelist()) == {*wanted, "README.txt"}
-            assert all(kit.read(member) == members[member] for member in wanted)
-            text = kit.read("README.txt").decode()
-        assert "Flip Green Channel" in text if tool == "unreal" else "Non-Color" in text
-        if shutil.which("unzip"):
-            subprocess.run(["unzip", "-tq", str(path)], check=True, capture_output=True)
-
-
-def test_the_displacement_for_blender_is_that_of_the_manifest(fake: Fake, archive: Path, open_page: Opener) -> None:
-    """Blender's height is (value - midlevel) scale in metres, with values from 0 to 1."""
-    page = open_page(fake.address)
-    make_head(page)
-    _, path = download(page, "blender")
-    with zipfile.ZipFile(path) as kit, zipfile.ZipFile(archive) as opened:
-        text = kit.read("README.txt").decode()
-        displacement = json.loads(opened.read("manifest.json"))["displacement"]
-    if displacement:
-        assert f"Scale {65535 * displacement['scale_mm'] / 1000:.5f} (metres)" in text
-    else:
-        assert "Midlevel" not in text
+        assert path.read_bytes() == KIT
 
 
 def test_a_download_can_be_cancelled(fake: Fake, open_page: Opener) -> None:
     page = open_page(fake.address)
     make_head(page)
-    page.route("**/files/maps/displacement.png", lambda route: None)  # never answered
+    page.route("**/v1/exports/**", lambda route: None)  # never answered
     page.check("input[name=kit][value=blender]")
     page.click("#download")
-    page.wait_for_function("() => document.getElementById('download-status').textContent.startsWith('Fetching')")
+    page.wait_for_function("() => document.getElementById('download-status').textContent.startsWith('The server')")
     assert page.inner_text("#download") == "Cancel"
     page.click("#download")
     page.wait_for_function("() => document.getElementById('download-status').textContent === 'Cancelled'")
@@ -176,3 +152,54 @@ def test_how_long_the_head_is_kept(fake: Fake, open_page: Opener) -> None:
     page.click("#go")
     page.wait_for_selector(".keep")
     assert "2046" in page.inner_text(".keep")
+
+
+def test_what_was_read_wrongly_is_corrected(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    make_head(page)
+    page.click("#correct > summary")
+    page.select_option("#correct-hair", "bob")
+    page.select_option("#correct-mouth", "shut")
+    page.fill("#correct-length", "120")
+    page.click("#correct button")
+    page.wait_for_selector("#work:not([hidden])")
+    page.wait_for_selector("#result:not([hidden])")
+    assert {name: fake.options[-1].get(name) for name in ("hair", "mouth", "hair_length", "eye_colour")} == {
+        "hair": "bob", "mouth": "shut", "hair_length": 120, "eye_colour": None,
+    }  # fmt: skip
+    assert fake.photos[0] == fake.photos[1]
+
+
+def test_without_the_photo_nothing_can_be_corrected(fake: Fake, open_page: Opener) -> None:
+    page = open_page(fake.address)
+    make_head(page)
+    page.reload()
+    page.wait_for_selector("#inset:not([hidden])")
+    page.click("#correct > summary")
+    assert "erased the photo" in page.inner_text("#correct")
+
+
+@pytest.mark.parametrize(("colour", "corner"), [("none", 0), ("#ffffff", 255)])
+def test_a_picture_is_saved_with_what_is_behind_it(fake: Fake, open_page: Opener, colour: str, corner: int) -> None:
+    page = open_page(fake.address)
+    make_head(page)
+    page.click("#pictures > summary")
+    page.check(f"input[name=background][value='{colour}']", force=True)
+    with page.expect_download() as saved:
+        page.click("text=Save picture")
+    pixels = np.asarray(Image.open(saved.value.path()).convert("RGBA"))
+    assert pixels[0, 0, 3] == corner and pixels[len(pixels) // 2, pixels.shape[1] // 2, 3] == 255
+
+
+def test_a_file_that_is_no_photo_is_named_when_it_is_chosen(fake: Fake, open_page: Opener, tmp_path: Path) -> None:
+    (tmp_path / "bad.jpg").write_text("not a photo")
+    (tmp_path / "phone.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
+    page = open_page(fake.address)
+    page.wait_for_selector("#quality:not([hidden])")
+    for name, words in (("bad.jpg", "bad.jpg is not a photo"), ("phone.heic", "does not read HEIC")):
+        page.set_input_files("#file", tmp_path / name)
+        page.wait_for_selector(f"#fault:has-text('{words}')")
+    assert page.get_attribute("#file", "accept") == "image/jpeg,image/png,image/webp"
+    page.set_input_files("#file", PHOTO)
+    page.wait_for_selector("#preview:not([hidden])")
+    assert page.is_hidden("#fault") and not fake.photos
