@@ -22,9 +22,6 @@ export interface Options {
   hair_length?: number;
   maps?: string[];
   face?: number | "largest";
-  hair?: string;
-  hair_colour?: string;
-  hair_length?: number;
   eye_colour?: string;
   mouth?: string;
 }
