@@ -157,8 +157,8 @@ class Bust:
             bsdf = _principled(mi, colours, material.roughness, material.f0 / 0.08)
             if isinstance(relief, OwnMap):
                 bitmap = mi.Bitmap(np.ascontiguousarray(relief.pixels[::-1]))
-                normals = {"type": "bitmap", "bitmap": bitmap, "raw": True}
-                bsdf = {"type": "normalmap", "normalmap": normals, "bsdf": bsdf}
+                bumps = {"type": "bitmap", "bitmap": bitmap, "raw": True}
+                bsdf = {"type": "normalmap", "normalmap": bumps, "bsdf": bsdf}
             corners = part.vertices[triangles], normal[triangles], part.uv[places]
             made[part.name] = _shape(mi, folder / f"{part.name}.ply", *corners, bsdf)
         sky = radiance(scene.environment)
