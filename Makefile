@@ -14,8 +14,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c requireme
 PHOTO ?= service/data/sample/astronaut.png
 OUT ?=
 ARGS ?=
+REF ?=
 
-.PHONY: help setup run doctor test test-slow test-train acceptance image-test lint format audit deploy-check lock checksums web pictures clean
+.PHONY: help setup run doctor test test-slow test-train acceptance image-test speed lint format audit deploy-check lock checksums web pictures clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|'
@@ -49,6 +50,10 @@ acceptance: $(DEVELOPMENT) ## Put a folder of photos through every door: make ac
 # Wants root, and apt-get install buildah mmdebstrap; no Docker daemon and no registry.
 image-test: $(DEVELOPMENT) ## Build the image, run it, post a photo, stop it, start it again: make image-test [PHOTO=me.jpg].
 	$(BIN)/python -m tests.tools.image "$(PHOTO)"
+
+# On a machine that does nothing else, ten minutes; REF is a commit or tag, and left out the newest tag.
+speed: $(DEVELOPMENT) ## Time draft and standard against the last release, in turn: make speed [REF=commit] [ARGS="--rounds 1"].
+	$(BIN)/python -m benchmarks.against $(REF) $(ARGS)
 
 lint: $(DEVELOPMENT) ## Check style and types.
 	$(BIN)/ruff check .

@@ -28,17 +28,18 @@ def blurred(image: Image, sigma: float) -> Float32:
     A wide one is made on means over squares of texels, an eighth to a quarter of its width, and interpolated, which
     blur a little themselves; its kernel would have hundreds of texels.
     """
-    if sigma < WIDE or min(image.shape[:2]) < 2 * sigma:
+    step = 2 ** int(np.log2(max(sigma / (WIDE / 2), 1)))
+    reach, (height, width) = -(-int(4 * sigma) // step) * step, image.shape[:2]
+    if step == 1 or min(height, width) <= reach:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
-    step = 2 ** int(np.log2(sigma / (WIDE / 2)))
-    height, width = image.shape[:2]
-    padded = cv2.copyMakeBorder(image, 0, -height % step, 0, -width % step, cv2.BORDER_REFLECT_101)
+    sides = (reach, reach - height % -step, reach, reach - width % -step)
+    padded = cv2.copyMakeBorder(image, *sides, cv2.BORDER_REFLECT_101)
     tall, wide = padded.shape[:2]
     small = shrunk(padded, (wide // step, tall // step))
-    # Variances of the mean over a square, step^2 / 12, and of the interpolation, step^2 / 6.
-    less = float(np.sqrt((sigma / step) ** 2 - 0.25))
-    soft = cv2.GaussianBlur(small, (0, 0), less, borderType=cv2.BORDER_REFLECT)
-    return np.ascontiguousarray(stretched_to(np.asarray(soft, np.float32), (wide, tall))[:height, :width])
+    # The variances of the mean over a square and of the interpolation, (step^2 - 1) / 12 and (2 step^2 + 1) / 12.
+    soft = cv2.GaussianBlur(small, (0, 0), float(np.sqrt((sigma / step) ** 2 - 0.25)))
+    whole = stretched_to(np.asarray(soft, np.float32), (wide, tall))
+    return np.ascontiguousarray(whole[reach : reach + height, reach : reach + width])
 
 
 def shrunk(image: Image, size: tuple[int, int]) -> Float32:

@@ -21,6 +21,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -121,22 +122,20 @@ def make_avatar(
     stage = _Timed(progress, BEFORE_NETWORKS if plan.stages else 1.0)
     with ThreadPoolExecutor(3) as pool, ExitStack() as held:
         # The gate decodes in a process of its own; meanwhile this one loads what the later stages need.
-        finder, recogniser = pool.submit(FaceFinder), pool.submit(Recogniser)
-        reads = options.fit != "landmarks" and installed(READERS)
-        readers = pool.submit(Readers) if reads else None
+        networks = _FaceNetworks(pool, options.fit != "landmarks" and installed(READERS))
         head_and_chart = pool.submit(_head_and_chart, options, head_file)
         pool.submit(import_module, "scipy.optimize")
 
         with stage("decode"):
             gathered = kept("decode", lambda: decoded(files))
         with stage("detect"):
-            find = lambda photo: _face_in(photo, options, finder, readers, head_and_chart)  # noqa: E731
-            gathered = kept("detect", lambda: of_one_person(gathered, find, recogniser.result, options.leave_out))
+            find = lambda photo: _face_in(photo, options, networks, head_and_chart)  # noqa: E731
+            gathered = kept("detect", lambda: of_one_person(gathered, find, networks.recogniser, options.leave_out))
         engine = held.enter_context(loading_ahead(early, engine))  # only now, as many a photo is refused
         with stage("fit"):
             head, chart = head_and_chart.result()
-            if readers is not None:
-                gathered = kept("read", lambda: read_all(gathered, readers.result()))
+            if networks.reads:
+                gathered = kept("read", lambda: read_all(gathered, networks.readers()))
             gathered = kept("fit", lambda: fitted(gathered, head, options.fit_settings()))
             photo, face, reading, fit = gathered.first
             if options.mouth == "shut":
@@ -146,16 +145,19 @@ def make_avatar(
             hair = kept("hair", lambda: find_hair(photo, head, fit, reading, options.asked_hair(), count, options.seed))
             brows = find_brows(photo, head, fit, reading) if options.level.fine_mesh else None
         with stage("texture"):
+            cards = pool.submit(lambda: hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed))
             texture = kept("texture", lambda: make_texture(photo, head, fit, chart, reading, hair, gathered.others))
             if options.eye_colour != "auto":
                 texture = replace(texture, iris=NAMED_IRISES[options.eye_colour])
-            cards = hair_cards(hair, Scalp.of(head, fit.neutral), options.quality, options.seed)
-        parts = (*cards, *worn(head, fit, texture.texture, brows))
+        mouth = pool.submit(mouth_parts, head, fit, texture.tooth)  # made while the networks run
+        eyes = pool.submit(eye_parts, head, fit, texture.iris)
+        parts = (*cards.result(), *worn(head, fit, texture.texture, brows))
         with stage("compare"):
             shown = [part for part in parts if part.name != BROWS]  # the texture has the photo's own
             similarity = kept(
-                "compare", lambda: likeness(photo, face, head, fit, texture.texture, recogniser.result(), shown)
+                "compare", lambda: likeness(photo, face, head, fit, texture.texture, networks.recogniser(), shown)
             )
+        networks.drop()
 
         reflectance, own_texture, own = None, None, None
         if options.level.super_resolution or options.texture_size != "auto":
@@ -186,7 +188,7 @@ def make_avatar(
         albedo = small_albedo(reflectance.diffuse_albedo, texture.texture.shape[1::-1])
         light = to_albedo(texture.texture, albedo, texture.lit_skin)
         hair, parts = hair_in_albedo(hair, in_albedo(parts, brows, head, albedo, light), light)
-    parts += (*mouth_parts(head, fit, texture.tooth), *eye_parts(head, fit, texture.iris))
+    parts += (*mouth.result(), *eyes.result())
     return Avatar(
         photo=photo,
         face=face,
@@ -210,6 +212,32 @@ def make_avatar(
     )
 
 
+class _FaceNetworks:
+    """What finds, reads and compares faces: loaded while photos are decoded, dropped before the maps take memory."""
+
+    def __init__(self, pool: ThreadPoolExecutor, reads: bool) -> None:
+        """``reads`` says whether faces are to be read."""
+        self.reads = reads
+        kinds: list[Callable[[], Any]] = [FaceFinder, Recogniser, *([Readers] if reads else [])]
+        self._loads: list[Future[Any]] = [pool.submit(kind) for kind in kinds]
+
+    def finder(self) -> FaceFinder:
+        """Finds faces."""
+        return cast(FaceFinder, self._loads[0].result())
+
+    def recogniser(self) -> Recogniser:
+        """Compares faces."""
+        return cast(Recogniser, self._loads[1].result())
+
+    def readers(self) -> Readers:
+        """Read a face, where that was asked for."""
+        return cast(Readers, self._loads[2].result())
+
+    def drop(self) -> None:
+        """Let go of them."""
+        self._loads.clear()
+
+
 class _Timed:
     """Reports each stage before the networks as it begins, and times it."""
 
@@ -230,15 +258,14 @@ class _Timed:
 def _face_in(
     photo: Photo,
     options: Options,
-    finder: Future[FaceFinder],
-    readers: Future[Readers] | None,
+    networks: _FaceNetworks,
     head_and_chart: Future[tuple[HeadModel, Chart]],
 ) -> Face:
     """The face to take; where none is found, a doubtful one that the reader makes out."""
-    faces = finder.result().find(photo.pixels)
-    if not faces and readers is not None:
-        doubted = finder.result().doubted(photo.pixels)
-        faces = faces_by_reading(photo.pixels, doubted, head_and_chart.result()[0], readers.result().pixels)
+    faces = networks.finder().find(photo.pixels)
+    if not faces and networks.reads:
+        doubted = networks.finder().doubted(photo.pixels)
+        faces = faces_by_reading(photo.pixels, doubted, head_and_chart.result()[0], networks.readers().pixels)
     return choose_face(faces, options.face, photo.size)
 
 

@@ -279,9 +279,8 @@ def chart_values(avatar: Avatar) -> dict[str, Float32]:
 
 
 def _data_picture(codes: UInt8) -> Picture:
-    """PNG of data, compressed the harder the smaller it is."""
-    level = 7 if max(codes.shape) <= SMALL_GLB_PX else 3
-    return Picture(encode_png(codes, srgb=False, level=level), "image/png")
+    """PNG of data."""
+    return Picture(encode_png_rows(Rows.of(codes), srgb=False), "image/png")
 
 
 def _fitting(image: npt.NDArray[Scalar], *, obj: bool = False) -> npt.NDArray[Scalar]:

@@ -6,7 +6,7 @@ memory are left out unless ``timings`` requests them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO
@@ -15,7 +15,7 @@ from service import GENERATOR
 from service.archive.avatar import Avatar, drawn_parts
 from service.archive.container import write_file, write_stream
 from service.archive.describe import describe
-from service.archive.glb import glb_bytes, weights_by_name
+from service.archive.glb import Picture, glb_bytes, weights_by_name
 from service.archive.images import encode_jpeg, encode_png
 from service.archive.licences import licences_text
 from service.archive.manifest import to_json
@@ -34,6 +34,7 @@ from service.archive.skeleton import joint_weights, skeleton
 from service.archive.surfaces import displaced, subdivided_head
 from service.archive.usd import usda_bytes
 from service.archive.usd_materials import mtlx_bytes
+from service.arrays import Float32
 from service.materials.part import MeshPart, material_of
 from service.runtime.sessions import release
 
@@ -62,22 +63,33 @@ def write_archive(avatar: Avatar, target: Path | BinaryIO, *, timings: bool = Fa
 
 def archive_members(avatar: Avatar, *, timings: bool = False) -> dict[str, bytes]:
     """Name -> content of every file of the archive; see :func:`write_archive`."""
-    with ThreadPoolExecutor(2) as pool:
-        previews = pool.submit(_previews, avatar)
+    with ThreadPoolExecutor(3) as pool:
+        previews, packed = pool.submit(_previews, avatar), pool.submit(_maps, avatar)
+        pictures, values = pool.submit(chart_pictures, avatar), pool.submit(chart_values, avatar)
+        textures = pool.submit(_textures, avatar)
         parts, maps = drawn_parts(avatar), map_files(avatar)
-        files = _maps(avatar) | meshes(avatar, parts, maps) | {"LICENSES.md": licences_text(avatar).encode()}
-        files |= previews.result()
+        drawn = meshes(avatar, parts, maps, pictures.result, values.result)
+        files = packed.result() | drawn | textures.result()
+        files |= {"LICENSES.md": licences_text(avatar).encode()} | previews.result()
     files["manifest.json"] = to_json(describe(avatar, files, parts, maps, timings=timings))
     return files
 
 
-def meshes(avatar: Avatar, parts: Sequence[MeshPart], maps: MapFiles) -> dict[str, bytes]:
-    """Name -> content of everything under ``mesh/`` and ``maps/parts/``.
+def meshes(
+    avatar: Avatar,
+    parts: Sequence[MeshPart],
+    maps: MapFiles,
+    pictures: Callable[[], Mapping[str, Picture]],
+    values: Callable[[], Mapping[str, Float32]],
+) -> dict[str, bytes]:
+    """Name -> content of everything under ``mesh/``.
 
     Args:
         avatar: the results of one photo.
         parts: its ``drawn_parts``.
         maps: its ``map_files``.
+        pictures: gives its ``chart_pictures``, which may be drawn meanwhile.
+        values: gives its ``chart_values``, likewise.
 
     Raises:
         NumericFault: a vertex is not finite, or names of parts are ambiguous.
@@ -94,7 +106,7 @@ def meshes(avatar: Avatar, parts: Sequence[MeshPart], maps: MapFiles) -> dict[st
         "mesh/head.mtlx": mtlx_bytes(materials, maps),
         "mesh/head.glb": glb_bytes(
             parts,
-            chart_pictures(avatar),
+            pictures(),
             units=head.expression_names,
             expression=weights,
             head=head.name,
@@ -109,7 +121,7 @@ def meshes(avatar: Avatar, parts: Sequence[MeshPart], maps: MapFiles) -> dict[st
         fine, smooth = subdivided_head(head, fit.vertices)
         embossed = displaced(fine, smooth, made.displacement)
         files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
-    return files | data_maps(materials, maps, chart_values(avatar)) | _textures(avatar)
+    return files | data_maps(materials, maps, values())
 
 
 def _maps(avatar: Avatar) -> dict[str, bytes]:
@@ -120,7 +132,7 @@ def _maps(avatar: Avatar) -> dict[str, bytes]:
         return {spec.path: data for spec, data in zip(wanted, packed, strict=True) if data is not None}
 
 
-def _previews(avatar: Avatar) -> Mapping[str, bytes]:
+def _previews(avatar: Avatar) -> dict[str, bytes]:
     from service.archive.preview.overlay import overlay
     from service.archive.preview.sheet import sheet
 

@@ -7,7 +7,7 @@
           `- less the light that delta's context tells --rho, shade--> specular normals --integrate--> displacement
                                                        --sigma--> diffuse normals
 
-Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of one tile.
+Full-size maps are there as 16-bit codes only; networks see tiles. So memory is that of the maps and of two tiles.
 """
 
 from __future__ import annotations
@@ -180,6 +180,7 @@ def make_reflectance(
     if "diffuse_normal" in plan.stages:
         normal, _ = run("diffuse_normal", lambda told: smoothed(tangent_normals("diffuse_normal", job(told))))
         made = replace(made, diffuse_normal=normal)
+    planes.channels.clear()
     if "displacement" in plan.stages and made.specular_normal is not None:
         bumps = made.specular_normal
         heights, how = run("displacement", lambda told: _displaced(bumps, subject, size, skin, plan.keep_cliffs))

@@ -195,8 +195,9 @@ def halved(image: UInt8) -> UInt8:
     return result
 
 
-STRIP = 512
-"""Rows of a map that are changed at a time."""
+STRIP, ACROSS = 512, 1536
+"""Rows of a map that are changed at a time, and most columns: with all around them and two at once a third of a
+gigabyte."""
 
 REACH = 8
 """Texels of the coarsest level that a strip needs around it: for the pyramid, and for power measured over five."""
@@ -279,12 +280,17 @@ def octave_strips(values: npt.NDArray[Any], marked: Bool, octaves: int) -> Itera
             if above is not None:
                 part[: rows.start - top] = above[len(above) - (rows.start - top) :, left : columns[1] + reach]
             part = np.pad(part, ((0, -part.shape[0] % grid), (0, -part.shape[1] % grid), (0, 0)), "edge")
-            yield Strip(
-                (rows, slice(*columns)),
-                (slice(rows.start - top, rows.stop - top), slice(columns[0] - left, columns[1] - left)),
-                (top, top + part.shape[0], left, left + part.shape[1]),
-                part,
-            )
+            count = -(-(columns[1] - columns[0]) // ACROSS)
+            step = -(-(columns[1] - columns[0]) // (count * grid)) * grid
+            for begin in range(*columns, step):
+                end = min(begin + step, columns[1])
+                first, last = max(begin - reach, left), min(end + reach, left + part.shape[1])
+                yield Strip(
+                    (rows, slice(begin, end)),
+                    (slice(rows.start - top, rows.stop - top), slice(begin - first, end - first)),
+                    (top, top + part.shape[0], first, last),
+                    part[:, first - left : last - left],
+                )
         above = kept
 
 

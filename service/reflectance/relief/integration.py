@@ -18,13 +18,14 @@ This is done on a map at most ``WIDTH`` texels wide; its difference to least squ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from service.arrays import Bool, Float32
+from service.image_filters import by_strips
 
 TOLERANCE = 3e-3
 """Relative residual, in the norm of the preconditioner, at which the solver stops: errors are at most a thousandth of
@@ -32,9 +33,6 @@ the relief."""
 
 MOST_STEPS = 12
 """Most steps of conjugate gradients."""
-
-_BAND = 256
-"""Rows of edges at a time, as a plane of them takes 100 MB at 6144 x 4096."""
 
 
 @dataclass(frozen=True)
@@ -173,41 +171,55 @@ def divergence(right: Float32, down: Float32, mask: Bool, edges: Edges | None = 
     """
     if not right.shape == down.shape == mask.shape or right.ndim != 2:
         raise ValueError(f"slopes {right.shape} and {down.shape} and mask {mask.shape} have to be of one shape")
-    result = np.zeros(mask.shape, np.float32)
-    for slope, axis in ((right, 1), (down, 0)):
-        for rows, band in _bands(mask.shape[0], axis):
-            edge = wanted(slope[rows], axis)
-            edge[~joined(mask[rows], axis)] = 0  # assigned, as slopes outside the mask may be NaN
-            _add_edges(result[rows], edge, edges, axis, band)
-    return result
+
+    def edge(axis: int, rows: slice, band: slice) -> Float32:
+        values = wanted((right if axis == 1 else down)[rows], axis)
+        values[~joined(mask[rows], axis)] = 0  # assigned, as slopes outside the mask may be NaN
+        return _weighted(values, edges, axis, band)
+
+    return _gathered(mask.shape, edge)
 
 
 def _laplacian(height: Float32, mask: Bool, edges: Edges | None) -> Float32:
     """(H, W) for each texel of the mask: its height minus that of each neighbour in the mask, weighted and summed."""
-    result = np.zeros_like(height)
-    for axis in (1, 0):
-        for rows, band in _bands(mask.shape[0], axis):
-            edge = differences(height[rows], axis)
-            edge *= joined(mask[rows], axis)
-            _add_edges(result[rows], edge, edges, axis, band)
-    return result
+
+    def edge(axis: int, rows: slice, band: slice) -> Float32:
+        values = differences(height[rows], axis)
+        values *= joined(mask[rows], axis)
+        return _weighted(values, edges, axis, band)
+
+    return _gathered(mask.shape, edge)
 
 
-def _bands(height: int, axis: int) -> Iterator[tuple[slice, slice]]:
-    """Rows of a map of ``height`` rows whose edges along ``axis`` are worked on together, and rows of these edges."""
-    more = 1 if axis == 0 else 0
-    for top in range(0, height - more, _BAND):
-        bottom = min(top + _BAND, height - more)
-        yield slice(top, bottom + more), slice(top, bottom)
-
-
-def _add_edges(result: Float32, edge: Float32, edges: Edges | None, axis: int, band: slice) -> None:
-    """Add a value of each edge, times the edge's weight, to its end texel, and subtract it from its start texel."""
-    near, far = _halves(axis)
+def _weighted(values: Float32, edges: Edges | None, axis: int, band: slice) -> Float32:
     if edges is not None:
-        edge *= (edges.right if axis == 1 else edges.down)[band]
-    result[far] += edge
-    result[near] -= edge
+        values *= (edges.right if axis == 1 else edges.down)[band]
+    return values
+
+
+def _gathered(shape: tuple[int, ...], edge: Callable[[int, slice, slice], Float32]) -> Float32:
+    """(H, W) for each texel: values of its incoming edges minus those of its outgoing ones.
+
+    Args:
+        shape: of the map.
+        edge: axis, rows of texels, and rows of the edges between these, -> values of those edges.
+    """
+    result = np.zeros(shape, np.float32)
+
+    def gather(rows: slice) -> None:
+        part, start = result[rows], rows.start
+        across = edge(1, rows, rows)
+        part[:, 1:] += across
+        part[:, :-1] -= across
+        first, last = max(start - 1, 0), min(rows.stop, shape[0] - 1)  # edges from each of these rows to the next
+        if last > first:
+            down = edge(0, slice(first, last + 1), slice(first, last))
+            stop = min(rows.stop - 1, last)
+            part[first + 1 - start : stop + 1 - start] += down[: stop - first]
+            part[: last - start] -= down[start - first :]
+
+    by_strips(shape[0], gather)
+    return result
 
 
 def _halves(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
@@ -230,11 +242,14 @@ class _Rectangle:
         from scipy.fft import dctn, idctn
 
         waves = dctn(rest, norm="ortho", workers=2)
-        for index, row in enumerate(self._down):
-            frequency = self._across + row
-            if index == 0:
-                frequency[0] = np.inf  # the mean is undetermined: leave it 0
-            waves[index] /= frequency
+
+        def divide(rows: slice) -> None:
+            frequency = self._down[rows, None] + self._across
+            if rows.start == 0:
+                frequency[0, 0] = np.inf  # the mean is undetermined: leave it 0
+            waves[rows] /= frequency
+
+        by_strips(len(waves), divide)
         result = np.asarray(idctn(waves, norm="ortho", workers=2, overwrite_x=True), np.float32)
         result *= self._mask
         return result

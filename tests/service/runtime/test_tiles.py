@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from service.errors import ModelFault, NumericFault
-from service.runtime.networks import Engine, Network, open_network
+from service.runtime.networks import Engine, Network, RuntimeName, open_network
 from service.runtime.tiles import Tile, reflected, run_tiles, run_whole, tiles
 from tests.service.runtime.toynets import toy_net, write_models
 
@@ -96,6 +96,35 @@ def test_tiles_cover_the_map_once_and_start_on_the_stride(width: int, height: in
         assert max(one.bottom - one.top, one.right - one.left) <= tile + stride - 1
         count[one.scaled(1)] += 1
     assert (count == 1).all()
+
+
+def test_tiles_lie_around_marks_alone(plain: Network) -> None:
+    """Where a mark is, or the texel beside it that interpolation reaches, the result is the whole's; far away none."""
+    maps, where = image(64, 96), np.zeros((8, 12), bool)
+    where[4, 5:7] = True
+    result = np.full((3, 64, 96), 99, np.float32)
+
+    def write(one: Tile, part: Float) -> None:
+        result[:, *one.scaled(1)] = part
+
+    run_tiles(plain, lambda rows, columns: maps[:, rows][:, :, columns], (96, 64), write, tile=16, where=where)
+    near = np.s_[:, 24:48, 32:64]
+    np.testing.assert_allclose(result[near], untiled(plain, maps)[near], atol=1e-5)
+    assert (result[:, :16] == 99).all() and (result[:, :, :24] == 99).all() and (result[:, :, 72:] == 99).all()
+    assert tiles(96, 64, 16, 8, np.zeros((8, 12), bool)) == []
+
+
+@pytest.mark.parametrize("runtime", ["onnxruntime", "openvino"])
+def test_tiles_computed_at_once_are_those_computed_alone(folder: Path, runtime: RuntimeName) -> None:
+    maps = image(120, 160)
+    found = []
+    for threads in (1, 2):
+        with open_network("plain", Engine(runtime, threads=threads, folder=folder)) as network:
+            assert network.lanes == threads
+            found.append(tiled(network, maps, 16))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+    with open_network("whole", Engine(runtime, threads=2, folder=folder)) as network:
+        assert network.lanes == 1
 
 
 def test_reflection_is_numpy_s() -> None:
