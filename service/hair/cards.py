@@ -63,9 +63,9 @@ NARROWEST_M, WIDEST_M = 0.0008, 0.011
 """Half widths."""
 LONGER = 0.05
 """Share of its length by which a ribbon reaches beyond its mean tip, for the strands that are longer."""
-ROLL = 0.25
+ROLL = 0.1
 """How much ribbons of one place are turned against each other: enough to break up a sheet."""
-INNER_M = 0.0025
+INNER_M = 0.0018
 """Distance of the inner ribbons below those that they back."""
 EDGE_SHARE = 0.42
 """Distance to the middle of a root's nearest roots, over their mean distance, from which on it is on the hairline."""
@@ -424,7 +424,7 @@ def _mesh(ribbons: Ribbons, cell: Int64, body: Body) -> Mesh:
     faces = (2 * rows * order.astype(np.int32)[:, None, None] + quad[None]).reshape(-1, 3)
     normals = np.repeat(_lit(ribbons, body)[:, :, None], 2, 2)
     # A little of the ribbon's own roundness, so that bundles are told apart.
-    normals = _unit(normals + np.stack([-0.22 * ribbons.across, 0.22 * ribbons.across], 2))
+    normals = _unit(normals + np.stack([-0.16 * ribbons.across, 0.16 * ribbons.across], 2))
     uv = np.stack([u, v], 3).reshape(count * rows * 2, 2).astype(np.float32)
     points, normals = points.reshape(-1, 3).astype(np.float32), normals.reshape(-1, 3).astype(np.float32)
     # Path tracers turn round a normal that is on the other side of a face than its front; the face gets black.

@@ -15,6 +15,7 @@ from service.colour import linear_to_srgb, srgb_to_linear
 from service.geometry.camera import Camera
 from service.geometry.normals import area_normals, normalise
 from service.geometry.raster import (
+    Fragments,
     composite,
     fragments,
     interpolate,
@@ -38,6 +39,10 @@ RECESSES = ("eyes", "mouth")
 
 EDGE = 0.15
 """Width of the ramp of alpha around the cutoff of a masked part: a hard step would flicker."""
+HIDDEN = 1e-3
+"""Share of a fragment's light that reaches the camera below which it is not lit."""
+LAYER = 4000
+"""Triangles of a part that are drawn at once, from near to far: what lies behind solid cards is left out."""
 DARKEST = 0.65
 """Factor on linear colours with the photo's light in them at grazing angles; 1 where they face the camera."""
 
@@ -51,12 +56,59 @@ def recess_of(name: str) -> str | None:
 
 @dataclass(frozen=True)
 class DrawnPart:
-    """A part with its triangles (T, 3), their places (T, 3) on its texture, and unit normals (V, 3)."""
+    """A part as it is drawn.
+
+    Attributes:
+        part: what it is.
+        triangles: (T, 3), and their ``places`` (T, 3) on its texture.
+        normals: (V, 3) unit.
+        along: (V, 3) unit direction of strands, from root to tip; None where it is no hair.
+    """
 
     part: MeshPart
     triangles: Int32
     places: Int32
     normals: Float32
+    along: Float32 | None = None
+
+    @classmethod
+    def of(cls, part: MeshPart) -> DrawnPart:
+        """A part."""
+        triangles = part_triangles(part.polygons)
+        places = part_triangles(part.polygons_uv, part.polygons)
+        normals = part_normals(part, part.vertices, triangles)
+        return cls(part, triangles, places, normals, _along_v(part, triangles, places))
+
+    def strands(self, corners: Int32, weights: Float32, uv: Float32) -> Float32 | None:
+        """(F, 3) unit direction of the strands that the texture shows at places (F, 2); None where it is no hair."""
+        if self.along is None:
+            return None
+        along = _unit(interpolate(self.along, corners, weights))
+        picture = self.part.material.anisotropy_map
+        if not isinstance(picture, OwnMap):
+            return along
+        normal = _unit(interpolate(self.normals, corners, weights))
+        code = sample_chart(picture.pixels, uv)[:, :2] / np.float32(127.5) - 1
+        across = code[:, :1] * np.cross(along, normal) + code[:, 1:] * along
+        return _unit(np.cross(normal, across).astype(np.float32))
+
+
+def _along_v(part: MeshPart, triangles: Int32, places: Int32) -> Float32 | None:
+    """(V, 3) unit vectors along which v grows; None where the material knows no strands."""
+    if part.material.anisotropy <= 0:
+        return None
+    uv, points = part.uv.astype(np.float64)[places], part.vertices.astype(np.float64)
+    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    e1, e2 = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
+    turn = np.sign(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])[:, None]
+    each: Float64 = turn * (d1[:, :1] * e2 - d2[:, :1] * e1)
+    index = triangles.ravel()
+    whole = np.stack([np.bincount(index, np.repeat(column, 3), len(points)) for column in each.T], 1)
+    return np.asarray(normalise(whole.astype(np.float64), (0.0, -1.0, 0.0)), np.float32)
+
+
+def _unit(vectors: Float32) -> Float32:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9), np.float32)
 
 
 @dataclass(frozen=True)
@@ -84,11 +136,7 @@ class DrawnHead:
         inside = {name for name in head.part_names if recess_of(name)} - replaced
         still = dataclasses.replace(head, expression_names=(), expression=head.expression[:0])
         own = [part for part in head_parts(still, vertices, vertices) if part.name in inside] if inside else []
-        drawn = []
-        for part in (*own, *(part for part in parts if part.material.opacity > 0)):
-            triangles = part_triangles(part.polygons)
-            places = part_triangles(part.polygons_uv, part.polygons)
-            drawn.append(DrawnPart(part, triangles, places, part_normals(part, part.vertices, triangles)))
+        drawn = [DrawnPart.of(part) for part in (*own, *(part for part in parts if part.material.opacity > 0))]
         hidden = {name for name in head.part_names if material_of(name).opacity <= 0}
         return cls(without_parts(head, replaced | inside | hidden), vertices, tuple(drawn))
 
@@ -120,6 +168,7 @@ class SeenPart:
         colour: (F, 3) linear albedo, and their opacity ``alpha`` (F,).
         radiance: (F, 3) linear; black until somebody lights the part.
         normals: (F, 3) unit, by the part's own normal map; None where it has none.
+        along: (F, 3) unit, the strands of hair from root to tip; None of all else.
     """
 
     drawn: DrawnPart
@@ -130,6 +179,7 @@ class SeenPart:
     alpha: Float32
     radiance: Float32
     normals: Float32 | None = None
+    along: Float32 | None = None
 
     @property
     def part(self) -> MeshPart:
@@ -237,22 +287,32 @@ def see(model: DrawnHead, camera: Camera, samples: float, chart: Float32 | None 
     uv = interpolate(head.uv, head.triangle_uv[triangle], weights)
     position = interpolate(vertices, corners, weights)
     parts, keys = [], [np.zeros(0, np.int64)]
-    for drawn in model.parts:
+    nearest = raster.depth.copy()
+    for drawn in sorted(model.parts, key=lambda one: one.part.material.alpha != "mask"):  # what hides the others first
         flat, depth = projected(drawn.part.vertices)
         double = drawn.part.material.double_sided
         front = np.flatnonzero(double | (signed_area(flat, drawn.triangles) < 0))
-        found = fragments(flat, depth, drawn.triangles[front], width, height, nearer=raster.depth)
-        if not len(found.pixel):
-            continue
-        shown, inside = front[found.triangle], found.barycentric
-        place = interpolate(drawn.part.uv, drawn.places[shown], inside)
-        colour, alpha = painted(drawn.part, place, chart)
-        own = SeenPart(
-            drawn, drawn.triangles[shown], inside, found.pixel, colour, alpha, np.zeros_like(colour),
-            bent(drawn, shown, inside, place),
-        )  # fmt: skip
-        parts.append(own)
-        keys.append((found.pixel << 32) | found.depth.view(np.int32))
+        front = front[np.argsort(depth[drawn.triangles[front]].mean(1), kind="stable")]
+        for some in np.array_split(front, max(len(front) // LAYER, 1)):
+            found = fragments(flat, depth, drawn.triangles[some], width, height, nearer=nearest)
+            if not len(found.pixel):
+                continue
+            shown, inside = some[found.triangle], found.barycentric
+            place, around = interpolate(drawn.part.uv, drawn.places[shown], inside), drawn.triangles[shown]
+            colour, alpha = painted(drawn.part, place, chart)
+            if drawn.part.material.alpha == "mask":
+                solid = alpha >= 1
+                np.minimum.at(nearest.ravel(), found.pixel[solid], found.depth[solid])
+                kept = (alpha > 0) & (found.depth <= nearest.ravel()[found.pixel])
+                shown, around, inside, place = shown[kept], around[kept], inside[kept], place[kept]
+                colour, alpha = colour[kept], alpha[kept]
+                found = Fragments(found.pixel[kept], found.triangle[kept], inside, found.depth[kept])
+            along = drawn.strands(around, inside, place)
+            turned = None if along is not None else bent(drawn, shown, inside, place)
+            dark = np.zeros_like(colour)
+            own = SeenPart(drawn, around, inside, found.pixel, colour, alpha, dark, turned, along)
+            parts.append(own)
+            keys.append((found.pixel << 32) | found.depth.view(np.int32))
     # Depths are positive, so their bits are in order; those of one part are, and to merge such runs is quick.
     order = np.argsort(np.concatenate(keys), kind="stable")
     return SeenHead(model, camera, (height, width), index, corners, weights, uv, position, tuple(parts), order)

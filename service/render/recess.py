@@ -2,8 +2,8 @@
 
 Eyes between their lids, and teeth, gums and tongue between the lips, are lit by the sky in the directions that lids,
 brows, nose, lips and they themselves leave open, and by each lamp so far as it is seen. In the other directions stands
-flesh, which sends back what it receives. They mirror what is left. Hair, lashes and bust have the light of the open:
-they throw no shadow, neither on each other nor on the head, and have no highlights of strands.
+flesh, which sends back what it receives. They mirror what is left. Hair is lit as strands (``service.render.strands``).
+Lashes and bust have the light of the open: they throw no shadow, neither on each other nor on the head.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from service.light.plan import LightPlan
 from service.light.scene import Triple
 from service.materials.material import Material
 from service.materials.part import MeshPart, part_triangles
-from service.render.draw import RECESSES, DrawnHead, SeenHead, SeenPart, open_light, recess_of
+from service.render.draw import HIDDEN, RECESSES, DrawnHead, SeenHead, SeenPart, open_light, recess_of
+from service.render.strands import HairVolume, StrandLight
 from service.render.visibility import Occluders, VisibilityDetail
 
 GRAIN_M = 0.0006
@@ -38,8 +39,6 @@ MOST_FLESH = 0.9
 """Largest albedo of what stands around; with 1 light would never leave a closed mouth."""
 AROUND_M = 0.004
 """Width of the rim of skin around a recess whose light counts."""
-HIDDEN = 1e-3
-"""Share of a fragment's light that reaches the camera below which it is not lit."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +134,7 @@ class RecessLight:
         graphs: the formulas.
         detail: resolution of the visibility.
         viewpoint: (3,) metres.
+        hair: what stops light; None on a head without.
     """
 
     light: Illumination
@@ -142,6 +142,7 @@ class RecessLight:
     graphs: Graphs
     detail: VisibilityDetail
     viewpoint: Triple
+    hair: HairVolume | None = None
 
     def light_parts(self, seen: SeenHead, skin: Float32) -> None:
         """Set the radiance of all fragments.
@@ -151,9 +152,16 @@ class RecessLight:
             skin: (N, 6) albedo and radiosity of the points on the head.
         """
         recesses: dict[str, list[tuple[SeenPart, Bool]]] = {name: [] for name in RECESSES}
+        eye = np.array(self.viewpoint, np.float32)
+        strands = None if self.hair is None else StrandLight(self.light, self.graphs, self.hair, eye)
+        shares: dict[str, Float32] = {}
         for one, reached in zip(seen.parts, seen.reached() if seen.parts else (), strict=True):
             where, visible = recess_of(one.part.name), reached > HIDDEN
-            if where is None:
+            if where is None and one.along is not None and strands is not None:
+                if one.part.name not in shares:
+                    shares[one.part.name] = strands.shares(one.part)
+                strands.lit(one, one.along, shares[one.part.name], visible)
+            elif where is None:
                 lit = open_light(self.light, self.graphs, one.part.vertices, one.drawn.normals)
                 one.radiance = one.colour * one.between(lit)
             elif visible.any():

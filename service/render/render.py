@@ -32,6 +32,7 @@ from service.render.draw import DrawnHead, SeenHead, see
 from service.render.recess import RecessLight
 from service.render.request import RenderRequest
 from service.render.shade import Clock, HeadShader
+from service.render.strands import HairVolume
 from service.render.surface import LARGEST, StoredMap, Surface, build_surface
 from service.render.view import camera_at, pixel_on_chart, viewpoint_of
 from service.render.visibility import Visibility, VisibilityDetail
@@ -39,7 +40,7 @@ from service.render.visibility import Visibility, VisibilityDetail
 NO_RELIEF = "relief-shadows-not-simulated"
 """Fallback: displacement maps are not read, as the decode gate returns 8 bits, too few for relief."""
 NO_SHADOWS = "part-shadows-not-simulated"
-"""Fallback: hair and other parts throw no shadows in the picture."""
+"""Fallback: bust, lashes and other parts than hair throw no shadows in the picture."""
 
 COUNT = 384
 """Samples of the skin for the planner."""
@@ -102,6 +103,7 @@ class Kept:
 
     surface: Surface | None = None
     visibility: Visibility | None = None
+    hair: HairVolume | None = None
 
 
 def render_head(
@@ -143,9 +145,9 @@ def render_head(
     scene = dataclasses.replace(request.scene, viewpoints=(viewpoint,))
     light = illumination(scene)  # an unknown environment is refused before the maps are decoded
     camera = camera or camera_at(viewpoint, framed(vertices, parts), *request.size)
-    fallbacks = (NO_SHADOWS,) if parts else ()
     model = DrawnHead.of(head, vertices, parts)
     head = model.head
+    fallbacks = (NO_SHADOWS,) if any(part.material.anisotropy <= 0 for part in parts) else ()
     size = _chart_size(head, vertices, camera, detail.narrowest)
     with clock.step("maps"):
         if kept.surface is None or kept.surface.specular.shape[1] < size[0]:
@@ -153,7 +155,11 @@ def render_head(
         surface = kept.surface
     with clock.step("samples"):
         seen = see(model, camera, request.samples, surface.albedo)
-    kept.visibility = visibility = kept.visibility or Visibility(head, vertices, Graphs(threads), detail)
+    if kept.visibility is None:
+        kept.hair = HairVolume.of(model.parts, vertices, head.triangles)
+        alone = None if kept.hair is None else kept.hair.alone
+        kept.visibility = Visibility(head, vertices, Graphs(threads), detail, alone)
+    visibility = kept.visibility
     graphs = visibility.graphs
     with clock.step("sky"):
         sky = visibility.sky
@@ -169,7 +175,7 @@ def render_head(
     radiance = np.maximum(radiance, 0.0)
     with clock.step("parts"):
         skin = np.concatenate([seen.read(surface.albedo), np.float32(np.pi) * radiance], 1)
-        RecessLight(light, chosen, graphs, detail, viewpoint).light_parts(seen, skin)
+        RecessLight(light, chosen, graphs, detail, viewpoint, kept.hair).light_parts(seen, skin)
     with clock.step("develop"):
         picture, covered = seen.resolved(radiance)
         background = None

@@ -14,6 +14,7 @@ from service.head.model import HeadModel
 from service.light.environment import flux_by_direction, spread_directions
 from service.light.formulas import Graphs, disc_of
 from service.light.scene import PointLight
+from service.render.strands import BIAS, HairVolume
 
 Size = tuple[int, int]
 
@@ -88,12 +89,14 @@ class Visibility:
         vertices: (V, 3) metres.
         graphs: the formulas.
         detail: the resolution.
+        hair: shades the head; None on one without.
     """
 
     head: HeadModel
     vertices: AnyFloat
     graphs: Graphs
     detail: VisibilityDetail = VisibilityDetail()
+    hair: HairVolume | None = None
 
     @cached_property
     def _casters(self) -> tuple[Occluders, ...]:
@@ -112,7 +115,11 @@ class Visibility:
     def sky(self) -> UInt8:
         """(D, h, w) visibility of each direction, 255 = fully visible; takes about 2 s."""
         chart = Chart.build(self.head, *self.detail.sky_size)
-        seen = self._casters[1].sky(self.detail.directions, _points(chart, self.vertices))
+        at = _points(chart, self.vertices)
+        seen = self._casters[1].sky(self.detail.directions, at)
+        if self.hair is not None:
+            through = self.hair.from_sky(at[:3].T, self.detail.directions, BIAS["skin"])
+            seen = np.rint(seen * through).astype(np.uint8)
         spread = chart.fill_outside(chart.spread(seen.T.astype(np.float32)))
         return np.ascontiguousarray(np.moveaxis(spread, 2, 0).astype(np.uint8))
 
@@ -134,6 +141,8 @@ class Visibility:
         chart, points = self._lamp_points
         places = self._casters[0].places(light)
         reached = self._casters[len(places) > 1].lamp(places, points)
+        if self.hair is not None:
+            reached = reached * self.hair.from_lamp(points[:3].T, light, BIAS["skin"])
         return np.clip(_resized(chart.fill_outside(chart.spread(reached[:, None])), size)[..., 0], 0.0, 1.0)
 
     def _summed(self, each: Float64, size: Size) -> Float32:
