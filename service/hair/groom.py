@@ -154,7 +154,8 @@ def _between(
     middle /= np.maximum(size, 1)[:, None, None]
     share = np.linspace(0, 1, points, dtype=np.float32)
     # A lock thins towards its end and never becomes a thread; where all of it is pressed to the head it lies flat.
-    hold = (0.85 * style.clump * share**1.3)[None] * np.where(rng.random(len(roots)) < style.flyaways, 0, 1)[:, None]
+    pressed = 0.3 if style.gather != "none" else 0.85
+    hold = (pressed * style.clump * share**1.3)[None] * np.where(rng.random(len(roots)) < style.flyaways, 0, 1)[:, None]
     strands = strands + hold[..., None] * (middle[lock] - strands)
     trim = rng.uniform(0.90, 1.0, len(roots)).astype(np.float32)
     return resampled(np.asarray(strands, np.float32), trim, points), lock, index[:, 0].astype(np.int32)

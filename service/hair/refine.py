@@ -170,12 +170,12 @@ def to_outline(strands: Float32, sight: Sight, skin: Scalp) -> Float32:
     height = np.maximum(skin.outside(strands), 0)
     loose = np.clip(height / 0.006, 0, 1)
     direction = away / np.maximum(length, 1e-6)[..., None]
-    flat = (direction * (own * share * loose)[..., None]) @ np.linalg.inv(cells_per_m).T
+    flat = np.einsum("npk,ck->npc", direction * (own * share * loose)[..., None], np.linalg.inv(cells_per_m))
     # What a photo from the front does not tell, the back of the head, is as full as the sides.
     top = np.abs(np.mod(np.arange(RAYS) * (360 / RAYS) + 180, 360) - 180) < TOP_DEG
     deep = depth - sight.project(CENTRE)[1]
     behind = np.clip(deep / 0.1, 0, 1) ** 2 * loose * (strands[..., 1] > -0.035) * float(difference[top].mean()) / scale
-    offset = np.concatenate([flat, behind[..., None]], -1) @ sight.camera.rotation
+    offset = np.einsum("npk,kc->npc", np.concatenate([flat, behind[..., None]], -1), sight.camera.rotation)
     return np.asarray(strands + offset, np.float32)
 
 
@@ -361,6 +361,56 @@ def _ends(strands: Float32, sight: Sight) -> float | None:
     return float(HANGS_BELOW_M - STEP_M * gone[0]) if gone else None
 
 
+FILLINGS = 2
+"""How often what is still uncovered gets strands."""
+UNCOVERED, PER_CELL = 0.4, 14
+"""Share of a cell of the photo's hair below which it is uncovered, and strands that it then gets, of 10,000."""
+BENT = 2500
+"""Most strands out of which the nearest is taken."""
+FARTHEST_CELLS = 14.0
+"""Most by which a strand is bent to reach an uncovered cell: 55 mm."""
+OFF_M = (0.002, 0.008)
+"""Range of distances from the skin at which these lie where they cross the face."""
+
+
+def filled(groom: Groom, sight: Sight, skin: Scalp, rng: np.random.Generator) -> Groom:
+    """The groom with more strands through cells where the photo shows hair and it has none.
+
+    Each is the strand that is nearest in the picture, bent from its root on to pass through the cell: at the depth of
+    the skin where that lies behind, as a fringe on the forehead does, else at the strand's own.
+    """
+    lacking = np.argwhere((sight.hair > SURE) & (sight.known > SURE) & (sight.drawn(groom.strands).mask < UNCOVERED))
+    if not len(lacking) or not len(groom):
+        return groom
+    count = max(1, round(PER_CELL * len(groom) / 10_000))
+    cells = np.repeat(lacking[:, ::-1], count, 0) + rng.random((len(lacking) * count, 2))
+    strands, points = groom.strands, groom.strands.shape[1]
+    places = np.arange(points // 3, points, max(1, points // 10))
+    some = rng.permutation(len(strands))[:BENT]
+    at, depth = sight.project(strands[some][:, places])
+    apart, near = cKDTree(at.reshape(-1, 2)).query(cells)
+    reached = apart < FARTHEST_CELLS
+    cells, near = cells[reached], near[reached]
+    strand, place = some[near // len(places)], places[near % len(places)]
+    own = depth.reshape(-1)[near]
+    column, row = np.clip(cells.astype(int), 0, CELLS - 1).T
+    face = sight.behind[row, column]
+    wanted = np.where(np.isfinite(face), face - rng.uniform(*OFF_M, len(cells)), own)
+    # The cell's ray, at this depth, in the head's frame.
+    camera = sight.camera
+    pixel = sight.region.to_photo(cells, CELLS)
+    ray = np.concatenate([(pixel - camera.principal_point) / camera.focal_px, np.ones((len(cells), 1))], 1)
+    target = (ray * wanted[:, None] - camera.translation) @ camera.rotation
+    shift = target - strands[strand, place]
+    share = np.clip(np.arange(points)[None] / np.maximum(place, 1)[:, None], 0, 1)
+    bent = strands[strand] + (share**1.5)[..., None] * shift[:, None]
+    # It ends a little beyond the cell: the rest of a tail, say, would hang anywhere.
+    ends = np.clip(place / (points - 1) * rng.uniform(1.0, 1.2, len(place)), 0, 1).astype(np.float32)
+    bent = resampled(bent.astype(np.float32), ends, points)
+    bent = np.concatenate([bent[:, :1], skin.pushed(bent[:, 1:], 0.0015, 0.02)], 1)
+    return groom.joined(bent, groom.root_uv[strand], strand)
+
+
 SEEN_M = 0.015
 """Depth below the outermost strand of a cell down to which strands are seen."""
 
@@ -396,6 +446,10 @@ def fitted(style: Style, sight: Sight, skin: Scalp, seed: int, strands: int) -> 
     for _ in range(2):
         moved = to_outline(moved, sight, skin)
     moved = like_neighbours(moved, *trimmed(moved, sight, rng), sight)
+    groom = groom.chosen(moved, np.arange(len(moved)))
+    for _ in range(FILLINGS):
+        groom = filled(groom, sight, skin, rng)
+    moved = groom.strands
     moved, kept = trimmed(moved, sight, rng)
     kept |= ~bare_rooted(moved, sight)
     moved = np.concatenate([moved[:, :1], skin.pushed(moved[:, 1:], 0.001, 0.01)], 1)

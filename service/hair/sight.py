@@ -9,7 +9,7 @@ import numpy as np
 from service.arrays import AnyFloat, Bool, Float32, Int64
 from service.face.fit.result import Fit
 from service.face.region import Region
-from service.geometry.camera import Camera
+from service.geometry.camera import NEAREST_M, Camera
 from service.geometry.raster import rasterise
 from service.hair.reading import CELLS, HairReading
 from service.head.model import HeadModel
@@ -92,10 +92,17 @@ class Sight:
 
     def project(self, points: AnyFloat) -> tuple[Float32, Float32]:
         """Cells (..., 2) and depth (...) metres of points (..., 3) in the head's frame."""
-        flat = points.reshape(-1, 3)
-        at = self.region.to_crop(self.camera.project(flat), CELLS).reshape(*points.shape[:-1], 2)
-        depth = self.camera.to_camera(flat)[:, 2].reshape(points.shape[:-1])
-        return at.astype(np.float32), depth.astype(np.float32)
+        # Camera and square as one matrix, row by row: a product of matrices would wait for threads.
+        camera = self.camera
+        to_pixel = np.array([[camera.focal_px, 0, camera.principal_point[0]],
+                             [0, camera.focal_px, camera.principal_point[1]], [0, 0, 1]])  # fmt: skip
+        to_cell = np.linalg.inv(np.vstack([self.region.matrix(CELLS), [0, 0, 1]]))
+        whole = np.concatenate([camera.rotation, camera.translation[:, None]], 1)
+        rows = (to_cell @ to_pixel @ whole).astype(np.float32)
+        x, y, z = (np.asarray(points[..., k], np.float32) for k in range(3))
+        across, down, depth = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in rows)
+        near = np.maximum(depth, np.float32(NEAREST_M))
+        return np.stack([across / near, down / near], -1), np.asarray(depth, np.float32)
 
     def visible(self, at: Float32, depth: Float32) -> tuple[tuple[Int64, Int64], Bool]:
         """Row and column of projected points, confined to the square, and whether they lie in it before the head."""

@@ -11,13 +11,15 @@ import pytest
 
 from service.colour import linear_to_srgb, luma
 from service.errors import ModelFault, UsageError
+from service.face.region import Region
 from service.hair.asked import COLOURS as COLOUR_NAMES
 from service.hair.asked import STYLES, AskedHair, checked_colour, checked_hair, parse_hair, parse_length
 from service.hair.bank import kind_of, match, mirrored, read_bank
 from service.hair.colour import COLOURS, KNOTS, as_absorbed, asked_colour
 from service.hair.find_hair import CROPPED_M, find_hair
 from service.hair.paint import painted
-from service.hair.refine import fitted, refined, seen_share, thickness_m, trimmed
+from service.hair.reading import CELLS
+from service.hair.refine import filled, fitted, refined, seen_share, thickness_m, trimmed
 from service.hair.scalp import Scalp
 from service.hair.sight import overlap
 from service.hair.style import NAMED, style_from_json, style_to_json
@@ -189,3 +191,26 @@ def test_what_cannot_be_asked_for_is_refused_with_its_value(tmp_path: Path) -> N
     (tmp_path / "bob.json").write_text(json.dumps(style_to_json(NAMED["bob"])))
     assert Options(hair=parse_hair(str(tmp_path / "bob.json")), hair_colour="#5A3B25").hair_colour == "#5a3b25"
     assert parse_length("auto") is None and parse_length("120 mm") == 120.0
+
+
+def test_what_is_uncovered_gets_strands_and_no_more() -> None:
+    """A fringe on the forehead that no root's own length reaches: strands are bent from the hairline over it."""
+    seen = photographed(dataclasses.replace(NAMED["bob"], fringe_mm=60.0), 3, HEAD)
+    short = photographed(NAMED["bob"], 3, HEAD).groom
+    made = filled(short, seen.sight, SKIN, np.random.default_rng(0))
+    before, after = (
+        overlap(seen.sight.hair, seen.sight.drawn(one.strands).mask, seen.sight.known) for one in (short, made)
+    )
+    assert len(made) > len(short) and after > before + 0.02
+    assert (SKIN.outside(made.strands[len(short) :, 2:]) < -0.003).mean() < 0.02
+    own = photographed(NAMED["bob"], 3, HEAD)
+    assert len(filled(own.groom, own.sight, SKIN, np.random.default_rng(0))) < 1.2 * len(own.groom)
+
+
+def test_cells_are_those_of_the_camera_and_the_square() -> None:
+    sight = photographed(NAMED["crop"], 1, HEAD, yaw=25.0, pitch=-10.0, strands=50).sight
+    turned = dataclasses.replace(sight, region=Region(50.0, 60.0, 90.0, 0.3))
+    points = HEAD.mean[::40]
+    cells, depth = turned.project(points)
+    np.testing.assert_allclose(cells, turned.region.to_crop(turned.camera.project(points), CELLS), atol=1e-3)
+    np.testing.assert_allclose(depth, turned.camera.to_camera(points)[:, 2], atol=1e-5)
