@@ -6,9 +6,9 @@ import contextlib
 import hashlib
 import json
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
@@ -19,13 +19,17 @@ from service.api.keys import Tenant
 from service.api.problem_responses import ProblemError
 from service.api.uploads import Upload
 from service.errors import UnreadableInput
+from service.face.several import of_photo
 from service.jobs.admission import Bounds, KeyInUse, NewJob, NoRoom, count_refusal
 from service.jobs.artifacts import artifact_name
 from service.jobs.database import now
 from service.jobs.erasure import checkpoint, let_go
 from service.jobs.store import Row
 from service.jobs.webhooks import target
+from service.photo.bundle import unbundled
 from service.photo.gate import check_photo
+
+T = TypeVar("T")
 
 
 def bounds_of(context: Context, tenant: Tenant) -> Bounds:
@@ -85,9 +89,9 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
         if known is not None:
             return _same(known, digest)
     try:
-        share = await run_in_threadpool(lambda: cost(upload.path.read_bytes(), context.limits))
-        async with context.decoding.taken(share, tenant.name):
-            await run_in_threadpool(lambda: check_photo(upload.path.read_bytes(), context.limits))
+        share = await run_in_threadpool(_of_each, upload, lambda photo: cost(photo, context.limits))
+        async with context.decoding.taken(max(share), tenant.name):
+            await run_in_threadpool(_of_each, upload, lambda photo: check_photo(photo, context.limits))
     except UnreadableInput:
         if tenant.per_day is not None:
             await run_in_threadpool(count_refusal, context.engine, tenant.name)
@@ -99,6 +103,21 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
         priority=upload.priority, metadata=upload.metadata, trace=trace, webhook=upload.webhook_url or None,
     )  # fmt: skip
     return await run_in_threadpool(_store, context, new, upload.path, bounds_of(context, tenant))
+
+
+def _of_each(upload: Upload, work: Callable[[bytes], T]) -> list[T]:
+    """What comes of each photo of an upload, one after the other.
+
+    Raises:
+        UnreadableInput: what one of several is refused for has its number, from 0, in ``extra["photo"]``.
+    """
+    photos, results = unbundled(upload.path.read_bytes()), []
+    for number, photo in enumerate(photos):
+        try:
+            results.append(work(photo))
+        except UnreadableInput as error:
+            raise of_photo(error, number, len(photos)) from error
+    return results
 
 
 def _store(context: Context, new: NewJob, path: Path, bounds: Bounds) -> Row:

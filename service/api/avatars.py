@@ -37,7 +37,8 @@ router = APIRouter(prefix="/v1/avatars", tags=["avatars"])
     "", status_code=202, operation_id="create_avatar", response_model=Job, summary="Make an avatar of a photo."
 )
 async def post(request: Request, tenant: Asking, context: Here) -> Response:
-    """Takes multipart/form-data with the photo as ``image``, or the photo itself as the body.
+    """Takes multipart/form-data with the photo as ``image``, several parts of that name for several photos of one
+    person, or the photo itself as the body.
 
     With the photo as the body the other parts are parameters of the address, each option by its name and as on the
     command line: ``?quality=draft&size=576x384``.
@@ -45,9 +46,10 @@ async def post(request: Request, tenant: Asking, context: Here) -> Response:
     The answer comes as soon as the photo is stored and the job is in the queue. With an ``Idempotency-Key`` the same
     request can be sent again and makes one job only.
 
-    400: more than eight parts (`too-many-parts`), more than one file (`one-file-only`), a part other than the photo of
+    400: more than eight parts (`too-many-parts`), more than 24 files (`too-many-files`), a part other than a photo of
     more than 16 KiB (`part-too-large`), or a form that is none. 422: a part, an option or a value that there is not, or
-    a photo that cannot be used. 413: more bytes than a photo may have. 415: no photo, by its first bytes.
+    a photo that cannot be used. 413: more bytes than a photo, or all together, may have. 415: no photo, by its first
+    bytes.
     """
     key = idempotency_key(request)
     await run_in_threadpool(admit, context, tenant, key)

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from service.api.problem_responses import MEDIA_TYPE
 from service.jobs.admission import PRIORITIES
 from service.kits.export import TOOLS
+from service.photo.bundle import MOST
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
@@ -193,7 +194,10 @@ _NEW_AVATAR: Json = {
     "required": ["image"],
     "additionalProperties": False,
     "properties": {
-        "image": _PHOTO,
+        "image": {
+            "description": "A photo, or up to 24 of one person: a part of this name for each.",
+            "anyOf": [_PHOTO, {"type": "array", "items": _PHOTO, "minItems": 1, "maxItems": MOST}],
+        },
         "options": {"$ref": "#/components/schemas/Options"},
         "keep_photo": {
             "type": "boolean",

@@ -29,9 +29,9 @@ _OBJECT = "It has to be a JSON object of finite numbers and Unicode text, withou
 EXPLANATIONS = {
     "missing-file": "Send the photo as the part 'image' of a multipart/form-data body, or as the body itself.",
     "malformed-multipart": "The body is not the multipart/form-data that its Content-Type announces.",
-    "too-many-parts": "One part 'image', and one each of the others at most: options, keep_photo, metadata and so on.",
+    "too-many-parts": "Parts 'image', and one each of the others at most: options, keep_photo, metadata and so on.",
     "part-too-large": "Parts other than the photo are limited to 16 KiB.",
-    "one-file-only": "One request makes one avatar of one photo.",
+    "too-many-files": "One request makes one avatar of at most 24 photos, each a part 'image'.",
     "unknown-field": "There is no such part or option. Photos are never fetched from an address.",
     "malformed-options": _OBJECT,
     "malformed-metadata": _OBJECT,

@@ -27,6 +27,7 @@ from service.errors import AvatarError, TooManyBytes
 from service.jobs.admission import PRIORITIES
 from service.jobs.settings import Settings
 from service.options import Options
+from service.photo.bundle import MOST, index_of
 
 PARTS = ("options", "keep_photo", "metadata", "priority", "webhook_url")
 """Parts beside the photo."""
@@ -36,6 +37,9 @@ QUERY = frozenset(PARTS) - {"options"} | NAMES
 
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp")
 MAX_PARTS = 8
+"""Parts of different names, and a few more for mistakes."""
+MOST_TOGETHER = 4
+"""Bytes of all photos of one request over those that one may have."""
 
 LEAST_SPEED = 4096
 """Bytes a second that a body has to bring after its first seconds, or its place is given to somebody else."""
@@ -50,10 +54,11 @@ class Upload:
     """A request that has arrived.
 
     Attributes:
-        path: file of the photo, in the folder of uploads.
-        max_bytes: that the photo may have.
-        sha256: hex digest of the photo.
-        size: bytes of the photo.
+        path: file of the photo, or of several as ``service.photo.bundle`` has them, in the folder of uploads.
+        max_bytes: that a photo may have.
+        sha256: hex digest of the file.
+        size: bytes of the file.
+        sizes: of each photo.
         options: what to make.
         keep_photo, metadata, priority, webhook_url: the parts of these names; without one, what is here.
     """
@@ -62,6 +67,7 @@ class Upload:
     max_bytes: int
     sha256: str = ""
     size: int = 0
+    sizes: list[int] = field(default_factory=list)
     options: Options = field(default_factory=Options)
     keep_photo: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
@@ -87,8 +93,14 @@ class Upload:
 
     def too_large(self) -> TooManyBytes:
         """The fault of a photo that has too many bytes."""
-        words = f"the photo has more than {self.max_bytes} bytes, which is the most that is accepted"
+        which = "the photo has" if len(self.sizes) < 2 else f"photo {len(self.sizes)} has"
+        words = f"{which} more than {self.max_bytes} bytes, which is the most that is accepted"
         return TooManyBytes(words, limit=self.max_bytes)
+
+    def too_large_together(self) -> TooManyBytes:
+        """The fault of photos that have too many bytes together."""
+        limit = MOST_TOGETHER * self.max_bytes
+        return TooManyBytes(f"the photos have more than {limit} bytes together, which is the most", limit=limit)
 
 
 def _one_of(name: str, value: bytes, allowed: tuple[str, ...]) -> str:
@@ -125,15 +137,23 @@ class Body:
         self.upload.sha256 = self._hash.hexdigest()
 
     def _photo(self, data: bytes) -> None:
-        self.upload.size += len(data)
-        if self.upload.size > self.upload.max_bytes:
+        if not self.upload.sizes:
+            self.upload.sizes.append(0)
+        self.upload.sizes[-1] += len(data)
+        if self.upload.sizes[-1] > self.upload.max_bytes:
             raise self.upload.too_large()
+        if self.upload.size + len(data) > MOST_TOGETHER * self.upload.max_bytes:
+            raise self.upload.too_large_together()
+        self._write(data)
+
+    def _write(self, data: bytes) -> None:
+        self.upload.size += len(data)
         self._hash.update(data)
         self._stream.write(data)
 
 
 class Multipart(Body):
-    """A form with the photo as one of its parts (RFC 7578).
+    """A form with the photo, or several of one person, as its parts ``image`` (RFC 7578).
 
     Args:
         upload: to be filled.
@@ -164,7 +184,7 @@ class Multipart(Body):
         self._parser = MultipartParser(boundary, callbacks)
         self._names: list[str] = []
         self._name, self._text, self._empty, self._closed = "", bytearray(), True, False
-        self._is_file, self._files, self._dropped = False, 0, 0
+        self._is_file, self._files, self._strange, self._dropped = False, 0, 0, 0
         self._fault: ProblemError | AvatarError | None = None
 
     def write(self, data: bytes) -> None:
@@ -185,10 +205,11 @@ class Multipart(Body):
             raise self._fault
         if "image" not in self._names:
             raise ProblemError("missing-file", 400)
+        self._write(index_of(self.upload.sizes))
         self.upload.sha256 = self._hash.hexdigest()
 
     def _begin(self) -> None:
-        if len(self._names) >= MAX_PARTS:
+        if len(self._names) - max(self._names.count("image") - 1, 0) >= MAX_PARTS:
             raise ProblemError("too-many-parts", 400)
         self._disposition = b""
         self._text.clear()
@@ -212,11 +233,14 @@ class Multipart(Body):
         self._name = name = words[b"name"].decode("utf-8", "replace")
         known = name == "image" or name in PARTS
         self._is_file = name == "image" or (not known and b"filename" in words)
+        self._strange += self._is_file and not known
         self._files += self._is_file
-        if self._files > 1:
-            raise ProblemError("one-file-only", 400)
-        if known and name in self._names:
+        if self._files > MOST or (self._strange and self._files > 1):
+            raise ProblemError("too-many-files", 400)
+        if known and name in self._names and name != "image":
             raise ProblemError("too-many-parts", 400)
+        if name == "image":
+            self.upload.sizes.append(0)
         if not known:
             self._later(
                 ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}")
@@ -269,8 +293,9 @@ async def received(request: Request, settings: Settings, max_bytes: int) -> Asyn
     form = kind == "multipart/form-data"
     upload = Upload(settings.incoming / f"{secrets.token_hex(16)}.part", max_bytes)
     length = request.headers.get("content-length", "")  # the server has refused what is no length
-    if length.isdigit() and (len(length) > len(str(max_bytes)) + 9 or int(length) > max_bytes + _FRAME):
-        raise upload.too_large()
+    most = MOST_TOGETHER * max_bytes if form else max_bytes
+    if length.isdigit() and (len(length) > len(str(most)) + 9 or int(length) > most + _FRAME):
+        raise upload.too_large_together() if form else upload.too_large()
     _take_parameters(request, upload, form=form)
     if not form and kind not in IMAGE_TYPES:
         raise ProblemError("unsupported-media-type", 415, headers={"Accept": ", ".join(IMAGE_TYPES)})

@@ -9,7 +9,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -164,11 +164,14 @@ class Client:
         """Give the connections back."""
         self._transport.http.close()
 
-    def submit(self, photo: Path | bytes, options: Mapping[str, Any] | None = None, *, key: str | None = None) -> Job:
-        """Hand in a photo; a file is streamed, not loaded.
+    def submit(
+        self, photo: Path | bytes | Sequence[Path | bytes], options: Mapping[str, Any] | None = None, *,
+        key: str | None = None,
+    ) -> Job:  # fmt: skip
+        """Hand in a photo, or several of one person; files are streamed, not loaded.
 
         Args:
-            photo: a JPEG, PNG, WebP or HEIC file, or its bytes.
+            photo: a JPEG, PNG, WebP or HEIC file, or its bytes, or a list of such.
             options: those of the command line as JSON values; what is left out gets the server's default.
             key: ``Idempotency-Key``: the same key, photo and options are the same job. None derives it from photo
                 and options, so handing in twice makes one job.
@@ -179,13 +182,15 @@ class Client:
             Refused, ServerUnreachable, UnexpectedAnswer: see ``service.client.errors``.
         """
         wanted = canonical(options or {})
-        headers = {"Idempotency-Key": key or idempotency_key(photo_sha256(photo), wanted)}
+        photos = [photo] if isinstance(photo, bytes | Path) else list(photo)
+        headers = {"Idempotency-Key": key or idempotency_key("+".join(map(photo_sha256, photos)), wanted)}
 
         @contextlib.contextmanager
         def body() -> Iterator[Mapping[str, Any]]:
-            with _opened(photo) as stream:
-                image = ("photo", stream, "application/octet-stream")
-                yield {"files": {"options": (None, wanted, "application/json"), "image": image}}
+            with contextlib.ExitStack() as held:
+                streams = [held.enter_context(_opened(one)) for one in photos]
+                images = [("image", ("photo", stream, "application/octet-stream")) for stream in streams]
+                yield {"files": [("options", (None, wanted, "application/json")), *images]}
 
         # 409: an earlier attempt with this key, whose answer was lost, is still being taken in.
         path = "/v1/avatars"

@@ -25,11 +25,10 @@ from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import Reading
 from service.face.view import View
 from service.head.model import HeadModel
+from service.photo.bundle import MOST
 from service.photo.gate import read_photo
 from service.photo.photo import Photo
 
-MOST_PHOTOS = 24
-"""Photos of one person that are taken."""
 MOST_PIXELS = 120_000_000
 """Pixels of all photos together, 3 bytes each; several larger ones are made smaller."""
 THUMBNAIL = 64
@@ -112,13 +111,13 @@ def of_photo(error: AvatarError, number: int, count: int) -> AvatarError:
 
 
 def check_count(count: int) -> None:
-    """Refuse no photos, and more than ``MOST_PHOTOS``.
+    """Refuse no photos, and more than ``MOST``.
 
     Raises:
         UsageError: of either.
     """
-    if not 1 <= count <= MOST_PHOTOS:
-        raise UsageError(f"{count} photos were given; 1 to {MOST_PHOTOS} of one person are taken")
+    if not 1 <= count <= MOST:
+        raise UsageError(f"{count} photos were given; 1 to {MOST} of one person are taken")
 
 
 def decoded(files: Sequence[bytes]) -> Gathered:

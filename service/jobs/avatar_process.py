@@ -18,6 +18,7 @@ from service.jobs.process import Reporter, Task
 from service.jobs.settings import PIPELINE_VERSION
 from service.jobs.stage_files import FORMAT, KeptStages, kept_types
 from service.options import Options
+from service.photo.bundle import unbundled
 from service.runtime.tiles import DEFAULT_TILE, SMALL_TILE
 
 
@@ -35,7 +36,8 @@ def run(task: Task, reporter: Reporter) -> None:
         finished=reporter.kept, mapped=task.tight,
     )  # fmt: skip
     tile = SMALL_TILE if task.tight else DEFAULT_TILE
-    avatar = pipeline.make_avatar(data, options_from(task.options), reporter.progress, stages=stages, tile=tile)
+    photos, options = unbundled(data), options_from(task.options)
+    avatar = pipeline.make_avatar(photos, options, reporter.progress, stages=stages, tile=tile)
     reporter.progress("pack", 0.9)
     output = Path(task.output)
     write_archive(avatar, output)

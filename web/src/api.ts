@@ -122,9 +122,9 @@ export async function remove(job: Job): Promise<void> {
   await request(job.links.self, { method: "DELETE" });
 }
 
-/** Hands in a photo. XMLHttpRequest, because fetch does not tell how much of a body was sent. */
+/** Hands in photos of one person. XMLHttpRequest, because fetch does not tell how much of a body was sent. */
 export function submit(
-  photo: File,
+  photos: readonly File[],
   options: Options,
   key: string,
   sent: (share: number) => void,
@@ -133,7 +133,7 @@ export function submit(
   const body = new FormData();
   // Options first: the server can refuse them before the photo has arrived.
   body.append("options", new Blob([JSON.stringify(options)], { type: "application/json" }));
-  body.append("image", photo, "photo");
+  for (const photo of photos) body.append("image", photo, "photo");
   return new Promise((resolve, reject) => {
     const call = new XMLHttpRequest();
     call.open("POST", ROOT);

@@ -35,7 +35,7 @@ wipe(byId("gallery-wipe"));
 byId("intake").addEventListener("submit", (event) => {
   event.preventDefault();
   const options = intake.options();
-  if (!intake.photo) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." });
+  if (!intake.photos.length) fail({ title: "There is no photo yet", status: 400, detail: "Drop one on the field, or choose one." });
   else if (options.maps?.length === 0) fail({ title: "No map is chosen", status: 400, detail: "Choose one or more." });
   else void create(options);
 });
@@ -53,13 +53,13 @@ void resume();
 
 /** Hands in the photo. The key stays the same over retries, so that a lost answer does not make two jobs. */
 async function create(options: Options, key = newKey()): Promise<void> {
-  const photo = intake.photo!;
+  const photos = intake.photos;
   const signal = begin();
   show("work");
   work.start(intake.photoUrl, intake.expected(options));
   byId("work-title").focus();
   await guarded(signal, () => void create(options, key), async () => {
-    job = await submit(photo, options, key, (share) => work.sent(share), signal);
+    job = await submit(photos, options, key, (share) => work.sent(share), signal);
     history.replaceState(null, "", `#avatar=${job.id}`);
     await finish(await watch(job, signal), signal, { options, photoUrl: intake.photoUrl });
   });
@@ -68,7 +68,7 @@ async function create(options: Options, key = newKey()): Promise<void> {
 async function trySample(): Promise<void> {
   const signal = begin();
   await guarded(signal, () => void trySample(), async () => {
-    intake.take(await samplePhoto(signal));
+    intake.take([await samplePhoto(signal)]);
     await create(intake.quickOptions());
   });
 }

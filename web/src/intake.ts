@@ -31,9 +31,13 @@ function formatOf(start: Uint8Array): string | null {
 const FAST = ["texture", "confidence", "shape_normal"];
 const MAPS = ["diffuse_albedo", "specular_albedo", "diffuse_normal", "specular_normal", "displacement", ...FAST];
 
+/** Photos of one person that the service takes. */
+const MOST_PHOTOS = 24;
+
 export class Intake {
-  photo: File | null = null;
+  photos: File[] = [];
   photoUrl = "";
+  private thumbs: string[] = [];
   private levels: Level[] = [];
 
   private formats = Object.keys(FORMATS);
@@ -47,8 +51,9 @@ export class Intake {
     for (const id of ["file", "camera"]) {
       const input = byId<HTMLInputElement>(id);
       input.addEventListener("change", () => {
-        const file = input.files?.[0];
-        if (file) void this.choose(file);
+        // Another one from the camera joins those that are there: front, then turned left, then right.
+        const before = id === "camera" ? this.photos : [];
+        if (input.files?.length) void this.choose([...input.files], before);
         input.value = ""; // the same file again is a change too
       });
     }
@@ -57,31 +62,36 @@ export class Intake {
         if (byId("intake").hidden) return;
         event.preventDefault(); // a photo dropped beside the field would replace the page
         drop.classList.toggle("over", type === "dragover");
-        const file = type === "drop" ? event.dataTransfer?.files[0] : undefined;
-        if (file) void this.choose(file);
+        const files = type === "drop" ? event.dataTransfer?.files : undefined;
+        if (files?.length) void this.choose([...files]);
       });
     document.addEventListener("paste", (event) => {
-      const file = byId("intake").hidden ? undefined : event.clipboardData?.files[0];
-      if (file) void this.choose(file);
+      const files = byId("intake").hidden ? undefined : event.clipboardData?.files;
+      if (files?.length) void this.choose([...files]);
     });
     this.offerMaps();
     byId("intake").addEventListener("change", () => this.tellTime());
     void this.ask();
   }
 
-  /** Takes a file if it is a photo that this server reads, whatever its name says. */
-  async choose(file: File): Promise<void> {
-    const format = formatOf(new Uint8Array(await file.slice(0, 16).arrayBuffer()));
-    if (format && this.formats.includes(format)) return this.take(file);
-    const names = this.formats.map((one) => FORMATS[one] ?? one).join(", ");
-    const title = format ? `This server does not read ${FORMATS[format]}` : `${file.name} is not a photo that can be read`;
-    this.refused({ title, status: 415, detail: `Choose a ${names} file.` });
+  /** Takes files if all are photos that this server reads, whatever their names say. */
+  async choose(files: readonly File[], before: readonly File[] = []): Promise<void> {
+    for (const file of files) {
+      const format = formatOf(new Uint8Array(await file.slice(0, 16).arrayBuffer()));
+      if (format && this.formats.includes(format)) continue;
+      const names = this.formats.map((one) => FORMATS[one] ?? one).join(", ");
+      const title = format ? `This server does not read ${FORMATS[format]}` : `${file.name} is not a photo that can be read`;
+      this.refused({ title, status: 415, detail: `Choose a ${names} file.` });
+      return;
+    }
+    this.take([...before, ...files]);
   }
 
-  take(file: File): void {
-    URL.revokeObjectURL(this.photoUrl);
-    this.photo = file;
-    this.photoUrl = URL.createObjectURL(file);
+  take(files: readonly File[]): void {
+    this.photos = files.slice(0, MOST_PHOTOS);
+    for (const url of this.thumbs) URL.revokeObjectURL(url);
+    this.thumbs = this.photos.map((file) => URL.createObjectURL(file));
+    this.photoUrl = this.thumbs[0]!;
     const preview = byId<HTMLImageElement>("preview");
     // A format that this browser cannot show may still be one that the service reads.
     preview.onerror = () => (preview.hidden = true);
@@ -89,9 +99,24 @@ export class Intake {
     preview.src = this.photoUrl;
     byId("drop-words").hidden = true;
     byId("photo-name").hidden = false;
-    byId("photo-name").textContent = file.name;
-    byId("file-label").textContent = "Choose another";
+    byId("photo-name").textContent =
+      this.photos.length === 1 ? this.photos[0]!.name : `${this.photos.length} photos of one person`;
+    this.showThumbs();
+    byId("file-label").textContent = "Choose others";
     this.changed();
+  }
+
+  /** Small pictures of several photos; one is taken away by its button. */
+  private showThumbs(): void {
+    const row = byId("thumbs");
+    row.hidden = this.photos.length < 2;
+    row.replaceChildren(
+      ...this.photos.map((file, place) => {
+        const button = make("button", { type: "button", "aria-label": `Take ${file.name} away`, title: "Take away" }, "×");
+        button.addEventListener("click", () => this.take(this.photos.filter((_, other) => other !== place)));
+        return make("span", { class: "thumb" }, make("img", { src: this.thumbs[place]!, alt: file.name }), button);
+      }),
+    );
   }
 
   options(): Options {
