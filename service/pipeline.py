@@ -161,7 +161,8 @@ def make_avatar(
 
         reflectance, own_texture, own = None, None, None
         if options.level.super_resolution or options.texture_size != "auto":
-            own = OwnDetail.of(photo, head, fit, texture)
+            sights = [(view.photo, fit) for view, fit in zip(gathered.views, gathered.fits, strict=True)]
+            own = OwnDetail.of_all(sights, head, texture)
             if "texture" in options.maps:
                 asked = options.texture_size
                 wanted = own.texture_size(options.most_texture_width) if asked == "auto" else asked

@@ -22,6 +22,7 @@ import sqlalchemy as sa
 from dbos import DBOS
 
 from service.batch.display import Display
+from service.batch.groups import Grouped, photos_at
 from service.batch.makers import Hopeless, LocalMaker, Maker, RemoteMaker
 from service.batch.plan import ARCHIVE, SETTLED_S, STATE, SUFFIXES, Line, Plan
 from service.batch.shards import Rounds, Shards, lasting
@@ -108,8 +109,8 @@ def run(wanted: Wanted, display: Display) -> Tally:
         ServerUnreachable, AccessDenied: there is no way to the server.
         KeyboardInterrupt: Ctrl-C; what was finished is in the report, what was not has left nothing behind.
     """
-    source, out = place(wanted.source), place(wanted.out)
-    if source.folder is not None and not source.folder.is_dir():
+    source, out = photos_at(wanted.source), place(wanted.out)
+    if source.missing if isinstance(source, Grouped) else source.folder is not None and not source.folder.is_dir():
         raise UsageError(f"there is no folder {wanted.source}; name one with photos in it", field="folder")
     with writable(out), _work(out, alone=wanted.shard is None) as work:
         plan = Plan(work, source, out, wanted.inputs, wanted.product)

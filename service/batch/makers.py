@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from service.batch.groups import GROUP
 from service.client.client import Client, Job, canonical, idempotency_key
 from service.client.errors import (
     AccessDenied,
@@ -26,6 +27,7 @@ from service.client.errors import (
 from service.errors import AvatarError, Crashed, OutOfMemory, OutOfTime, OutputFault
 from service.jobs.process import Ending, JobProcess, Task
 from service.jobs.settings import Settings
+from service.photo.bundle import unbundled
 
 _OF_PROBLEMS = ("type", "title", "status", "detail")
 """Members of a problem object that a report does not repeat."""
@@ -220,7 +222,8 @@ class RemoteMaker:
 
     def submit(self, order: Order, again: int) -> Job:
         """Hand a photo in; the same order is the same job."""
-        return self._client.submit(order.photo, order.options, key=_key(order, again))
+        photos = unbundled(order.photo.read_bytes()) if order.name.endswith(GROUP) else [order.photo]
+        return self._client.submit(photos, order.options, key=_key(order, again))
 
     def _collected(self, job: Job, order: Order, again: int, stop: Callable[[], bool], end: float) -> list[str]:
         def told(*_: Any) -> None:

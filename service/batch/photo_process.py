@@ -13,7 +13,8 @@ from service.client.download import check_archive
 from service.errors import AvatarError, UnreadableInput
 from service.jobs.process import Reporter, Task
 from service.options import Options
-from service.photo.limits import read_photo_file
+from service.photo.bundle import MOST, unbundled
+from service.photo.limits import Limits, read_photo_file
 from service.pipeline import make_avatar
 
 HEAD = "head"
@@ -39,12 +40,12 @@ def make(task: Task, reporter: Reporter) -> list[str]:
     Raises:
         AvatarError: as ``service.pipeline.make_avatar``.
     """
-    data = read_photo_file(task.photo)
+    data = read_photo_file(task.photo, MOST * Limits().max_bytes)
     if hashlib.sha256(data).hexdigest() != task.photo_sha256:
         raise UnreadableInput(f"{task.photo} was changed while the batch ran")
     asked = {name: tuple(value) if isinstance(value, list) else value for name, value in task.options.items()}
     head = asked.pop(HEAD, None)
     options = Options(**asked)  # type: ignore[arg-type]
-    avatar = make_avatar(data, options, reporter.progress, None if head is None else Path(str(head)))
+    avatar = make_avatar(unbundled(data), options, reporter.progress, None if head is None else Path(str(head)))
     write_archive(avatar, Path(task.output))
     return list(avatar.all_warnings())

@@ -24,6 +24,7 @@ from typing import Any, NoReturn, TypeVar
 import sqlalchemy as sa
 from dbos import DBOS
 
+from service.batch.groups import photos_at
 from service.batch.makers import Hopeless, Maker, Order, Stopped, facts_of
 from service.batch.plan import ASKED, Line, manifest_name, read_lines, report_name, text_of
 from service.client.download import file_sha256
@@ -142,7 +143,7 @@ class Asked:
     def read(cls, out: Place) -> Asked:
         """What is asked for in a place of archives."""
         content = json.loads(out.read(ASKED))
-        return cls(place(content["source"]), content["options"], out.modified(ASKED) or 0.0)
+        return cls(photos_at(content["source"]), content["options"], out.modified(ASKED) or 0.0)
 
 
 class Shards:

@@ -195,6 +195,10 @@ def batch(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the report in OUT.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Look for new photos until Ctrl-C.")] = False,
+    group_by: Annotated[
+        str | None,
+        typer.Option(metavar="folder|prefix", help="One avatar of the photos in a folder, or of ada-1, ada-2 ..."),
+    ] = None,
     shard: Annotated[
         str | None, typer.Option(metavar="K/N", help="Only the K-th of N parts, for array jobs; then --resume merges.")
     ] = None,
@@ -210,13 +214,15 @@ def batch(
     """
     with reported(as_json=as_json):
         from service.cli.batch import batch as run
+        from service.cli.batch import grouped_source
         from service.cli.make_and_maps import as_json as json_values
         from service.cli.make_and_maps import asked
 
         head = options_of_make.pop("head")
         run(
-            folder, out, json_values(asked(**options_of_make)), jobs=jobs, shard=shard, head=head, as_json=as_json,
-            server=server, database=database, resume=resume, watch=watch, timeout_s=timeout, keep=keep,
+            grouped_source(folder, group_by), out, json_values(asked(**options_of_make)), jobs=jobs, shard=shard,
+            head=head, as_json=as_json, server=server, database=database, resume=resume, watch=watch,
+            timeout_s=timeout, keep=keep,
         )  # fmt: skip
 
 

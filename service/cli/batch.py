@@ -14,6 +14,7 @@ import typer
 
 from service.batch.display import display, printable
 from service.batch.driver import SHOWN, Tally, Wanted, run
+from service.batch.groups import GROUPS, grouped
 from service.batch.plan import REPORT
 from service.cli.failures import INTERRUPTED, describe
 from service.errors import UsageError
@@ -23,6 +24,17 @@ KEY = "AVATARME_API_KEY"
 
 SERVER_JOBS = 4
 """Photos at the same time at a server, which takes its time anyway."""
+
+
+def grouped_source(folder: str, by: str | None) -> str:
+    """The source whose photos are taken together by person.
+
+    Raises:
+        UsageError: ``by`` is no way to tell.
+    """
+    if by is not None and by not in GROUPS:
+        raise UsageError(f"group-by is {by!r}; it has to be {' or '.join(GROUPS)}", field="group_by")
+    return grouped(folder if "://" in folder else str(Path(folder).absolute()), by) if by else folder
 
 
 def batch(

@@ -138,8 +138,8 @@ def read_bounded(source: str, limit: int) -> bytes:
         raise UnreadableInput(f"cannot read {called(source)}: {reason}") from error
 
 
-def read_photo_file(source: str) -> bytes:
-    """All bytes of a file, or of standard input for ``-``.
+def read_photo_file(source: str, limit: int | None = None) -> bytes:
+    """All bytes of a file, or of standard input for ``-``; at most ``limit``, None for those of one photo.
 
     Raises:
         UsageError: there is no such file, or it is a folder.
@@ -147,7 +147,7 @@ def read_photo_file(source: str) -> bytes:
         EmptyFile: zero bytes.
         TooManyBytes: more than the decode gate accepts; the rest is not read, since a pipe may be infinite.
     """
-    limit = Limits().max_bytes
+    limit = Limits().max_bytes if limit is None else limit
     name = called(source)
     try:
         data = read_bounded(source, limit)

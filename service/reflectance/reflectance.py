@@ -160,7 +160,7 @@ def make_reflectance(
         planes.add_codes("albedo", albedo)
         if grey is not None:
             planes.add_grey(SHADED_GREY, grey)
-            seen, octaves = None if own is None else own.seen, () if found is None else found.octaves
+            seen, octaves = None if own is None else own.all_seen, () if found is None else found.octaves
             drawn = drawn_detail(seen, octaves, detail if "super_resolution" in plan.stages else 0.0)
             planes.add_coarse([DRAWN_DETAIL], drawn[None])
     if "specular_albedo" in plan.stages:

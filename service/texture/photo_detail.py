@@ -16,14 +16,14 @@ a border have equal grain. In the two coarsest octaves, which the map took from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from service.arrays import Float32, UInt8
-from service.colour import FULL_CODE, Codes, luma
+from service.colour import FULL_CODE, Codes, linear_to_srgb, luma, srgb_to_linear
 from service.face.fit.result import Fit
 from service.geometry.chart import Chart
 from service.head.model import HeadModel
@@ -44,7 +44,7 @@ from service.texture.photo_sampling import (
     stretched,
 )
 from service.texture.sharpness import LEAST_LEFT, Sharpness, measure_sharpness
-from service.texture.texture_maps import Texture
+from service.texture.texture_maps import PhotoTexture, Texture
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,9 @@ class OwnDetail:
         sharpness: of the photo at the face.
         seen: (h, w) float32 in [0, 1], of the texture's size: how far texels show the photo.
         pixels_per_mm: of the photo on the surface, by region of the head, where the photo shows it.
+        gain: (h, w, 3) float32 natural logarithm of linear RGB, of the texture's light over the photo's; None: it is
+            the same.
+        others: of further photos, each seen where the texture is from it.
     """
 
     photo: Photo
@@ -120,19 +123,41 @@ class OwnDetail:
     sharpness: Sharpness
     seen: Float32
     pixels_per_mm: Mapping[str, float]
+    gain: Float32 | None = None
+    others: tuple[OwnDetail, ...] = ()
 
     @classmethod
-    def of(cls, photo: Photo, head: HeadModel, fit: Fit, texture: Texture) -> OwnDetail:
-        """Measure the photo where the texture shows it."""
+    def of_all(cls, photos: Sequence[tuple[Photo, Fit]], head: HeadModel, texture: Texture) -> OwnDetail:
+        """Measure photos, each where the texture is from it; of one photo :meth:`of`."""
+        if not texture.photos:
+            return cls.of(photos[0][0], head, photos[0][1], texture)
+        first, *others = (
+            cls.of(photo, head, fit, texture, own) for (photo, fit), own in zip(photos, texture.photos, strict=True)
+        )
+        return replace(first, others=tuple(one for one in others if float(one.seen.max(initial=0.0)) > LEAST_SEEN))
+
+    @classmethod
+    def of(
+        cls, photo: Photo, head: HeadModel, fit: Fit, texture: Texture, own: PhotoTexture | None = None
+    ) -> OwnDetail:
+        """Measure the photo where the texture shows it; ``own``: what the texture has of it, where there are others."""
         places = Places.of(head, fit)
         code = texture.confidence.astype(np.float32)
         shown = np.asarray(np.clip((code - SEEN) / np.float32(255 - SEEN), 0, 1) * texture.mask, np.float32)
+        if own is not None:
+            shown *= np.minimum(own.share, own.seen) * np.float32(1 / 255)
         reach = 2 * round(SOFT) + 1
         core = np.asarray(cv2.erode(shown, np.ones((reach, reach), np.uint8)), np.float32)
         seen = np.minimum(shown, blurred(core, SOFT))
         return cls(
-            photo, places, measure_sharpness(_face(photo, places, seen), photo.steps), seen, _per_mm(places, head, seen)
-        )
+            photo, places, measure_sharpness(_face(photo, places, seen), photo.steps), seen,
+            _per_mm(places, head, seen), None if own is None else own.gain,
+        )  # fmt: skip
+
+    @property
+    def all_seen(self) -> Float32:
+        """(h, w) float32 in [0, 1]: how far texels show any of the photos."""
+        return np.maximum.reduce([self.seen, *(one.seen for one in self.others)])
 
     def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
         """(width, height) of a texture that loses nothing of what the photo holds on most of the seen skin.
@@ -146,6 +171,7 @@ class OwnDetail:
             return TEXTURE_SIZE
         pixels = np.sqrt(self.places.finest * self.places.coarsest)[seen]
         width = float(np.quantile(pixels, DENSE)) * size[0] * min(2 * self.sharpness.finest, 1.0)
+        width = max(width, *(one.texture_size(most)[0] for one in self.others)) if self.others else width
         fitting = [one for one in SIZES if one <= most] or [min(SIZES[0], most)]
         chosen = next((one for one in fitting if one >= width), fitting[-1])
         return chosen, chosen * 2 // 3
@@ -163,12 +189,27 @@ class OwnDetail:
         count = octaves_of(width)
         if not count:
             return self._told(())
-        work = _Work(self, (width, height), count)
-        change_strips(codes, octave_strips(codes, self.seen > LEAST_SEEN, count), work.changed, work.count)
-        return self._told(work.octaves())
+        found, areas = [], []
+        for one in (self, *self.others):
+            work = _Work(one, (width, height), count)
+            change_strips(codes, octave_strips(codes, one.seen > LEAST_SEEN, count), work.changed, work.count)
+            found.append(work.octaves())
+            areas.append(float(one.seen.sum()))
+        return self._told(_together(found, areas))
 
     def _told(self, octaves: tuple[Octave, ...]) -> PhotoDetail:
         return PhotoDetail(octaves, round(self.sharpness.blur, 3), round(self.sharpness.noise, 5), self.pixels_per_mm)
+
+
+def _together(found: Sequence[tuple[Octave, ...]], areas: Sequence[float]) -> tuple[Octave, ...]:
+    """Octaves of several photos by the skin that is seen of each; of one its own."""
+    if len(found) == 1:
+        return found[0]
+    total = max(sum(areas), 1e-6)
+    shares = np.array([[one.share for one in octaves] for octaves in found]) * np.array(areas)[:, None] / total
+    return tuple(
+        replace(one, share=round(float(share), 4)) for one, share in zip(found[0], shares.sum(0), strict=True)
+    )
 
 
 def own_texture_of(texture: Texture, own: OwnDetail, size: tuple[int, int]) -> UInt8 | None:
@@ -252,6 +293,9 @@ class _Work:
         seen = np.clip(stretched(self._own.seen, self._size, one.window), 0, 1)
         photo = self._reader.rows(one.window[0], one.window[1], one.window[2:])
         seen *= 1 - _clipped(photo)
+        if self._own.gain is not None:
+            planes = [stretched(np.ascontiguousarray(self._own.gain[..., k]), self._size, one.window) for k in range(3)]
+            photo = linear_to_srgb(np.clip(srgb_to_linear(photo) * np.exp(np.stack(planes, -1)), 0, 1))
         ours, _ = split_octaves(np.where(seen[..., None] > 0, photo, map_), self._octaves)
         theirs, _ = split_octaves(map_, self._octaves)
         pixels = stretched(self._own.places.coarsest, self._size, one.window)
