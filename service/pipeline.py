@@ -36,6 +36,7 @@ from service.face.face import Face, choose_face
 from service.face.features.eye_colours import NAMED_IRISES
 from service.face.features.mouth import with_mouth_shut
 from service.face.finder import FaceFinder
+from service.face.frames import with_frames
 from service.face.identity import Recogniser
 from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers
@@ -96,7 +97,8 @@ def make_avatar(
     """Make an avatar from the bytes of image files.
 
     Args:
-        data: a JPEG, PNG or WebP file, or several that show one person, in any order.
+        data: a JPEG, PNG or WebP file, or several that show one person, in any order; a video among them counts as its
+            sharpest frames from each side.
         options: what to make.
         progress: told when a stage begins.
         head_file: head model to fit; None for the one in the box.
@@ -127,7 +129,7 @@ def make_avatar(
         pool.submit(import_module, "scipy.optimize")
 
         with stage("decode"):
-            gathered = kept("decode", lambda: decoded(files))
+            gathered = kept("decode", lambda: decoded(with_frames(files, finder.result)))
         with stage("detect"):
             find = lambda photo: _face_in(photo, options, networks, head_and_chart)  # noqa: E731
             gathered = kept("detect", lambda: of_one_person(gathered, find, networks.recogniser, options.leave_out))

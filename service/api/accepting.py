@@ -14,7 +14,7 @@ from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
 from service.api.context import Context
-from service.api.decoding import cost
+from service.api.decoding import FIXED, cost
 from service.api.keys import Tenant
 from service.api.problem_responses import ProblemError
 from service.api.uploads import Upload
@@ -28,6 +28,7 @@ from service.jobs.store import Row
 from service.jobs.webhooks import target
 from service.photo.bundle import unbundled
 from service.photo.gate import check_photo
+from service.photo.video import is_video
 
 T = TypeVar("T")
 
@@ -90,7 +91,7 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
             return _same(known, digest)
     try:
         share = await run_in_threadpool(_of_each, upload, lambda photo: cost(photo, context.limits))
-        async with context.decoding.taken(max(share), tenant.name):
+        async with context.decoding.taken(max(share, default=FIXED), tenant.name):
             await run_in_threadpool(_of_each, upload, lambda photo: check_photo(photo, context.limits))
     except UnreadableInput:
         if tenant.per_day is not None:
@@ -106,13 +107,15 @@ async def accept(context: Context, tenant: Tenant, key: str | None, upload: Uplo
 
 
 def _of_each(upload: Upload, work: Callable[[bytes], T]) -> list[T]:
-    """What comes of each photo of an upload, one after the other.
+    """What comes of each photo of an upload, one after the other; a video is looked at by the job.
 
     Raises:
         UnreadableInput: what one of several is refused for has its number, from 0, in ``extra["photo"]``.
     """
     photos, results = unbundled(upload.path.read_bytes()), []
     for number, photo in enumerate(photos):
+        if is_video(photo):
+            continue
         try:
             results.append(work(photo))
         except UnreadableInput as error:

@@ -191,9 +191,10 @@ _PHOTO = {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP 
 
 _NEW_AVATAR: Json = {
     "type": "object",
-    "required": ["image"],
+    "anyOf": [{"required": ["image"]}, {"required": ["video"]}],
     "additionalProperties": False,
     "properties": {
+        "video": {"type": "string", "format": "binary", "description": "MP4, QuickTime or WebM of the same person."},
         "image": {
             "description": "A photo, or up to 24 of one person: a part of this name for each.",
             "anyOf": [_PHOTO, {"type": "array", "items": _PHOTO, "minItems": 1, "maxItems": MOST}],

@@ -29,6 +29,8 @@ from service.jobs.settings import Settings
 from service.options import Options
 from service.photo.bundle import MOST, index_of
 
+FILES = ("image", "video")
+"""Parts that are files: photos, and one video of the same person."""
 PARTS = ("options", "keep_photo", "metadata", "priority", "webhook_url")
 """Parts beside the photo."""
 
@@ -121,6 +123,7 @@ class Body:
 
     def __init__(self, upload: Upload, stream: IO[bytes]) -> None:
         self.upload, self._stream, self._hash = upload, stream, hashlib.sha256()
+        self.most = upload.max_bytes
 
     def write(self, data: bytes) -> None:
         """A piece of the body."""
@@ -140,7 +143,7 @@ class Body:
         if not self.upload.sizes:
             self.upload.sizes.append(0)
         self.upload.sizes[-1] += len(data)
-        if self.upload.sizes[-1] > self.upload.max_bytes:
+        if self.upload.sizes[-1] > self.most:
             raise self.upload.too_large()
         if self.upload.size + len(data) > MOST_TOGETHER * self.upload.max_bytes:
             raise self.upload.too_large_together()
@@ -203,7 +206,7 @@ class Multipart(Body):
             raise ProblemError("malformed-multipart", 400, "the body ends before its closing boundary")
         if self._fault is not None:
             raise self._fault
-        if "image" not in self._names:
+        if not set(FILES) & set(self._names):
             raise ProblemError("missing-file", 400)
         self._write(index_of(self.upload.sizes))
         self.upload.sha256 = self._hash.hexdigest()
@@ -231,16 +234,17 @@ class Multipart(Body):
         if not words.get(b"name"):
             raise ProblemError("malformed-multipart", 400, "a part has no name in its Content-Disposition")
         self._name = name = words[b"name"].decode("utf-8", "replace")
-        known = name == "image" or name in PARTS
-        self._is_file = name == "image" or (not known and b"filename" in words)
+        known = name in FILES or name in PARTS
+        self._is_file = name in FILES or (not known and b"filename" in words)
         self._strange += self._is_file and not known
         self._files += self._is_file
         if self._files > MOST or (self._strange and self._files > 1):
             raise ProblemError("too-many-files", 400)
         if known and name in self._names and name != "image":
             raise ProblemError("too-many-parts", 400)
-        if name == "image":
+        if name in FILES:
             self.upload.sizes.append(0)
+            self.most = self.upload.max_bytes * (MOST_TOGETHER if name == "video" else 1)
         if not known:
             self._later(
                 ProblemError("unknown-field", 422, f"there is no part {name[:40]!r}", pointer=f"/{name[:40]}")
@@ -252,7 +256,7 @@ class Multipart(Body):
         self._fault = self._fault or fault
 
     def _data(self, data: bytes, start: int, end: int) -> None:
-        if self._name == "image":
+        if self._name in FILES:
             self._photo(data[start:end])
         elif self._is_file:  # under a name that there is not
             self._dropped += end - start

@@ -89,9 +89,12 @@ def avatarme(
 @app.command()
 def make(
     photos: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(metavar="PHOTO...", help="1 to 24 photos of one person: JPEG, PNG, WebP, HEIC; - for a pipe."),
-    ],
+    ] = None,
+    video: Annotated[
+        str | None, typer.Option(metavar="FILE", help="A video in which the person turns the head: MP4, MOV, WebM.")
+    ] = None,
     output: Annotated[
         str | None, typer.Option("-o", "--output", help="Archive to write, or - for a pipe. [default: beside PHOTO]")
     ] = None,
@@ -175,7 +178,7 @@ def make(
             mouth=mouth,
             without=without,
         )
-        run(photos, output, Options(**given), head=head, as_json=as_json)
+        run(photos or (), output, Options(**given), video=video, head=head, as_json=as_json)
 
 
 def batch(
@@ -226,7 +229,7 @@ def batch(
         )  # fmt: skip
 
 
-app.command()(with_options_of(batch, make, leave_out={"photos", "output", "as_json"}))
+app.command()(with_options_of(batch, make, leave_out={"photos", "video", "output", "as_json"}))
 
 
 @app.command()

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from service.cli.files import check_paths, head_file, progress_bar, read_file
-from service.errors import AvatarError
+from service.errors import AvatarError, UnsupportedFormat, UsageError
 from service.hair.asked import parse_hair, parse_length
 from service.options import Options, parse_face, parse_maps, parse_size, parse_texture_size, parse_without
 from service.photo.limits import PIPE, called, read_photo_file
+from service.photo.video import VideoLimits, is_video
 
 if TYPE_CHECKING:
     from service.archive.avatar import Avatar
@@ -66,25 +67,34 @@ def destination(sources: Sequence[str], output: str | None, *, as_json: bool) ->
 
 
 def make(
-    photos: Sequence[str], output: str | None, options: Options, *, head: str | None = None, as_json: bool
-) -> None:
+    photos: Sequence[str], output: str | None, options: Options, *, video: str | None = None, head: str | None = None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Read photos of one person, run the pipeline, write the archive, report the result.
 
     Args:
         photos: paths, or ``-`` for standard input.
         output: path, ``-`` for standard output, or None for beside the first photo.
         options: the request.
+        video: path of a video of the same person, or None.
         head: path of a head model file, None for the shipped one.
         as_json: print facts of the run as one JSON object instead of the path.
 
     Raises:
-        UsageError: there is no head model file of that name.
+        UsageError: there is no head model file of that name, or neither photo nor video.
         AvatarError: as the stages raise it.
     """
     begin = time.perf_counter()
-    target = destination(photos, output, as_json=as_json)
+    if not photos and video is None:
+        raise UsageError("there is no photo; name one or more of a person, or a video by --video", field="photos")
+    target = destination([*photos, *([video] if video else [])], output, as_json=as_json)
     model = head_file(head)
     data = [read_photo_file(photo) for photo in photos]
+    if video is not None:
+        data.append(read_file(video, VideoLimits().max_bytes, "video"))
+        photos = [*photos, video]
+        if not is_video(data[-1]):
+            raise UnsupportedFormat(f"{called(video)} is no video that is read: MP4, QuickTime and WebM are")
     with progress_bar() as progress, naming(photos):
         # After the cheap checks, as importing the numeric libraries takes a large part of a second.
         from service.archive.pack import write_archive

@@ -30,6 +30,7 @@ from service.client.errors import (
 )
 from service.client.transport import AGAIN, Transport, bounded, read_json, read_picture, setback
 from service.errors import AvatarError, UsageError
+from service.photo.video import is_video
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the share of the work that is done, in [0, 1]."""
@@ -171,7 +172,8 @@ class Client:
         """Hand in a photo, or several of one person; files are streamed, not loaded.
 
         Args:
-            photo: a JPEG, PNG, WebP or HEIC file, or its bytes, or a list of such.
+            photo: a JPEG, PNG, WebP or HEIC file, or its bytes, or a list of such; a video of the same person may be
+                among them.
             options: those of the command line as JSON values; what is left out gets the server's default.
             key: ``Idempotency-Key``: the same key, photo and options are the same job. None derives it from photo
                 and options, so handing in twice makes one job.
@@ -189,7 +191,10 @@ class Client:
         def body() -> Iterator[Mapping[str, Any]]:
             with contextlib.ExitStack() as held:
                 streams = [held.enter_context(_opened(one)) for one in photos]
-                images = [("image", ("photo", stream, "application/octet-stream")) for stream in streams]
+                images = [
+                    ("video" if _is_video(one) else "image", ("photo", stream, "application/octet-stream"))
+                    for one, stream in zip(photos, streams, strict=True)
+                ]
                 yield {"files": [("options", (None, wanted, "application/json")), *images]}
 
         # 409: an earlier attempt with this key, whose answer was lost, is still being taken in.
@@ -444,6 +449,11 @@ def idempotency_key(photo_digest: str, options: str, *more: str | int) -> str:
         more: whatever else makes a job another job, for example the number of an attempt.
     """
     return hashlib.sha256(json.dumps([photo_digest, options, *more]).encode()).hexdigest()
+
+
+def _is_video(photo: Path | bytes) -> bool:
+    with _opened(photo) as stream:
+        return is_video(stream.read(16))
 
 
 def _opened(photo: Path | bytes) -> io.BufferedReader | io.BytesIO:

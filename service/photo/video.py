@@ -1,0 +1,97 @@
+"""A video of a person turning the head: its sharpest frames as photos.
+
+Told from photos by its first bytes: MP4 and QuickTime, WebM and Matroska; play lists, which lead to other files, are
+none of these. It is read in a process of its own (``service.photo.video_decoder``) with limits on bytes, pixels,
+frames, memory and time.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.errors import AvatarError, CorruptImage, TooComplex, TooManyBytes, TooManyPixels
+from service.photo import video_decoder
+from service.photo.video_decoder import HEADER
+
+
+@dataclass(frozen=True)
+class VideoLimits:
+    """Bounds on a video and on the process that reads it.
+
+    Attributes:
+        max_bytes: largest file.
+        max_pixels: of a frame.
+        max_frames: that are read; a minute at 30 a second. What comes after them is not looked at.
+        moments: frames that are handed on at most.
+        memory_bytes, cpu_seconds, wall_seconds: of the process.
+    """
+
+    max_bytes: int = 100_000_000
+    max_pixels: int = 4096 * 2304
+    max_frames: int = 1800
+    moments: int = 24
+    memory_bytes: int = 3 * 1024**3
+    cpu_seconds: int = 60
+    wall_seconds: float = 300.0
+
+
+NO_VIDEO, TOO_LARGE = 3, 4
+"""Exit statuses of the process."""
+HEIF = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif")
+"""Brands of the same container that are photos."""
+
+
+def is_video(data: bytes) -> bool:
+    """Whether a file is a video of one of the formats that are read, by its first bytes."""
+    return data[:4] == b"\x1aE\xdf\xa3" or (data[4:8] in (b"ftyp", b"moov", b"mdat") and data[8:12] not in HEIF)
+
+
+def sharp_frames(data: bytes, limits: VideoLimits = VideoLimits()) -> list[bytes]:
+    """JPEG files of the sharpest frame of each moment of a video, in order of time.
+
+    Raises:
+        TooManyBytes, TooManyPixels, TooComplex: it is over a limit.
+        CorruptImage: it cannot be read, or has no frame.
+        AvatarError: the process could not be started.
+    """
+    if len(data) > limits.max_bytes:
+        raise TooManyBytes(f"the video has {len(data)} bytes; at most {limits.max_bytes} are accepted")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "video"
+        path.write_bytes(data)
+        numbers = (limits.moments, limits.max_frames, limits.max_pixels, limits.memory_bytes, limits.cpu_seconds)
+        command = [sys.executable, "-E", "-s", str(Path(video_decoder.__file__)), str(path), *map(str, numbers)]
+        try:
+            done = subprocess.run(  # noqa: S603 - our own interpreter and program, no shell
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                timeout=limits.wall_seconds, check=False, cwd=folder, env={},
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as error:
+            raise TooComplex(f"reading the video took more than {limits.wall_seconds:g} s") from error
+        except OSError as error:
+            raise AvatarError("the process that reads videos could not be started") from error
+    if done.returncode == TOO_LARGE:
+        raise TooManyPixels(f"the frames of the video have more than {limits.max_pixels} pixels")
+    frames = _frames(done.stdout)
+    if not frames and done.returncode in (-9, -24):
+        raise TooComplex(f"reading the video takes more than {limits.cpu_seconds} s of computing")
+    if not frames:
+        raise CorruptImage("the video cannot be read; MP4, QuickTime and WebM are")
+    return frames
+
+
+def _frames(stream: bytes) -> list[bytes]:
+    """The frames that a process wrote, whole ones only."""
+    frames, at = [], 0
+    while at + HEADER.size <= len(stream):
+        (size,) = HEADER.unpack_from(stream, at)
+        at += HEADER.size
+        if not size or at + size > len(stream):
+            break
+        frames.append(stream[at : at + size])
+        at += size
+    return frames
