@@ -122,7 +122,7 @@ def naming(photos: Sequence[str]) -> Iterator[None]:
     except AvatarError as error:
         numbers = error.extra.get("photos", [error.extra["photo"]] if "photo" in error.extra else [])
         if numbers:
-            files = [called(photos[number]) for number in numbers]
+            files = list(dict.fromkeys(called(photos[min(number, len(photos) - 1)]) for number in numbers))
             error.extra["files"] = files
             error.message = f"{', '.join(files)}: {error.message}"
             error.args = (error.message,)

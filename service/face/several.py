@@ -175,18 +175,22 @@ STRANGE = 0.62
 
 
 def strangers_among(views: Sequence[View], recogniser: Recogniser) -> list[int]:
-    """Indices of those who are not the person that most photos show; of two photos that disagree, the second.
-
-    A photo belongs to the person if its median distance to the others is that of one person, or if it is close to any
-    of them: photos from the left and from the right know each other only by those in between.
-    """
+    """Indices of those who are not the person that most photos show."""
     codes = [recogniser.embed(view.photo.pixels, view.face.landmarks).astype(np.float64) for view in views]
+    return apart_from_most(codes, STRANGE)
+
+
+def apart_from_most(codes: Sequence[Float64], threshold: float) -> list[int]:
+    """Indices of the descriptors (128,) that belong to nobody of the largest group; of two that differ, the second.
+
+    One belongs to the group if it is close to any of it: photos from the left and from the right know each other only
+    by those in between.
+    """
     apart = np.array([[distance(one, other) for other in codes] for one in codes])
-    near: Float64 = np.asarray(apart < STRANGE, np.float64)
-    group = max(range(len(codes)), key=lambda k: (near[k].sum(), -np.median(apart[k]), -k))
-    inside = {group}
+    near = apart < threshold
+    inside = {max(range(len(codes)), key=lambda k: (int(near[k].sum()), -float(np.median(apart[k])), -k))}
     while True:
-        grown = inside | {k for k in range(len(codes)) if any(apart[k, one] < STRANGE for one in inside)}
+        grown = inside | {k for k in range(len(codes)) if near[k, sorted(inside)].any()}
         if grown == inside:
             return [k for k in range(len(codes)) if k not in inside]
         inside = grown

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from service.face.fit.pose_state import State
-from service.face.fit.solver import PointTerm, Prior, Term, energy, linearise
+from service.face.fit.solver import PointTerm, Prior, System, Term, energy
 from service.geometry.camera import exp_rotation
 
 COUNT, SHAPES = 12, 5
@@ -29,9 +29,10 @@ def state() -> State:
 @pytest.mark.parametrize("name", TERMS)
 def test_gradient_agrees_with_finite_differences(name: str, state: State) -> None:
     terms = [TERMS[name]]
-    hessian, gradient = linearise(terms, state)
+    system = System.of(terms, state)
+    hessian, gradient = system.hessian, system.gradient
     steps = np.eye(len(gradient)) * 1e-6
-    numeric = [(energy(terms, state.stepped(e)) - energy(terms, state.stepped(-e))) / 2e-6 for e in steps]
+    numeric = [(energy([terms], [state.stepped(e)]) - energy([terms], [state.stepped(-e)])) / 2e-6 for e in steps]
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-5 * np.abs(gradient).max())
     assert np.allclose(hessian, hessian.T)
     assert np.linalg.eigvalsh(hessian).min() > -1e-6 * np.abs(hessian).max()
@@ -41,5 +42,6 @@ def test_a_point_behind_the_camera_stays_finite() -> None:
     """Depth is clamped before the division; unclamped it would pass through zero."""
     state = State(np.eye(3), np.zeros(2), 7.0, np.log(0.2), np.zeros(SHAPES))
     term = PointTerm(MEAN - np.array([0, 0, 0.2]), MODES, TARGET, WEIGHT)
-    hessian, gradient = linearise([term], state)
-    assert np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(energy([term], state))
+    system = System.of([term], state)
+    assert np.isfinite(system.hessian).all() and np.isfinite(system.gradient).all()
+    assert np.isfinite(energy([[term]], [state]))

@@ -1,0 +1,98 @@
+"""Spots that two photos of one head share, on a head of the model with a painted skin, where the truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from service.arrays import Float64, UInt8
+from service.face.fit.basis import LandmarkModel
+from service.face.fit.pose_state import State, project_points
+from service.face.fit.stereo import Picture, pairs, stereo_terms, tracks
+from service.geometry.camera import exp_rotation
+from service.geometry.raster import rasterise
+from service.head.model import HeadModel
+
+SIZE, SCALE = 480, 1900.0
+MIDDLE = np.array([SIZE / 2, SIZE / 2])
+
+
+def state_of(head: HeadModel, yaw: float, coefficients: Float64) -> State:
+    rotation = np.diag([1.0, -1.0, -1.0]) @ exp_rotation(np.radians([0.0, yaw, 0.0]))
+    return State(rotation, np.zeros(2), float(np.log(SCALE)), 0.1, coefficients)
+
+
+def shape(head: HeadModel, state: State) -> Float64:
+    return head.shape(*np.split(state.coefficients, [len(head.identity)])).astype(np.float64)
+
+
+def photo_of(head: HeadModel, state: State, light: float) -> UInt8:
+    """A head whose skin has fine waves, dark or bright."""
+    vertices = shape(head, state)
+    seen = project_points(state, vertices)
+    raster = rasterise(seen.uv + MIDDLE, seen.position[:, 2], head.triangles, SIZE, SIZE, perspective=True)
+    hit = raster.mask
+    place = (head.mean[head.triangles[raster.triangle[hit]]] * raster.barycentric[hit][..., None]).sum(1)
+    waves = np.sin(place @ np.array([[900, 300, 0], [-400, 800, 300], [200, -1100, 500]]).T).sum(1)
+    image = np.full((SIZE, SIZE, 3), 40.0)
+    image[hit] = (light * (1 + 0.12 * waves))[:, None]
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def coefficients_of(head: HeadModel, seed: int) -> Float64:
+    identity = np.random.default_rng(seed).normal(size=len(head.identity)) * 0.8
+    return np.concatenate([identity, np.zeros(len(head.expression))])
+
+
+def test_spots_lie_on_each_other_where_the_head_is_right(head: HeadModel) -> None:
+    """In other light too: mean and contrast are taken out."""
+    states = [state_of(head, yaw, coefficients_of(head, 1)) for yaw in (0.0, 30.0)]
+    made = [
+        Picture.of(photo_of(head, state, light), MIDDLE, head, state, shape(head, state))
+        for state, light in zip(states, (150.0, 70.0), strict=True)
+    ]
+    assert made[0] is not None and made[1] is not None
+    found = tracks(head, made[0], made[1])
+    assert found is not None and len(found.trust) > 100
+    places = (made[0].vertices[found.corners] * found.weights[..., None]).sum(1)
+    for state, pixels in zip(states, found.pixels, strict=True):
+        off = np.linalg.norm(project_points(state, places).uv - pixels, axis=1) / SCALE
+        assert np.median(off) < 0.3e-3
+
+
+def test_spots_pull_a_wrong_head_towards_the_right_one(head: HeadModel) -> None:
+    """The step that they ask for leads nearer to the truth."""
+    truth, average = coefficients_of(head, 1), np.zeros(LandmarkModel(head, len(head.identity)).shape_count)
+    photos = [photo_of(head, state_of(head, yaw, truth), 130.0) for yaw in (0.0, 30.0)]
+    states = [state_of(head, yaw, average) for yaw in (0.0, 30.0)]
+    pictures = [
+        Picture.of(photo, MIDDLE, head, state, shape(head, state))
+        for photo, state in zip(photos, states, strict=True)
+    ]
+    terms = stereo_terms(head, pictures)
+    assert all(len(one) == 1 for one in terms)
+    before = sum(term.cost(state) for own, state in zip(terms, states, strict=True) for term in own)
+    right = [state_of(head, yaw, truth) for yaw in (0.0, 30.0)]
+    after = sum(term.cost(state) for own, state in zip(terms, right, strict=True) for term in own)
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("light", [0.0, 128.0])
+def test_photos_of_nothing_share_no_spots(head: HeadModel, light: float) -> None:
+    """Contrast is divided by: that of even skin is 0."""
+    states = [state_of(head, yaw, coefficients_of(head, 1)) for yaw in (0.0, 30.0)]
+    blank = np.full((SIZE, SIZE, 3), light, np.uint8)
+    pictures = [Picture.of(blank, MIDDLE, head, state, shape(head, state)) for state in states]
+    assert not any(stereo_terms(head, pictures))
+
+
+def test_a_face_beside_the_photo_is_no_picture(head: HeadModel) -> None:
+    state = state_of(head, 0.0, coefficients_of(head, 1))
+    away = State(state.rotation, np.array([5.0, 0.0]), state.log_scale, state.log_distance, state.coefficients)
+    assert Picture.of(np.zeros((SIZE, SIZE, 3), np.uint8), MIDDLE, head, away, shape(head, away)) is None
+
+
+def test_each_photo_has_few_partners_so_that_work_grows_with_the_photos(head: HeadModel) -> None:
+    states = [state_of(head, yaw, np.zeros(1)) for yaw in np.linspace(-80, 80, 17)]
+    assert len(pairs(states)) <= 2 * len(states)
+    assert not pairs([state_of(head, yaw, np.zeros(1)) for yaw in (0.0, 3.0)]), "no depth between twins"
