@@ -1,15 +1,16 @@
-"""How well a stranger among the photos of a person is found: ``python -m benchmarks.strangers [--photos build/bench]``.
+"""How well a stranger among the photos of a person is found: ``python -m benchmarks.strangers --real DIR``.
 
-Takes the photos of ``benchmarks.shoot --views`` and, by ``--real DIR``, a folder of photos of different real people,
-each also turned over, darker, smaller and blurred, which stand for further photos of them. Prints the distances of the
-identity network between photos of one person and of two, and for each threshold how often one stranger among five is
-found and how often a set without one is refused.
+Takes the photos of ``benchmarks.shoot --views``, in which a head is seen from several sides in other lights (all of
+these heads have one skin, so they are no strangers to each other), and of a folder ``--real`` with photos of different
+real people, each also turned over, darker, smaller and blurred. Prints distances of the identity network, and for each
+threshold how often one stranger among five is found and how often photos of one person are refused.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -22,8 +23,9 @@ import numpy.typing as npt
 from benchmarks.fit import people
 from service.arrays import UInt8
 from service.face.finder import FaceFinder
+from service.face.frames import turn_deg
 from service.face.identity import Recogniser
-from service.face.several import STRANGE, apart_from_most
+from service.face.several import SQUARELY_DEG, STRANGE, apart_from_most
 from service.photo.gate import read_photo
 
 Codes = dict[str, npt.NDArray[np.float64]]
@@ -36,9 +38,12 @@ def rendered(folder: Path) -> Codes:
     """(n, 128) descriptors of each rendered head's photos."""
     recogniser = Recogniser()
     return {
-        name: np.stack([recogniser.embed(shot.photo.pixels, shot.face.landmarks) for shot in shots]).astype(np.float64)
+        name: np.stack([
+            recogniser.embed(shot.photo.pixels, shot.face.landmarks).astype(np.float64)
+            for shot in shots if abs(turn_deg(shot.face)) < SQUARELY_DEG
+        ])
         for name, shots in people(folder).items()
-    }
+    }  # fmt: skip
 
 
 def real(folder: Path) -> Codes:
@@ -69,26 +74,29 @@ def guises(pixels: UInt8) -> Iterator[UInt8]:
     yield np.asarray(cv2.resize(pixels, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def distances(codes: Codes) -> tuple[list[float], list[float]]:
-    """Between photos of one person, and of two."""
-    own = [float(np.linalg.norm(a - b)) for each in codes.values() for a, b in combinations(each, 2)]
-    other = [
-        float(np.linalg.norm(a - b)) for one, two in combinations(codes.values(), 2) for a in one for b in two
-    ]
-    return own, other
+def distances(codes: Codes) -> list[float]:
+    """Between photos of one person."""
+    return [float(np.linalg.norm(a - b)) for each in codes.values() for a, b in combinations(each, 2)]
 
 
-def rates(codes: Codes, threshold: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Share of sets of four and a stranger whose stranger alone is found, and of sets of five that are refused."""
+def between(codes: Codes) -> list[float]:
+    """Between photos of two people."""
+    return [float(np.linalg.norm(a - b)) for one, two in combinations(codes.values(), 2) for a in one for b in two]
+
+
+def rates(own: Codes, strangers: Codes, threshold: float, rng: np.random.Generator) -> tuple[float, float]:
+    """Share of sets of four and a stranger whose stranger alone is found, and of sets of four that are refused."""
     found = alarms = 0
-    names = sorted(name for name, each in codes.items() if len(each) >= 5)
+    names, others = sorted(name for name, each in own.items() if len(each) >= 4), sorted(strangers)
     for _ in range(SETS):
-        name = names[rng.integers(len(names))]
-        stranger = sorted(set(codes) - {name})[rng.integers(len(codes) - 1)]
-        own = codes[name][rng.permutation(len(codes[name]))[:5]]
-        mixed = [*own[:4], codes[stranger][rng.integers(len(codes[stranger]))]]
-        found += apart_from_most(mixed, threshold) == [4]
-        alarms += bool(apart_from_most(list(own), threshold))
+        name, other = names[rng.integers(len(names))], others[rng.integers(len(others))]
+        if name == other:
+            continue
+        four = list(own[name][rng.permutation(len(own[name]))[:4]])
+        place = int(rng.integers(5))
+        mixed = [*four[:place], strangers[other][rng.integers(len(strangers[other]))], *four[place:]]
+        found += apart_from_most(mixed, threshold) == [place]
+        alarms += bool(apart_from_most(four, threshold))
     return found / SETS, alarms / SETS
 
 
@@ -96,18 +104,19 @@ def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photos", type=Path, default=Path("build/bench"))
-    parser.add_argument("--real", type=Path)
+    parser.add_argument("--real", type=Path, required=True, help="photos of different people")
     arguments = parser.parse_args()
-    groups = {"rendered heads": rendered(arguments.photos / "views")}
-    if arguments.real:
-        groups["real people"] = real(arguments.real)
-    for kind, codes in groups.items():
-        own, other = distances(codes)
-        print(f"{kind}: {len(codes)}; same person {np.percentile(own, [5, 50, 95, 99]).round(2)}, two people "
-              f"{np.percentile(other, [1, 5, 50, 95]).round(2)} (percentiles 5, 50, 95, 99 and 1, 5, 50, 95)")
-        for threshold in (*THRESHOLDS, STRANGE):
-            found, alarms = rates(codes, threshold, np.random.default_rng(0))
-            print(f"  threshold {threshold:.2f}: stranger found {found:.3f}, false alarms {alarms:.3f}")
+    turned, strangers = rendered(arguments.photos / "views"), real(arguments.real)
+    same, apart = np.percentile(distances(turned), [5, 50, 95, 100]), np.percentile(between(strangers), [0, 1, 5, 50])
+    sys.stdout.write(
+        f"{len(turned)} rendered heads from several sides, one person: {same.round(2)} (percentiles 5, 50, 95, 100)\n"
+        f"{len(strangers)} real people, two of them: {apart.round(2)} (percentiles 0, 1, 5, 50)\n"
+    )
+    for threshold in (*THRESHOLDS, STRANGE):
+        rng = np.random.default_rng(0)
+        rows = [rates(own, strangers, threshold, rng) for own in (turned, strangers)]
+        words = "; ".join(f"found {found:.3f}, false alarms {alarms:.3f}" for found, alarms in rows)
+        sys.stdout.write(f"threshold {threshold:.2f}: among rendered and among real photos: {words}\n")
 
 
 if __name__ == "__main__":

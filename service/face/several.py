@@ -20,6 +20,7 @@ from service.face.face import Face
 from service.face.fit.fit_face import fit_views
 from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
+from service.face.frames import turn_deg
 from service.face.identity import Recogniser, distance
 from service.face.reading.read import Readers, read_face
 from service.face.reading.reader import Reading
@@ -170,14 +171,21 @@ def smaller(photo: Photo, most: int) -> Photo:
     return replace(photo, pixels=pixels, warnings=(*photo.warnings, SMALLER), steps=None)
 
 
-STRANGE = 0.62
+STRANGE = 0.58
 """Distance of descriptors from which on two photos show two people (``benchmarks.strangers``)."""
+SQUARELY_DEG = 52.0
+"""Turn of the head up to which the identity network knows people: photos of one person are 0.45 apart at most up to
+there, in profile up to 0.88, as far as strangers."""
 
 
 def strangers_among(views: Sequence[View], recogniser: Recogniser) -> list[int]:
-    """Indices of those who are not the person that most photos show."""
-    codes = [recogniser.embed(view.photo.pixels, view.face.landmarks).astype(np.float64) for view in views]
-    return apart_from_most(codes, STRANGE)
+    """Indices of those who are not the person that most photos show; of profiles it cannot be told."""
+    squarely = [k for k, view in enumerate(views) if abs(turn_deg(view.face)) < SQUARELY_DEG]
+    if len(squarely) < 2:
+        return []
+    faces = ((views[k].photo.pixels, views[k].face.landmarks) for k in squarely)
+    codes = [recogniser.embed(*face).astype(np.float64) for face in faces]
+    return [squarely[k] for k in apart_from_most(codes, STRANGE)]
 
 
 def apart_from_most(codes: Sequence[Float64], threshold: float) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,8 +25,11 @@ def png(seed: int, side: int = 80) -> bytes:
     return bytes(cv2.imencode(".png", cv2.GaussianBlur(pixels, (0, 0), 4))[1].tobytes())
 
 
-def face() -> Face:
-    return Face(np.zeros(4), 0.9, np.zeros((6, 2)), np.zeros((468, 3)), 1.0)
+def face(turned: float = 0.5) -> Face:
+    """A face whose nose stands so far from one ear to the other."""
+    landmarks = np.zeros((468, 3))
+    landmarks[[234, 454, 1], 0] = [0.0, 1.0, turned]
+    return Face(np.zeros(4), 0.9, np.zeros((6, 2)), landmarks, 1.0)
 
 
 def test_order_changes_nothing_and_the_same_photo_counts_once() -> None:
@@ -107,6 +111,17 @@ def test_a_stranger_is_refused_by_number_or_left_out() -> None:
     assert len(kept.views) == 4 and [left.code for left in kept.left_out] == ["strangers"]
 
 
+def test_of_a_profile_it_cannot_be_told() -> None:
+    """Profiles of one person are as far from each other as strangers."""
+    place = gathered()
+    profile = place.photos[2]
+    answers = codes(0, 0, 0, 0)
+    kept = of_one_person(
+        place, lambda photo: face(1.2 if photo is profile else 0.5), lambda: FakeRecogniser(answers), None  # type: ignore[arg-type,return-value]
+    )
+    assert len(kept.views) == 5
+
+
 def test_photos_without_a_face_are_left_out_unless_all_are() -> None:
     place = gathered()
     first = place.photos[0]
@@ -124,12 +139,13 @@ def test_photos_without_a_face_are_left_out_unless_all_are() -> None:
 
 def test_a_photo_that_cannot_be_fitted_is_left_out_and_the_best_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     place = gathered()
-    place = several.replace(place, views=tuple(View(photo, face()) for photo in place.photos))
+    place = replace(place, views=tuple(View(photo, face()) for photo in place.photos))
     bad, best = place.views[1], place.views[3]
 
     def fit(views: Sequence[View], head: object, settings: object) -> list[Any]:
-        if bad in views:
-            raise FitFailed("the head does not fit", view=views.index(bad))
+        for place, view in enumerate(views):
+            if view is bad:
+                raise FitFailed("the head does not fit", view=place)
         turned = np.diag([1.0, -1.0, -1.0])
         return [
             SimpleNamespace(
