@@ -129,7 +129,7 @@ def make_avatar(
         pool.submit(import_module, "scipy.optimize")
 
         with stage("decode"):
-            gathered = kept("decode", lambda: decoded(with_frames(files, finder.result)))
+            gathered = kept("decode", lambda: decoded(with_frames(files, networks.finder)))
         with stage("detect"):
             find = lambda photo: _face_in(photo, options, networks, head_and_chart)  # noqa: E731
             gathered = kept("detect", lambda: of_one_person(gathered, find, networks.recogniser, options.leave_out))
@@ -163,7 +163,7 @@ def make_avatar(
 
         reflectance, own_texture, own = None, None, None
         if options.level.super_resolution or options.texture_size != "auto":
-            sights = [(view.photo, fit) for view, fit in zip(gathered.views, gathered.fits, strict=True)]
+            sights = [(photo, fit), *((view.photo, other) for view, other in gathered.others)]
             own = OwnDetail.of_all(sights, head, texture)
             if "texture" in options.maps:
                 asked = options.texture_size
