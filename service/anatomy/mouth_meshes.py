@@ -102,6 +102,8 @@ MARGIN, MARGIN_LIGHT = 0.35, 0.25
 GROOVE, PAPILLAE, UNDERSIDE = 0.22, 0.10, (1.0, 0.82, 0.86)
 """Depth of the median groove of the tongue and amplitude of its papillae as shares of the colour; factors on its
 underside, whose thin mucosa is redder."""
+ENAMEL_MM, MUCOSA_MM = (0.9, 0.75, 0.55), (2.2, 0.8, 0.5)
+"""Mean free paths of red, green and blue in teeth, whose edges glow, and in the wet flesh of the mouth."""
 ROOT = 0.35
 """Share of the tongue's light that is lost at its root, which is coated and lies in the throat."""
 
@@ -120,8 +122,10 @@ def mouth_parts(head: HeadModel, fit: Fit, tooth: Float32 | None) -> tuple[MeshP
     rows = [mesh for mesh in insets.meshes if mesh.name.startswith("teeth")]
     tongue = next(mesh for mesh in insets.meshes if mesh.name.startswith("tongue"))
     crowns = teeth_picture(rows, TOOTH if tooth is None else tooth)
-    enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6)
-    flesh = Material("tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4)
+    enamel = Material("teeth", colour_map=OwnMap("teeth", crowns), roughness=0.18, ior=1.6, subsurface_mm=ENAMEL_MM)
+    flesh = Material(
+        "tongue", colour_map=OwnMap("tongue", tongue_picture(tongue)), roughness=0.35, ior=1.4, subsurface_mm=MUCOSA_MM
+    )
     return tuple(_following(mesh, insets, head, fit, flesh if mesh is tongue else enamel) for mesh in (*rows, tongue))
 
 

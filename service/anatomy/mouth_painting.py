@@ -18,13 +18,13 @@ from service.head.model import HeadModel
 TONGUE = np.array([0.357, 0.114, 0.107], np.float32)
 """Top of the tongue."""
 
-LINING = np.array([0.23, 0.052, 0.046], np.float32)
-"""Mucosa that lines the mouth: inside of lips and cheeks, palate."""
+LINING = np.array([0.40, 0.150, 0.135], np.float32)
+"""Mucosa that lines the mouth: inside of lips and cheeks, palate. A little redder than gums."""
 
 
-HALF_DEPTH_M = {"tongue": 0.020, "lining": 0.045}
-"""Metres behind the foremost point of each at which its sRGB values have halved. The lining stays dark red: how little
-light reaches the throat is the renderer's."""
+HALF_DEPTH_M = {"tongue": 0.030, "lining": 0.080}
+"""Metres behind the foremost point of each at which its sRGB values have halved. The lining stays red: how little light
+reaches the throat is the renderer's, and with too dark a lining a path tracer shows a black hole."""
 
 
 def shade(depth: AnyFloat, half: float) -> Float32:

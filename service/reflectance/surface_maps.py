@@ -1,7 +1,7 @@
 """Maps of the surface that need no network: roughness, cavity and thickness.
 
 - Roughness of one GGX lobe that stands for both of the skin's: by region, and by how oily the skin is. Regions have the
-  factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt.
+  factors of the light stage (``models/lightstage/skin/base.py``), from which the networks learnt; lips are wetter.
 - Cavity: how much of the sky the relief leaves open, in pores, folds and wrinkles.
 - Thickness of the flesh under the skin: how far it is to the other side of an ear, a nostril, a lid.
 """
@@ -58,8 +58,9 @@ def cavity(displacement: UInt16, texel_mm: float, size: tuple[int, int]) -> Floa
     return np.asarray(FLOOR + (1 - FLOOR) * np.exp(-STRENGTH * depth), np.float32)
 
 
-FOREHEAD, NOSE, CHEEK, NECK, LIPS = -0.1, -0.17, 0.1, 0.05, -0.25
-"""What each region adds to the factor of GGX alpha; that of the nose for oily skin, dry skin has half of it."""
+FOREHEAD, NOSE, CHEEK, NECK, LIPS = -0.1, -0.17, 0.1, 0.05, -0.55
+"""What each region adds to the factor of GGX alpha; that of the nose for oily skin, dry skin has half of it. Lips are
+moist: their roughness comes to 0.37."""
 
 USUAL_OIL = 0.5
 OILY_RATIO = 0.3
