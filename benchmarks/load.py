@@ -1,0 +1,266 @@
+"""What the database bears: a batch on up to 200 workers whose photos only sleep, and a queue of 100,000 waiting jobs.
+
+``python -m benchmarks.load [--workers 10,50,100,200]`` and ``python -m benchmarks.load --waiting 100000``. The waiting
+jobs are copied in the database from one that was let in, for a hundred tenants. Each worker is a process with its own
+DBOS, as on a machine of its own, and takes one shard at a time; Postgres and the store (a folder) are the real ones.
+All run on this machine, so what is printed as efficiency has the processor time of all workers in it, which many
+machines share out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import sqlalchemy as sa
+import typer
+
+from service.batch.makers import Order
+from service.batch.plan import Plan
+from service.batch.shards import Rounds, Shards
+from service.jobs.admission import Bounds, NewJob
+from service.jobs.artifacts import Artifacts
+from service.jobs.database import connect, create_tables
+from service.jobs.janitor import Janitor
+from service.jobs.places import Place
+from service.jobs.process import descendants
+from service.jobs.queue import Queue
+from service.jobs.runner import Runner
+from service.jobs.settings import Settings
+from service.jobs.store import Store
+from service.jobs.workflow import launch
+from tests.support.postgres import Postgres
+from tests.support.server import TOY
+
+TENANTS = 100
+HANGS = 103
+"""Seed of a job of ``tests.support.toy_job`` that sleeps."""
+
+COPIED = """
+insert into avatarme_jobs (id, workflow, tenant, turn, created_at, updated_at, {jobs})
+select md5(n::text), md5(n::text) || '.1', 'tenant-' || n % :tenants, 2 + n / :tenants, created_at - n, updated_at - n,
+{jobs} from avatarme_jobs, generate_series(1, :count) n where avatarme_jobs.workflow = :first;
+insert into dbos.workflow_status (workflow_uuid, priority, {workflows})
+select md5(n::text) || '.1', 2 + n / :tenants, {workflows} from dbos.workflow_status, generate_series(1, :count) n
+where workflow_uuid = :first;
+"""
+
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Sleeper:
+    """Makes a photo by waiting."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def make(self, order: Order, stop: Callable[[], bool]) -> list[str]:
+        """A file of some bytes, after a while."""
+        time.sleep(self._seconds)
+        order.target.write_bytes(b"slept")
+        return []
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+def worker(name: str, database: str, folder: Path, seconds: float) -> None:
+    """One worker; ends by a signal."""
+    settings = Settings(data=folder / name, database=database, worker=name)
+    rounds = Rounds(connect(settings.database_url, pool=1))
+    shards = Shards(rounds, Sleeper(seconds), folder / name, threading.Event(), lambda error: None, recorded=True)
+    launch(settings, shards.workflows(1))
+    signal.pause()
+
+
+def processor_seconds(processes: list[int]) -> float:
+    """Seconds of processor time that processes have had."""
+    total = 0
+    for process in processes:
+        with contextlib.suppress(OSError):
+            fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+            total += int(fields[11]) + int(fields[12])
+    return total / _TICKS
+
+
+def measured(count: int, seconds: float, photos: int, folder: Path) -> str:
+    """A row of the table: so many workers, each of which would make so many photos of so many seconds."""
+    postgres = Postgres(folder, 6 * count + 100)
+    postgres.start()
+    server = int((folder / "postgres" / "postmaster.pid").read_text().split()[0])
+    settings = Settings(data=folder, database=postgres.url)
+    engine = connect(settings.database_url)
+    create_tables(engine, settings)
+    (folder / "in").mkdir()
+    for number in range(count * photos):
+        (folder / "in" / f"{number:06d}.jpg").touch()
+    out = Place(folder / "out")
+    plan = Plan(folder, Place(folder / "in"), out)
+    plan.look()
+    plan.ask({})
+    shards = plan.write_shards("1")
+    context = multiprocessing.get_context("fork")
+    engine.dispose()
+    workers = [
+        context.Process(target=worker, args=(f"w{n}", postgres.url, folder, seconds), daemon=True) for n in range(count)
+    ]
+    try:
+        for process in workers:
+            process.start()
+        time.sleep(5.0 + count / 10)  # until all ask for work
+        rounds, queue = Rounds(engine), Queue(engine)
+        before, spent, begin = transactions(engine), processor_seconds(descendants(server)), time.monotonic()
+        rounds.put(queue, "1", out.address, shards)
+        listings, ends, ended = list[float](), list[float](), 0
+        while ended < len(shards):
+            time.sleep(0.5)
+            asked = time.perf_counter()
+            unfinished = rounds.tally("1")[2]
+            listings.append(1e3 * (time.perf_counter() - asked))
+            ends += [time.monotonic() - begin] * (len(shards) - unfinished - ended)
+            ended = len(shards) - unfinished
+        took = time.monotonic() - begin
+        load = (transactions(engine) - before) / took
+        cores = (processor_seconds(descendants(server)) - spent) / took
+    finally:
+        for process in workers:
+            process.kill()
+            process.join()
+        engine.dispose()
+        postgres.stop("immediate")
+    ideal = count * photos * seconds / count
+    skew = max(ends) / float(np.mean(ends[-count:])) - 1.0
+    return (
+        f"| {count} | {count * photos} | {len(shards)} | {ideal / took:.2f} | {load:.0f} | {cores:.2f} "
+        f"| {np.median(listings):.1f} | {max(listings):.1f} | {100 * skew:.0f} |"
+    )
+
+
+def transactions(engine: sa.Engine) -> int:
+    """Transactions that the database has ended."""
+    with engine.connect() as connection:
+        query = "select xact_commit + xact_rollback from pg_stat_database where datname = current_database()"
+        return int(connection.execute(sa.text(query)).scalar_one())
+
+
+def fill(engine: sa.Engine, count: int, workflow: str) -> None:
+    """Copy the job of a workflow, with that."""
+    own = {"id", "workflow", "tenant", "turn", "created_at", "updated_at", "key", "workflow_uuid", "priority"}
+    inspector, columns = sa.inspect(engine), {}
+    for name, table, schema in (("jobs", "avatarme_jobs", None), ("workflows", "workflow_status", "dbos")):
+        names = (column["name"] for column in inspector.get_columns(table, schema))
+        kept = own - {"priority"} if schema is None else own
+        columns[name] = ", ".join(f'"{column}"' for column in names if column not in kept)
+    with engine.begin() as connection:
+        for statement in COPIED.format(**columns).split(";")[:-1]:
+            connection.execute(sa.text(statement), {"count": count, "tenants": TENANTS, "first": workflow})
+    with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        connection.execute(sa.text("vacuum analyze"))
+
+
+def new_job(number: int, seed: int = 1) -> NewJob:
+    """One more."""
+    name, digest = f"{number:032x}", "0" * 64
+    return NewJob(
+        id=name, tenant=f"tenant-{number % TENANTS}", options={"seed": seed}, photo=f"{name}/photo-{digest}.bin",
+        photo_sha256=digest, photo_bytes=1, keep_photo=False, key=f"key-{number}", digest=digest,
+    )  # fmt: skip
+
+
+def calls(store: Store, settings: Settings, first: int = 1 << 64) -> dict[str, Callable[[int], object]]:
+    """What is asked of the database beside the jobs; each call gets its number, a new job one from ``first`` on."""
+    janitor = Janitor(Runner(settings, store, Artifacts(settings.artifacts_url)))
+    bounds = Bounds(queued=1 << 30, unfinished=1 << 30)
+    return {
+        "admission": lambda n: store.add(new_job(first + n), bounds),
+        "is there room": lambda n: store.room(f"tenant-{n}", bounds),
+        "a page of 100": lambda n: store.page(f"tenant-{n % TENANTS}", 100, None),
+        "numbers by state": lambda n: store.counts(),
+        "the oldest": lambda n: store.oldest(),
+        "what runs": lambda n: store.queue.running(),
+        "reconcile, every 10 s": lambda n: janitor.reconcile(working=False),
+        "tidy, every 5 s": lambda n: janitor.tidy(),
+        "expire, every 30 s": lambda n: janitor.expire(),
+    }
+
+
+def milliseconds(call: Callable[[int], object], times: int = 50) -> str:
+    """Median and longest time of a call, as cells of a table."""
+    taken = []
+    for number in range(times):
+        begin = time.perf_counter()
+        call(number)
+        taken.append(1e3 * (time.perf_counter() - begin))
+    return f"{np.median(taken):.1f} | {max(taken):.1f}"
+
+
+def waiting_jobs(count: int, folder: Path, seconds: float = 30.0) -> None:
+    """Print what each call takes beside so many waiting jobs, and a worker whose one place is taken."""
+    postgres = Postgres(folder)
+    postgres.start()
+    settings = Settings(data=folder / "data", program=TOY, database=postgres.url, reserve_mb=1)
+    engine = connect(settings.database_url)
+    try:
+        create_tables(engine, settings)
+        store, first = Store(engine), new_job(1, HANGS)
+        (folder / "photo").write_bytes(b"x")
+        Artifacts(settings.artifacts_url).put(folder / "photo", first.photo)
+        store.add(first)
+        alone = {name: milliseconds(call) for name, call in calls(store, settings, 1 << 48).items()}
+        fill(engine, count, f"{first.id}.1")
+        create_tables(engine, settings)
+        print(f"| median and most, ms | with {count} waiting | | with 50 | |\n|---|---|---|---|---|")
+        for name, call in calls(store, settings).items():
+            print(f"| {name} | {milliseconds(call)} | {alone[name]} |", flush=True)
+        told = folder / "settings"
+        told.write_text(settings.to_json() + "\n")
+        with told.open("rb") as stdin:
+            command = [sys.executable, "-m", "service.jobs.worker"]
+            process = subprocess.Popen(command, stdin=stdin, stderr=subprocess.DEVNULL)
+        try:
+            while not store.counts().get("running"):
+                time.sleep(0.1)
+            time.sleep(5.0)  # the start is no idling
+            spent, begin = processor_seconds([process.pid]), time.monotonic()
+            time.sleep(seconds)
+            share = (processor_seconds([process.pid]) - spent) / (time.monotonic() - begin)
+            print(f"\na worker beside its job: {100 * share:.2f} % of a core")
+        finally:
+            process.kill()
+            process.wait()
+    finally:
+        engine.dispose()
+        postgres.stop("immediate")
+
+
+def main(
+    workers: Annotated[str, typer.Option(help="Numbers of workers, with commas between.")] = "10,50,100,200",
+    seconds: Annotated[float, typer.Option(help="Of one photo.")] = 10.0,
+    photos: Annotated[int, typer.Option(min=1, help="Of each worker.")] = 4,
+    waiting: Annotated[int, typer.Option(min=0, help="Measure beside so many waiting jobs instead.")] = 0,
+) -> None:
+    """Print a table."""
+    if waiting:
+        with tempfile.TemporaryDirectory(prefix="waiting-") as folder:
+            waiting_jobs(waiting, Path(folder))
+        return
+    print("| workers | photos | shards | of the ideal rate | transactions/s | cores of Postgres ", end="")
+    print("| tally, median ms | most | last shard after the mean, % |\n|---|---|---|---|---|---|---|---|---|")
+    for word in workers.split(","):
+        with tempfile.TemporaryDirectory(prefix="many-workers-") as folder:
+            print(measured(int(word), seconds, photos, Path(folder)), flush=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)
