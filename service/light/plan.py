@@ -19,9 +19,7 @@ from service.errors import UsageError
 from service.light.environment import illumination
 from service.light.samples import SurfaceSamples
 from service.light.scene import Scene
-from service.light.shading import BRIGHT, DARK, GONE, LOW, Item, Shading, develop
-
-__all__ = ["Estimates", "Facts", "develop", "estimates_of"]
+from service.light.shading import BRIGHT, DARK, GONE, LOW, Item, Shading
 
 MARGIN = 1.4
 """Factor of the bound for the approximations of the shading."""

@@ -10,10 +10,15 @@ import functools
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from service.light.formulas import ALPHAS, COSINES, F0_SCALE, SMALLEST_ALPHA, albedo_table
+from service.arrays import Float64
+from service.light.formulas import F0_SCALE, SMALLEST_ALPHA
+
+COSINES, ALPHAS = 32, 32
+"""Rows and columns of the table of directional albedo."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,31 @@ def fresnel(f0: Tensor, v_h: Tensor) -> Tensor:
     x = (1.0 - v_h).clamp(0.0, 1.0)
     x2 = x * x
     return f0 + (1.0 - f0) * (x2 * x2 * x)
+
+
+@functools.lru_cache(maxsize=1)
+def albedo_table() -> Float64:
+    """(2, 32, 32): directional albedo is f0 * scale + bias; rows are cosines (i + 0.5) / 32, columns alphas likewise.
+
+    Integrated over half vectors that are spread by D n.h: tan^2 = alpha^2 u / (1 - u).
+    """
+    u = (np.arange(32) + 0.5) / 32
+    cosine = (np.arange(COSINES) + 0.5) / COSINES
+    alpha = np.maximum((np.arange(ALPHAS) + 0.5) / ALPHAS, SMALLEST_ALPHA)
+    a2 = (alpha**2)[None, :, None, None]
+    h_z = (1.0 / np.sqrt(1.0 + alpha[:, None] ** 2 * (u / (1.0 - u))))[None, :, :, None]
+    h_x = np.sqrt(np.maximum(1.0 - h_z**2, 0.0)) * np.cos(np.pi * u)
+    v_z = cosine[:, None, None, None]
+    v_h = np.sqrt(1.0 - v_z**2) * h_x + v_z * h_z
+    l_z = 2.0 * v_h * h_z - v_z
+
+    def masking(c: Float64) -> Float64:
+        return np.asarray(2.0 * c / (c + np.sqrt(a2 + (1.0 - a2) * c * c)))
+
+    weight = masking(v_z) * masking(np.maximum(l_z, 1e-6)) * np.maximum(v_h, 0.0) / (v_z * h_z)
+    weight = np.where((l_z > 0) & (v_h > 0), weight, 0.0)
+    rise = (1.0 - np.clip(v_h, 0.0, 1.0)) ** 5
+    return np.stack([(weight * (1.0 - rise)).mean((-1, -2)), (weight * rise).mean((-1, -2))])
 
 
 @functools.lru_cache(maxsize=4)

@@ -26,8 +26,9 @@ from models.lightstage.light.response import developed  # noqa: E402
 from models.lightstage.light.survey import survey  # noqa: E402
 from models.lightstage.skin.window import ChartWindow  # noqa: E402
 from service.errors import UsageError  # noqa: E402
-from service.light.plan import LightPlan, develop, estimates_of, plan  # noqa: E402
+from service.light.plan import LightPlan, estimates_of, plan  # noqa: E402
 from service.light.scene import Environment, PointLight, Response, Scene  # noqa: E402
+from service.light.shading import develop  # noqa: E402
 
 pytestmark = pytest.mark.train
 
