@@ -81,7 +81,7 @@ def scale(name: str, what: Description, shape: tuple[int, int]) -> float:
 def computed(size: tuple[int, int], tile: int, what: Description) -> int:
     """Pixels of input that a network computes for a map (width, height), halos included."""
     return sum(
-        (one.bottom - one.top + 2 * what.halo) * (one.right - one.left + 2 * what.halo)
+        (one.bottom - one.top + 2 * what.margin) * (one.right - one.left + 2 * what.margin)
         for one in tiles(*size, tile, what.stride)
     )
 

@@ -137,7 +137,7 @@ def measure_speed(engine: Engine, networks: tuple[str, ...]) -> Speed:
                 costs[name] = seconds
             else:
                 costs[name] = seconds / (shape[0] * shape[1] / 1e6 * network.lanes)
-                halos[name] = (what.halo, what.scale)
+                halos[name] = (what.margin, what.scale)
     noise = np.random.default_rng(0).integers(0, 256, (512, 768, 3), np.uint8)
     plane = noise[..., 0].astype(np.float32)
     area = plane.size / 1e6

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from service import GENERATOR
-from service.archive.images import encode_jpeg, encode_png
+from service.archive.images import Rows, encode_jpeg, encode_png_rows
 from service.archive.surfaces import Piece
 from service.arrays import AnyFloat, AnyInt, Float32, UInt8
 from service.materials.material import WHITE, ChartMap, Map, Material, OwnMap
@@ -62,7 +62,7 @@ class GltfWriter:
 
     def add_offsets(self, rows: Float32, *, bounds: bool = False) -> int:
         """Accessor of (N, 3) morph offsets: without data if all are zero, sparse where that is smaller."""
-        moved = np.flatnonzero(rows.any(1))
+        moved = np.flatnonzero((rows[:, 0] != 0) | (rows[:, 1] != 0) | (rows[:, 2] != 0))
         if not len(moved):
             return self._zeros(len(rows), bounds)
         wide = len(rows) > 0xFFFF
@@ -260,7 +260,7 @@ class GltfMaterials:
 def _encoded(pixels: UInt8, slot: Slot) -> Picture:
     if slot == "colour" and pixels.shape[2] == 3:
         return Picture(encode_jpeg(pixels, JPEG_QUALITY), "image/jpeg")
-    return Picture(encode_png(pixels, srgb=slot == "colour", level=7), "image/png")
+    return Picture(encode_png_rows(Rows.of(pixels), srgb=slot == "colour"), "image/png")
 
 
 def packed(pixels: UInt8, slot: Slot) -> UInt8:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -134,6 +135,7 @@ def fixed_tuples(rows: AnyFloat | Sequence[AnyFloat], decimals: int) -> str:
     return ",".join(f"({','.join(flat[at : at + values.shape[1]])})" for at in range(0, len(flat), values.shape[1]))
 
 
+@lru_cache(maxsize=1 << 16)
 def _shortest(code: int, decimals: int) -> str:
     """Code * 10^-decimals: "0.125" or "125e-5", whichever is shorter.
 
@@ -141,10 +143,11 @@ def _shortest(code: int, decimals: int) -> str:
     """
     if code == 0:
         return "0"
-    whole, rest = divmod(abs(code), 10**decimals)
-    plain = f"{whole}.{rest:0{decimals}d}".rstrip("0").rstrip(".")
-    power = f"{abs(code)}e-{decimals}"
-    return ("-" if code < 0 else "") + min(plain, power, key=len)
+    digits = str(abs(code))
+    power, padded = f"{digits}e-{decimals}", digits.rjust(decimals + 1, "0")
+    point = len(padded) - decimals
+    plain = f"{padded[:point]}.{padded[point:]}".rstrip("0").rstrip(".")
+    return ("-" if code < 0 else "") + (plain if len(plain) <= len(power) else power)
 
 
 def numbers(values: AnyFloat, digits: int) -> str:

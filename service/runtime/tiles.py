@@ -1,6 +1,6 @@
 """A network over a map of any size, in tiles whose result is that of the whole.
 
-A tile is read with a margin as wide as the network looks (its halo), computed, and only its inside is kept, so no pixel
+A tile is read with a margin about as wide as the network looks, computed, and only its inside is kept, so no pixel
 knows about tiles. At the border of the map the margin is the map's own mirror image, also where there is only one tile.
 Tile origins are multiples of the network's stride, because down-sampling makes a network's output depend on that phase.
 """
@@ -26,11 +26,11 @@ Indices = npt.NDArray[np.int64]
 Read = Callable[[Indices, Indices], Float32]
 """Rows (h,) and columns (w,) of the map, each within it but in any order -> (C, h, w) float32."""
 
-DEFAULT_TILE = 1024
-"""Inner side of a tile in input pixels: small enough for a gigabyte, large enough that halos cost little."""
+DEFAULT_TILE = 768
+"""Inner side of a tile in input pixels: two of them at once take half a gigabyte."""
 
 SMALL_TILE = 512
-"""For a machine that has too little memory: halos cost half of the time there."""
+"""For a machine that has too little memory: margins cost half of the time there."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def run_tiles(
 def _inside(result: Float32, one: Tile, what: Description) -> Float32:
     """The result of a tile without its halo."""
     tall, wide = one.bottom - one.top, one.right - one.left
-    rows, columns = Tile(what.halo, what.halo, what.halo + tall, what.halo + wide).scaled(what.scale)
+    rows, columns = Tile(what.margin, what.margin, what.margin + tall, what.margin + wide).scaled(what.scale)
     return result[:, rows, columns]
 
 
@@ -159,4 +159,4 @@ def _reach(marked: Bool, count: int, stride: int) -> tuple[int, int]:
 
 
 def _window(start: int, stop: int, what: Description) -> tuple[int, int]:
-    return start - what.halo, start + -(-(stop - start) // what.stride) * what.stride + what.halo
+    return start - what.margin, start + -(-(stop - start) // what.stride) * what.stride + what.margin

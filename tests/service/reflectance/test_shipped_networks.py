@@ -47,25 +47,29 @@ def test_all_networks_of_the_method_are_in_the_box() -> None:
     assert all(table[name]["licence"] == "Apache-2.0" for name in wanted)
 
 
+SEAM = 2 / 255 / 10
+"""Of values in [-1, 1]: a tenth of an 8-bit step, in noise as strong as it gets."""
+
+
 @pytest.mark.parametrize("name", TRANSLATORS)
 def test_tiles_equal_the_whole(name: str) -> None:
     """A halo shorter than what the trained weights use, or a norm over the tile, would show as seams."""
     with open_network(name, ENGINE) as network:
         maps = like_maps(network.description.channels, 320, 440)
         whole = untiled(network, maps)
-        assert np.abs(tiled(network, maps, 128) - whole).max() <= 1e-4
-        assert np.abs(tiled(network, maps, 256) - whole).max() <= 1e-4
+        assert np.abs(tiled(network, maps, 128) - whole).max() <= SEAM
+        assert np.abs(tiled(network, maps, 256) - whole).max() <= SEAM
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TRANSLATORS)
 def test_tiles_equal_the_whole_at_the_sizes_in_use(name: str) -> None:
-    """256, 512, 1024 and 1536 against untiled."""
+    """256, 512, 768 and 1536 against untiled."""
     with open_network(name, ENGINE) as network:
         maps = like_maps(network.description.channels, 1100, 1700)
         whole = untiled(network, maps)
-        for tile in (256, 512, 1024, 1536):
-            assert np.abs(tiled(network, maps, tile) - whole).max() <= 1e-4, tile
+        for tile in (256, 512, 768, 1536):
+            assert np.abs(tiled(network, maps, tile) - whole).max() <= SEAM, tile
 
 
 def degrees_apart(one: Float, other: Float) -> Float:
