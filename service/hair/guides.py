@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from service.arrays import AnyFloat, Bool, Float32, Int64
-from service.hair.scalp import CROWN, SHOULDERS, Roots, Scalp
+from service.hair.scalp import CENTRE, CROWN, SHOULDERS, Roots, Scalp
 from service.hair.style import Style
 
 GUIDES, GUIDE_POINTS = 600, 32
@@ -265,11 +265,25 @@ def _ties(style: Style, roots: Roots, skin: Scalp) -> Float32:
     return near.astype(np.float32)
 
 
+def _round_head(start: Float32, end: Float32, share: Float32) -> Float32:
+    """(N, S, 3) points from places on the head (N, 3) to others, round its middle and not through it.
+
+    Opposite places are joined over the top: hair on the forehead is combed back, not to one side.
+    """
+    first, last = unit(start - CENTRE), unit(end - CENTRE)
+    apart = _step(0.2, -0.8, (first * last).sum(1))[:, None]
+    middle = unit(first + last + apart * np.array([0.0, 1.0, 0.0], np.float32))
+    begin, rest = (1 - share) ** 2 * first[:, None], share**2 * last[:, None]
+    toward = unit(begin + 2 * share * (1 - share) * middle[:, None] + rest)
+    near, far = (np.linalg.norm(ends - CENTRE, axis=1)[:, None, None] for ends in (start, end))
+    return np.asarray(CENTRE + toward * (near + share * (far - near)), np.float32)
+
+
 def _gathered(style: Style, roots: Roots, length: Float32, skin: Scalp, rng: np.random.Generator) -> Float32:
     """Guides that follow the head to their tie, and the tail behind it."""
     tie = _ties(style, roots, skin)
     share = np.linspace(0, 1, 24, dtype=np.float32)[None, :, None]
-    way = roots.position[:, None] + share * (tie - roots.position)[:, None]
+    way = _round_head(roots.position, tie, share)
     rise = np.sin(np.pi * share[..., 0]) * style.volume_mm / 1000 * rng.uniform(0.4, 1, (len(roots), 1)) + 0.002
     for _ in range(6):  # out of the head, then straight: a taut thread on the skull
         way = skin.pushed(way, rise.astype(np.float32))
