@@ -39,6 +39,8 @@ BODY_RATE = 0.4
 WEIGHTS = {"mask": 4.0, "direction": 0.5, "kinds": 0.25, "ends": 0.1}
 AT_ONCE = 40
 """Shards in memory."""
+FIRST = 12
+"""Shards with which a sitting begins."""
 REFRESH_STEPS = 25
 """Steps after which a shard makes room for another."""
 
@@ -167,13 +169,13 @@ def train(run: Run, data: Path, steps: int, sitting: float, batch: int, every: i
     begun, before = time.monotonic(), run.seconds
     sums: dict[str, float] = {}
     while run.step < steps and time.monotonic() - begun < 60 * sitting:
-        if run.step % REFRESH_STEPS == 0 or not pool:
+        for _ in range(FIRST if not pool else int(run.step % REFRESH_STEPS == 0)):
             fresh = [path for path in shards(data, held_out=False) if path not in names]
             if fresh:
                 path = fresh[int(rng.integers(len(fresh)))]
                 pool, names = [*pool, read_people(path)][-AT_ONCE:], [*names, path][-AT_ONCE:]
-            if not pool:
-                raise ModelFault(f"{data}: no shard to train on; make some: python -m models.people --framing hair")
+        if not pool:
+            raise ModelFault(f"{data}: no shard to train on; make some: python -m models.people --framing hair")
         for name, value in run.train_step(draw(pool, batch, rng), 1 - run.step / steps).items():
             sums[name] = sums.get(name, value) * 0.98 + 0.02 * value
         run.seconds = before + time.monotonic() - begun

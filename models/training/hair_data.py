@@ -18,7 +18,7 @@ from models.people.shards import UNKNOWN, load
 from service.face.landmarks import face_roll
 from service.face.reading import part_labels as labels
 from service.face.region import Region, level_square
-from service.hair.kinds import KINDS, PARTINGS
+from service.hair.kinds import KINDS, LENGTHS, PARTINGS, length_of
 from service.hair.reading import BELOW, FILL
 
 People = dict[str, npt.NDArray[Any]]
@@ -118,6 +118,8 @@ def example(people: People, i: int, rng: np.random.Generator | None = None, behi
         picture, inside = spoilt(picture, inside, rng)
     if kinds[LENGTH] == 0:
         kinds[CURL] = UNKNOWN  # cropped hair does not say
+    elif kinds[LENGTH] != UNKNOWN:  # by today's borders, whatever they were when the shard was drawn
+        kinds[LENGTH] = LENGTHS.index(length_of(float(people["ends_m"][i])))
     mask, known, strands = _shrunk(hair * inside), _shrunk(inside), _shrunk(np.linalg.norm(way, axis=2) * inside)
     run = _shrunk(way)
     run /= np.maximum(np.linalg.norm(run, axis=2, keepdims=True), 1e-6)

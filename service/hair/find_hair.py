@@ -56,7 +56,7 @@ def find_hair(
         photo: that was fitted.
         head: the head model; one without a region "scalp" wears nothing.
         fit: camera and vertices.
-        reading: of the photo; without one nothing is compared.
+        reading: of the photo; without one, or where its hair cannot be read, nothing is compared.
         asked: the options.
         strands: of a full head.
         seed: of all that is random.
@@ -69,7 +69,8 @@ def find_hair(
         )  # fmt: skip
     skin = Scalp.of(head, fit.neutral)
     person = USUAL_SKIN if fit.cheek is None else np.asarray(srgb_to_linear(fit.cheek), np.float32)
-    if reading is None:
+    read = None if reading is None else read_hair(photo.pixels, reading)
+    if read is None:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)
         groom = make_groom(style, seed, strands, skin)
         found = WornHair(
@@ -77,7 +78,6 @@ def find_hair(
             doubts=() if asked.named else ("hair-unseen",),
         )  # fmt: skip
         return _coloured(found, photo, None, person, asked, seed)
-    read = read_hair(photo.pixels, reading)
     sight = Sight.of(read, fit, head)
     if asked.named:
         style = _longer(_asked_style(asked) or NAMED[UNREAD], asked)

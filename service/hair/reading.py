@@ -2,13 +2,14 @@
 
 ::
 
-    photo, reading --region_of--> square with all of the hair --filters, network--> HairReading
+    photo, reading --region_of--> square with all of the hair --network, structure tensor--> HairReading
 
 The square is wider than the crops of ``service.face.reading.reader``, as hair may reach to the shoulders.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,24 +17,24 @@ import cv2
 import numpy as np
 
 from service.arrays import Float32, Float64, UInt8
+from service.errors import NumericFault
+from service.face.reading import reader
 from service.face.reading.part_labels import HAIR, HAT, OTHER
 from service.face.reading.reader import AROUND_ABOVE, AROUND_FILL, Reading, middles, parts_at_pixels
 from service.face.region import Region
 from service.geometry.sampling import sample_at
-from service.hair.kinds import CURLS as CURLS
-from service.hair.kinds import FRINGES as FRINGES
-from service.hair.kinds import GATHERED as GATHERED
-from service.hair.kinds import KINDS as KINDS
-from service.hair.kinds import LENGTH_ENDS_M as LENGTH_ENDS_M
-from service.hair.kinds import LENGTHS as LENGTHS
-from service.hair.kinds import PARTINGS as PARTINGS
+from service.hair.kinds import KINDS, PARTINGS
 from service.image_filters import blurred, ramp
+from service.runtime.sessions import Session, load_session
+
+log = logging.getLogger(__name__)
 
 SIDE, CELLS = 224, 112
 """Pixels along the square as it is read, and cells of what is said of it."""
 FILL, BELOW = 0.40, 0.05
 """Longer side of the landmarks' bounding box over the square's, and how far its middle lies below theirs, over its
 side: about 0.44 m, from above the crown to below the shoulders."""
+
 
 @dataclass(frozen=True)
 class HairReading:
@@ -83,38 +84,150 @@ class HairReading:
 def region_of(reading: Reading) -> Region:
     """The square with all of the hair, by the crops that were read of the face."""
     wide = reading.region if reading.around is None else reading.around.region
-    fill, above = (AROUND_FILL, AROUND_ABOVE) if reading.around is not None else _NARROW
+    fill, above = (AROUND_FILL, AROUND_ABOVE) if reading.around is not None else (reader.FILL, reader.ABOVE)
     side = wide.side * fill / FILL
     down = BELOW * side - above * wide.side
     turn = np.array([-np.sin(wide.angle), np.cos(wide.angle)])
     return Region(wide.x + float(turn[0]) * down, wide.y + float(turn[1]) * down, side, wide.angle)
 
 
-_NARROW = (0.64, 0.03)
-"""``FILL`` and ``ABOVE`` of the reader's narrow crop."""
+@dataclass(frozen=True)
+class Said:
+    """What the network says of a square; as :class:`HairReading`, but all of it by the network alone."""
+
+    mask: Float32
+    direction: Float32
+    certainty: Float32
+    kinds: Mapping[str, Mapping[str, float]]
+    ends_m: tuple[float, float]
 
 
-def read_hair(pixels: UInt8, reading: Reading) -> HairReading:
-    """Read the hair in an (H, W, 3) uint8 sRGB photo whose face was read."""
+class HairNetwork:
+    """The network applied to the square, as it is and mirrored: the average treats both sides alike.
+
+    Its recipe is ``models/training/hair.py``.
+    """
+
+    def __init__(self, session: Session | None = None, threads: int = 2) -> None:
+        self._session = session or load_session("hair", threads)
+
+    def __call__(self, crop: UInt8) -> Said:
+        """What a (224, 224, 3) uint8 sRGB square shows.
+
+        Raises:
+            NumericFault: the network gives no numbers.
+        """
+        planes = np.asarray(crop, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
+        plain, mirrored = (self._run(np.ascontiguousarray(p)) for p in (planes, planes[..., ::-1]))
+        mask, way, spread, kinds, ends = (0.5 * (a + b) for a, b in zip(plain, _turned_back(mirrored), strict=True))
+        size = np.linalg.norm(way, axis=-1)
+        direction = way / np.maximum(size, 1e-6)[..., None]
+        # The cosine to expect: of unit vectors whose components are off by ``spread``.
+        certainty = np.clip(1 - np.square(spread), 0, 1) * np.minimum(size, 1)
+        named, first = {}, 0
+        for name, choices in KINDS.items():
+            named[name] = {c: float(p) for c, p in zip(choices, kinds[first:], strict=False)}
+            first += len(choices)
+        apart = abs(float(plain[4][0] - mirrored[4][0])) / 2
+        return Said(
+            np.asarray(mask, np.float32), np.asarray(direction, np.float32), np.asarray(certainty, np.float32),
+            named, (float(ends[0]), max(float(ends[1]), apart)),
+        )  # fmt: skip
+
+    def _run(self, planes: Float32) -> list[Float64]:
+        """Mask and direction (H, W), (H, W, 2), its spread (H, W), probabilities of all kinds, ends (2,)."""
+        mask, way, spread, kinds, ends = (np.asarray(a[0], np.float64) for a in self._session.run({"crop": planes}))
+        shares = [softmax(part) for part in np.split(kinds, np.cumsum([len(c) for c in KINDS.values()])[:-1])]
+        return [1 / (1 + np.exp(-mask[0])), np.moveaxis(way, 0, -1), spread[0], np.concatenate(shares), ends]
+
+
+def softmax(values: Float64) -> Float64:
+    """(N,) probabilities of logits."""
+    share = np.exp(values - values.max())
+    return np.asarray(share / share.sum())
+
+
+def _turned_back(answer: list[Float64]) -> list[Float64]:
+    """The answer to a mirrored square as one to the square itself."""
+    mask, way, spread, kinds, ends = answer
+    kinds = kinds.copy()
+    first = sum(len(choices) for choices in list(KINDS.values())[: list(KINDS).index("parting")])
+    left, right = first + PARTINGS.index("left"), first + PARTINGS.index("right")
+    kinds[[left, right]] = kinds[[right, left]]
+    return [mask[:, ::-1], way[:, ::-1] * [-1.0, 1.0], spread[:, ::-1], kinds, ends]
+
+
+def read_hair(pixels: UInt8, reading: Reading, network: HairNetwork | None = None) -> HairReading | None:
+    """Read the hair in a photo whose face was read; None where the network gives no numbers.
+
+    Args:
+        pixels: (H, W, 3) uint8 sRGB, the photo.
+        reading: of its face.
+        network: None for the shipped one.
+    """
     region = region_of(reading)
-    at = middles(region, CELLS)
-    parts = parts_at_pixels(reading, at, strands=True).reshape(CELLS, CELLS, -1)
+    crop, at = region.cut(pixels, SIDE), middles(region, CELLS)
+    parts = parts_at_pixels(reading, at).reshape(CELLS, CELLS, -1)
     height, width = pixels.shape[:2]
     inside = ((at >= 0) & (at < [width, height])).all(1).reshape(CELLS, CELLS)
     known = np.asarray(inside * (1 - ramp(parts[..., HAT] + parts[..., OTHER], (0.15, 0.45))), np.float32)
-    mask = np.asarray(np.clip(parts[..., HAIR], 0, 1) * inside, np.float32)
-    crop = region.cut(pixels, SIDE)
-    direction, certainty = orientation(crop, mask)
-    ends = _ends(mask * known)
-    return HairReading(region, mask, known, direction, certainty, _guessed(ends), (ends, 0.05))
+    try:
+        said = (network or HairNetwork())(crop)
+    except NumericFault as fault:
+        log.warning("the hair is not read: %s", fault)
+        return None
+    seen = parts_at_pixels(reading, at, strands=True)[:, HAIR].reshape(CELLS, CELLS)
+    mask = np.asarray(together(said.mask, seen) * inside, np.float32)
+    direction, certainty = finer(said, *orientation(crop, mask))
+    return HairReading(region, mask, known, direction, certainty * mask, said.kinds, said.ends_m)
 
 
+WITNESSES, RECALL = 0.6, 0.4
+"""Weight of each of two log odds of hair, and what is added to their sum: strands are thin, and either may miss them.
+Overlap on grooms that neither was taught on and on meshes (``python -m benchmarks.hair_reading``)."""
+
+
+def together(one: Float32, other: Float32) -> Float32:
+    """Probability of hair by two networks (H, W), the hair reader's and the reader's of faces.
+
+    They err in different places: this one was taught on strands, in a wide crop, that one on other hair, in finer
+    crops, weighed by a third that knows people in real photos (``service.face.reading.person``).
+    """
+    odds = (np.log(p) - np.log1p(-p) for p in (np.clip(p, 0.01, 0.99) for p in (one, other)))
+    return np.asarray(1 / (1 + np.exp(-(WITNESSES * sum(odds) + RECALL))), np.float32)
+
+
+def finer(said: Said, along: Float32, coherence: Float32) -> tuple[Float32, Float32]:
+    """The network's directions, turned to those of the structure tensor as far as that is the surer one.
+
+    Angles are averaged doubled, as the tensor knows no sign.
+
+    Args:
+        said: the network's.
+        along: (H, W, 2) of the tensor, of any sign.
+        coherence: (H, W) in [0, 1] of the tensor.
+    """
+    way, weight = said.direction, TENSOR * coherence[..., None]
+    both = _doubled(way) * said.certainty[..., None] + _doubled(along) * weight
+    angle = 0.5 * np.arctan2(both[..., 1], both[..., 0])
+    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+    direction *= np.where((direction * way).sum(-1, keepdims=True) < 0, -1, 1)
+    return np.asarray(direction, np.float32), said.certainty
+
+
+def _doubled(way: Float32) -> Float32:
+    x, y = way[..., 0], way[..., 1]
+    return np.stack([x * x - y * y, 2 * x * y], -1)
+
+
+TENSOR = 0.3
+"""Weight of the structure tensor's coherence against the network's certainty."""
 SMOOTHED_CELLS = 1.6
 """Standard deviation over which directions are averaged, cells."""
 
 
 def orientation(crop: UInt8, mask: Float32) -> tuple[Float32, Float32]:
-    """Directions of strands by the structure tensor, roots up, and how certain they are.
+    """Directions of strands by the structure tensor, of any sign, and how certain they are.
 
     The eigenvector of the smaller eigenvalue of the smoothed outer product of the gradient (Bigun and Granlund 1987)
     runs along the strands; coherence, the difference of the eigenvalues over their sum, is its certainty.
@@ -139,46 +252,4 @@ def orientation(crop: UInt8, mask: Float32) -> tuple[Float32, Float32]:
     direction = np.stack([np.cos(along), np.sin(along)], -1).astype(np.float32)
     apart = np.hypot(xx - yy, 2 * xy)
     coherence = apart / np.maximum(xx + yy, 1e-6) * ramp(xx + yy, (1e-4, 2e-3))
-    away = _from_crown(mask)
-    direction *= np.where((direction * away).sum(-1, keepdims=True) < 0, np.float32(-1), np.float32(1))
     return direction, np.asarray(np.clip(coherence, 0, 1) * mask, np.float32)
-
-
-def _from_crown(mask: Float32) -> Float32:
-    """(H, W, 2) from the top of the head, where most strands begin, to each cell."""
-    side = len(mask)
-    y, x = np.mgrid[:side, :side].astype(np.float32)
-    crown = np.array([0.5, 0.22], np.float32) * side
-    return np.stack([x - crown[0], y - crown[1]], -1)
-
-
-def _ends(mask: Float32) -> float:
-    """Height in metres of the lowest hair, in the head's frame of a face of usual size."""
-    rows = mask.sum(1)
-    share = np.cumsum(rows[::-1])[::-1] / max(float(rows.sum()), 1e-6)
-    lowest = int(np.flatnonzero(share > 0.02).max(initial=0)) + 1
-    return height_of(lowest / len(mask))
-
-
-FACE_M = 0.178
-"""Usual height of the landmarks' bounding box, and below, how far its middle lies below the point between the eyes."""
-FACE_MIDDLE_M = -0.026
-
-
-def height_of(row: float) -> float:
-    """Height in the head's frame, metres, of a row (share of the square's height from the top) for a usual face."""
-    return FACE_MIDDLE_M - (row - 0.5 + BELOW) * FACE_M / FILL
-
-
-def _guessed(ends: float) -> dict[str, dict[str, float]]:
-    """Probabilities of the kinds by how far the hair reaches; all else as frequent as it is among people."""
-    low = np.array([0.02, *LENGTH_ENDS_M, -0.40])
-    middle = 0.5 * (low[:-1] + low[1:])
-    close = np.exp(-np.abs(ends - middle) / 0.03)
-    share = np.concatenate([[0.3 * close[0]], close])
-    length = {name: float(p) for name, p in zip(LENGTHS, share / share.sum(), strict=True)}
-    return {
-        "length": length, "gathered": {"none": 0.75, "half": 0.05, "tied": 0.17, "plaits": 0.03},
-        "parting": {"none": 0.4, "left": 0.25, "middle": 0.2, "right": 0.15}, "fringe": {"no": 0.75, "yes": 0.25},
-        "curl": {"straight": 0.55, "wavy": 0.25, "curly": 0.1, "coily": 0.1},
-    }  # fmt: skip

@@ -9,12 +9,9 @@ with its settings, a program that computes it, as :mod:`service.jobs.render_proc
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from service.jobs.settings import Settings
-from service.render.request import LARGEST_PIXELS, RenderRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +39,6 @@ class Kind:
     derived: bool = True
     slow: str = ""
 
-    def queue(self, options: Mapping[str, Any]) -> str:
-        """Name of the queue that a job with these options waits in; each is served beside the others."""
-        return LARGE_PICTURES if self is RENDER and _is_large(options.get("request", {})) else self.place
-
     def limits(self, settings: Settings) -> Settings:
         """Settings of the process that computes one: those of a job's, with the kind's program and deadline."""
         program, seconds = getattr(settings, self.program), getattr(settings, self.seconds)
@@ -72,18 +65,6 @@ EXPORT = Kind(
     seconds="export_seconds", at_a_time="exports",
     slow="making the kit took more than {seconds:g} s; make the avatar with smaller maps",
 )  # fmt: skip
-
-LARGE_PICTURES = "large-renders"
-"""Queue of pictures that take a minute, so that they never hold the place that others wait for."""
-
-_LARGE = LARGEST_PIXELS // 4
-"""Samples of a picture from which on it is one of these."""
-
-
-def _is_large(request: Mapping[str, Any]) -> bool:
-    width, height = request.get("size") or RenderRequest.size
-    return int(width * height * (request.get("samples") or RenderRequest.samples) ** 2) > _LARGE
-
 
 KINDS = {kind.name: kind for kind in (AVATAR, RENDER, EXPORT)}
 """All kinds by name."""

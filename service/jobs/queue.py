@@ -65,11 +65,11 @@ class Queue:
 
         Args:
             connection: of the transaction.
-            job: ``id``, ``workflow``, ``kind``, ``options`` and ``turn`` of the job.
+            job: ``id``, ``workflow``, ``kind`` and ``turn`` of the job.
         """
         options: EnqueueOptions = {
-            "queue_name": KINDS[job["kind"]].queue(json.loads(job["options"])), "workflow_name": WORKFLOW,
-            "workflow_id": job["workflow"], "priority": job["turn"],
+            "queue_name": KINDS[job["kind"]].place, "workflow_name": WORKFLOW, "workflow_id": job["workflow"],
+            "priority": job["turn"],
         }  # fmt: skip
         self.client.enqueue_in_transaction(connection, options, job["id"])
 

@@ -14,7 +14,7 @@ from dbos import DBOS, DBOSConfig
 
 from service.jobs import webhooks
 from service.jobs.database import LINE, patient
-from service.jobs.kinds import EXPORT, KINDS, LARGE_PICTURES, RENDER
+from service.jobs.kinds import EXPORT, KINDS
 from service.jobs.queue import APPLICATION, MESSAGE, MESSAGES, WORKFLOW, JsonSerializer
 from service.jobs.runner import Runner
 from service.jobs.settings import PIPELINE_VERSION, Settings
@@ -29,8 +29,8 @@ It can be that many: what a photo can do to its process does not reach the worke
 """
 
 POLL, SLOW_POLL = 1.0, 4.0
-"""Seconds between two looks into a queue, which are most of what a worker does beside its jobs; the second for
-what takes longer than that."""
+"""Seconds between two looks into a queue, which are most of what a worker does beside its jobs; the second for kits,
+which take longer than that."""
 
 MADE_AGAIN = 3
 """How often an archive may be lost between being made and being published."""
@@ -87,13 +87,12 @@ def launch(settings: Settings, *kinds: Workflows) -> None:
 def of_jobs(runner: Runner) -> Workflows:
     """Jobs of all kinds, and messages of their ends."""
     settings = runner.settings
-    looks = {EXPORT.place: SLOW_POLL, LARGE_PICTURES: SLOW_POLL}
-    most = {kind.place: kind.most(settings) for kind in KINDS.values()}
-    most[LARGE_PICTURES] = min(RENDER.most(settings), 1)
     queues: dict[str, dict[str, Any]] = {
-        name: {"worker_concurrency": count, "polling_interval_sec": looks.get(name, POLL)}
-        for name, count in most.items()
-        if count
+        kind.place: {
+            "worker_concurrency": kind.most(settings), "polling_interval_sec": SLOW_POLL if kind is EXPORT else POLL,
+        }
+        for kind in KINDS.values()
+        if kind.most(settings)
     }
     if settings.webhook_hosts:
         # One at a time to each receiver of a tenant, wherever it is sent from; DBOS takes receivers in random order.

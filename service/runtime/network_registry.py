@@ -92,6 +92,7 @@ REGISTRY = (
     RegisteredNetwork("face_landmarker", "478 points for the expression", "read"),
     RegisteredNetwork("face_blendshapes", "expression scores", "read"),
     RegisteredNetwork("person", "tells the person from the background", "read"),
+    RegisteredNetwork("hair", "tells where hair is, which way it runs and what kind it is", "read"),
     RegisteredNetwork("face_identity", "compares the result with the photo", "compare"),
     RegisteredNetwork(
         "zeta_body", "enlarges the texture", "super_resolution", (*TEXTURE, *POSITION, *MASK), ("features",)

@@ -367,25 +367,6 @@ def test_pictures_are_checked_before_there_is_a_job(ada: httpx.Client, wanted: s
     assert not any(word in problem["detail"] for word in ("True", "None", ",)", "__init__", "Traceback")), problem
 
 
-def test_the_largest_picture_of_one_tenant_holds_no_place_that_others_wait_for(
-    ada: httpx.Client, bob: httpx.Client
-) -> None:
-    """It takes for ever here, and more than a minute in truth."""
-    jobs = {client: send(client).json()["id"] for client in (ada, bob)}
-    for client, job in jobs.items():
-        assert wait_for(client, job)["state"] == "succeeded"
-    wanted = {"avatar": jobs[ada], "view": "left", "size": [2048, 2048]}
-    large = ada.post("/v1/renders", json=wanted, headers={"Prefer": "respond-async"}).json()["id"]
-    deadline = time.monotonic() + 30
-    while ada.get(f"/v1/renders/{large}").json()["state"] != "running" and time.monotonic() < deadline:
-        time.sleep(0.1)
-    begin = time.monotonic()
-    assert bob.post("/v1/renders", json={"avatar": jobs[bob]}).status_code == 200
-    assert time.monotonic() - begin < 20
-    assert ada.get(f"/v1/renders/{large}").json()["state"] == "running"
-    assert ada.delete(f"/v1/renders/{large}").status_code == 204
-
-
 def test_a_stream_of_events_ends_with_its_key(tmp_path: Path) -> None:
     keys = tmp_path / "keys.json"
     write_keys(keys, "ada", "bob")

@@ -1,0 +1,188 @@
+"""How a photo's hair is read: the square, directions, and the network's answer as it is and mirrored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.arrays import Float32, UInt8
+from service.errors import NumericFault
+from service.face.finder import FaceFinder
+from service.face.reading.part_labels import BACKGROUND, HAIR, HAT, PARTS
+from service.face.reading.read import Readers, read_face
+from service.face.reading.reader import CELLS as READER_CELLS
+from service.face.reading.reader import PART_CELLS, Reading, crop_of
+from service.face.region import Region
+from service.hair.kinds import KINDS
+from service.hair.reading import CELLS, SIDE, HairNetwork, Said, finer, orientation, read_hair, region_of, together
+from service.photo.gate import read_photo
+
+SAMPLE = Path(__file__).parents[3] / "service" / "data" / "sample" / "astronaut.png"
+
+
+class Eye:
+    """Sees hair where the crop is dark, strands that run towards its brighter side, and a parting on the left."""
+
+    def __init__(self, left: float = 3.0) -> None:
+        self.left = left
+
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        grey = inputs["crop"][0].mean(0).reshape(CELLS, 2, CELLS, 2).mean((1, 3))
+        tilt = float(np.sign((grey * np.linspace(-1, 1, CELLS)).sum()))
+        way = np.stack([np.full_like(grey, tilt * 0.6), np.full_like(grey, 0.8)])
+        kinds = np.zeros((1, sum(len(c) for c in KINDS.values())), np.float32)
+        first = len(KINDS["length"]) + len(KINDS["gathered"])
+        kinds[0, first + (1 if tilt > 0 else 3)] = self.left
+        ends = np.array([[-0.1 - 0.01 * tilt, 0.02]], np.float32)
+        return [20 * (0.5 - grey[None, None]), way[None], np.full_like(grey, 0.1)[None, None], kinds, ends]
+
+
+class Faulty:
+    def run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        raise NumericFault("network hair: output mask has 4 of 12544 values that are NaN or Inf")
+
+
+def network(session: object) -> HairNetwork:
+    return HairNetwork(session)  # type: ignore[arg-type]
+
+
+def face(around: bool = True, angle: float = 0.0, part: int = BACKGROUND) -> Reading:
+    """Of landmarks that fill a square of 100 pixels round (300, 300)."""
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    points = np.random.default_rng(0).uniform(-50, 50, (468, 2))
+    points[:2] = [[-50, -50], [50, 50]]
+    parts = np.zeros((PART_CELLS, PART_CELLS, len(PARTS)), np.float32)
+    parts[..., part] = 1.0
+    grid, vectors = np.ones((READER_CELLS, READER_CELLS)), np.zeros((READER_CELLS, READER_CELLS, 3))
+    made: list[Reading | None] = [None]
+    for fill, above in ((0.47, -0.04), (0.64, 0.03)) if around else ((0.64, 0.03),):
+        side = 100 / fill
+        x, y = np.array([300.0, 300.0]) + np.array([0, above * side]) @ turn
+        region = Region(float(x), float(y), side, angle)
+        made.append(Reading(region, vectors[..., :2], grid, vectors, grid, parts, around=made[-1]))
+    assert made[-1] is not None
+    return made[-1]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+def test_the_square_is_the_same_by_either_crop_and_wider_than_both(angle: float) -> None:
+    wide, narrow = region_of(face(True, angle)), region_of(face(False, angle))
+    np.testing.assert_allclose([wide.x, wide.y, wide.side], [narrow.x, narrow.y, narrow.side])
+    assert wide.side == pytest.approx(250.0)
+    middle = wide.to_crop(np.array([[300.0, 300.0]]), CELLS)[0] / CELLS
+    np.testing.assert_allclose(middle, [0.5, 0.45], atol=1e-9)
+
+
+def stripes(degrees: float) -> UInt8:
+    """Strands that run at an angle from the x axis towards +y."""
+    y, x = np.mgrid[:SIDE, :SIDE]
+    a = np.radians(degrees)
+    across = x * np.sin(a) - y * np.cos(a)
+    return np.repeat((90 + 60 * np.sin(across / 1.7))[..., None], 3, 2).astype(np.uint8)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 75.0, 90.0, 140.0])
+def test_directions_are_those_of_the_strands(degrees: float) -> None:
+    way, certainty = orientation(stripes(degrees), np.ones((CELLS, CELLS), np.float32))
+    inner = (slice(10, -10),) * 2
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    off = np.degrees(np.arccos(np.clip(np.abs(way[inner] @ along), 0, 1)))
+    assert np.median(off) < 2.0
+    assert np.median(certainty[inner]) > 0.8
+
+
+def test_where_nothing_is_seen_no_direction_is_certain() -> None:
+    flat = np.full((SIDE, SIDE, 3), 90, np.uint8)
+    way, certainty = orientation(flat, np.ones((CELLS, CELLS), np.float32))
+    assert np.isfinite(way).all()
+    assert certainty.max() < 1e-3
+    _, bald = orientation(stripes(30), np.zeros((CELLS, CELLS), np.float32))
+    assert bald.max() == 0
+
+
+def said(way: tuple[float, float], certainty: float) -> Said:
+    field: Float32 = np.broadcast_to(np.array(way, np.float32), (CELLS, CELLS, 2)).copy()
+    cells = np.ones((CELLS, CELLS), np.float32)
+    return Said(cells, field, certainty * cells, {}, (0.0, 1.0))
+
+
+def test_the_tensor_turns_a_doubtful_direction_and_never_its_sign() -> None:
+    tensor: Float32 = np.broadcast_to(np.array([0.0, -1.0], np.float32), (CELLS, CELLS, 2)).copy()
+    ones = np.ones((CELLS, CELLS), np.float32)
+    slanted = (float(np.sin(0.5)), float(np.cos(0.5)))
+    doubtful, _ = finer(said(slanted, 0.05), tensor, ones)
+    sure, _ = finer(said(slanted, 1.0), tensor, 0.05 * ones)
+    assert (doubtful[..., 1] > 0.98).all()
+    assert np.degrees(np.arccos(sure[0, 0] @ slanted)) < 3.0
+
+
+def test_a_mirrored_photo_is_read_as_the_mirror_image() -> None:
+    rng = np.random.default_rng(1)
+    crop = rng.integers(0, 120, (SIDE, SIDE, 3)).astype(np.uint8)
+    crop[:, SIDE // 2 :] += 60
+    plain, mirrored = network(Eye())(crop), network(Eye())(np.ascontiguousarray(crop[:, ::-1]))
+    np.testing.assert_allclose(plain.mask, mirrored.mask[:, ::-1], atol=1e-5)
+    np.testing.assert_allclose(plain.direction, mirrored.direction[:, ::-1] * [-1, 1], atol=1e-5)
+    assert plain.kinds["parting"]["left"] == pytest.approx(mirrored.kinds["parting"]["right"])
+    assert plain.kinds["parting"]["left"] > 0.8
+    # Its two answers were 20 mm apart, which is half a doubt.
+    assert plain.ends_m == pytest.approx((-0.1, 0.02))
+
+
+def test_probabilities_sum_to_one_and_nothing_is_read_beside_the_photo() -> None:
+    pixels = np.full((330, 600, 3), 20, np.uint8)
+    found = read_hair(pixels, face(part=HAIR), network(Eye()))
+    assert found is not None
+    for kind, choices in KINDS.items():
+        assert tuple(found.kinds[kind]) == choices
+        assert sum(found.kinds[kind].values()) == pytest.approx(1.0)
+    beside = found.cells[:, 1].reshape(CELLS, CELLS) > 330
+    assert beside.any()
+    assert found.mask[beside].max() == found.known[beside].max() == found.certainty[beside].max() == 0
+    assert found.mask[~beside].mean() > 0.9
+    assert 0 < found.visible < 1
+    np.testing.assert_allclose(np.linalg.norm(found.direction, axis=2), 1.0, atol=1e-5)
+
+
+def test_hair_that_one_network_misses_and_the_other_sees_for_sure_is_there() -> None:
+    sure, none, doubt = (np.full((CELLS, CELLS), p, np.float32) for p in (0.99, 0.3, 0.05))
+    assert together(sure, none).min() > 0.8
+    np.testing.assert_allclose(together(sure, none), together(none, sure))
+    assert together(none, doubt).max() < 0.25
+    assert np.isfinite(together(np.zeros_like(sure), np.ones_like(sure))).all()
+
+
+def test_a_hat_hides_whether_there_is_hair() -> None:
+    pixels = np.full((600, 600, 3), 20, np.uint8)
+    found = read_hair(pixels, face(part=HAT), network(Eye()))
+    assert found is not None
+    inner = face().around
+    assert inner is not None
+    at = inner.region.to_crop(found.cells, 1)
+    within = ((at > 0.05) & (at < 0.95)).all(1).reshape(CELLS, CELLS)
+    assert found.known[within].max() == 0
+
+
+def test_a_network_without_numbers_reads_nothing() -> None:
+    assert read_hair(np.zeros((600, 600, 3), np.uint8), face(), network(Faulty())) is None
+
+
+def test_the_sample_photo_has_hair_over_the_forehead_and_none_on_the_face() -> None:
+    """By the shipped network."""
+    photo = read_photo(SAMPLE.read_bytes())
+    landmarks = FaceFinder().find(photo.pixels)[0].landmarks
+    reading = read_face(photo.pixels, landmarks, Readers())
+    assert reading is not None
+    found = read_hair(photo.pixels, reading)
+    assert found is not None
+    face_crop = crop_of(landmarks)
+    assert face_crop is not None
+    x, y = landmarks[10, :2]
+    reach = face_crop.side
+    above = found.mask_at(np.array([[x, y - 0.12 * reach], [x - 0.1 * reach, y - 0.12 * reach]]))
+    on_face = found.mask_at(landmarks[[4, 152, 50, 280], :2].astype(np.float64))
+    assert above.min() > 0.6
+    assert on_face.max() < 0.3
+    assert found.likeliest("length")[0] != "cropped"
