@@ -24,6 +24,8 @@ SIDE, CELL = 224, 2
 """Pixels along the crop, and along a cell."""
 COUNTS = tuple(len(names) for names in KINDS.values())
 """Choices of each kind, which lie one after the other in the output."""
+LEAST_WAY = 0.05
+"""Length from which on a direction is made a unit vector: shorter ones would be rounding errors, enlarged."""
 LEAST_SPREAD, LEAST_ENDS_M = 0.05, 0.006
 """Standard deviations that the network may claim at best: of a component of the direction, and of the ends' height."""
 USUAL_ENDS_M, ENDS_UNIT_M = -0.12, 0.1
@@ -37,8 +39,8 @@ class ReadHair:
 
     Attributes:
         mask: (N, 1, 112, 112) logit of the share of hair.
-        direction: (N, 2, 112, 112) unit, x right, y down, root to tip; spread: (N, 1, 112, 112) standard deviation of
-            its components.
+        direction: (N, 2, 112, 112) unit (shorter where there is none), x right, y down, root to tip; spread:
+            (N, 1, 112, 112) standard deviation of its components.
         kinds: (N, sum(COUNTS)) logits of the choices of ``service.hair.kinds.KINDS``.
         ends: (N, 2) height of the lowest ends in the head's frame and its standard deviation, metres.
     """
@@ -81,7 +83,7 @@ class HairReader(nn.Module):
         deep, places = self.body.features(crop)
         cells = self.cells(places).float()
         way = cells[:, 1:3]
-        direction = way / (way.square().sum(1, keepdim=True) + 1e-8).sqrt()
+        direction = way / (way.square().sum(1, keepdim=True) + LEAST_WAY**2).sqrt()
         spread = LEAST_SPREAD + functional.softplus(cells[:, 3:4])
         pooled = [self.act(self.squeeze(deep)).flatten(1), deep.mean((2, 3)), deep.amax((2, 3))]
         told = self.kinds(self.act(self.whole(torch.cat(pooled, 1)))).float()

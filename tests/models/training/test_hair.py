@@ -18,6 +18,7 @@ from models.people.shards import UNKNOWN, encode, save  # noqa: E402
 from models.training.hair import Run, losses, measured, train  # noqa: E402
 from models.training.hair_data import LENGTH, PARTING, batch_of, draw, example, read_people  # noqa: E402
 from service.errors import ModelFault  # noqa: E402
+from service.face.landmarks import EYE_LEFT, EYE_RIGHT, MOUTH  # noqa: E402
 from service.face.reading import part_labels as labels  # noqa: E402
 from service.geometry.camera import Camera  # noqa: E402
 from service.hair.kinds import KINDS, PARTINGS  # noqa: E402
@@ -36,7 +37,8 @@ def made_up(seed: int, roll: float = 0.0) -> Portrait:
     face = (own**2).sum(-1) < 32**2
     image = np.where(hair[..., None] > 0, [40, 30, 20], np.where(face[..., None], [200, 150, 120], [90, 120, 150]))
     points = np.random.default_rng(0).uniform(-1, 1, (478, 2)) * 30
-    points[[33, 263, 13, 14]] = [[-18, -6], [18, -6], [0, 18], [0, 18]]  # corners of the eyes, and the mouth
+    for ends, place in ((EYE_LEFT, (-18, -6)), (EYE_RIGHT, (18, -6)), (MOUTH, (0, 18))):
+        points[list(ends)] = place
     points[[0, 1]] = [[-30, -30], [30, 30]]
     way = np.array([0.6, 0.8]) @ turn
     blank = np.zeros((SIZE, SIZE), np.float32)
@@ -87,7 +89,8 @@ def test_a_mirrored_crop_has_its_parting_on_the_other_side(shards: Path) -> None
 def test_the_truth_costs_less_than_anything_else(shards: Path) -> None:
     people = read_people(next(iter(sorted(shards.glob("*.npz")))))
     batch = batch_of([example(people, k) for k in range(4)])
-    read = HairReader().eval().read(batch.image)
+    with torch.no_grad():
+        read = HairReader().eval().read(batch.image)
     logits = torch.cat([
         8.0 * torch.nn.functional.one_hot(batch.kinds[:, k], n) for k, n in enumerate(COUNTS)
     ], 1)  # fmt: skip
@@ -130,7 +133,7 @@ def test_the_output_has_the_shapes_that_the_service_expects() -> None:
         read = HairReader().eval().read(torch.rand(1, 3, SIDE, SIDE))
     cells = SIDE // CELL
     assert read.mask.shape == read.spread.shape == (1, 1, cells, cells)
-    np.testing.assert_allclose(read.direction.square().sum(1).numpy(), 1.0, atol=1e-4)
+    assert float(read.direction.square().sum(1).max()) <= 1.0 + 1e-4
     assert read.kinds.shape == (1, sum(len(c) for c in KINDS.values()))
     assert (read.ends[:, 1] > 0).all()
     assert LENGTH == 0
