@@ -161,7 +161,9 @@ def of_portraits(data: Path, most: int, eyes: Eyes, mesh: str = "") -> dict[str,
             if most <= 0:
                 return tallies
             most -= 1
-            kinds = portrait.kinds
+            kinds = dict(portrait.kinds)
+            if kinds["length"] not in ("", "cropped"):  # by today's borders, whatever they were when it was drawn
+                kinds["length"] = length_of(portrait.ends_m)
             if mesh:
                 if (portrait.hair > 0.5).sum() < 40:  # under a scarf
                     continue
