@@ -30,6 +30,7 @@ from service.errors import AvatarError
 from service.face.face import Face
 from service.face.finder import FaceFinder
 from service.face.fit.fit_face import fit_face, fit_views
+from service.face.fit.result import Fit
 from service.face.fit.settings import FitSettings
 from service.face.profile import faces_by_reading
 from service.face.reading.read import Readers, read_face
@@ -150,27 +151,35 @@ def by_views(folder: Path, counts: Sequence[int], head: HeadModel) -> None:
     everybody, average = people(folder), FitSettings(**SETTINGS[AVERAGE])
     _say(f"{len(everybody)} heads, each from all sides in other lights by other cameras.\n\n{VIEWS_HEADER}")
     usual = {
-        shot.name: score(fit_face(shot.face, shot.photo, head, average), head, shot.truth)
+        shot.name: _scored(fit_face(shot.face, shot.photo, head, average), head, shot)
         for shots in everybody.values()
         for shot in shots
     }
     alone = 0.0
     for count in counts:
-        pairs: list[list[tuple[Score, Score]]] = []
+        pairs: list[list[tuple[Score | None, Score | None]]] = []
         begin = time.process_time()
         for shots in everybody.values():
             fits = fit_views([View(s.photo, s.face, s.reading) for s in shots[:count]], head)
             scored = zip(fits, shots, strict=False)
-            pairs.append([(score(fit, head, shot.truth), usual[shot.name]) for fit, shot in scored])
+            pairs.append([(_scored(fit, head, shot), usual[shot.name]) for fit, shot in scored])
         seconds = (time.process_time() - begin) / len(everybody)
         alone = alone or seconds
-        first = np.array([[(s.median_mm, s.same_pixel_mm) for s in own[0]] for own in pairs]).mean(0)
-        every = np.array([[s.median_mm for s in pair] for own in pairs for pair in own]).mean(0)
+        first = np.array([[(s.median_mm, s.same_pixel_mm) for s in own[0] if s] for own in pairs]).mean(0)
+        every = np.array([[s.median_mm for s in pair if s] for own in pairs for pair in own if all(pair)]).mean(0)
         (near, pixel), (near_over, pixel_over) = first[0], first[0] / first[1]
         _say(
             f"| {count} | {near:.3f} | **{near_over:.3f}** | {pixel:.3f} | **{pixel_over:.3f}** | {every[0]:.3f} "
             f"| {every[0] / every[1]:.3f} | {(seconds - alone) / max(count - 1, 1):.2f} |"
         )
+
+
+def _scored(fit: Fit, head: HeadModel, shot: Shot) -> Score | None:
+    """None where fit and truth share no pixels: the average head lies far off in some profiles."""
+    try:
+        return score(fit, head, shot.truth)
+    except ValueError:
+        return None
 
 
 def read_by(folder: Path, shots: list[Shot]) -> list[Shot]:

@@ -89,9 +89,9 @@ def rates(own: Codes, strangers: Codes, threshold: float, rng: np.random.Generat
     found = alarms = 0
     names, others = sorted(name for name, each in own.items() if len(each) >= 4), sorted(strangers)
     for _ in range(SETS):
-        name, other = names[rng.integers(len(names))], others[rng.integers(len(others))]
-        if name == other:
-            continue
+        name = names[rng.integers(len(names))]
+        beside = [one for one in others if one != name]
+        other = beside[rng.integers(len(beside))]
         four = list(own[name][rng.permutation(len(own[name]))[:4]])
         place = int(rng.integers(5))
         mixed = [*four[:place], strangers[other][rng.integers(len(strangers[other]))], *four[place:]]

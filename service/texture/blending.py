@@ -207,17 +207,18 @@ def _in_octaves(chart: Chart, lit: Float32, weights: Float32) -> Float32:
     shown = weights > 0
     result: Float32 = np.zeros(lit.shape[1:], np.float32)
     above = lit
+    below: Float32
     for index, sigma in enumerate((*sigmas, None)):
         # The finer an octave, the narrower the seam between two photos.
         sharp = keen if index == 0 else np.sqrt(keen) if index == 1 else weights
         soft = _soft(chart, sharp[..., None], sigmas[max(index - 1, 0)])[..., 0] * shown
         share = soft / np.maximum(soft.sum(0), np.float32(1e-12))
         if sigma is None:
-            below: Float32 = np.zeros_like(lit)
+            below = np.zeros_like(lit)
         else:
             cover = np.maximum(_soft(chart, shown[..., None].astype(np.float32), sigma), np.float32(1e-4))
-            below = _soft(chart, np.where(shown[..., None], lit, 0).astype(np.float32), sigma) / cover
-        result += np.einsum("kn,knc->nc", share, above - below)
+            below = np.asarray(_soft(chart, np.where(shown[..., None], lit, 0), sigma) / cover, np.float32)
+        result += np.einsum("kn,knc->nc", share, above - below).astype(np.float32)
         above = below
     return result
 

@@ -157,7 +157,7 @@ class OwnDetail:
     @property
     def all_seen(self) -> Float32:
         """(h, w) float32 in [0, 1]: how far texels show any of the photos."""
-        return np.maximum.reduce([self.seen, *(one.seen for one in self.others)])
+        return np.asarray(np.max([self.seen, *(one.seen for one in self.others)], 0), np.float32)
 
     def texture_size(self, most: int = SIZES[-1]) -> tuple[int, int]:
         """(width, height) of a texture that loses nothing of what the photo holds on most of the seen skin.

@@ -190,7 +190,8 @@ def _per_photo(chart: Chart, layers: Sequence[Layer], mixed: Blend, colour: Floa
         planes = np.concatenate([own, layer.found.lit[:, None] * seen, seen, share[:, None]], 1)
         image = to_bytes(np.clip(chart.fill_outside(chart.spread(planes)), 0, 1))
         field = chart.fill_outside(chart.spread(gain))
-        found.append(PhotoTexture(image[..., :3].copy(), *np.moveaxis(image[..., 3:], 2, 0).copy(), field))
+        lit, shown, part = np.moveaxis(image[..., 3:], 2, 0).copy()
+        found.append(PhotoTexture(image[..., :3].copy(), lit, shown, part, field))
     return tuple(found)
 
 

@@ -221,9 +221,9 @@ def _result(index: int, view: View, head: HeadModel, neutral: Float32, found: La
         for shape in (vertices, neutral):
             shape[teeth, 1] -= np.float32(drop)
     distance = np.linalg.norm(camera.project(basis.points(coefficients)) - face.landmarks[:, :2], axis=1)
-    seen = (weight > 0) & np.isfinite(distance)
-    inlier = weight[seen] > 0.05
-    trusted = distance[seen][inlier] if inlier.any() else distance[np.isfinite(distance)]
+    shown = (weight > 0) & np.isfinite(distance)
+    inlier = weight[shown] > 0.05
+    trusted = distance[shown][inlier] if inlier.any() else distance[np.isfinite(distance)]
     rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else float("inf")
     if not np.isfinite(rms) or not np.isfinite(vertices).all() or rms > FAIL_RMS * inter_ocular:
         raise FitFailed(

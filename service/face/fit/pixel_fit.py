@@ -128,7 +128,7 @@ class PixelFit:
                 points = weigh_landmarks(state, basis, sight.observed, ANNEAL[-1])[1]
                 own: list[Term] = [points, prior]
                 if read is not None:
-                    squarely = max(float(smoothstep(np.float32(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
+                    squarely = max(float(smoothstep(np.array(abs(state.yaw_deg)), *PROFILE_DEG)), HARDLY)
                     own[0] = replace(points, precision=points.precision * squarely)
                     own.append(read.points(state))
                     own += [read.normals(state, vertices)] if normals and squarely > HARDLY else []

@@ -178,8 +178,9 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     ours, theirs = _even(one.grey, both), _even(np.asarray(moved, np.float32), both)
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     images = [np.clip(128 + 45 * image, 0, 255).astype(np.uint8) for image in (ours, theirs)]
-    forth = flow.calc(images[0], images[1], None)
-    back = flow.calc(images[1], images[0], None)
+    still = np.zeros((height, width, 2), np.float32)
+    forth = np.asarray(flow.calc(images[0], images[1], still.copy()), np.float32)
+    back = np.asarray(flow.calc(images[1], images[0], still), np.float32)
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
     to = (grid + forth).astype(np.float32)
     returned = cv2.remap(back, to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -198,7 +199,7 @@ def tracks(head: HeadModel, one: Picture, other: Picture) -> Tracks | None:
     landed = cv2.remap(
         at.astype(np.float32), to[..., 0], to[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )[rows, columns].astype(np.float64)
-    here = np.stack([columns, rows], 1) + 0.5
+    here = np.stack([columns, rows], 1).astype(np.float64) + 0.5
     triangle = one.raster.triangle[rows, columns]
     return Tracks(
         head.triangles[triangle].astype(np.int64), one.raster.barycentric[rows, columns].astype(np.float64),

@@ -36,7 +36,7 @@ def photo_of(head: HeadModel, state: State, light: float) -> UInt8:
     waves = np.sin(place @ np.array([[900, 300, 0], [-400, 800, 300], [200, -1100, 500]]).T).sum(1)
     image = np.full((SIZE, SIZE, 3), 40.0)
     image[hit] = (light * (1 + 0.12 * waves))[:, None]
-    return np.clip(image, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(image, 0, 255), np.uint8)
 
 
 def coefficients_of(head: HeadModel, seed: int) -> Float64:

@@ -1,0 +1,79 @@
+"""One texture of several photos: light brought together, the best views, what moves outvoted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from service.face.face import Face
+from service.face.fit.result import Fit
+from service.face.view import View
+from service.geometry.chart import Chart
+from service.map_registry import SEEN
+from service.texture.texture import make_texture
+from service.texture.texture_maps import Texture
+from tests.service.texture.scenes import SKIN, bare, checks, fitted, photograph, plain, turned
+from tests.toyhead import sphere_head
+
+HEAD = sphere_head(40, 60)
+CHART = Chart.build(HEAD, 288, 192)
+POINTS = CHART.interpolate(HEAD.mean).astype(float)
+SKIN_MASK = CHART.part == 0
+Paint = Callable[[np.ndarray], np.ndarray]
+
+
+def seen(yaw: float, paint: Paint) -> tuple[View, Fit]:
+    camera = turned(yaw)
+    face = Face(np.zeros(4), 0.9, np.zeros((6, 2)), np.zeros((468, 3)), 1.0)
+    return View(photograph(HEAD, camera, paint), face, bare(HEAD, camera)), fitted(HEAD, camera)
+
+
+def textured(*photos: tuple[View, Fit]) -> Texture:
+    (view, fit), *others = photos
+    return make_texture(view.photo, HEAD, fit, CHART, view.reading, None, others)
+
+
+def dimmed(paint: Paint, share: float) -> Paint:
+    """The same in other light: factors of linear values, about."""
+    return lambda points: np.asarray(paint(points)) * share ** (1 / 2.2) * np.array([1.0, 0.97, 0.9])
+
+
+def test_one_photo_is_as_if_there_were_no_others() -> None:
+    view, fit = seen(0, checks)
+    alone = make_texture(view.photo, HEAD, fit, CHART, view.reading)
+    assert not textured((view, fit)).photos and (textured((view, fit)).texture == alone.texture).all()
+
+
+def test_more_sides_are_seen_and_keep_their_pattern() -> None:
+    first = textured(seen(0, checks))
+    whole = textured(seen(0, checks), seen(-60, checks), seen(60, checks))
+    share = [float((one.confidence[SKIN_MASK] >= SEEN).mean()) for one in (first, whole)]
+    assert share[1] > 1.5 * share[0]
+    where = SKIN_MASK & (whole.confidence >= 220)
+    error = np.abs(whole.texture[where] / 255 - checks(POINTS.reshape(-1, 3)).reshape(POINTS.shape)[where]).max(-1)
+    assert np.median(error) < 0.015
+
+
+def test_another_exposure_and_white_balance_are_brought_to_the_first_photo() -> None:
+    """A dim, yellow photo from the side leaves no step on the cheek."""
+    whole = textured(seen(0, plain(SKIN)), seen(-50, dimmed(plain(SKIN), 0.25)), seen(50, dimmed(plain(SKIN), 0.5)))
+    where = SKIN_MASK & (whole.confidence >= SEEN)
+    assert np.abs(whole.texture[where] / 255 - np.array(SKIN)).max(-1).mean() < 0.02
+
+
+def test_what_one_of_four_photos_has_is_outvoted() -> None:
+    def spotted(points: np.ndarray) -> np.ndarray:
+        spot = np.linalg.norm(points - HEAD.mean[np.argmax(HEAD.mean[:, 2])], axis=1) < 0.02
+        return np.where(spot[:, None], 0.1, np.asarray(SKIN))
+
+    clean = [seen(yaw, plain(SKIN)) for yaw in (0, -15, 15)]
+    whole = textured(*clean, seen(4, spotted))
+    assert whole.texture[SKIN_MASK].min(-1).min() > 0.7 * 255 * min(SKIN)
+
+
+def test_shares_of_the_photos_add_up_where_any_shows_the_head() -> None:
+    whole = textured(seen(0, checks), seen(-50, checks))
+    total = np.sum([one.share.astype(int) for one in whole.photos], 0)
+    where = SKIN_MASK & np.any([one.seen > 128 for one in whole.photos], 0)
+    assert (np.abs(total[where] - 255) <= 2).mean() > 0.99
