@@ -75,12 +75,16 @@ def agreed_light(
         return blended
     offset: Float32 = np.zeros((len(photos), 3), np.float32)
     for _ in range(ROUNDS):
-        said = albedo + offset[..., None, None]
-        trust = weight * _agreement(said, weight)
-        mean = (trust[:, None] * said).sum(0) / np.maximum(trust.sum(0), np.float32(1e-6))
-        apart = (trust[:, None] * (mean - albedo)).sum((2, 3))
-        offset = np.asarray(apart / np.maximum(trust.sum((1, 2)), np.float32(1e-6))[:, None], np.float32)
-        offset -= (level[:, None] * offset).sum(0) / level.sum()
+        trust = weight * _agreement(albedo + offset[..., None, None], weight)
+        for one in range(len(photos)):
+            rest = trust.copy()
+            rest[one] = 0
+            total = rest.sum(0)
+            mean = (rest[:, None] * (albedo + offset[..., None, None])).sum(0) / np.maximum(total, np.float32(1e-6))
+            shared = trust[one] * total / np.maximum(trust[one] + total, np.float32(1e-6))
+            if float(shared.sum()) > 0:
+                offset[one] = (shared * (mean - albedo[one])).sum((1, 2)) / shared.sum()
+    offset -= (level[:, None] * offset).sum(0) / level.sum()
     said = albedo + offset[..., None, None]
     trust = weight * _agreement(said, weight)
     mean = (trust[:, None] * said).sum(0) / np.maximum(trust.sum(0), np.float32(1e-6))
