@@ -67,6 +67,7 @@ def subdivided_part(part: MeshPart) -> MeshPart:
         uv=chart.linear(part.uv).astype(np.float32),
         uv_faces=chart.quads.astype(np.int32),
         targets={unit: step.smooth(offsets).astype(np.float32) for unit, offsets in part.targets.items()},
+        normals=None,  # of the finer surface
     )
 
 
@@ -89,6 +90,7 @@ def _with(part: MeshPart, piece: Piece, kept: Int64) -> MeshPart:
         uv=piece.uv[used],
         uv_faces=None,
         targets={unit: offsets[vertex] for unit, offsets in part.targets.items()},
+        normals=None if part.normals is None else part.normals[vertex],
     )
 
 
