@@ -33,6 +33,7 @@ from service.archive.obj import data_maps, mtl_bytes, obj_bytes, parts_obj_bytes
 from service.archive.skeleton import joint_weights, skeleton
 from service.archive.surfaces import displaced, subdivided_head
 from service.archive.usd import usda_bytes
+from service.archive.usd_curves import curves_bytes
 from service.archive.usd_materials import mtlx_bytes
 from service.arrays import Float32
 from service.materials.part import MeshPart, material_of
@@ -121,6 +122,9 @@ def meshes(
         fine, smooth = subdivided_head(head, fit.vertices)
         embossed = displaced(fine, smooth, made.displacement)
         files["mesh/head_fine.obj"] = obj_bytes(fine, embossed, f"{title}, subdivided and displaced")
+    groom = None if avatar.hair is None else avatar.hair.groom
+    if groom is not None and len(groom) and fine_mesh_wanted(avatar):
+        files["mesh/hair.usda"] = curves_bytes(groom, f"{title}, hair")
     return files | data_maps(materials, maps, values())
 
 

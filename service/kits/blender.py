@@ -25,7 +25,7 @@ BUILD_SECONDS = 600
 
 def write_blender_kit(source: ArchiveFile, folder: Path) -> list[Path]:
     """Everything that the script needs, and the script."""
-    written = extract(source, folder, ("maps/", "mesh/head.usda", "LICENSES.md"))
+    written = extract(source, folder, ("maps/", "mesh/head.usda", "mesh/hair.usda", "LICENSES.md"))
     light = write_light(source, folder)
     written += light
     facts = kit_facts(source) | {"environment": light[0].name if light else None}

@@ -207,7 +207,8 @@ def write_engine_kit(source: ArchiveFile, folder: Path, tool: str) -> list[Path]
     """
     charts = Charts(source)
     more = ("mesh/head.usda", "mesh/head.mtlx", "maps/") if tool == "maya" else ()
-    written = extract(source, folder, ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", *more))
+    always = ("LICENSES.md", "maps/displacement.png", "maps/wrinkle_", "mesh/hair.usda")
+    written = extract(source, folder, (*always, *more))
     materials = materials_of(source)
     parts = [part for part in read_parts(source.read("mesh/head.usda"), source.manifest, materials)
              if part.material.opacity > 0]  # fmt: skip

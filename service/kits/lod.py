@@ -2,7 +2,8 @@
 
 Of finer ones the skin is subdivided_part first (Catmull and Clark 1978). Coarser ones keep a subset of the vertices
 (``service.geometry.collapse``), so that texture coordinates, joints and blendshapes stay what they were; the shape is
-kept at rest and in the poses of ``JUDGED``.
+kept at rest and in the poses of ``JUDGED``. Of hair fewer ribbons are kept, whole ones, and they get wider: half a
+ribbon has no tip.
 """
 
 from __future__ import annotations
@@ -11,18 +12,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from service.archive.surfaces import Piece
 from service.arrays import Float32, Int64
 from service.geometry.collapse import collapsed
 from service.geometry.subdivide import Subdivision
-from service.materials.part import MeshPart
+from service.materials.part import MeshPart, part_triangles
 
 LEVELS = (24_000, 12_000, 6_000, 2_000)
 """Triangles of the head at LOD 0 to 3, without hair, lashes and other cards, which get fewer in proportion."""
 
 LEAST_TRIANGLES = 4
 """Of a part; none vanishes."""
+WIDEST = 2.0
+"""Most by which ribbons of hair get wider."""
 
 JUDGED: tuple[tuple[str, ...], ...] = (
     ("jawOpen",), ("eyeBlinkLeft", "eyeBlinkRight", "mouthSmileLeft", "mouthSmileRight", "browInnerUp"),
@@ -73,9 +78,37 @@ def subdivided_part(part: MeshPart) -> MeshPart:
 
 def reduced(part: MeshPart, shares: Sequence[float]) -> list[MeshPart]:
     """A part with about each share, descending, of its triangles, one texture coordinate per vertex."""
+    if part.normals is not None and part.uv_faces is None:
+        return [_fewer_ribbons(part, share) for share in shares]
     piece = Piece.of(part)
     wanted = [max(round(len(piece.triangles) * share), LEAST_TRIANGLES) for share in shares]
     return [_with(part, piece, kept) for kept in collapsed(_poses(part), piece.triangles, piece.vertex, wanted)]
+
+
+def _fewer_ribbons(part: MeshPart, share: float) -> MeshPart:
+    """Hair with a share of its ribbons, spread evenly over it, wider by so much that they cover as much."""
+    triangles = part_triangles(part.polygons)
+    count = len(part.neutral)
+    ends = triangles[:, :2].ravel(), triangles[:, 1:].ravel()
+    edges = coo_matrix((np.ones(len(ends[0])), ends), (count, count))
+    pieces, label = connected_components(edges, directed=False)
+    # A ribbon has two triangles fewer than vertices; the cap over the scalp has more, and is kept.
+    ribbon = np.bincount(label[triangles[:, 0]], minlength=pieces) == np.bincount(label) - 2
+    number = np.cumsum(ribbon)
+    kept = ~ribbon | (np.floor(number * share) > np.floor((number - 1) * share))
+    points = part.neutral.copy()
+    # Both sides of a row follow each other.
+    rows = np.flatnonzero(ribbon[label])[::2]
+    middle = 0.5 * (points[rows] + points[rows + 1])
+    wider = np.float32(min(share**-0.5, WIDEST))
+    for side in (0, 1):
+        points[rows + side] = middle + wider * (points[rows + side] - middle)
+    used, index = np.unique(triangles[kept[label[triangles[:, 0]]]], return_inverse=True)
+    normals = None if part.normals is None else part.normals[used]
+    return replace(
+        part, vertices=points[used], neutral=points[used], faces=index.reshape(-1, 3).astype(np.int32),
+        uv=part.uv[used], normals=normals,
+    )  # fmt: skip
 
 
 def _with(part: MeshPart, piece: Piece, kept: Int64) -> MeshPart:
