@@ -77,9 +77,13 @@ CAP_M = 0.0007
 """Height of the cap over the scalp."""
 CUTOFF = 0.35
 """Alpha below which a texel of hair is cut off: under one half, as mip levels thin out cards."""
+RAGGED_M, RAGGED = 0.03, (0.12, 0.5)
+"""Length over which a ribbon's strands end, and the least and largest share of the ribbon that this may be."""
 IOR = 1.55
 """Of human hair (Marschner et al. 2003, table 1)."""
-ROUGHNESS = 0.42
+SPECULAR = 0.5
+"""Share of what a strand mirrors that leaves a body of hair: its neighbours hide the rest."""
+ROUGHNESS = 0.45
 ANISOTROPY = 0.75
 """Strength as in glTF: how much wider a highlight is across strands than along them."""
 
@@ -335,7 +339,9 @@ def _drawn(
         near = own[np.argsort(apart, kind="stable")[:10]]
         strands = _alike(groom, ribbons.label, near)
         size = float(2 * ribbons.half[near].mean()), float(ribbons.length[near].mean())
-        made.append(Strokes.filling(cells.body[cell], offset[strands], ends[strands], colours[strands], size, 1.0, rng))
+        shown = offset[strands], ends[strands], colours[strands]
+        ragged = float(np.clip(RAGGED_M / max(size[1], 1e-6), *RAGGED))
+        made.append(Strokes.filling(cells.body[cell], *shown, size, 1.0, ragged, rng))
     # The inner ribbons and the single hairs differ in colour alone.
     places = _means(inner.label, tints, len(inner.line))
     of_inner = kmeans(places, len(cells.dense), 5, rng)
@@ -344,7 +350,7 @@ def _drawn(
         strands = rng.choice(strands, min(len(strands), 200), replace=False)
         size = float(2 * inner.half.mean()), float(inner.length.mean())
         shown = offset[strands], ends[strands], colours[strands]
-        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, rng))
+        made.append(Strokes.filling(cells.dense[cell], *shown, size, 2.6, 0.12, rng))
     of_hair = kmeans(tints[hairs.label], len(cells.single), 5, rng)
     for cell in range(int(of_hair.max()) + 1):
         strands = hairs.label[of_hair == cell]
@@ -387,7 +393,8 @@ def _parts(
         "anisotropy_map": OwnMap(f"{HAIR}_direction", atlas.direction),
         "strand_map": OwnMap(f"{HAIR}_strands", atlas.strands),
     }  # fmt: skip
-    surface = {"double_sided": True, "roughness": ROUGHNESS, "ior": IOR, "anisotropy": ANISOTROPY, **maps}
+    gloss = {"roughness": ROUGHNESS, "ior": IOR, "specular": SPECULAR, "anisotropy": ANISOTROPY}
+    surface = {"double_sided": True, **gloss, **maps}
     of_ribbon, of_inner, of_hair = cells
     points, normals, uv, faces = _joined([_mesh(inner, of_inner, body), _mesh(ribbons, of_ribbon, body)])
     made = [
