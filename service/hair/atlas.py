@@ -211,10 +211,7 @@ def draw_atlas(strokes: Strokes, cells: Cells, side: int, roots: Float32, rng: n
     )  # fmt: skip
     colour, data[..., 5:] = _filled(colour, shown), _filled(data[..., 5:], shown)
     pixels = np.dstack([np.rint(255 * np.clip(colour, 0, 1)), np.rint(255 * alpha)]).astype(np.uint8)
-    cap = _paint_cap(pixels, cells, linear_to_srgb(roots), rng)
-    # Skin with roots in it does not shine.
-    data[cap][..., :2] = rng.normal(0, 0.6, (*data[cap].shape[:2], 2)).clip(-1, 1)
-    data[cap][..., 2], shown[cap] = 1.0, True
+    _paint_cap(pixels, cells, linear_to_srgb(roots), rng)
     half = (side // 2, side // 2)
     weight = np.where(shown, 1.0, 1e-3).astype(np.float32)[..., None]
     normal = _averaged(data[..., :3] * weight, half) + np.array([0, 0, 2e-3], np.float32)
@@ -290,10 +287,8 @@ def _averaged(image: Float32, size: tuple[int, int]) -> Float32:
     return made
 
 
-def _paint_cap(
-    pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Generator
-) -> tuple[slice, slice]:
-    """Roots as dots, denser from the cell's low end, where none grow, to its high end; returns where the cell lies."""
+def _paint_cap(pixels: UInt8, cells: Cells, colour: Float32, rng: np.random.Generator) -> None:
+    """Roots as dots, denser from the cell's low end, where none grow, to its high end."""
     width, height = len(pixels) // COLUMNS, len(pixels) // LINES
     left, top = int(cells.cap) % COLUMNS * width, int(cells.cap) // COLUMNS * height
     right, bottom = left + width, top + height
@@ -303,4 +298,3 @@ def _paint_cap(
     alpha = np.clip(share * (0.9 + 0.25 * grain) - 0.04, 0, 1)
     pixels[top:bottom, left:right, :3] = np.rint(255 * np.clip(0.8 * colour, 0, 1)).astype(np.uint8)
     pixels[top:bottom, left:right, 3] = np.rint(255 * alpha).astype(np.uint8)
-    return slice(top, bottom), slice(left, right)

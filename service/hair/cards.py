@@ -4,17 +4,17 @@
 
     Groom --k-means by whole polyline--> bundles --middle line, spread, outwards--> ribbons
     Groom --strands by the hairline--> single hairs        scalp with roots on it --> cap
-    ribbons, hairs, cap --what their strands look like--> atlas --> two meshes
+    ribbons, hairs, cap --what their strands look like--> atlas --> three meshes
 
-One mesh is cut out by alpha (``hair``): ribbons, and beneath them fewer and denser ones that close slits. The other is
-blended over it (``hair_edge``): the shade of roots on the scalp and single hairs, so that the hairline is soft. What a
-ribbon cannot follow, curls above all, its texture shows.
+One mesh is cut out by alpha (``hair``): ribbons, and beneath them fewer and denser ones that close slits. Two are
+blended, so that the hairline is soft: single hairs (``hair_edge``), and the shade of roots on the scalp (``hair_cap``).
+What a ribbon cannot follow, curls above all, its texture shows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -30,8 +30,8 @@ from service.levels import QualityName
 from service.materials.material import Material, OwnMap
 from service.materials.part import MeshPart
 
-HAIR, EDGE = "hair", "hair_edge"
-"""Names of the two meshes."""
+HAIR, EDGE, CAP = PARTS = ("hair", "hair_edge", "hair_cap")
+"""Names of the meshes."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def hair_parts(groom: Groom, scalp: Scalp, budget: Budget, seed: int = 0) -> tup
         seed: of ribbons' turns and of what the atlas shows.
 
     Returns:
-        ``HAIR`` and ``EDGE``; nothing where no strand grows. Faces are in order from the skin outwards.
+        ``HAIR``, ``EDGE`` and ``CAP``; nothing where no strand grows. Faces are in order from the skin outwards.
     """
     if not len(groom):
         return ()
@@ -194,7 +194,7 @@ class Ribbons:
         usual = np.average(squares, axis=0, weights=number)
         spread = np.sqrt((number[:, None] * squares + PRIOR * usual) / (number[:, None] + PRIOR))
         half = np.clip(SPREAD * spread, NARROWEST_M, WIDEST_M)
-        half = np.maximum(half, 0.45 * half.max(1, keepdims=True))
+        half = np.maximum(half, 0.6 * half.max(1, keepdims=True))
         return cls(line, across, half.astype(np.float32), label)
 
     def backing(self, body: Body, scalp: Scalp) -> Ribbons:
@@ -388,29 +388,31 @@ def _parts(
     ribbons: Ribbons, inner: Ribbons, hairs: Ribbons, cap: tuple[Float32, Float32, Float32, Int32],
     cells: tuple[Int64, Int64, Int64], atlas: Atlas, body: Body,
 ) -> tuple[MeshPart, ...]:  # fmt: skip
-    maps = {
-        "colour_map": OwnMap(HAIR, atlas.colour), "normal_map": OwnMap(f"{HAIR}_normal", atlas.normal),
-        "anisotropy_map": OwnMap(f"{HAIR}_direction", atlas.direction),
-        "strand_map": OwnMap(f"{HAIR}_strands", atlas.strands),
-    }  # fmt: skip
-    gloss = {"roughness": ROUGHNESS, "ior": IOR, "specular": SPECULAR, "anisotropy": ANISOTROPY}
-    surface = {"double_sided": True, **gloss, **maps}
+    hair = Material(
+        HAIR, colour_map=OwnMap(HAIR, atlas.colour), normal_map=OwnMap(f"{HAIR}_normal", atlas.normal),
+        anisotropy_map=OwnMap(f"{HAIR}_direction", atlas.direction),
+        strand_map=OwnMap(f"{HAIR}_strands", atlas.strands),
+        alpha="mask", cutoff=CUTOFF, double_sided=True, roughness=ROUGHNESS, ior=IOR, specular=SPECULAR,
+        anisotropy=ANISOTROPY,
+    )  # fmt: skip
     of_ribbon, of_inner, of_hair = cells
-    points, normals, uv, faces = _joined([_mesh(inner, of_inner, body), _mesh(ribbons, of_ribbon, body)])
-    made = [
-        MeshPart(HAIR, points, points, faces, uv, Material(HAIR, alpha="mask", cutoff=CUTOFF, **surface),  # type: ignore[arg-type]
-                 normals=normals)
-    ]  # fmt: skip
+    body_mesh = _joined([_mesh(inner, of_inner, body), _mesh(ribbons, of_ribbon, body)])
+    edge = replace(hair, name=EDGE, alpha="blend")
+    made = [_part(HAIR, body_mesh, hair), _part(EDGE, _mesh(hairs, of_hair, body), edge)]
     skin, upright, cover, triangles = cap
-    low, high = cell_corners(Cells.layout().cap)
-    turn = np.arctan2(skin[:, 0], skin[:, 2] + 0.07)
-    place = np.stack([low[0] + (high[0] - low[0]) * np.abs(turn) / np.pi, low[1] + (high[1] - low[1]) * cover], 1)
-    layers = [_mesh(hairs, of_hair, body)]
     if len(triangles):
-        layers.insert(0, (skin, upright, place.astype(np.float32), triangles))
-    points, normals, uv, faces = _joined(layers)
-    edge = Material(EDGE, alpha="blend", **surface)  # type: ignore[arg-type]
-    return (*made, MeshPart(EDGE, points, points, faces, uv, edge, normals=normals))
+        low, high = cell_corners(Cells.layout().cap)
+        turn = np.arctan2(skin[:, 0], skin[:, 2] + 0.07)
+        place = np.stack([low[0] + (high[0] - low[0]) * np.abs(turn) / np.pi, low[1] + (high[1] - low[1]) * cover], 1)
+        # Skin with roots in it does not shine.
+        dull = replace(edge, name=CAP, specular=0.0)
+        made.append(_part(CAP, (skin, upright, place.astype(np.float32), triangles), dull))
+    return tuple(made)
+
+
+def _part(name: str, mesh: Mesh, material: Material) -> MeshPart:
+    points, normals, uv, faces = mesh
+    return MeshPart(name, points, points, faces, uv, material, normals=normals)
 
 
 Mesh = tuple[Float32, Float32, Float32, Int32]

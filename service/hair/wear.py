@@ -8,7 +8,7 @@ import numpy as np
 
 from service.arrays import Float32, UInt8
 from service.colour import bytes_to_linear, linear_to_srgb
-from service.hair.cards import BUDGETS, EDGE, HAIR, hair_parts
+from service.hair.cards import BUDGETS, PARTS, hair_parts
 from service.hair.colour import KNOTS, as_absorbed
 from service.hair.scalp import Scalp
 from service.hair.worn_hair import WornHair
@@ -51,7 +51,7 @@ def hair_in_albedo(
     pictures: dict[int, OwnMap] = {}
     for part in parts:
         one = part.material.colour_map
-        if part.name in (HAIR, EDGE) and isinstance(one, OwnMap):
+        if part.name in PARTS and isinstance(one, OwnMap):
             if id(one) not in pictures:
                 pictures[id(one)] = _recoloured(one, change)
             materials[part.material.name] = replace(part.material, colour_map=pictures[id(one)])

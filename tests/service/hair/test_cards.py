@@ -9,7 +9,7 @@ import pytest
 from service.colour import bytes_to_linear
 from service.geometry.normals import face_normals
 from service.hair.atlas import Cells, cell_corners
-from service.hair.cards import CUTOFF, EDGE, HAIR, Body, Budget, hair_parts, kmeans, on_hairline
+from service.hair.cards import CUTOFF, PARTS, Body, Budget, hair_parts, kmeans, on_hairline
 from service.hair.groom import Groom, make_groom
 from service.hair.scalp import mean_scalp
 from service.hair.style import NAMED, sample_style
@@ -36,14 +36,14 @@ def atlas(parts: tuple[MeshPart, ...]) -> np.ndarray:
 
 def test_stays_within_its_budget_and_on_its_texture(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:
     _, parts = made
-    assert [part.name for part in parts] == [HAIR, EDGE]
+    assert [part.name for part in parts] == list(PARTS)
     assert 0.2 * SMALL.triangles < sum(len(part.faces) for part in parts) <= SMALL.triangles
     for part in parts:
         assert part.uv.min() >= 0
         assert part.uv.max() <= 1
         assert part.normals is not None
         assert np.allclose(np.linalg.norm(part.normals, axis=1), 1, atol=1e-4)
-    assert parts[0].material.colour_map is parts[1].material.colour_map
+    assert len({id(part.material.colour_map) for part in parts}) == 1
 
 
 def test_faces_look_out_of_the_body_of_hair(made: tuple[Groom, tuple[MeshPart, ...]]) -> None:

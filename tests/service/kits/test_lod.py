@@ -13,8 +13,8 @@ from service.kits.lod import reduced
 
 
 def test_of_hair_whole_ribbons_are_left_and_get_wider() -> None:
-    hair, edge = hair_parts(make_groom(NAMED["bob"], 3, 1500), mean_scalp(), Budget(9_000, 256))
-    for part in (hair, edge):
+    hair, edge, cap = hair_parts(make_groom(NAMED["bob"], 3, 1500), mean_scalp(), Budget(9_000, 256))
+    for part in (hair, edge, cap):
         for share, less in zip((1.0, 0.5, 0.1), reduced(part, (1.0, 0.5, 0.1)), strict=True):
             assert len(less.faces) <= len(part.faces)
             if part is hair:
