@@ -1,8 +1,9 @@
 """What hair cards leave open, beside the strands that they are made from: ``python -m benchmarks.hair_cards``.
 
 For each style, from five sides: the largest connected gap in mm^2 (the body of hair that the strands fill, but through
-which skin or background is seen), all gaps on the crown seen from above, strands per millimetre across ribbons, the
-difference of colour to the strands under white light (CIE 1976), triangles, bytes of the textures, and seconds.
+which skin or background is seen; a parting is one), all gaps on the crown seen from above, strands per millimetre
+across ribbons, the difference of colour to the strands under white light (CIE 1976), triangles, bytes of the textures,
+and seconds.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from service.colour import bytes_to_linear, linear_to_lab
 from service.geometry.camera import Camera
 from service.hair.cards import BUDGETS, CUTOFF, HAIR, hair_parts
 from service.hair.groom import Groom, make_groom
-from service.hair.scalp import mean_scalp
+from service.hair.scalp import CROWN, mean_scalp
 from service.hair.style import NAMED, sample_style
 from service.head.files import load_head
 from service.levels import QualityName
@@ -37,7 +38,9 @@ SIZE = 900
 """Pixels of a picture's side, each about half a millimetre."""
 CLOSED_MM = 3.0
 """Gaps between strands that are narrower belong to the body of hair."""
-BORDER_MM = 3.0
+CROWN_MM = 45.0
+"""Radius of the crown."""
+BORDER_MM = 6.0
 """Width of the outline of the body of hair that is not looked at: there strands thin out."""
 
 
@@ -87,7 +90,8 @@ def strands_per_mm(part: MeshPart) -> float:
     found = []
     for index in np.linspace(0, len(width) - 1, 400).astype(int):
         line = shown[min(int(row[index]), side - 1), int(left[index]) : int(right[index])].astype(int)
-        found.append((np.diff(line) == 1).sum() / max(width[index], 0.1))
+        if line.any():  # not at a root or a tip
+            found.append((np.diff(line) == 1).sum() / max(width[index], 0.1))
     return float(np.median(found))
 
 
@@ -122,7 +126,10 @@ def main(
         open_ = {name: gaps(groom, parts, camera) for name, camera in cameras.items()}
         pixel = 1000 * 1.4 / next(iter(cameras.values())).focal_px
         largest = max(largest_mm2(mask, pixel) for mask in open_.values())
-        crown = float(open_["above"].sum()) * pixel * pixel
+        top = cameras["above"].project(CROWN[None])[0]
+        blank, place = np.zeros((SIZE, SIZE), np.uint8), (round(top[0]), round(top[1]))
+        near = cv2.circle(blank, place, round(CROWN_MM / pixel), 1, -1)
+        crown = float((open_["above"] & near).sum()) * pixel * pixel
         cards = next(part for part in parts if part.name == HAIR)
         size = sum(len(encode_png(one.pixels, srgb=False, level=7)) for one in cards.own_maps)
         faces = sum(len(part.faces) for part in parts)

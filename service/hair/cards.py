@@ -61,6 +61,8 @@ PRIOR = 2.0
 """Strands that the usual spread counts for: most bundles have only a few."""
 NARROWEST_M, WIDEST_M = 0.0008, 0.011
 """Half widths."""
+SLENDER = 0.045
+"""Half width over length up to which a ribbon is taken for a lock and not for a shard."""
 LONGER = 0.05
 """Share of its length by which a ribbon reaches beyond its mean tip, for the strands that are longer."""
 ROLL = 0.1
@@ -193,7 +195,8 @@ class Ribbons:
         squares = _means(label, offset[..., None] ** 2, len(number))[..., 0]
         usual = np.average(squares, axis=0, weights=number)
         spread = np.sqrt((number[:, None] * squares + PRIOR * usual) / (number[:, None] + PRIOR))
-        half = np.clip(SPREAD * spread, NARROWEST_M, WIDEST_M)
+        run = np.linalg.norm(np.diff(line, axis=1), axis=2).sum(1, keepdims=True)
+        half = np.clip(SPREAD * spread, NARROWEST_M, np.minimum(WIDEST_M, SLENDER * run + NARROWEST_M))
         half = np.maximum(half, 0.6 * half.max(1, keepdims=True))
         return cls(line, across, half.astype(np.float32), label)
 
@@ -448,7 +451,7 @@ def _lit(ribbons: Ribbons, body: Body) -> Float32:
     out = body.outwards(ribbons.line)
     upright = _unit(np.cross(ribbons.across, along))
     # On ribbons that stand out of the body, like those of an afro, the body's normal is along the strand.
-    return _unit(out - 0.7 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)
+    return _unit(out - 0.5 * along * (out * along).sum(2, keepdims=True) + 0.15 * upright)
 
 
 def _joined(meshes: list[Mesh]) -> Mesh:
